@@ -1,0 +1,1 @@
+"""The PLC: devices, expressions, rungs, sequences, timers, counters, the scan, retentive memory."""

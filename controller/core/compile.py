@@ -1,0 +1,227 @@
+"""Blocks of a program as Python functions over the lists of one Memory.
+
+The text of each function is made from the declaration; nothing is interpreted while scanning. The functions
+take the scan's ticks (time divided by 100, 10 and 1 ms), latched once per scan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from controller.core.devices import MS_10, MS_100, WORD_MAX, WORD_MIN, Memory, is_32_bit_counter
+from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.program import Block, Program
+from controller.core.rungs import (
+    Annunciate,
+    Count,
+    Inc,
+    Mov,
+    OnDelay,
+    Out,
+    Pulse,
+    PulseFalling,
+    Rst,
+    Rung,
+    Set,
+    ZoneReset,
+)
+from controller.core.sequence import Sequence
+
+BlockFunction = Callable[[int, int, int], None]
+Transfers = dict[str, Callable[[], None]]
+
+_LISTS: Final = ("X", "Y", "M", "S", "T", "C", "D", "TV", "TS", "CV", "CE", "E")
+_RETENTIVE_TIMERS: Final = 246
+_INDENT: Final = "    "
+
+
+def expression(expr: Expr) -> str:
+    """Return a condition as a Python expression over the device lists.
+
+    Examples:
+        >>> expression(Bit("X", 8) & ~Bit("M", 3))
+        'X[8] and not M[3]'
+    """
+    match expr:
+        case Bit(kind, number):
+            return f"{kind}[{number}]"
+        case Not(operand):
+            return f"not {_grouped(operand)}"
+        case And(operands):
+            return " and ".join(_grouped(o) if isinstance(o, Or) else expression(o) for o in operands)
+        case Or(operands):
+            return " or ".join(expression(o) for o in operands)
+        case Const(value):
+            return str(value)
+        case Compare(relation, left, right):
+            return f"{word(left)} {relation} {right if isinstance(right, int) else word(right)}"
+    raise TypeError(f"not a condition: {expr!r}")
+
+
+def word(operand: Word | int) -> str:
+    """Return a word or number as a Python expression."""
+    if isinstance(operand, int):
+        return str(operand)
+    return f"{ {'D': 'D', 'T': 'TV', 'C': 'CV'}[operand.kind] }[{operand.number}]"
+
+
+def _grouped(expr: Expr) -> str:
+    return expression(expr) if isinstance(expr, Bit | Const) else f"({expression(expr)})"
+
+
+class _Source:
+    """Text of one function, line by line."""
+
+    def __init__(self, edges: Iterator[int]) -> None:
+        self.lines: list[str] = []
+        self.edges = edges
+
+    def add(self, depth: int, *lines: str) -> None:
+        self.lines.extend(_INDENT * depth + line for line in lines)
+
+    def rung(self, rung: Rung, depth: int = 1) -> None:
+        when = expression(rung.when)
+        match rung:
+            case Out(target):
+                self.add(depth, f"{expression(target)} = {when}")
+            case Set(target):
+                self.add(depth, f"if {when}: {expression(target)} = True")
+            case Rst(target):
+                self.add(depth, f"if {when}:")
+                self.add(depth + 1, *_reset(target))
+            case ZoneReset(first, last):
+                span = f"{first.number}:{last.number + 1}"
+                size = last.number + 1 - first.number
+                self.add(depth, f"if {when}: {first.kind}[{span}] = [False] * {size}")
+            case Pulse(target) | PulseFalling(target):
+                edge = next(self.edges)
+                rule = f"now and not E[{edge}]" if isinstance(rung, Pulse) else f"not now and E[{edge}]"
+                self.add(depth, f"now = {when}", f"{expression(target)} = {rule}", f"E[{edge}] = now")
+            case OnDelay(timer):
+                self.timer(timer, rung.counts, when, depth)
+            case Annunciate(timer, preset, target):
+                self.timer(timer, preset // MS_100, when, depth)
+                self.add(depth, f"if T[{timer.number}]: S[{target.number}] = True")
+            case Count():
+                self.counter(rung, when, depth)
+            case Mov(source, target):
+                self.add(depth, f"if {when}: {word(target)} = {word(source)}")
+            case Inc(target):
+                d = word(target)
+                self.add(depth, f"if {when}: {d} = {d} + 1 if {d} < {WORD_MAX} else {WORD_MIN}")
+
+    def timer(self, timer: Timer, counts: int | Word, when: str, depth: int) -> None:
+        n = timer.number
+        tick = {MS_100: "tick_100", MS_10: "tick_10"}.get(timer.base_ms, "tick_1")
+        preset = word(counts)
+        if n >= _RETENTIVE_TIMERS:
+            self.add(
+                depth,
+                f"if {when}:",
+                f"    if TS[{n}] >= 0: TV[{n}] = min(TV[{n}] + {tick} - TS[{n}], {WORD_MAX})",
+                f"    TS[{n}] = {tick}",
+                f"    if TV[{n}] >= {preset}: T[{n}] = True",
+                f"else: TS[{n}] = -1",
+            )
+            return
+        self.add(
+            depth,
+            f"if {when}:",
+            f"    if TS[{n}] < 0: TS[{n}] = {tick}",
+            f"    v = {tick} - TS[{n}]",
+            f"    T[{n}] = v >= {preset}",
+            f"    TV[{n}] = {preset} if v >= {preset} else v",
+            f"elif TS[{n}] >= 0: TS[{n}] = -1; TV[{n}] = 0; T[{n}] = False",
+        )
+
+    def counter(self, rung: Count, when: str, depth: int) -> None:
+        n = rung.counter.number
+        preset = word(rung.preset)
+        self.add(depth, f"now = {when}", f"if now and not CE[{n}]:")
+        if is_32_bit_counter(n):
+            self.add(
+                depth + 1,
+                f"v = CV[{n}]",
+                f"CV[{n}] = v - 1 if M[{8000 + n}] else v + 1",
+                f"if v == {preset} - 1 and CV[{n}] == {preset}: C[{n}] = True",
+                f"elif v == {preset} and CV[{n}] == {preset} - 1: C[{n}] = False",
+            )
+        else:
+            self.add(
+                depth + 1,
+                f"if CV[{n}] < {preset}: CV[{n}] += 1",
+                f"if CV[{n}] >= {preset}: C[{n}] = True",
+            )
+        self.add(depth, f"CE[{n}] = now")
+
+    def sequence(self, sequence: Sequence, index: int) -> None:
+        for bit, step in sequence:
+            dwell = sequence.dwell_rung(step)
+            transfers = sequence.transfers[step.title]
+            if dwell is None and not transfers:
+                continue
+            self.add(1, f"if {expression(bit)}:")
+            if dwell is not None:
+                self.rung(dwell, 2)
+            for n, transfer in enumerate(transfers):
+                self.add(
+                    2,
+                    f"{'el' if n else ''}if {expression(transfer.when)}: {trigger(index, bit, n)}()",
+                )
+            if dwell is not None:
+                n = dwell.timer.number
+                self.add(1, f"elif TS[{n}] >= 0: TS[{n}] = -1; TV[{n}] = 0; T[{n}] = False")
+
+
+def _reset(target: Bit | Word | Timer | Counter) -> tuple[str, ...]:
+    match target:
+        case Bit():
+            return (f"{expression(target)} = False",)
+        case Word():
+            return (f"{word(target)} = 0",)
+        case Timer(n):
+            return (f"TV[{n}] = 0; TS[{n}] = -1; T[{n}] = False",)
+    n = target.number
+    return (f"CV[{n}] = 0; C[{n}] = False",)
+
+
+def trigger(index: int, source: Bit, n: int) -> str:
+    """Return the name of the n-th transfer out of a step of the index-th sequence."""
+    return f"transfer_{index}_{source.number}_{n}"
+
+
+def compile_program(program: Program, memory: Memory, transfers: Transfers) -> list[BlockFunction]:
+    """Compile every block to a function over the memory.
+
+    Args:
+        program: The program.
+        memory: Its lists become part of the functions; E is sized for the program's edges.
+        transfers: What to call for each transfer, by `trigger` name.
+
+    Returns:
+        One function a block, in scan order, of the ticks of 100, 10 and 1 ms.
+    """
+    edges = iter(range(sum(isinstance(r, Pulse | PulseFalling) for r in program.rungs())))
+    memory.E[:] = [False] * sum(isinstance(r, Pulse | PulseFalling) for r in program.rungs())
+    index = iter(range(len(list(program.sequences()))))
+    namespace = {name: getattr(memory, name) for name in _LISTS} | transfers
+    return [_compile_block(block, edges, index, dict(namespace)) for block in program.blocks]
+
+
+def _compile_block(
+    block: Block, edges: Iterator[int], index: Iterator[int], namespace: dict[str, object]
+) -> BlockFunction:
+    source = _Source(edges)
+    for item in block.items:
+        if isinstance(item, Sequence):
+            source.sequence(item, next(index))
+        else:
+            source.rung(item)
+    body = "\n".join(source.lines) or _INDENT + "pass"
+    names = [name for name in namespace if f"{name}[" in body or f"{name}(" in body]
+    arguments = ", ".join(["tick_100", "tick_10", "tick_1", *(f"{name}={name}" for name in names)])
+    text = f"def block({arguments}):\n{body}\n"
+    exec(compile(text, f"<block {block.title}>", "exec"), namespace)  # noqa: S102 - text made from checked declarations
+    function: BlockFunction = namespace["block"]  # type: ignore[assignment]
+    return function

@@ -1,0 +1,131 @@
+"""FX2N devices: their ranges, their retention, and the memory that holds them.
+
+Ranges and retention follow the FX2N (FX.md 1.5, seen in independent digests of the manuals, not in the
+manual itself). X and Y are octal in text and plain integers here: X10 is number 8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+MS_10: Final = 10
+MS_100: Final = 100
+MS_1: Final = 1
+WORD_MIN: Final = -32768
+WORD_MAX: Final = 32767
+
+SIZES: Final = {"X": 256, "Y": 256, "M": 8256, "S": 1000, "T": 256, "C": 256, "D": 8256}
+"""Number of devices of each kind; M and D include the special ranges M8000-M8255 and D8000-D8255."""
+
+_GAPS: Final = {"M": range(3072, 8000), "D": range(8000, 8000)}
+
+RETENTIVE: Final = {
+    "M": (range(500, 3072),),
+    "S": (range(500, 1000),),
+    "T": (range(246, 256),),
+    "C": (range(100, 200), range(220, 256)),
+    "D": (range(200, 8000),),
+}
+"""Ranges kept by the battery. Within them M1024-M3071 and D512-D7999 are latched whatever the parameters say."""
+
+ANNUNCIATORS: Final = range(900, 1000)
+RUN_MONITOR: Final = 8000
+INITIAL_PULSE: Final = 8002
+CLOCK_1_S: Final = 8013
+ANNUNCIATOR_ON: Final = 8048
+LOWEST_ANNUNCIATOR: Final = 8049
+
+
+class DeviceError(ValueError):
+    """A device that an FX2N does not have, or has not for this use."""
+
+
+def device_name(kind: str, number: int) -> str:
+    """Return the FX name of a device.
+
+    Examples:
+        >>> device_name("X", 8), device_name("M", 8)
+        ('X10', 'M8')
+    """
+    return f"{kind}{number:o}" if kind in "XY" else f"{kind}{number}"
+
+
+def check_device(kind: str, number: int) -> None:
+    """Raise DeviceError unless the FX2N has this device."""
+    size = SIZES.get(kind)
+    if size is None:
+        raise DeviceError(f"{kind}{number}: there is no device kind {kind!r}; use one of {', '.join(SIZES)}")
+    if not 0 <= number < size or number in _GAPS.get(kind, ()):
+        raise DeviceError(f"{device_name(kind, number)}: outside the range of an FX2N")
+
+
+def is_retentive(kind: str, number: int) -> bool:
+    """Tell whether the device keeps its value without power."""
+    return any(number in span for span in RETENTIVE.get(kind, ()))
+
+
+def timer_base_ms(number: int) -> int:
+    """Return the time base of timer T<number> in ms (FX.md 1.5).
+
+    Examples:
+        >>> timer_base_ms(0), timer_base_ms(200), timer_base_ms(246), timer_base_ms(250)
+        (100, 10, 1, 100)
+    """
+    check_device("T", number)
+    if number < 200 or number >= 250:
+        return MS_100
+    return MS_10 if number < 246 else MS_1
+
+
+def is_32_bit_counter(number: int) -> bool:
+    """Tell whether C<number> counts in 32 bits, up or down (C200 and above)."""
+    return number >= 200
+
+
+@dataclass(slots=True)
+class Memory:
+    """All devices of one PLC. Bits are bools, words are ints; compiled code holds on to these very lists.
+
+    Attributes:
+        X: Input image, raw terminal levels (after the input filter).
+        Y: Output image, raw terminal levels.
+        M: Auxiliary relays and special relays.
+        S: States; S900-S999 annunciators.
+        T: Timer contacts.
+        C: Counter contacts.
+        D: Data registers.
+        TV: Current values of the timers, in their time base.
+        TS: Tick at which a running timer was started or last counted; -1 while it stands.
+        CV: Current values of the counters.
+        CE: Whether a counter's input was on when it was last executed.
+        E: Input of every PLS and PLF when it was last executed, in program order.
+    """
+
+    X: list[bool] = field(default_factory=lambda: [False] * SIZES["X"])
+    Y: list[bool] = field(default_factory=lambda: [False] * SIZES["Y"])
+    M: list[bool] = field(default_factory=lambda: [False] * SIZES["M"])
+    S: list[bool] = field(default_factory=lambda: [False] * SIZES["S"])
+    T: list[bool] = field(default_factory=lambda: [False] * SIZES["T"])
+    C: list[bool] = field(default_factory=lambda: [False] * SIZES["C"])
+    D: list[int] = field(default_factory=lambda: [0] * SIZES["D"])
+    TV: list[int] = field(default_factory=lambda: [0] * SIZES["T"])
+    TS: list[int] = field(default_factory=lambda: [-1] * SIZES["T"])
+    CV: list[int] = field(default_factory=lambda: [0] * SIZES["C"])
+    CE: list[bool] = field(default_factory=lambda: [False] * SIZES["C"])
+    E: list[bool] = field(default_factory=list)
+
+    def bits(self, kind: str) -> list[bool]:
+        """Return the list of bits of one device kind (X Y M S T C)."""
+        bits: list[bool] = getattr(self, kind)
+        return bits
+
+    def word(self, kind: str, number: int) -> int:
+        """Return a word: a data register, or the current value of a timer or counter."""
+        words = {"D": self.D, "T": self.TV, "C": self.CV}[kind]
+        return words[number]
+
+    def set_word(self, kind: str, number: int, value: int) -> None:
+        """Write a word: a data register, or the current value of a timer or counter."""
+        words = {"D": self.D, "T": self.TV, "C": self.CV}[kind]
+        words[number] = value

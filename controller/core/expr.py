@@ -1,0 +1,269 @@
+"""Conditions as data: expressions over devices that can be compiled, exported, proved and drawn.
+
+Write ``x.left.lift_down & ~m.hold | (d.count >= 12)``; never ``and``, ``or``, ``not`` (they raise).
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, NoReturn
+
+from controller.core.devices import Memory, check_device, device_name, timer_base_ms
+
+
+class Expr:
+    """A condition: true or false in every scan."""
+
+    __slots__ = ()
+
+    def __and__(self, other: Expr) -> Expr:
+        """Series contact."""
+        return all_of(self, other)
+
+    def __or__(self, other: Expr) -> Expr:
+        """Parallel contact."""
+        return any_of(self, other)
+
+    def __invert__(self) -> Expr:
+        """Break contact."""
+        return (
+            self.operand if isinstance(self, Not) else FALSE if self is TRUE else TRUE if self is FALSE else Not(self)
+        )
+
+    def __bool__(self) -> NoReturn:
+        """Refuse Python's and / or / not, which would evaluate the condition now instead of in the scan."""
+        raise TypeError("a condition is data: use & | ~ instead of and / or / not")
+
+
+@dataclass(frozen=True, slots=True)
+class Bit(Expr):
+    """A contact of X, Y, M, S, T or C. Equality and hash look at the device alone.
+
+    Attributes:
+        kind: Device kind.
+        number: Device number (X and Y: the value of the octal label).
+        name: Tag, for texts and exports.
+        comment: What it means, for texts and exports.
+    """
+
+    kind: str
+    number: int
+    name: str = field(default="", compare=False)
+    comment: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        check_device(self.kind, self.number)
+        if self.kind == "D":
+            raise TypeError(f"{self}: a data register is a word; compare it")
+
+    def __str__(self) -> str:
+        return device_name(self.kind, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class Not(Expr):
+    """True while the operand is false."""
+
+    operand: Expr
+
+    def __str__(self) -> str:
+        return f"~{self.operand}" if isinstance(self.operand, Bit) else f"~({self.operand})"
+
+
+@dataclass(frozen=True, slots=True)
+class And(Expr):
+    """True while every operand is true."""
+
+    operands: tuple[Expr, ...]
+
+    def __str__(self) -> str:
+        return " & ".join(f"({o})" if isinstance(o, Or) else str(o) for o in self.operands)
+
+
+@dataclass(frozen=True, slots=True)
+class Or(Expr):
+    """True while at least one operand is true."""
+
+    operands: tuple[Expr, ...]
+
+    def __str__(self) -> str:
+        return " | ".join(f"({o})" if isinstance(o, And) else str(o) for o in self.operands)
+
+
+@dataclass(frozen=True, slots=True)
+class Const(Expr):
+    """Always true (M8000) or always false (M8001)."""
+
+    value: bool
+
+    def __str__(self) -> str:
+        return "always" if self.value else "never"
+
+
+TRUE: Final = Const(value=True)
+FALSE: Final = Const(value=False)
+
+COMPARISONS: Final[dict[str, Callable[[int, int], bool]]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A word: data register D, or the current value of a timer (T) or counter (C).
+
+    Comparisons give contacts: ``d.count >= 12``; equality is ``d.state.equals(6)``.
+    """
+
+    kind: str
+    number: int
+    name: str = field(default="", compare=False)
+    comment: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        check_device(self.kind, self.number)
+        if self.kind not in "DTC":
+            raise TypeError(f"{self}: only D, T and C have words")
+
+    def __str__(self) -> str:
+        return device_name(self.kind, self.number)
+
+    def equals(self, other: Word | int) -> Compare:
+        """Contact that is on while the word equals other."""
+        return Compare("==", self, other)
+
+    def differs(self, other: Word | int) -> Compare:
+        """Contact that is on while the word differs from other."""
+        return Compare("!=", self, other)
+
+    def __lt__(self, other: Word | int) -> Compare:
+        return Compare("<", self, other)
+
+    def __le__(self, other: Word | int) -> Compare:
+        return Compare("<=", self, other)
+
+    def __gt__(self, other: Word | int) -> Compare:
+        return Compare(">", self, other)
+
+    def __ge__(self, other: Word | int) -> Compare:
+        return Compare(">=", self, other)
+
+
+@dataclass(frozen=True, slots=True)
+class Compare(Expr):
+    """Contact comparison of two words (LD= and its kin)."""
+
+    relation: str
+    left: Word
+    right: Word | int
+
+    def __str__(self) -> str:
+        return f"{self.left} {self.relation} {self.right}"
+
+
+@dataclass(frozen=True, slots=True)
+class Timer:
+    """A timer T: its contact and its current value share one number."""
+
+    number: int
+    name: str = field(default="", compare=False)
+    comment: str = field(default="", compare=False)
+
+    @property
+    def done(self) -> Bit:
+        """The timer's contact."""
+        return Bit("T", self.number, self.name, self.comment)
+
+    @property
+    def base_ms(self) -> int:
+        """Time base of the timer, ms."""
+        return timer_base_ms(self.number)
+
+    def __str__(self) -> str:
+        return f"T{self.number}"
+
+
+@dataclass(frozen=True, slots=True)
+class Counter:
+    """A counter C: its contact and its current value share one number."""
+
+    number: int
+    name: str = field(default="", compare=False)
+    comment: str = field(default="", compare=False)
+
+    @property
+    def done(self) -> Bit:
+        """The counter's contact."""
+        return Bit("C", self.number, self.name, self.comment)
+
+    @property
+    def value(self) -> Word:
+        """The counter's current value."""
+        return Word("C", self.number, self.name, self.comment)
+
+    def __str__(self) -> str:
+        return f"C{self.number}"
+
+
+def all_of(*operands: Expr) -> Expr:
+    """Series of contacts, flattened; an empty series is always true."""
+    parts: list[Expr] = []
+    for operand in operands:
+        if operand is FALSE:
+            return FALSE
+        if operand is not TRUE:
+            parts.extend(operand.operands if isinstance(operand, And) else (operand,))
+    return TRUE if not parts else parts[0] if len(parts) == 1 else And(tuple(parts))
+
+
+def any_of(*operands: Expr) -> Expr:
+    """Parallel contacts, flattened; an empty parallel is never true."""
+    parts: list[Expr] = []
+    for operand in operands:
+        if operand is TRUE:
+            return TRUE
+        if operand is not FALSE:
+            parts.extend(operand.operands if isinstance(operand, Or) else (operand,))
+    return FALSE if not parts else parts[0] if len(parts) == 1 else Or(tuple(parts))
+
+
+def evaluate(expr: Expr, memory: Memory) -> bool:
+    """Evaluate a condition directly: the plain reference for every compiled form."""
+    match expr:
+        case Bit(kind, number):
+            return memory.bits(kind)[number]
+        case Not(operand):
+            return not evaluate(operand, memory)
+        case And(operands):
+            return all(evaluate(o, memory) for o in operands)
+        case Or(operands):
+            return any(evaluate(o, memory) for o in operands)
+        case Const(value):
+            return value
+        case Compare(relation, left, right):
+            other = right if isinstance(right, int) else memory.word(right.kind, right.number)
+            return COMPARISONS[relation](memory.word(left.kind, left.number), other)
+    raise TypeError(f"not a condition: {expr!r}")
+
+
+def leaves(expr: Expr) -> Iterator[Bit | Word]:
+    """Yield every device a condition reads."""
+    match expr:
+        case Bit():
+            yield expr
+        case Not(operand):
+            yield from leaves(operand)
+        case And(operands) | Or(operands):
+            for operand in operands:
+                yield from leaves(operand)
+        case Compare(_, left, right):
+            yield left
+            if isinstance(right, Word):
+                yield right

@@ -1,0 +1,122 @@
+"""A program: blocks of rungs and sequences in the order of a scan, checked when it is put together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from collections.abc import Sequence as Rows
+from dataclasses import dataclass
+
+from controller.core.devices import is_retentive
+from controller.core.expr import Bit, Word, leaves
+from controller.core.rungs import Annunciate, OnDelay, Out, Rung, read_devices, written_devices
+from controller.core.sequence import Sequence
+
+
+class ProgramError(ValueError):
+    """A program that breaks a rule of the house: double coil, shared timer, output written outside its block."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Rungs and sequences under one title, executed in order."""
+
+    title: str
+    items: tuple[Rung | Sequence, ...]
+
+    def rungs(self) -> Iterator[Rung]:
+        """Yield the block's rungs (not those inside steps)."""
+        return (item for item in self.items if not isinstance(item, Sequence))
+
+    def sequences(self) -> Iterator[Sequence]:
+        """Yield the block's sequences."""
+        return (item for item in self.items if isinstance(item, Sequence))
+
+
+@dataclass(frozen=True)
+class Program:
+    """One PLC program.
+
+    Attributes:
+        name: Name of the program.
+        blocks: Blocks in scan order.
+        outputs: Title of the only block that may write Y.
+        system: Bits written from outside before a scan (commands, link state).
+        set_points: Words written from outside, with their first value.
+    """
+
+    name: str
+    blocks: tuple[Block, ...]
+    outputs: str
+    system: tuple[Bit, ...] = ()
+    set_points: tuple[tuple[Word, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        self._check_coils()
+        self._check_timers()
+
+    def block(self, title: str) -> Block:
+        """Return the block of this title."""
+        return next(block for block in self.blocks if block.title == title)
+
+    def rungs(self) -> Iterator[Rung]:
+        """Yield every rung in scan order, dwell timers of the steps included."""
+        for block in self.blocks:
+            for item in block.items:
+                if isinstance(item, Sequence):
+                    yield from (rung for _, step in item if (rung := item.dwell_rung(step)) is not None)
+                else:
+                    yield item
+
+    def sequences(self) -> Iterator[Sequence]:
+        """Yield every sequence in scan order."""
+        return (sequence for block in self.blocks for sequence in block.sequences())
+
+    def retentive(self) -> list[Bit | Word]:
+        """Return the devices of the program that keep their value without power, by kind and number."""
+        used: dict[tuple[str, int], Bit | Word] = {}
+        for device in self._devices():
+            if is_retentive(device.kind, device.number) and device.kind != "S":
+                known = used.setdefault((device.kind, device.number), device)
+                if not known.name and device.name:
+                    used[device.kind, device.number] = device
+        return [used[key] for key in sorted(used)]
+
+    def _devices(self) -> Iterator[Bit | Word]:
+        yield from self.system
+        yield from (word for word, _ in self.set_points)
+        for rung in self.rungs():
+            yield from read_devices(rung)
+            yield from written_devices(rung)
+        for sequence in self.sequences():
+            for transfers in sequence.transfers.values():
+                for transfer in transfers:
+                    yield from leaves(transfer.when)
+
+    def _check_coils(self) -> None:
+        coils: set[Bit] = set()
+        for block in self.blocks:
+            for rung in block.rungs():
+                if isinstance(rung, Out):
+                    if rung.target in coils:
+                        raise ProgramError(f"{rung.target} {rung.target.name}: driven by two OUT coils")
+                    coils.add(rung.target)
+                if block.title != self.outputs and any(d.kind == "Y" for d in written_devices(rung)):
+                    raise ProgramError(f"block {block.title!r} writes Y; only {self.outputs!r} may")
+
+    def _check_timers(self) -> None:
+        used: set[int] = set()
+        for rung in self.rungs():
+            if isinstance(rung, OnDelay | Annunciate):
+                if rung.timer.number in used:
+                    raise ProgramError(f"{rung.timer} {rung.timer.name}: used twice")
+                used.add(rung.timer.number)
+
+
+def requests(sequences: Rows[Sequence]) -> dict[Bit, list[Bit]]:
+    """Return for every request the S bits of all steps, in all these sequences, that hold it."""
+    found: dict[Bit, list[Bit]] = {}
+    for sequence in sequences:
+        for bit, step in sequence:
+            for request in step.hold:
+                found.setdefault(request, []).append(bit)
+    return found

@@ -1,0 +1,218 @@
+"""Rungs: one coil or instruction each, with the condition that drives it.
+
+A rung without ``when`` is always driven. Times are given in ms and become counts of the timer's base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from controller.core.devices import ANNUNCIATORS, MS_100, WORD_MAX, is_32_bit_counter
+from controller.core.expr import TRUE, Bit, Counter, Expr, Timer, Word, leaves
+
+
+class RungError(ValueError):
+    """A rung that an FX2N could not execute."""
+
+
+@dataclass(frozen=True, slots=True)
+class Out:
+    """OUT: the bit follows the condition in every scan."""
+
+    target: Bit
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        if self.target.kind not in "YMS":
+            raise RungError(f"OUT {self.target}: a coil is Y, M or S")
+
+
+@dataclass(frozen=True, slots=True)
+class Set:
+    """SET: the bit goes on and stays."""
+
+    target: Bit
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        if self.target.kind not in "YMS":
+            raise RungError(f"SET {self.target}: a coil is Y, M or S")
+
+
+@dataclass(frozen=True, slots=True)
+class Rst:
+    """RST: the bit goes off; a word, timer or counter goes to zero."""
+
+    target: Bit | Word | Timer | Counter
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        if isinstance(self.target, Bit) and self.target.kind not in "YMS":
+            raise RungError(f"RST {self.target}: a coil is Y, M or S")
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneReset:
+    """ZRST: every bit from first to last goes off."""
+
+    first: Bit
+    last: Bit
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        if self.first.kind != self.last.kind or self.first.kind not in "YMS" or self.first.number > self.last.number:
+            raise RungError(f"ZRST {self.first} {self.last}: one kind of Y, M or S, lower number first")
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """PLS: the bit is on for the one scan in which the condition has become true."""
+
+    target: Bit
+    when: Expr
+
+    def __post_init__(self) -> None:
+        if self.target.kind not in "YM":
+            raise RungError(f"PLS {self.target}: the target is Y or M")
+
+
+@dataclass(frozen=True, slots=True)
+class PulseFalling:
+    """PLF: the bit is on for the one scan in which the condition has become false."""
+
+    target: Bit
+    when: Expr
+
+    def __post_init__(self) -> None:
+        if self.target.kind not in "YM":
+            raise RungError(f"PLF {self.target}: the target is Y or M")
+
+
+@dataclass(frozen=True, slots=True)
+class OnDelay:
+    """OUT T: on-delay timer; T246-T255 keep their value until RST.
+
+    Attributes:
+        timer: The timer; its base is 100, 10 or 1 ms by its number.
+        preset: Delay in ms (a multiple of the base), or a word that holds it in counts of the base.
+        when: Drives the timer.
+    """
+
+    timer: Timer
+    preset: int | Word
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        if isinstance(self.preset, int):
+            counts, rest = divmod(self.preset, self.timer.base_ms)
+            if rest or not 0 < counts <= WORD_MAX:
+                raise RungError(
+                    f"OUT {self.timer}: {self.preset} ms is no multiple of {self.timer.base_ms} ms in range"
+                )
+
+    @property
+    def counts(self) -> int | Word:
+        """The preset in counts of the timer's base, as the K or D operand."""
+        return self.preset // self.timer.base_ms if isinstance(self.preset, int) else self.preset
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """OUT C: counts rising edges of the condition; a 16-bit counter stops at its preset.
+
+    Counters from C200 count in 32 bits, down while special relay M8<number> is on, and go past the preset.
+    """
+
+    counter: Counter
+    preset: int | Word
+    when: Expr
+
+    def __post_init__(self) -> None:
+        limit = 2**31 - 1 if is_32_bit_counter(self.counter.number) else WORD_MAX
+        if isinstance(self.preset, int) and not 0 < self.preset <= limit:
+            raise RungError(f"OUT {self.counter}: preset {self.preset} is not in 1..{limit}")
+
+
+@dataclass(frozen=True, slots=True)
+class Mov:
+    """MOV: copy a number or word to a data register in every driven scan."""
+
+    source: Word | int
+    target: Word
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        if self.target.kind != "D":
+            raise RungError(f"MOV to {self.target}: the target is a D")
+
+
+@dataclass(frozen=True, slots=True)
+class Inc:
+    """INC: add one in every driven scan; 32767 goes on to -32768. Drive it with a pulse."""
+
+    target: Word
+    when: Expr
+
+    def __post_init__(self) -> None:
+        if self.target.kind != "D":
+            raise RungError(f"INC {self.target}: the target is a D")
+
+
+@dataclass(frozen=True, slots=True)
+class Annunciate:
+    """ANS: set annunciator S900-S999 when the condition has been true for the time; it stays set.
+
+    The timer is a 100 ms one (T0-T199), as the FX2N asks.
+    """
+
+    timer: Timer
+    preset: int
+    target: Bit
+    when: Expr
+
+    def __post_init__(self) -> None:
+        if self.target.kind != "S" or self.target.number not in ANNUNCIATORS:
+            raise RungError(f"ANS {self.target}: an annunciator is S900-S999")
+        if self.timer.base_ms != MS_100 or self.preset % MS_100 or self.preset <= 0:
+            raise RungError(f"ANS {self.target}: {self.timer} {self.preset} ms; T0-T199 and a multiple of 100 ms")
+
+
+Rung = Out | Set | Rst | ZoneReset | Pulse | PulseFalling | OnDelay | Count | Mov | Inc | Annunciate
+
+
+def read_devices(rung: Rung) -> Iterator[Bit | Word]:
+    """Yield every device the rung reads."""
+    yield from leaves(rung.when)
+    operands = {OnDelay: "preset", Count: "preset", Mov: "source"}
+    word = getattr(rung, operands[type(rung)]) if type(rung) in operands else None
+    if isinstance(word, Word):
+        yield word
+
+
+def written_devices(rung: Rung) -> Iterator[Bit | Word]:
+    """Yield every device the rung writes; a zone reset yields its whole zone."""
+    match rung:
+        case ZoneReset(first, last):
+            for number in range(first.number, last.number + 1):
+                yield Bit(first.kind, number)
+        case OnDelay(timer):
+            yield timer.done
+        case Count(counter):
+            yield counter.done
+        case Annunciate(timer, _, target):
+            yield timer.done
+            yield target
+        case Rst(Timer() | Counter() as target):
+            yield target.done
+        case (
+            Out(target)
+            | Set(target)
+            | Rst(target)
+            | Pulse(target)
+            | PulseFalling(target)
+            | Mov(_, target)
+            | Inc(target)
+        ):
+            assert isinstance(target, Bit | Word)  # noqa: S101 - narrows the union for the type checker
+            yield target

@@ -1,0 +1,190 @@
+"""The scan: X image latched, blocks in order, Y image out, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence as Rows
+from functools import partial
+from typing import cast
+
+from transitions import Machine
+
+from controller.core.compile import BlockFunction, Transfers, compile_program, trigger
+from controller.core.devices import (
+    ANNUNCIATOR_ON,
+    ANNUNCIATORS,
+    CLOCK_1_S,
+    INITIAL_PULSE,
+    LOWEST_ANNUNCIATOR,
+    RUN_MONITOR,
+    Memory,
+)
+from controller.core.expr import Bit, Word
+from controller.core.filter import InputFilter
+from controller.core.program import Program
+from controller.core.sequence import Sequence, Transfer
+
+
+class StepMachine:
+    """A sequence as a `transitions` machine. It holds the newest step; the S bits are the truth.
+
+    The compiled scan calls a trigger only when the transfer's condition was true. The transfer turns the
+    destination on and queues the source to be turned off at END.
+    """
+
+    state: str
+
+    def __init__(self, sequence: Sequence, index: int, memory: Memory, leaving: list[int]) -> None:
+        self._states = memory.S
+        self._leaving = leaving
+        rows = [
+            {"trigger": trigger(index, t.source, n), "source": title, "dest": self._title(sequence, t),
+             "after": partial(self._transfer, t)}
+            for title, transfers in sequence.transfers.items()
+            for n, t in enumerate(transfers)
+        ]  # fmt: skip
+        self._machine = Machine(
+            model=self, states=list(sequence.bits), transitions=rows, initial=sequence.steps[0].title,
+            auto_transitions=False,
+        )  # fmt: skip
+        self.triggers: Transfers = {
+            str(row["trigger"]): partial(self._fire, str(row["source"]), getattr(self, str(row["trigger"])))
+            for row in rows
+        }
+
+    def _fire(self, source: str, fire: Transfers) -> None:
+        # S bits can also be set by rungs (initial step, restart), which the machine has not seen.
+        if self.state != source:
+            self._machine.set_state(source)
+        fire()  # type: ignore[operator]
+
+    def _transfer(self, transfer: Transfer) -> None:
+        source, target = transfer.source.number, transfer.target.number
+        self._states[target] = True
+        if target in self._leaving:
+            self._leaving.remove(target)
+        if source != target:
+            self._leaving.append(source)
+
+    @staticmethod
+    def _title(sequence: Sequence, transfer: Transfer) -> str:
+        return next(title for title, bit in sequence.bits.items() if bit == transfer.target)
+
+
+class Plc:
+    """One PLC in RUN with one program: the memory and the scan.
+
+    Attributes:
+        program: The program.
+        memory: All devices.
+        scans: Scans done since start.
+    """
+
+    def __init__(self, program: Program, *, input_filter_ms: int = 10) -> None:
+        """Put the PLC in RUN with cleared memory; M8002 is on in the first scan.
+
+        Args:
+            program: The program to run.
+            input_filter_ms: Filter of X0-X17; 0 = off. X20 and up have 10 ms fixed, off with 0.
+        """
+        self.program = program
+        self.memory = Memory()
+        self.scans = 0
+        self._filter = InputFilter(self.memory.X, input_filter_ms)
+        self._leaving: list[int] = []
+        transfers: Transfers = {}
+        for index, sequence in enumerate(program.sequences()):
+            transfers |= StepMachine(sequence, index, self.memory, self._leaving).triggers
+        self._blocks: list[BlockFunction] = compile_program(program, self.memory, transfers)
+        self._retentive = program.retentive()
+        self._kept_spans = self._spans()
+        for word, value in program.set_points:
+            self.memory.set_word(word.kind, word.number, value)
+
+    def scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
+        """Run one scan.
+
+        Args:
+            now_ms: The scan's time, read once by the caller; never going back.
+            levels: Raw levels of the X terminals, by octal value, from X0 on.
+
+        Returns:
+            The Y image: raw levels by octal value (a copy).
+        """
+        memory = self.memory
+        self._filter.latch(now_ms, levels)
+        special = memory.M
+        special[RUN_MONITOR] = True
+        special[INITIAL_PULSE] = self.scans == 0
+        special[CLOCK_1_S] = now_ms % 1000 < 500
+        tick_100, tick_10 = now_ms // 100, now_ms // 10
+        for block in self._blocks:
+            block(tick_100, tick_10, now_ms)
+        if self._leaving:
+            for state in self._leaving:
+                memory.S[state] = False
+            self._leaving.clear()
+        self._watch_annunciators()
+        self.scans += 1
+        return memory.Y.copy()
+
+    def press(self, bit: Bit) -> None:
+        """Turn a system bit on before the next scan; a command bit lives that one scan."""
+        self.memory.bits(bit.kind)[bit.number] = True
+
+    def write(self, device: Bit | Word, value: int) -> None:
+        """Write a system bit or a set-point before the next scan."""
+        if isinstance(device, Bit):
+            self.memory.bits(device.kind)[device.number] = bool(value)
+        else:
+            self.memory.set_word(device.kind, device.number, value)
+
+    def read(self, device: Bit | Word) -> int:
+        """Read any device after a scan."""
+        if isinstance(device, Bit):
+            return int(self.memory.bits(device.kind)[device.number])
+        return self.memory.word(device.kind, device.number)
+
+    def annunciators(self) -> list[int]:
+        """Return the numbers of the annunciators that are set, lowest first."""
+        states = self.memory.S
+        return [n for n in ANNUNCIATORS if states[n]] if self.memory.M[ANNUNCIATOR_ON] else []
+
+    def kept_image(self) -> tuple[list[int], ...]:
+        """Return the spans that hold all retentive devices: a quick way to see whether any has changed."""
+        return tuple(words[span] for words, span in self._kept_spans)
+
+    def retained(self) -> dict[str, int]:
+        """Return the program's battery-kept devices by FX name: what survives the loss of power."""
+        return {str(device): self.read(device) for device in self._retentive}
+
+    def restore(self, values: Mapping[str, int]) -> None:
+        """Put back what `retained` gave, before the first scan.
+
+        Raises:
+            ValueError: The names are not exactly those of this program's retentive devices.
+        """
+        expected = {str(device): device for device in self._retentive}
+        if expected.keys() != values.keys():
+            strange = ", ".join(sorted(expected.keys() ^ values.keys()))
+            raise ValueError(f"retentive devices of another program: {strange}")
+        for name, device in expected.items():
+            self.write(device, values[name])
+            if device.kind == "C":
+                self.memory.C[device.number] = bool(values[name])
+
+    def _spans(self) -> list[tuple[list[int], slice]]:
+        spans: list[tuple[list[int], slice]] = []
+        lists: dict[str, Rows[int]] = {"M": self.memory.M, "D": self.memory.D, "C": self.memory.CV, "T": self.memory.TV}
+        for kind, words in lists.items():
+            numbers = [device.number for device in self._retentive if device.kind == kind]
+            if numbers:
+                spans.append((cast(list[int], words), slice(min(numbers), max(numbers) + 1)))
+        return spans
+
+    def _watch_annunciators(self) -> None:
+        memory = self.memory
+        active = True in memory.S[ANNUNCIATORS.start :]
+        if active or memory.M[ANNUNCIATOR_ON]:
+            memory.M[ANNUNCIATOR_ON] = active
+            memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if active else 0

@@ -1,0 +1,181 @@
+"""Events of production, seen in the PLC's memory after each scan: states, alarms, questions, cycles, trays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+from controller.core.scan import Plc
+from controller.program.machine import Transplanter
+from controller.program.tags import ROWS, SIDES, Side
+from controller.program.texts import QUESTIONS, STATES, Language
+from controller.program.texts import SIDES as SIDE_TEXTS
+
+
+@dataclass(frozen=True, slots=True)
+class StateEvent:
+    """The machine entered a PackML state."""
+
+    at_ms: int
+    state: int
+    text: str
+    event: str = "state"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEvent:
+    """An annunciator came on or went off."""
+
+    at_ms: int
+    number: int
+    active: bool
+    text: str
+    event: str = "alarm"
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionEvent:
+    """A question to the operator was opened or answered."""
+
+    at_ms: int
+    question: str
+    active: bool
+    text: str
+    event: str = "question"
+
+
+@dataclass(frozen=True, slots=True)
+class CycleEvent:
+    """An arm has thrown a row and is home again.
+
+    Attributes:
+        at_ms: End of the cycle.
+        side: Arm.
+        row: Row it took, 1 to 3.
+        cycle_ms: From leaving feed to standing at feed again, down and converged.
+        waiting_ms: Part of it spent waiting for cups.
+        missed_cups: Missed cups of the row so far.
+    """
+
+    at_ms: int
+    side: Side
+    row: int
+    cycle_ms: int
+    waiting_ms: int
+    missed_cups: int
+    event: str = "cycle"
+
+
+@dataclass(frozen=True, slots=True)
+class TrayEvent:
+    """The last row of a tray has been taken."""
+
+    at_ms: int
+    trays_done: int
+    event: str = "tray"
+
+
+Event = StateEvent | AlarmEvent | QuestionEvent | CycleEvent | TrayEvent
+
+
+def as_record(event: Event) -> dict[str, object]:
+    """Return an event as a flat record for a file or a pipe."""
+    return asdict(event)
+
+
+class _CycleWatch:
+    """Times the cycles of one arm by its S bits."""
+
+    def __init__(self, machine: Transplanter, side: Side) -> None:
+        cycle, self._arm = machine.cycles[side], machine.tags.arms[side]
+        self._start, self._end = cycle["approach row"], cycle["wait at feed"]
+        self._waiting = (cycle["wait to lower"].number, cycle["wait for cups"].number)
+        self._side = side
+        self._row: int | None = None
+        self._since_ms = 0
+        self._waited_ms = 0
+        self._last_ms = 0
+
+    def see(self, now_ms: int, plc: Plc) -> CycleEvent | None:
+        """Return the cycle that ended in this scan."""
+        states = plc.memory.S
+        passed_ms, self._last_ms = now_ms - self._last_ms, now_ms
+        if self._row is None:
+            if states[self._start.number]:
+                self._row = next(row for row in ROWS if plc.read(self._arm.row_is[row]))
+                self._since_ms, self._waited_ms = now_ms, 0
+            return None
+        if states[self._waiting[0]] or states[self._waiting[1]]:
+            self._waited_ms += passed_ms
+        if not states[self._end.number] or states[self._start.number]:
+            return None
+        row, self._row = self._row, None
+        missed = plc.read(self._arm.missed_cups)
+        return CycleEvent(now_ms, self._side, row, now_ms - self._since_ms, self._waited_ms, missed)
+
+    def interrupt(self) -> None:
+        """Forget a cycle that was broken off."""
+        self._row = None
+
+
+class ProductionLog:
+    """Turns what changes from scan to scan into events; an observer of the runtime."""
+
+    def __init__(self, machine: Transplanter, tell: Callable[[Event], None], language: Language = "en") -> None:
+        """Watch a machine.
+
+        Args:
+            machine: The program and its tags.
+            tell: Receives every event, in order.
+            language: Language of the texts.
+        """
+        self._machine = machine
+        self._tell = tell
+        self._language: Language = language
+        self._state = 0
+        self._trays = 0
+        self._alarms: set[int] = set()
+        self._questions: set[str] = set()
+        self._cycles = [_CycleWatch(machine, side) for side in SIDES]
+        tags = machine.tags
+        self._asking = {f"{side}_loaded": tags.arms[side].ask for side in SIDES} | {"tray": tags.tray.ask}
+
+    def __call__(self, now_ms: int, plc: Plc) -> None:
+        """Look at the memory after a scan."""
+        tags = self._machine.tags
+        state = plc.read(tags.machine.state)
+        if state != self._state:
+            self._state = state
+            self._tell(StateEvent(now_ms, state, getattr(STATES[state], self._language)))
+            if not plc.read(tags.machine.motion):
+                for watch in self._cycles:
+                    watch.interrupt()
+        self._see_alarms(now_ms, plc)
+        self._see_questions(now_ms, plc)
+        for watch in self._cycles:
+            cycle = watch.see(now_ms, plc)
+            if cycle is not None:
+                self._tell(cycle)
+        trays = plc.read(tags.machine.trays_done)
+        if trays != self._trays:
+            self._trays = trays
+            self._tell(TrayEvent(now_ms, trays))
+
+    def _see_alarms(self, now_ms: int, plc: Plc) -> None:
+        alarms = set(plc.annunciators())
+        if alarms == self._alarms:
+            return
+        for number in sorted(alarms ^ self._alarms):
+            text = getattr(self._machine.alarms.of(number).text, self._language)
+            self._tell(AlarmEvent(now_ms, number, number in alarms, text))
+        self._alarms = alarms
+
+    def _see_questions(self, now_ms: int, plc: Plc) -> None:
+        questions = {name for name, bit in self._asking.items() if plc.memory.M[bit.number]}
+        if questions == self._questions:
+            return
+        for name in sorted(questions ^ self._questions):
+            side, _, kind = name.partition("_")
+            text = QUESTIONS[kind or side].of(SIDE_TEXTS.get(side))
+            self._tell(QuestionEvent(now_ms, name, name in questions, getattr(text, self._language)))
+        self._questions = questions

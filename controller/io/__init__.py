@@ -1,0 +1,1 @@
+"""Links from the controller to the field: the machine's inputs and outputs."""

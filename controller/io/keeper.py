@@ -1,0 +1,98 @@
+"""Keeping retentive memory: stored before the outputs that act on it, without holding up the scan."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import Protocol
+
+from controller.core.retain import RetentiveStore
+
+
+class Keeper(Protocol):
+    """Takes retained values out of the scan and into a store."""
+
+    def submit(self, values: Mapping[str, int]) -> None:
+        """Ask for the values to be kept; a later call replaces one not yet begun."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether everything submitted is safe in the store."""
+
+    @property
+    def error(self) -> OSError | None:
+        """Why the store refused last, if it did."""
+
+    def close(self) -> None:
+        """Keep what is pending and stop."""
+
+
+class DirectKeeper:
+    """Saves within the call: for stores in memory and machines in simulated time."""
+
+    def __init__(self, store: RetentiveStore) -> None:
+        self._store = store
+        self.settled = True
+        self.error: OSError | None = None
+
+    def submit(self, values: Mapping[str, int]) -> None:
+        """Save at once."""
+        self._store.save(values)
+
+    def close(self) -> None:
+        """Nothing is ever pending."""
+
+
+class ThreadKeeper:
+    """Saves in a thread of its own; only the newest values matter, as each is the whole memory."""
+
+    def __init__(self, store: RetentiveStore) -> None:
+        self._store = store
+        self._wake = threading.Condition()
+        self._newest: Mapping[str, int] | None = None
+        self._busy = False
+        self._closing = False
+        self._error: OSError | None = None
+        self._thread = threading.Thread(target=self._work, name="retentive memory", daemon=True)
+        self._thread.start()
+
+    def submit(self, values: Mapping[str, int]) -> None:
+        """Ask for the values to be kept."""
+        with self._wake:
+            self._newest = values
+            self._wake.notify_all()
+
+    @property
+    def settled(self) -> bool:
+        """Whether everything submitted is safe in the store."""
+        with self._wake:
+            return self._newest is None and not self._busy and self._error is None
+
+    @property
+    def error(self) -> OSError | None:
+        """Why the store refused last; cleared by the next success."""
+        with self._wake:
+            return self._error
+
+    def close(self) -> None:
+        """Keep what is pending and end the thread."""
+        with self._wake:
+            self._closing = True
+            self._wake.notify_all()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._newest is not None or self._closing)
+                if self._newest is None:
+                    return
+                values, self._newest, self._busy = self._newest, None, True
+            error: OSError | None = None
+            try:
+                self._store.save(values)
+            except OSError as refused:
+                error = refused
+            with self._wake:
+                self._busy, self._error = False, error
+                self._wake.notify_all()

@@ -1,0 +1,163 @@
+"""One PLC on one field link: the order of a scan from terminals to terminals, in one place.
+
+Inputs are read, the scan runs, retentive memory is kept, the Y image is released and written. Whatever fails,
+outputs go to their safe state first and are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from controller.core.clock import SimulatedClock
+from controller.core.scan import Plc
+from controller.io.keeper import Keeper
+from controller.io.link import FieldLink, LinkWatchdog
+from controller.program.machine import Transplanter
+
+Observer = Callable[[int, Plc], None]
+
+SCAN_LIMIT_MS = 200
+"""Longest time from one scan to the next, the FX2N's D8000 (FX.md 1.4)."""
+REOPEN_MS = 500
+
+
+class Runtime:
+    """Runs the machine's program on a link, one `tick` a scan.
+
+    Attributes:
+        machine: The program and its tags.
+        plc: The PLC that runs it.
+        link_lost: Whether the field is silent beyond the limit.
+        released: The Y image last written, raw levels.
+    """
+
+    def __init__(
+        self,
+        machine: Transplanter,
+        plc: Plc,
+        link: FieldLink,
+        keeper: Keeper,
+        *,
+        link_limit_ms: int = 100,
+        scan_limit_ms: int = SCAN_LIMIT_MS,
+    ) -> None:
+        """Put the PLC on the link; the link is opened by the first tick.
+
+        Args:
+            machine: The program and its tags.
+            plc: A PLC with that program.
+            link: Way to the field.
+            keeper: Keeps the retentive devices.
+            link_limit_ms: Longest silence of the field, ms.
+            scan_limit_ms: Longest time between two scans, ms.
+        """
+        self.machine = machine
+        self.plc = plc
+        self.link_lost = False
+        self.observers: list[Observer] = []
+        self.released = machine.io_map.safe_outputs()
+        self._link = link
+        self._keeper = keeper
+        self._watchdog = LinkWatchdog(link_limit_ms)
+        self._scan_limit_ms = scan_limit_ms
+        self._last_scan_ms: int | None = None
+        self._reopen_at_ms: int | None = None
+        self._open = True
+        self._inputs = machine.io_map.safe_inputs()
+        self._safe = machine.io_map.safe_outputs()
+        self._kept = plc.kept_image()
+        self._logical: list[bool] = []
+
+    def tick(self, now_ms: int) -> None:
+        """Do one scan.
+
+        Args:
+            now_ms: Time of the scan, integer ms, read once by the caller.
+        """
+        self._read(now_ms)
+        system = self.machine.tags.system
+        late = self._last_scan_ms is not None and now_ms - self._last_scan_ms > self._scan_limit_ms
+        self._last_scan_ms = now_ms
+        self.plc.write(system.link_lost, self.link_lost)
+        self.plc.write(system.scan_fault, late or self._keeper.error is not None)
+        image = self.plc.scan(now_ms, self._inputs)[: len(self._safe)]
+        self._keep()
+        self.released = self._release(image)
+        self._write(now_ms)
+        for observe in self.observers:
+            observe(now_ms, self.plc)
+
+    def make_safe(self) -> None:
+        """Write every output's safe state, if the field can be reached at all."""
+        self.released = list(self._safe)
+        try:
+            self._link.open()
+            self._link.write_outputs(self.released)
+        except OSError:
+            self._link.close()
+
+    def _read(self, now_ms: int) -> None:
+        if not self._open and not self._reopen(now_ms):
+            return
+        try:
+            self._inputs = self._link.read_inputs()
+        except OSError:
+            self._lose(now_ms)
+
+    def _write(self, now_ms: int) -> None:
+        if not self._open:
+            return
+        try:
+            self._link.write_outputs(self.released)
+        except OSError:
+            self._lose(now_ms)
+            return
+        if self.link_lost:
+            self._watchdog.reset()
+            self.link_lost = False
+        self._watchdog.good(now_ms)
+
+    def _reopen(self, now_ms: int) -> bool:
+        """Try the field again: at once while it is only late, at intervals once it is lost."""
+        if self._watchdog.lost(now_ms):
+            self.link_lost = True
+            self._inputs = self.machine.io_map.safe_inputs()
+            if self._reopen_at_ms is not None and now_ms < self._reopen_at_ms:
+                return False
+        self._reopen_at_ms = now_ms + REOPEN_MS
+        try:
+            self._link.open()
+        except OSError:
+            return False
+        self._open = True
+        return True
+
+    def _lose(self, now_ms: int) -> None:
+        self._open = False
+        if self._watchdog.lost(now_ms):
+            self.link_lost = True
+
+    def _keep(self) -> None:
+        kept = self.plc.kept_image()
+        if kept != self._kept:
+            self._kept = kept
+            self._keeper.submit(self.plc.retained())
+
+    def _release(self, image: Sequence[bool]) -> list[bool]:
+        """Hold back what acts on memory not yet stored; going to the safe level is never held back."""
+        if self._keeper.settled:
+            return list(image)
+        return [
+            level if level in (safe, before) else before
+            for level, before, safe in zip(image, self.released, self._safe, strict=True)
+        ]
+
+
+def run_lock_step(runtime: Runtime, clock: SimulatedClock, scan_ms: int, stopped: Callable[[], bool]) -> None:
+    """Scan as fast as the link answers, in simulated time."""
+    try:
+        while not stopped():
+            runtime.tick(clock.now_ms())
+            clock.advance(scan_ms)
+    finally:
+        runtime.make_safe()

@@ -1,0 +1,252 @@
+"""One arm, declared once for both sides: the transplanting cycle and the bookkeeping around it."""
+
+from __future__ import annotations
+
+from controller.core.expr import TRUE, Expr, all_of, any_of
+from controller.core.program import Block
+from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
+from controller.core.sequence import Dwell, Sequence, Step, To
+from controller.program.alarms import LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
+from controller.program.tags import (
+    CUPS,
+    FIRST_SCAN,
+    FULL,
+    IN_DOUBT,
+    IN_PLACE,
+    IN_PROGRESS,
+    ROWS,
+    TAKEN,
+    ArmTags,
+    Side,
+    Tags,
+)
+
+
+def cycle(tags: Tags, side: Side, limit: Limits) -> Sequence:
+    """Return the transplanting cycle (paper, 1.2): pick at a row, lift, out, spread, lower, throw, converge."""
+    a, machine, sp = tags.arms[side], tags.machine, tags.sp
+    want = a.want
+    steps = [
+        Step("wait at feed", waits_for="a full row", go=[To("approach row", when=a.permit)]),
+        Step(
+            "approach row",
+            hold=[want["slide_inward"]],
+            go=[To("settle at row", when=a.at_wanted_row)],
+            watch=limit("approach row", SLIDE_LIMIT_MS),
+        ),
+        Step(
+            "settle at row",
+            dwell=Dwell(a.t_settle, sp.settle),
+            go=[
+                To("return to row", when=~a.at_wanted_row & ~a.retried),
+                To("close claws", when=a.t_settle.done & a.at_wanted_row),
+            ],
+        ),
+        Step(
+            "return to row",
+            hold=[want["slide_outward"]],
+            go=[To("settle at row", when=a.at_wanted_row)],
+            watch=limit("return to row", SLIDE_LIMIT_MS),
+        ),
+        Step(
+            "close claws",
+            hold=[want["claws_close"]],
+            dwell=Dwell(a.t_clamp, sp.clamp),
+            go=[To("lift from row", when=a.t_clamp.done & a.at_wanted_row)],
+        ),
+        Step(
+            "lift from row",
+            hold=[want["lift_retract"]],
+            go=[To("slide to feed", when=a.up)],
+            watch=limit("lift from row", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "slide to feed",
+            hold=[want["slide_outward"]],
+            go=[To("pause at feed", when=a.at_feed)],
+            watch=limit("slide to feed", SLIDE_LIMIT_MS),
+        ),
+        Step(
+            "pause at feed",
+            dwell=Dwell(a.t_pause, sp.pause_at_feed),
+            go=[To("spread", when=a.t_pause.done & ~machine.holding)],
+        ),
+        *_throw_steps(tags, side, limit),
+    ]
+    return Sequence(f"{a.side} arm", a.first_step, steps)
+
+
+def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
+    """Return the second half of the cycle, at feed: from spreading to the next row."""
+    a, machine, sp = tags.arms[side], tags.machine, tags.sp
+    want = a.want
+    return [
+        Step(
+            "spread",
+            hold=[want["spread"]],
+            go=[To("wait to lower", when=a.is_spread)],
+            watch=limit("spread", SPREAD_LIMIT_MS),
+        ),
+        Step(
+            "wait to lower",
+            waits_for="cups",
+            go=[
+                To("parked", when=a.park & machine.stopping),
+                To("lower over cups", when=(a.cup_counter.value >= sp.descend_at_count) & ~machine.holding),
+            ],
+        ),
+        Step(
+            "lower over cups",
+            hold=[want["lift_extend"]],
+            go=[To("wait for cups", when=a.down)],
+            watch=limit("lower over cups", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "wait for cups",
+            waits_for="twelve empty cups",
+            go=[To("release delay", when=a.release_edge), To("park", when=a.park)],
+        ),
+        Step(
+            "release delay",
+            dwell=Dwell(a.t_release_delay, sp.release_delay),
+            go=[To("open claws", when=a.t_release_delay.done)],
+        ),
+        Step(
+            "open claws",
+            hold=[want["claws_open"]],
+            dwell=Dwell(a.t_release, sp.release),
+            go=[
+                To("raise empty", when=a.t_release.done & sp.converge_at.differs(0)),
+                To("converge", when=a.t_release.done),
+            ],
+        ),
+        Step(
+            "raise empty",
+            hold=[want["lift_retract"]],
+            go=[To("converge", when=a.up)],
+            watch=limit("raise empty", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "converge",
+            hold=[want["converge"]],
+            go=[To("wait at feed", when=a.is_converged & a.down), To("lower empty", when=a.is_converged)],
+            watch=limit("converge", SPREAD_LIMIT_MS),
+        ),
+        Step(
+            "lower empty",
+            hold=[want["lift_extend"]],
+            go=[To("wait at feed", when=a.down)],
+            watch=limit("lower empty", LIFT_LIMIT_MS),
+        ),
+        Step("park", hold=[want["lift_retract"]], go=[To("parked", when=a.up)], watch=limit("park", LIFT_LIMIT_MS)),
+        Step("parked", waits_for="reset and start", go=[]),
+    ]
+
+
+def conditioning(tags: Tags, side: Side, steps: Sequence) -> list[Rung]:
+    """Return the rungs that make facts of sensors and memory, before anything acts on them."""
+    a = tags.arms[side]
+    return [*_power_up(a), *_cup_count(tags, a, steps), *_rows(a), *_permit(tags, a, steps)]
+
+
+def _power_up(a: ArmTags) -> list[Rung]:
+    """After power-up: unknown claws count as closed and loaded; a row between clamping and lifting is in doubt."""
+    unknown = FIRST_SCAN & ~a.claws_known
+    doubt = [Mov(IN_DOUBT, a.rows[row], when=FIRST_SCAN & a.rows[row].equals(IN_PROGRESS)) for row in ROWS]
+    return [Set(a.loaded, unknown), Set(a.claws_closed, unknown), Set(a.clamped, unknown), *doubt]
+
+
+def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
+    """Cups are counted in every state. The release edge is count 0; the twelfth edge after it may release."""
+    machine, sp = tags.machine, tags.sp
+    waiting = steps["wait for cups"] | steps["wait to lower"]
+    return [
+        Pulse(a.cup_edge, when=a.cup_sensor),
+        Out(a.cup, when=a.cup_edge & a.t_pulse.done),
+        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup),
+        Rst(a.cup_counter, when=FIRST_SCAN),
+        Inc(a.missed_cups, when=a.cup & a.cup_counter.done & a.row_running),
+        Count(a.cup_counter, CUPS, when=a.cup),
+        Set(a.cups_confirmed, when=tags.commands.cups_empty),
+        Out(a.count_good, when=a.cup_counter.done | a.cups_confirmed),
+        Out(a.release_edge, when=a.cup & a.count_good & (machine.running | machine.stopping)),
+        OnDelay(a.t_no_cups, sp.no_cups, when=waiting & ~a.cup),
+        Out(a.no_cups, when=a.t_no_cups.done),
+        Out(a.waiting_cups, when=waiting),
+        Out(a.park, when=machine.holding | (machine.stopping & a.no_cups)),
+    ]
+
+
+def _rows(a: ArmTags) -> list[Rung]:
+    """The next row is the first that is not taken; a row is taken once the lift has left its lower limit."""
+    left_row = [Mov(TAKEN, a.rows[row], when=~a.down & ~a.at_feed & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
+    next_is: list[Rung] = []
+    earlier: Expr = TRUE
+    for row in ROWS:
+        next_is.append(Out(a.row_is[row], when=earlier & a.rows[row].differs(TAKEN)))
+        earlier = earlier & a.rows[row].equals(TAKEN)
+    return [
+        *left_row,
+        *next_is,
+        Out(a.row_full, when=any_of(*(a.row_is[row] & a.rows[row].equals(FULL) for row in ROWS))),
+        Out(a.row_in_progress, when=any_of(*(a.rows[row].equals(IN_PROGRESS) for row in ROWS))),
+        Out(a.row_in_doubt, when=any_of(*(a.rows[row].equals(IN_DOUBT) for row in ROWS))),
+        Out(a.at_wanted_row, when=any_of(*(a.row_is[row] & a.at_pick[row] for row in ROWS))),
+    ]
+
+
+def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
+    """A cycle starts from home when the row is full, the tray stands, and the centre is free.
+
+    The centre (inward of pick 2) belongs to one arm at a time; where both want it the left arm goes first.
+    """
+    other, machine, tray = tags.other(a.side), tags.machine, tags.tray
+    may_meet = tags.sp.arms_may_meet.differs(0)
+    other_goes = other.in_centre if a.side == "left" else other.in_centre | (other.permit & other.row_is[3])
+    home = all_of(steps["wait at feed"], a.down, a.at_feed, a.is_converged, ~a.claws_closed, ~a.loaded)
+    return [
+        Out(
+            a.permit,
+            when=all_of(machine.executing, home, a.row_full, tray.phase.equals(IN_PLACE), tray.edge, ~a.cycle_done)
+            & (~a.row_is[3] | may_meet | ~other_goes),
+        )
+    ]
+
+
+def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Block:
+    """Return the rungs after the sequences that remember what the steps have done to claws, rows and cups."""
+    a, machine, sp = tags.arms[side], tags.machine, tags.sp
+    thrown = steps["open claws"] & a.t_release.done
+    put_back = home["put back"] & a.t_put_back.done
+    opened = thrown | put_back | (home["open at feed"] & a.t_home_open.done)
+    released = steps["release delay"] & a.release_edge
+    off_row = ~a.at_wanted_row & (steps["close claws"] | (steps["settle at row"] & a.retried))
+    rungs: list[Rung] = [
+        *(
+            Mov(IN_PROGRESS, a.rows[row], when=steps["close claws"] & a.row_is[row] & a.rows[row].equals(FULL))
+            for row in ROWS
+        ),
+        Set(a.loaded, when=steps["close claws"]),
+        Set(a.claws_closed, when=steps["close claws"]),
+        Set(a.claws_known, when=steps["close claws"] | opened),
+        Set(a.clamped, when=steps["close claws"] & a.t_clamp.done),
+        *(Mov(FULL, a.rows[row], when=put_back & a.rows[row].equals(IN_PROGRESS)) for row in ROWS),
+        Rst(a.loaded, when=opened),
+        Rst(a.claws_closed, when=opened),
+        Rst(a.clamped, when=opened),
+        Rst(a.discard, when=opened),
+        Rst(a.cup_counter, when=released),
+        Rst(a.cups_confirmed, when=released),
+        Set(a.row_running, when=released),
+        Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
+        Pulse(a.thrown, when=thrown),
+        Inc(a.cycles, when=a.thrown),
+        Set(a.cycle_done, when=a.thrown & sp.mode.equals(2)),
+        Rst(a.cycle_done, when=machine.entered_starting),
+        Set(a.retried, when=steps["return to row"]),
+        Rst(a.retried, when=steps["wait at feed"] | steps["lift from row"]),
+        Out(a.over_row, when=off_row),
+        Set(a.in_centre, when=steps["approach row"] & a.row_is[3]),
+        Rst(a.in_centre, when=(a.at_feed & ~steps["approach row"]) | (steps["slide to feed"] & a.at_pick[2])),
+    ]
+    return Block(f"{a.side} arm memory", tuple(rungs))

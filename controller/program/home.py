@@ -1,0 +1,173 @@
+"""Homing of one arm from wherever it stands (MACHINE decisions, first match of seven cases)."""
+
+from __future__ import annotations
+
+from controller.core.expr import any_of
+from controller.core.program import Block
+from controller.core.rungs import Mov, Out, Rst, Rung, Set, ZoneReset
+from controller.core.sequence import Dwell, Sequence, Step, To
+from controller.program.alarms import LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
+from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, ROWS, TAKEN, ArmTags, SetPoints, Side, Tags
+
+FIRST_STEP_OFFSET = 40
+
+
+def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
+    """Return the homing sequence; its first step decides, in the order of the seven cases.
+
+    A row in progress with the arm still down is put back and stays full (2). A load away from feed goes
+    fully up, then out (3). An empty arm goes out low if it is down (4), else up and out (4). At feed a load goes
+    up and stays, ready (5); an empty arm opens, goes up, converges and goes down (6). Where it cannot be told,
+    the step waits for the operator (7). Unknown claws count as closed and loaded (1): see `arm.conditioning`.
+    """
+    a, sp = tags.arms[side], tags.sp
+    steps = [
+        Step(
+            "decide",
+            waits_for="an answer of the operator",
+            go=[
+                To("put back", when=~a.ask & a.row_in_progress & a.down & ~a.at_feed),
+                To("raise loaded", when=~a.ask & a.loaded & ~a.at_feed),
+                To("out low", when=~a.ask & ~a.at_feed & a.down),
+                To("raise empty", when=~a.ask & ~a.at_feed),
+                To("raise at feed", when=~a.ask & a.loaded),
+                To("open at feed", when=~a.ask & ~a.loaded),
+            ],
+        ),
+        *_to_feed(a, sp, limit),
+        *_at_feed(a, sp, limit),
+    ]
+    return Sequence(f"{a.side} homing", a.first_step + FIRST_STEP_OFFSET, steps)
+
+
+def _to_feed(a: ArmTags, sp: SetPoints, limit: Limits) -> list[Step]:
+    """Return the steps that bring the arm to feed."""
+    want = a.want
+    return [
+        Step(
+            "put back",
+            hold=[want["claws_open"]],
+            dwell=Dwell(a.t_put_back, sp.release),
+            go=[To("out low", when=a.t_put_back.done)],
+        ),
+        Step(
+            "raise loaded",
+            hold=[want["lift_retract"]],
+            go=[To("out", when=a.up)],
+            watch=limit("home: raise loaded", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "raise empty",
+            hold=[want["lift_retract"]],
+            go=[To("out", when=a.up)],
+            watch=limit("home: raise empty", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "out",
+            hold=[want["slide_outward"]],
+            go=[To("raise at feed", when=a.at_feed & a.loaded), To("open at feed", when=a.at_feed)],
+            watch=limit("home: out", SLIDE_LIMIT_MS),
+        ),
+        Step(
+            "out low",
+            hold=[want["slide_outward"]],
+            go=[To("open at feed", when=a.at_feed)],
+            watch=limit("home: out low", SLIDE_LIMIT_MS),
+        ),
+    ]
+
+
+def _at_feed(a: ArmTags, sp: SetPoints, limit: Limits) -> list[Step]:
+    """Return the steps at feed, up to the initial state or loaded-ready."""
+    want = a.want
+    return [
+        Step(
+            "raise at feed",
+            hold=[want["lift_retract"]],
+            go=[To("discard, spread", when=a.up & a.discard), To("homed", when=a.up)],
+            watch=limit("home: raise at feed", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "discard, spread",
+            hold=[want["spread"]],
+            go=[To("discard, lower", when=a.is_spread)],
+            watch=limit("home: discard, spread", SPREAD_LIMIT_MS),
+        ),
+        Step(
+            "discard, lower",
+            hold=[want["lift_extend"]],
+            go=[To("open at feed", when=a.down)],
+            watch=limit("home: discard, lower", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "open at feed",
+            hold=[want["claws_open"]],
+            dwell=Dwell(a.t_home_open, sp.release),
+            go=[To("raise to converge", when=a.t_home_open.done)],
+        ),
+        Step(
+            "raise to converge",
+            hold=[want["lift_retract"]],
+            go=[To("converge", when=a.up)],
+            watch=limit("home: raise to converge", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "converge",
+            hold=[want["converge"]],
+            go=[To("lower", when=a.is_converged)],
+            watch=limit("home: converge", SPREAD_LIMIT_MS),
+        ),
+        Step(
+            "lower",
+            hold=[want["lift_extend"]],
+            go=[To("homed", when=a.down)],
+            watch=limit("home: lower", LIFT_LIMIT_MS),
+        ),
+        Step("homed", waits_for="start", go=[]),
+    ]
+
+
+def questions(tags: Tags, side: Side) -> list[Rung]:
+    """Return the rungs of the question "does the arm hold seedlings?" and its answers.
+
+    It is asked where memory and sensors do not agree: a row in doubt after a power loss, or a row in progress
+    while the arm stands at feed, where it can only have come by hand.
+    """
+    a, commands = tags.arms[side], tags.commands
+    open_at_feed = any_of(*(a.rows[row].equals(IN_PROGRESS) for row in ROWS)) & a.at_feed
+    open_row = a.row_in_doubt | (a.row_in_progress & a.at_feed)
+    yes, no = commands.loaded_yes[a.side], commands.loaded_no[a.side]
+    rows: list[Rung] = []
+    for row in ROWS:
+        rows += [
+            Mov(TAKEN, a.rows[row], when=yes & open_row & (a.rows[row] >= IN_PROGRESS)),
+            Mov(IN_PROGRESS, a.rows[row], when=no & ~a.at_feed & a.rows[row].equals(IN_DOUBT)),
+            Mov(FULL, a.rows[row], when=no & a.at_feed & (a.rows[row] >= IN_PROGRESS)),
+        ]
+    return [
+        Set(a.discard, when=commands.discard[a.side]),
+        *(Set(bit, when=yes & open_row) for bit in (a.loaded, a.claws_closed, a.clamped)),
+        Rst(a.loaded, when=no & open_row & a.at_feed),
+        *rows,
+        Out(a.ask, when=any_of(*(a.rows[row].equals(IN_DOUBT) for row in ROWS)) | open_at_feed),
+    ]
+
+
+def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Block:
+    """Return the rungs that start homing, end it with its state, and tell when the arm rests."""
+    a, machine = tags.arms[side], tags.machine
+    resting = cycle["wait at feed"] | cycle["parked"]
+    held = machine.holding & (cycle["pause at feed"] | cycle["wait to lower"])
+    return Block(
+        f"{a.side} supervision",
+        (
+            ZoneReset(home.first, home.last, when=~machine.resetting),
+            ZoneReset(cycle.first, cycle.last, when=~machine.motion | machine.resetting),
+            Set(home.first, when=machine.entered_resetting),
+            Set(cycle["spread"], when=machine.entered_starting & a.loaded),
+            Set(cycle.first, when=machine.entered_starting & ~a.loaded),
+            Out(a.active, when=any_of(*(bit for bit, _ in cycle))),
+            Out(a.at_rest, when=a.fault | ~a.active | resting | held),
+            Out(a.homed, when=home["homed"]),
+        ),
+    )

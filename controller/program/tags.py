@@ -1,0 +1,267 @@
+"""Tags: every device of the program, by name.
+
+Addresses are handed out one after another inside an area of each owner, so an FX programmer finds an arm's
+relays together. Everything retentive lies in the fixed latched ranges (M1024+, D512+).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from controller.core.devices import INITIAL_PULSE
+from controller.core.expr import Bit, Counter, Expr, Timer, Word
+from controller.io_map import IoMap, Point
+from controller.program.areas import Area
+from controller.program.commands import Commands
+
+Side = Literal["left", "right"]
+SIDES: Final[tuple[Side, Side]] = ("left", "right")
+CUPS: Final = 12
+ROWS: Final = (1, 2, 3)
+
+TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
+"""States of a row of seedlings."""
+
+NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
+"""Phases of the tray: unknown or none, at the pick position, leaving it, on its way."""
+
+FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
+
+
+class Inputs:
+    """Conditions over the X terminals: true when the thing named is so, whatever the wire's polarity."""
+
+    def __init__(self, io_map: IoMap) -> None:
+        self._map = io_map
+        self.start = self["start"]
+        self.stop = self["stop"]
+        self.emergency_stop = self["emergency_stop"]
+        self.tray_front_edge = self["tray_front_edge"]
+
+    def __getitem__(self, tag: str) -> Expr:
+        return _condition(self._map[tag])
+
+    def optional(self, tag: str) -> Expr | None:
+        """Return the condition of an optional point, or None if it is not wired."""
+        point = self._map.get(tag)
+        return None if point is None else _condition(point)
+
+
+def _condition(point: Point) -> Expr:
+    contact = Bit("X", point.number, point.tag, point.meaning)
+    return ~contact if point.inverted else contact
+
+
+class System:
+    """Bits written from outside before a scan by the runtime around the PLC."""
+
+    def __init__(self) -> None:
+        m = Area("M", 0, 9)
+        self.link_lost = m.bit("link lost", "no good exchange with the field within the limit")
+        self.scan_fault = m.bit("scan fault", "a scan was over its limit or failed")
+        self.memory_lost = m.bit("memory lost", "retentive memory could not be restored")
+
+    def bits(self) -> tuple[Bit, ...]:
+        """Return all system bits."""
+        return (self.link_lost, self.scan_fault, self.memory_lost)
+
+
+class SetPoints:
+    """Words the operator may change, with their first values. Times of 10 ms timers are in units of 10 ms."""
+
+    def __init__(self) -> None:
+        d = Area("D", 512, 539)
+        self.defaults: list[tuple[Word, int]] = []
+
+        def add(name: str, first_value: int, comment: str) -> Word:
+            word = d.word(name, comment)
+            self.defaults.append((word, first_value))
+            return word
+
+        self.trays_target = add("trays target", 0, "trays to empty before Complete; 0 = endless")
+        self.mode = add("mode", 1, "1 continuous, 2 one cycle")
+        self.descend_at_count = add("descend at count", 0, "cups counted before the arm goes down over them")
+        self.converge_at = add("converge at", 0, "0 = converge down, 1 = go up first")
+        self.arms_may_meet = add("arms may meet", 0, "1 = both arms may be inward of pick 2")
+        self.release_delay = add("release delay x10 ms", 12, "from the releasing cup pulse to opening the claws")
+        self.no_cups = add("no cups x100 ms", 40, "waiting without a cup pulse until Suspended: 3 cup times")
+        self.pulse_interval = add("cup pulse interval x10 ms", 25, "shortest time between two cups")
+        self.settle = add("settle x10 ms", 10, "time the slide must stay on its switch before clamping")
+        self.clamp = add("clamp x10 ms", 20, "claw closing dwell")
+        self.release = add("release x10 ms", 20, "claw opening dwell")
+        self.pause_at_feed = add("pause at feed x10 ms", 50, "from arriving at feed to spreading (paper: 0.5 s)")
+        self.tray_index = add("tray index x10 ms", 10, "run at full speed into the gap before creeping")
+        self.no_tray = add("no tray x100 ms", 120, "creeping without a tray's front edge until Suspended")
+
+
+class MachineTags:
+    """Relays and registers of the machine as a whole."""
+
+    def __init__(self) -> None:
+        m = Area("M", 50, 99)
+        d = Area("D", 100, 109)
+        kept = Area("D", 560, 569)
+        self.state = d.word("state", "PackML state number")
+        self.state_before = d.word("state before", "PackML state number of the scan before")
+        self.trays_done = kept.word("trays done", "trays emptied since the count was cleared")
+        self.start_pressed = m.bit("start pressed", "X0 pressed, this scan")
+        self.reset_pressed = m.bit("reset pressed", "reset button pressed, this scan")
+        self.stop_pressed = m.bit("stop pressed", "X24 pressed or stop command, this scan")
+        self.home_requested = m.bit("home requested", "reset and home: X0 or command, this scan")
+        self.start_requested = m.bit("start requested", "start: X0 or command, this scan")
+        self.clear_requested = m.bit("clear requested", "clear after an emergency stop, this scan")
+        self.abort = m.bit("abort", "emergency stop, link or scan fault present")
+        self.motion = m.bit("motion allowed", "the state allows motion")
+        self.resetting = m.bit("resetting", "state is Resetting")
+        self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
+        self.entered_starting = m.bit("entered Starting", "first scan of Starting")
+        self.entered_aborting = m.bit("entered Aborting", "first scan of Aborting")
+        self.running = m.bit("running", "Execute, Suspended and between them")
+        self.executing = m.bit("executing", "state is Execute")
+        self.suspend = m.bit("suspend", "no tray or no cups")
+        self.stopping = m.bit("stopping", "state is Stopping")
+        self.holding = m.bit("holding", "state is Holding")
+        self.target_reached = m.bit("target reached", "the wanted number of trays is empty")
+        self.fault = m.bit("fault", "an alarm that stops work is set")
+        self.horn = m.bit("horn", "alarm not yet acknowledged")
+        self.new_alarm = m.bit("new alarm", "an annunciator came on, this scan")
+        self.stop_held = Timer(100, "stop held", "X24 held after an emergency stop: clear")
+
+
+class ArmTags:
+    """Conditions, relays, registers and timers of one arm."""
+
+    def __init__(self, side: Side, io_map: IoMap) -> None:  # noqa: PLR0915 - a list of tags
+        x = Inputs(io_map)
+        index = SIDES.index(side)
+        m = Area("M", 100 + 100 * index, 199 + 100 * index, side)
+        kept_m = Area("M", 1024 + 16 * index, 1039 + 16 * index, side)
+        kept_d = Area("D", 540 + 10 * index, 549 + 10 * index, side)
+        t10 = Area("T", 200 + 10 * index, 209 + 10 * index, side)
+        self.side = side
+        self.first_step = 20 + 80 * index
+        self.first_limit = 50 * index
+        self.outputs = {name: Bit("Y", io_map[f"{side}.{name}"].number, f"{side}.{name}") for name in ARM_OUTPUTS}
+
+        self.down = x[f"{side}.lift_down"]
+        self.up = x[f"{side}.lift_up"]
+        self.at_feed = x[f"{side}.slide_at_feed"]
+        self.at_pick = {row: x[f"{side}.slide_at_pick_{row}"] for row in ROWS}
+        self.is_spread = x[f"{side}.claws_spread"]
+        self.is_converged = x[f"{side}.claws_converged"]
+        self.cup_sensor = x[f"{side}.cup_pulse"]
+
+        self.want = {name: m.bit(f"want {name}", f"request: {name.replace('_', ' ')}") for name in ARM_OUTPUTS}
+        self.cup_edge = m.bit("cup edge", "rising edge of the cup sensor")
+        self.cup = m.bit("cup", "a cup has been counted, this scan")
+        self.count_good = m.bit("count good", "twelve empty cups stand under the claws")
+        self.release_edge = m.bit("release edge", "cup on which a waiting arm releases, this scan")
+        self.cups_confirmed = m.bit("cups confirmed", "the operator says the cups are empty")
+        self.no_cups = m.bit("no cups", "waiting over the cups, and none come")
+        self.waiting_cups = m.bit("waiting for cups", "the arm waits over the cups")
+        self.row_running = m.bit("row running", "seedlings are being thrown: further cups are gaps")
+        self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next to take") for row in ROWS}
+        self.row_full = m.bit("row full", "the next row is full")
+        self.row_in_progress = m.bit("row in progress", "clamped, not yet lifted out of its row")
+        self.row_in_doubt = m.bit("row in doubt", "power was lost between clamping and lifting")
+        self.at_wanted_row = m.bit("at wanted row", "slide on the switch of the next row")
+        self.permit = m.bit("cycle permit", "a new cycle may start")
+        self.park = m.bit("park", "a loaded arm goes up and stays")
+        self.in_centre = m.bit("in centre", "the arm has the space inward of pick 2")
+        self.thrown = m.bit("thrown", "a row has been thrown, this scan")
+        self.retried = m.bit("retried", "the slide was brought back to its row once")
+        self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is over")
+        self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
+        self.discard = m.bit("discard", "the load is to be opened over the cups while homing")
+        self.active = m.bit("active", "a step of the cycle is on")
+        self.at_rest = m.bit("at rest", "no motion of a cycle is under way")
+        self.homed = m.bit("homed", "homing of the arm is done, or cannot go on")
+        self.fault = m.bit("fault", "an alarm of this arm is set")
+        self.over_row = m.bit("overran", "the slide left its row after arriving")
+
+        self.loaded = kept_m.bit("loaded", "the claws hold seedlings")
+        self.claws_closed = kept_m.bit("claws closed", "last claw command was close")
+        self.claws_known = kept_m.bit("claws known", "the claw command is remembered")
+        self.clamped = kept_m.bit("clamped", "claws closed for their dwell")
+        self.rows = {row: kept_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
+        self.missed_cups = kept_d.word("missed cups", "cups that passed empty beyond twelve")
+        self.cycles = kept_d.word("cycles", "rows thrown")
+
+        self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
+        self.t_pulse = t10.timer("pulse interval", "shortest time between two cups")
+        self.t_settle = t10.timer("settle", "slide at rest on its row")
+        self.t_clamp = t10.timer("clamp", "claws closing")
+        self.t_pause = t10.timer("pause at feed", "before spreading")
+        self.t_release_delay = t10.timer("release delay", "cup pulse to opening")
+        self.t_release = t10.timer("release", "claws opening")
+        self.t_put_back = t10.timer("put back", "claws opening at the row")
+        self.t_home_open = t10.timer("home open", "claws opening while homing")
+        self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
+
+
+ARM_OUTPUTS: Final = (
+    "lift_extend",
+    "lift_retract",
+    "slide_inward",
+    "slide_outward",
+    "converge",
+    "spread",
+    "claws_open",
+    "claws_close",
+)
+
+
+class TrayTags:
+    """Relays, registers and timers of the tray feeder."""
+
+    def __init__(self, io_map: IoMap) -> None:
+        m = Area("M", 300, 329, "tray")
+        t10 = Area("T", 220, 229, "tray")
+        x = Inputs(io_map)
+        self.edge = x.tray_front_edge
+        self.run = Bit("Y", io_map["tray_run"].number, "tray_run")
+        self.forward = Bit("Y", io_map["tray_forward"].number, "tray_forward")
+        self.first_step = 180
+        self.phase = Word("D", 561, "tray.phase", "0 unknown, 1 in place, 2 moving out, 3 coming")
+        self.want_run = m.bit("want run", "request: conveyor at full speed")
+        self.want_creep = m.bit("want creep", "request: conveyor in short pulses")
+        self.needed = m.bit("needed", "the tray is empty or missing, and more are wanted")
+        self.permit = m.bit("permit", "the feeder may move")
+        self.arrived = m.bit("arrived", "a full tray has come to rest, this scan")
+        self.emptied = m.bit("emptied", "the last row has been taken, this scan")
+        self.ask = m.bit("ask tray", "question to the operator: which tray stands there?")
+        self.ready = m.bit("ready", "the feeder has done what it can")
+        self.at_rest = m.bit("at rest", "no tray is being moved")
+        self.missing = m.bit("missing", "no tray came")
+        self.fault = m.bit("fault", "an alarm of the feeder is set")
+        self.t_index = t10.timer("index", "full speed into the gap")
+        self.t_settle = t10.timer("settle", "tray at rest")
+        self.t_on = t10.timer("creep on", "creep: run")
+        self.t_off = t10.timer("creep off", "creep: pause")
+        self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
+        self.t_lost = Timer(106, "tray.lost", "front edge sensor off while the tray should stand")
+        self.t_jam = Timer(104, "tray.jam", "front edge sensor does not go off")
+
+
+@dataclass(frozen=True)
+class Tags:
+    """All tags of the program."""
+
+    x: Inputs
+    system: System
+    commands: Commands
+    sp: SetPoints
+    machine: MachineTags
+    arms: dict[Side, ArmTags]
+    tray: TrayTags
+
+    @classmethod
+    def of(cls, io_map: IoMap) -> Tags:
+        """Return the tags for the wires of an I/O map."""
+        arms = {side: ArmTags(side, io_map) for side in SIDES}
+        return cls(Inputs(io_map), System(), Commands(), SetPoints(), MachineTags(), arms, TrayTags(io_map))
+
+    def other(self, side: Side) -> ArmTags:
+        """Return the arm that faces this one."""
+        return self.arms["right" if side == "left" else "left"]

@@ -1,0 +1,135 @@
+"""The tray feeder: run the empty tray out, index the next, creep to its front edge."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from controller.core.expr import all_of, any_of
+from controller.core.program import Block
+from controller.core.rungs import Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
+from controller.core.sequence import Dwell, Sequence, Step, Timeout, To
+from controller.program.alarms import TRAY_OUT_LIMIT_MS, Annunciators
+from controller.program.tags import (
+    COMING,
+    FIRST_SCAN,
+    FULL,
+    IN_PLACE,
+    MOVING_OUT,
+    NO_TRAY,
+    ROWS,
+    TAKEN,
+    Tags,
+)
+
+CREEP_RUN_MS: Final = 50
+CREEP_PAUSE_MS: Final = 50
+
+
+def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
+    """Return the feeder's sequence. Its phase is retentive, so that it goes on rightly after a power loss."""
+    t, machine, sp = tags.tray, tags.machine, tags.sp
+    go_out = t.permit & t.edge & (t.phase.equals(IN_PLACE) | t.phase.equals(MOVING_OUT))
+    steps = [
+        Step(
+            "wait for an empty tray",
+            waits_for="the tray to be empty, arms at feed",
+            go=[
+                To("move tray out", when=go_out),
+                To("settle", when=t.permit & t.edge & t.phase.equals(COMING)),
+                To("index", when=t.permit & ~t.edge),
+            ],
+        ),
+        Step(
+            "move tray out",
+            hold=[t.want_run],
+            go=[To("index", when=~t.edge)],
+            watch=Timeout(TRAY_OUT_LIMIT_MS, alarms.tray_jam, t.t_jam),
+        ),
+        Step(
+            "index",
+            hold=[t.want_run],
+            dwell=Dwell(t.t_index, sp.tray_index),
+            go=[To("settle", when=t.edge), To("creep", when=t.t_index.done)],
+        ),
+        Step(
+            "creep",
+            hold=[t.want_creep],
+            dwell=Dwell(t.t_no_tray, sp.no_tray),
+            go=[To("settle", when=t.edge), To("no tray", when=t.t_no_tray.done)],
+        ),
+        Step(
+            "no tray",
+            waits_for="a tray in the magazine, then start",
+            go=[To("creep", when=t.permit & (machine.start_requested | machine.entered_starting))],
+        ),
+        Step(
+            "settle",
+            dwell=Dwell(t.t_settle, 200),
+            go=[To("creep", when=~t.edge), To("wait for an empty tray", when=t.t_settle.done)],
+        ),
+    ]
+    return Sequence("tray feeder", t.first_step, steps)
+
+
+def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
+    """Return the rungs that know where the tray is and whether another one is wanted and may come."""
+    t, arms, machine, sp, commands = tags.tray, tags.arms, tags.machine, tags.sp, tags.commands
+    rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
+    all_taken = all_of(*(row.equals(TAKEN) for row in rows))
+    at_feed = all_of(*(arm.at_feed for arm in arms.values()))
+    homed = all_of(*(arm.homed for arm in arms.values()))
+    unloading = any_of(*(arm.row_in_progress for arm in arms.values()))
+    doubt = (t.phase.equals(NO_TRAY) & t.edge) | (t.phase.equals(IN_PLACE) & ~t.edge)
+    full = t.ask & commands.tray_full & t.edge
+    none = t.ask & commands.tray_none
+    return [
+        Mov(NO_TRAY, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
+        Pulse(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
+        Inc(machine.trays_done, when=t.emptied & ~FIRST_SCAN),
+        Rst(machine.trays_done, when=commands.count_reset),
+        *(Mov(FULL, row, when=full) for row in rows),
+        *(Mov(TAKEN, row, when=none) for row in rows),
+        Mov(IN_PLACE, t.phase, when=full),
+        Mov(MOVING_OUT, t.phase, when=none),
+        Rst(t.ask, when=full | none | (commands.tray_same & t.edge)),
+        Mov(COMING, t.phase, when=~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
+        Set(t.ask, when=machine.entered_resetting & doubt),
+        Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
+        Out(t.needed, when=(t.phase.differs(IN_PLACE) | all_taken) & ~machine.target_reached),
+        Out(
+            t.permit,
+            when=all_of(t.needed, at_feed, ~t.ask, ~unloading, machine.running | (machine.resetting & homed)),
+        ),
+        Out(t.missing, when=feeder["no tray"]),
+        Out(t.at_rest, when=t.fault | feeder["no tray"] | ~any_of(*(bit for bit, _ in feeder if bit != feeder.first))),
+        Out(t.ready, when=t.missing | machine.target_reached | (t.phase.equals(IN_PLACE) & ~all_taken)),
+    ]
+
+
+def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
+    """Return the rungs after the sequences: phase, rows of a new tray, creep pulses."""
+    t, arms = tags.tray, tags.arms
+    arrived = feeder["settle"] & t.t_settle.done & t.edge
+    rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
+    return Block(
+        "tray memory",
+        (
+            Mov(MOVING_OUT, t.phase, when=feeder["move tray out"]),
+            Mov(IN_PLACE, t.phase, when=arrived),
+            *(Mov(FULL, row, when=arrived) for row in rows),
+            OnDelay(t.t_on, CREEP_RUN_MS, when=feeder["creep"] & ~t.t_off.done),
+            OnDelay(t.t_off, CREEP_PAUSE_MS, when=t.t_on.done),
+        ),
+    )
+
+
+def supervision(tags: Tags, feeder: Sequence) -> Block:
+    """Return the rungs that start the feeder and take its steps away when the state allows no motion."""
+    t, machine = tags.tray, tags.machine
+    return Block(
+        "tray supervision",
+        (
+            ZoneReset(feeder.first, feeder.last, when=~machine.motion),
+            Set(feeder.first, when=machine.entered_resetting | (machine.entered_starting & ~t.missing)),
+        ),
+    )

@@ -1,0 +1,1 @@
+"""What needs both sides: the twin in lock step, trials and their reports, benchmarks."""
