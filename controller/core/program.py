@@ -74,14 +74,15 @@ class Program:
     def retentive(self) -> list[Bit | Word]:
         """Return the devices of the program that keep their value without power, by kind and number."""
         used: dict[tuple[str, int], Bit | Word] = {}
-        for device in self._devices():
+        for device in self.devices():
             if is_retentive(device.kind, device.number) and device.kind != "S":
                 known = used.setdefault((device.kind, device.number), device)
                 if not known.name and device.name:
                     used[device.kind, device.number] = device
         return [used[key] for key in sorted(used)]
 
-    def _devices(self) -> Iterator[Bit | Word]:
+    def devices(self) -> Iterator[Bit | Word]:
+        """Yield every device the program reads or writes, more than once."""
         yield from self.system
         yield from (word for word, _ in self.set_points)
         for rung in self.rungs():

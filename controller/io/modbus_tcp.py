@@ -80,7 +80,7 @@ class ModbusTcpLink:
         Raises:
             LinkError: nobody listens there, or not within the timeout.
         """
-        if not self._client.connect():
+        if not self._client.connect():  # type: ignore[no-untyped-call]
             raise LinkError(
                 f"no field I/O at {self._where}: not reachable within {self._timeout_ms} ms; "
                 "check the address and that the I/O module or plant server is running"
@@ -134,7 +134,7 @@ class ModbusTcpLink:
 
     def close(self) -> None:
         """Close the connection; does nothing when closed."""
-        self._client.close()
+        self._client.close()  # type: ignore[no-untyped-call]
 
     def _exchange(self, what: str, request: ModbusPDU) -> ModbusPDU:
         """Send a request and return its answer, or close the link and say why there is none."""

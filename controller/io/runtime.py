@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from controller.core.clock import SimulatedClock
 from controller.core.scan import Plc
 from controller.io.keeper import Keeper
 from controller.io.link import FieldLink, LinkWatchdog
@@ -151,13 +150,3 @@ class Runtime:
             level if level in (safe, before) else before
             for level, before, safe in zip(image, self.released, self._safe, strict=True)
         ]
-
-
-def run_lock_step(runtime: Runtime, clock: SimulatedClock, scan_ms: int, stopped: Callable[[], bool]) -> None:
-    """Scan as fast as the link answers, in simulated time."""
-    try:
-        while not stopped():
-            runtime.tick(clock.now_ms())
-            clock.advance(scan_ms)
-    finally:
-        runtime.make_safe()

@@ -94,6 +94,10 @@ class SetPoints:
         self.tray_index = add("tray index x10 ms", 10, "run at full speed into the gap before creeping")
         self.no_tray = add("no tray x100 ms", 120, "creeping without a tray's front edge until Suspended")
 
+    def names(self) -> list[str]:
+        """Return the attribute names of all set-points."""
+        return [name for name, value in vars(self).items() if isinstance(value, Word)]
+
 
 class MachineTags:
     """Relays and registers of the machine as a whole."""

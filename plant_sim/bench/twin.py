@@ -32,6 +32,7 @@ class Twin:
     """One machine: real program, real plant, simulated time.
 
     Attributes:
+        parameters: Parameters of the simulated machine.
         plant: The simulated machine.
         module: Its remote I/O.
         machine: The program and its tags.
@@ -58,7 +59,8 @@ class Twin:
             set_points: First values of set-points, by name of `SetPoints`.
         """
         self.io_map = io_map or load_io_map(DEFAULT_IO_MAP)
-        self.plant = Plant(self.io_map, parameters or load_machine(), seed=seed, trays=trays)
+        self.parameters = parameters or load_machine()
+        self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays)
         self.module = IoModule(self.plant, self.io_map)
         self.machine: Transplanter = build(self.io_map)
         self.clock = SimulatedClock()

@@ -1,0 +1,182 @@
+"""Command line of the controller: ``python -m controller`` runs it on a field link."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from controller.core.clock import MonotonicClock
+from controller.core.retain import DamagedStoreError, FileStore
+from controller.core.scan import Plc
+from controller.hmi.production import Event, ProductionLog, as_record
+from controller.hmi.reference import write_reference
+from controller.io.keeper import ThreadKeeper
+from controller.io.loop import run_real_time
+from controller.io.modbus_tcp import ModbusTcpLink
+from controller.io.runtime import Runtime
+from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
+from controller.program.machine import Transplanter, build
+
+RETRY_S = 0.5
+REMIND_S = 5.0
+
+
+class UsageError(ValueError):
+    """A wrong option; one line that names it and the remedy."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; return its exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] not in ("run", "docs", "-h", "--help"):
+        given.insert(0, "run")
+    options = _parser().parse_args(given)
+    try:
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
+    except (UsageError, IoMapError) as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m controller", description="Soft PLC of the seedling transplanter.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    run = commands.add_parser("run", help="run the machine's program on a field link (default)",
+                              formatter_class=argparse.ArgumentDefaultsHelpFormatter)  # fmt: skip
+    run.set_defaults(command=_run)
+    run.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
+    run.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
+    run.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
+    run.add_argument("--unit", type=int, default=1, help="Modbus unit identifier")
+    run.add_argument("--timeout-ms", type=int, default=50, help="longest wait for one answer of the field, ms")
+    run.add_argument(
+        "--link-limit-ms", type=int, default=100, help="longest silence of the field before it is lost, ms"
+    )
+    run.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="file of the retentive memory")
+    run.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
+    run.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
+    run.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="set_points",
+                     help="first value of a set-point, e.g. trays_target=2; may be repeated")  # fmt: skip
+    run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the texts")
+    run.add_argument("--events", choices=("text", "json"), default="text", help="form of the events on standard output")
+    docs = commands.add_parser("docs", help="write the reference tables made from the program")
+    docs.set_defaults(command=_docs)
+    docs.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
+    docs.add_argument("--out", type=Path, required=True, help="folder for the tables")
+    return parser
+
+
+def _docs(options: argparse.Namespace) -> int:
+    for path in write_reference(build(load_io_map(options.io_map)), options.out):
+        print(path)
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    for name, value, most in (
+        ("--scan-ms", options.scan_ms, 100),
+        ("--port", options.port, 65_535),
+        ("--timeout-ms", options.timeout_ms, 10_000),
+        ("--link-limit-ms", options.link_limit_ms, 10_000),
+    ):
+        if not 1 <= value <= most:
+            raise UsageError(f"{name} {value}: give 1 to {most}")
+    machine = build(load_io_map(options.io_map))
+    try:
+        plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
+    except ValueError as error:
+        raise UsageError(f"--input-filter-ms: {error}") from error
+    store = FileStore(options.retain)
+    _restore(machine, plc, store)
+    for name, value in _set_points(machine, options.set_points):
+        plc.write(getattr(machine.tags.sp, name), value)
+    link = ModbusTcpLink(options.host, options.port, machine.io_map, unit=options.unit,
+                         timeout_s=options.timeout_ms / 1000)  # fmt: skip
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    if not _wait_for_field(link, options, stop):
+        return 0
+    keeper = ThreadKeeper(store)
+    runtime = Runtime(machine, plc, link, keeper, link_limit_ms=options.link_limit_ms)
+    runtime.observers.append(ProductionLog(machine, _teller(options.events), options.language))
+    try:
+        figures = run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop)
+    finally:
+        link.close()
+        keeper.close()
+    print(
+        f"stopped, outputs written safe; {figures.scans} scans of {options.scan_ms} ms, {figures.overruns} over it, "
+        f"longest {figures.longest_ms} ms",
+        file=sys.stderr,
+    )
+    return 0
+
+
+def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
+    """Put back what the last run kept. What cannot be trusted is set aside and reported, and the program told."""
+    try:
+        kept = store.load()
+        if kept is not None:
+            plc.restore(kept)
+    except (DamagedStoreError, ValueError) as error:
+        where = "" if isinstance(error, DamagedStoreError) else f"{store.path}: "
+        try:
+            aside = store.set_aside()
+        except OSError as refused:
+            raise UsageError(f"--retain {store.path}: {refused.strerror}; name a file that can be written") from refused
+        print(f"{where}{error}; moved to {aside}", file=sys.stderr)
+        plc.write(machine.tags.system.memory_lost, 1)
+
+
+def _set_points(machine: Transplanter, given: Sequence[str]) -> list[tuple[str, int]]:
+    known = machine.tags.sp.names()
+    values: list[tuple[str, int]] = []
+    for text in given:
+        name, _, value = text.partition("=")
+        if name not in known:
+            raise UsageError(f"--set {text}: no set-point {name!r}; known: {', '.join(known)}")
+        if not value.isdecimal() or int(value) > 32767:
+            raise UsageError(f"--set {text}: give a whole number from 0 to 32767")
+        values.append((name, int(value)))
+    return values
+
+
+def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: threading.Event) -> bool:
+    """Try until the field answers; say at once and then now and again that it does not."""
+    tries = 0
+    while not stop.is_set():
+        try:
+            link.open()
+            link.read_inputs()
+        except OSError as error:
+            if tries % round(REMIND_S / RETRY_S) == 0:
+                print(f"{error}; trying again", file=sys.stderr, flush=True)
+            tries += 1
+            stop.wait(RETRY_S)
+        else:
+            print(f"field I/O at {options.host}:{options.port} answers", file=sys.stderr, flush=True)
+            return True
+    return False
+
+
+def _teller(form: str) -> Callable[[Event], None]:
+    def tell(event: Event) -> None:
+        record = as_record(event)
+        if form == "json":
+            print(json.dumps(record), flush=True)
+        else:
+            at_ms, kind = record.pop("at_ms"), record.pop("event")
+            print(f"{at_ms:>9} ms  {kind:9}" + "  ".join(f"{k}={v}" for k, v in record.items()), flush=True)
+
+    return tell
+
+
+if __name__ == "__main__":
+    sys.exit(main())

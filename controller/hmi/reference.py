@@ -1,0 +1,137 @@
+"""Reference tables made from the declarations, so that no document can differ from the program."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from controller.core.expr import Bit, Expr, Word, leaves
+from controller.core.sequence import Sequence as StepSequence
+from controller.core.sequence import Step
+from controller.program.interlocks import Rule
+from controller.program.machine import Transplanter
+
+GENERATED = "Made by `python -m controller docs` from the program; do not edit."
+
+
+def table(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a Markdown table; bars inside cells are escaped."""
+    lines = ["| " + " | ".join(heading) + " |", "|" + "---|" * len(heading)]
+    lines += ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def io_table(machine: Transplanter) -> str:
+    """Return every wire of the I/O map."""
+    io_map = machine.io_map
+    points = (*io_map.inputs, *io_map.outputs, *io_map.unwired)
+    rows = [
+        (p.address, p.tag, p.meaning, p.polarity.replace("_", " "), "on" if p.safe else "off",
+         f"{p.table.replace('_', ' ')} {p.offset}", "" if p.wired else "not wired")
+        for p in points
+    ]  # fmt: skip
+    heading = ("address", "tag", "meaning", "polarity", "safe", "Modbus", "")
+    return f"# I/O\n\n{GENERATED}\n\n{table(heading, rows)}"
+
+
+def step_tables(machine: Transplanter) -> str:
+    """Return one table a sequence: what each step does, its limit, and where it goes."""
+    parts = [f"# Steps\n\n{GENERATED}\n"]
+    for sequence in machine.program.sequences():
+        rows = [_step_row(sequence, step) for _, step in sequence]
+        heading = ("S", "step", "requests", "time or limit", "alarm", "goes to")
+        parts.append(f"## {sequence.name}\n\n{table(heading, rows)}")
+    return "\n".join(parts)
+
+
+def _step_row(sequence: StepSequence, step: Step) -> tuple[str, ...]:
+    goes = "<br>".join(f"**{to.step}** when {readable(to.when)}" for to in step.go)
+    times = []
+    if step.dwell:
+        preset = step.dwell.preset
+        times.append(f"{preset.name}" if isinstance(preset, Word) else f"{preset} ms")
+    if step.watch:
+        times.append(f"at most {step.watch.ms} ms")
+    if step.waits_for:
+        times.append(f"waits for {step.waits_for}")
+    holds = ", ".join(bit.name.partition(".")[2].removeprefix("want ") for bit in step.hold)
+    alarm = f"{step.watch.alarm} {step.watch.alarm.comment}" if step.watch else ""
+    return (str(sequence[step.title]), step.title, holds, "; ".join(times), alarm, goes)
+
+
+def alarm_table(machine: Transplanter) -> str:
+    """Return every annunciator with its texts."""
+    rows = [(a.bit, a.text.en, a.text.zh, "stops work" if a.stops_work else "warning") for a in machine.alarms]
+    return f"# Alarms\n\n{GENERATED}\n\n{table(('S', 'text', '文字', 'effect'), rows)}"
+
+
+def command_table(machine: Transplanter) -> str:
+    """Return the command table and the set-points."""
+    commands = [(c.bit, c.name, c.meaning) for c in machine.tags.commands]
+    defaults = [(word, word.name, first, word.comment) for word, first in machine.tags.sp.defaults]
+    return (
+        f"# Commands and set-points\n\n{GENERATED}\n\n## Commands\n\nA press lives one scan.\n\n"
+        f"{table(('device', 'command', 'what it does'), commands)}\n## Set-points\n\n"
+        f"{table(('device', 'set-point', 'first value', 'meaning'), defaults)}"
+    )
+
+
+def state_tables(machine: Transplanter) -> str:
+    """Return the PackML table: from, to, when; later rows win."""
+    rows = [
+        (", ".join(s.name.title() for s in row.sources), row.target.name.title(), row.reason, readable(row.when))
+        for row in machine.states
+    ]
+    return f"# States\n\n{GENERATED}\n\nLater rows win.\n\n{table(('from', 'to', 'reason', 'when'), rows)}"
+
+
+def interlock_tables(machine: Transplanter) -> str:
+    """Return the rules of both arms and the tray."""
+    parts = [
+        f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and every rule about it holds.\n"
+    ]
+    groups: dict[str, list[Rule]] = {f"{side} arm": rules for side, rules in machine.rules.items()}
+    for name, rules in {**groups, "tray": machine.tray_rules}.items():
+        rows = [(rule.name, rule.reason, ", ".join(rule.outputs), readable(rule.allow)) for rule in rules]
+        parts.append(f"## {name}\n\n{table(('rule', 'reason', 'outputs', 'allowed while'), rows)}")
+    return "\n".join(parts)
+
+
+def device_table(machine: Transplanter) -> str:
+    """Return every named relay, register, timer and counter the program uses."""
+    used: dict[str, Bit | Word] = {}
+    for device in machine.program.devices():
+        if device.name and device.kind not in "XYS":
+            used.setdefault(f"{device.kind}{device.number:05}", device)
+    rows = [(used[key], used[key].name, used[key].comment) for key in sorted(used)]
+    return f"# Devices\n\n{GENERATED}\n\n{table(('device', 'name', 'meaning'), rows)}"
+
+
+def readable(expr: Expr) -> str:
+    """Return a condition with the tags' names in place of the addresses."""
+    names = {str(leaf): leaf.name for leaf in leaves(expr) if leaf.name}
+    text = re.sub(r"[XYMSTCD]\d+", lambda found: f"[{names.get(found[0], found[0])}]", str(expr))
+    return f"`{text}`"
+
+
+REFERENCE = {
+    "io.md": io_table,
+    "steps.md": step_tables,
+    "alarms.md": alarm_table,
+    "commands.md": command_table,
+    "states.md": state_tables,
+    "interlocks.md": interlock_tables,
+    "devices.md": device_table,
+}
+
+
+def write_reference(machine: Transplanter, folder: Path) -> list[Path]:
+    """Write every table; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, make in REFERENCE.items():
+        path = folder / name
+        path.write_text(make(machine), encoding="utf-8")
+        paths.append(path)
+    return paths

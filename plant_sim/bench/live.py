@@ -1,0 +1,241 @@
+"""The trial in real time: plant and controller as two processes, Modbus TCP between them."""
+
+from __future__ import annotations
+
+import json
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from controller.program.modes import State
+from plant_sim.bench.operator import Operator, counts_of
+from plant_sim.bench.progress import ProgressView, Situation
+from plant_sim.bench.report import TrialReport, make_report
+from plant_sim.bench.trial import ROWS_A_TRAY
+
+POLL_S = 0.2
+STOP_S = 10.0
+START_LIMIT_S = 30.0
+HOMING_LIMIT_S = 60.0
+TRAY_LIMIT_S = 600.0
+
+Record = dict[str, Any]
+
+
+class LiveError(Exception):
+    """A process or the machine did not do what the trial needs; one line."""
+
+
+class ChildError(Exception):
+    """A child process ended by itself and has said why on standard error.
+
+    Attributes:
+        exit_code: Its exit code.
+    """
+
+    def __init__(self, name: str, exit_code: int) -> None:
+        super().__init__(f"the {name} ended with exit code {exit_code}")
+        self.exit_code = exit_code
+
+
+class Process:
+    """A child process whose lines of standard output arrive in a queue; ended with SIGINT."""
+
+    def __init__(self, name: str, arguments: Sequence[str]) -> None:
+        self.name = name
+        # A session of its own: Ctrl-C reaches this program alone, which then stops controller and plant in order.
+        self._process = subprocess.Popen(  # noqa: S603 - our own programs
+            [sys.executable, "-m", *arguments], stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
+        self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._reader = threading.Thread(target=self._read, name=f"{name} output", daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code; None while it runs."""
+        return self._process.poll()
+
+    def kill(self) -> None:
+        """End it as a power failure would: no clean-up of its own."""
+        self._process.kill()
+
+    def stop(self) -> int:
+        """End it cleanly, by force if it will not; return its exit code."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(STOP_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+        code = self._process.wait()
+        self._reader.join()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        return code
+
+    def _read(self) -> None:
+        for line in self._process.stdout or ():
+            self.lines.put(line.rstrip("\n"))
+        self.lines.put(None)
+
+
+@dataclass
+class Story:
+    """What the controller has reported so far."""
+
+    events: list[Record] = field(default_factory=list)
+    state: int = 0
+    state_text: str = "not started"
+    trays_done: int = 0
+    cycles: int = 0
+    alarms: dict[int, str] = field(default_factory=dict)
+
+    def take(self, event: Record) -> None:
+        """Take in one event."""
+        self.events.append(event)
+        match event["event"]:
+            case "state":
+                self.state, self.state_text = event["state"], event["text"]
+            case "tray":
+                self.trays_done = event["trays_done"]
+            case "cycle":
+                self.cycles += 1
+            case "alarm" if event["active"]:
+                self.alarms[event["number"]] = event["text"]
+            case "alarm":
+                self.alarms.pop(event["number"], None)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """Options of a live run."""
+
+    seed: int
+    trays: int
+    host: str
+    port: int
+    io_map: Path
+    machine: Path
+    language: str
+
+
+_BROKEN = (State.HELD, State.ABORTED)
+
+
+@contextmanager
+def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
+    """Run plant and controller for the time of a with block; afterwards the controller is stopped first.
+
+    Raises:
+        ChildError: The plant could not start.
+    """
+    o = options
+    common = ["--io-map", str(o.io_map), "--port", str(o.port), "--host", o.host]
+    serve = ["plant_sim", "serve", *common, "--machine", str(o.machine), "--seed", str(o.seed), "--trays", str(o.trays)]
+    with ExitStack() as stack:
+        memory = stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-"))
+        plant = stack.enter_context(Process("plant", serve))
+        if plant.lines.get(timeout=START_LIMIT_S) is None:
+            raise ChildError("plant", plant.stop())
+        operator = stack.enter_context(Operator(o.host, o.port))
+        control = ["controller", "run", *common, "--retain", str(Path(memory) / "retentive.json"), "--events", "json"]
+        control += ["--language", o.language, "--set", f"trays_target={o.trays}"]
+        yield LiveTrial(options, view, operator, stack.enter_context(Process("controller", control)))
+
+
+class LiveTrial:
+    """A trial on a running plant and controller, with an operator at the box."""
+
+    def __init__(self, options: LiveOptions, view: ProgressView, operator: Operator, controller: Process) -> None:
+        self._options = options
+        self._view = view
+        self._operator = operator
+        self._controller = controller
+        self._story = Story()
+
+    def run(self) -> TrialReport:
+        """Home, start, and wait until the trays are empty."""
+        began_s = time.perf_counter()
+        operator, reason = self._operator, ""
+        try:
+            self._until(State.STOPPED, START_LIMIT_S, "controller in Stopped")
+            operator.press("start")
+            self._until(State.IDLE, HOMING_LIMIT_S, "homing")
+            operator.press("start")
+            self._until(State.COMPLETE, TRAY_LIMIT_S * self._options.trays, "the trial")
+        except LiveError as error:
+            reason = str(error)
+        telemetry = operator.telemetry()
+        return make_report(
+            seed=self._options.seed,
+            counts=counts_of(telemetry),
+            events=self._story.events,
+            reason=reason,
+            simulated_s=telemetry["time_ms"] / 1000,
+            wall_s=round(time.perf_counter() - began_s, 3),
+        )
+
+    def keep(self) -> None:
+        """Go on serving until Ctrl-C."""
+        while True:
+            self._follow(POLL_S)
+            self._show()
+
+    def _until(self, state: State, limit_s: float, what: str) -> None:
+        deadline_s = time.perf_counter() + limit_s
+        while self._story.state != state:
+            if time.perf_counter() > deadline_s:
+                raise LiveError(f"{what} not reached within {limit_s:.0f} s: {self._story.state_text}")
+            self._follow(POLL_S)
+            self._show()
+            if self._story.state in _BROKEN:
+                alarms = "; ".join(self._story.alarms.values()) or "a question is open"
+                raise LiveError(f"{what} not reached: {self._story.state_text}, {alarms}")
+
+    def _follow(self, for_s: float) -> None:
+        """Take in the controller's events for a while."""
+        until_s = time.perf_counter() + for_s
+        while (left_s := until_s - time.perf_counter()) > 0:
+            try:
+                line = self._controller.lines.get(timeout=left_s)
+            except queue.Empty:
+                return
+            if line is None:
+                raise ChildError("controller", self._controller.stop())
+            self._story.take(json.loads(line))
+
+    def _show(self) -> None:
+        story, telemetry = self._story, self._operator.telemetry()
+        counts = counts_of(telemetry)
+        trays = self._options.trays
+        self._view.show(
+            Situation(
+                elapsed_s=telemetry["time_ms"] / 1000,
+                state=story.state_text,
+                tray=f"{story.trays_done}/{trays}",
+                rows=f"{story.cycles}/{ROWS_A_TRAY * trays}",
+                in_cups=counts.in_cups,
+                lost=counts.P + counts.D + counts.T,
+                seedlings=counts.total,
+                alarm="; ".join(story.alarms.values()),
+            )
+        )

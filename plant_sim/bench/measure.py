@@ -1,0 +1,123 @@
+"""Speeds the project promises, measured side by side in one run."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+
+from controller.core.scan import Plc
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from plant_sim.bench.trial import run_trial
+from plant_sim.bench.twin import SCAN_MS, Twin
+from plant_sim.links.io_module import IoModule
+from plant_sim.parameters import load_machine
+from plant_sim.plant import Plant
+
+SCAN_GOAL_US = 50.0
+TWIN_GOAL = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What was measured.
+
+    Attributes:
+        scan_us: CPU of one scan of the whole program, mean over the recorded inputs of a trial, us.
+        worst_scan_us: The same for the slowest of the ten parts of the trial, us.
+        plant_us: CPU of 10 ms of plant under the recorded outputs of the same trial, us.
+        tick_us: CPU of one tick of the twin (link, scan, memory, observers, plant), us.
+        twin_ratio: Simulated time over elapsed time of a whole trial in lock step.
+        simulated_s: Simulated time of that trial, s.
+    """
+
+    scan_us: float
+    worst_scan_us: float
+    plant_us: float
+    tick_us: float
+    twin_ratio: float
+    simulated_s: float
+
+    def record(self) -> dict[str, float]:
+        """Return the figures as one JSON object."""
+        return asdict(self)
+
+    def text(self) -> str:
+        """Return the figures with the goals beside them."""
+        return "\n".join(
+            [
+                f"scan of the whole program  {self.scan_us:7.1f} us CPU (goal: at most {SCAN_GOAL_US:.0f})",
+                f"  slowest tenth of a trial {self.worst_scan_us:7.1f} us CPU",
+                f"plant, 10 ms               {self.plant_us:7.1f} us CPU",
+                f"tick of the twin           {self.tick_us:7.1f} us CPU",
+                f"twin in lock step          {self.twin_ratio:7.0f} x real time over {self.simulated_s:.1f} s "
+                f"(goal: at least {TWIN_GOAL:.0f})",
+            ]
+        )
+
+
+def measure(*, seed: int = 1) -> Figures:
+    """Run a trial, then its recorded images through the PLC and the plant alone.
+
+    Args:
+        seed: Seed of the trial.
+
+    Returns:
+        The figures; CPU times are of this process.
+    """
+    report = run_trial(seed=seed)
+    inputs, outputs, tick_s = _record(seed, round(report.simulated_s * 1000) // SCAN_MS)
+    scans = _replay_scans(inputs)
+    plant_s = _replay_plant(outputs, seed)
+    count = len(inputs)
+    tenth = max(1, count // 10)
+    parts = [sum(scans[start : start + tenth]) / tenth for start in range(0, count - tenth + 1, tenth)]
+    return Figures(
+        scan_us=round(1e6 * sum(scans) / count, 2),
+        worst_scan_us=round(1e6 * max(parts), 2),
+        plant_us=round(1e6 * plant_s / count, 2),
+        tick_us=round(1e6 * tick_s / count, 2),
+        twin_ratio=round(report.simulated_s / report.wall_s, 1),
+        simulated_s=report.simulated_s,
+    )
+
+
+def _record(seed: int, scans: int) -> tuple[list[list[bool]], list[list[bool]], float]:
+    """Repeat the trial and keep every X and Y image; also return the CPU time of its ticks."""
+    twin = Twin(seed=seed, set_points={"trays_target": 2})
+    inputs: list[list[bool]] = []
+    outputs: list[list[bool]] = []
+    began_s = time.process_time()
+    twin.press("start", for_ms=200)
+    for _ in range(scans):
+        inputs.append(twin.module.inputs())
+        twin.scan()
+        outputs.append(twin.runtime.released)
+        if twin.state == 4 and not twin.plant.box.start:
+            twin.press("start", for_ms=200)
+    return inputs, outputs, time.process_time() - began_s
+
+
+def _replay_scans(inputs: list[list[bool]]) -> list[float]:
+    """Return the CPU time of every scan of a fresh PLC under recorded inputs, s."""
+    machine = build(load_io_map(DEFAULT_IO_MAP))
+    plc = Plc(machine.program)
+    plc.write(machine.tags.sp.trays_target, 2)
+    scan, clock = plc.scan, time.process_time
+    times: list[float] = []
+    for number, image in enumerate(inputs):
+        began_s = clock()
+        scan(number * SCAN_MS, image)
+        times.append(clock() - began_s)
+    return times
+
+
+def _replay_plant(outputs: list[list[bool]], seed: int) -> float:
+    """Return the CPU time of a fresh plant under recorded outputs, s."""
+    io_map = load_io_map(DEFAULT_IO_MAP)
+    module = IoModule(Plant(io_map, load_machine(), seed=seed, trays=2), io_map)
+    began_s = time.process_time()
+    for image in outputs:
+        module.write_outputs(0, image)
+        module.advance(SCAN_MS)
+    return time.process_time() - began_s

@@ -1,0 +1,85 @@
+"""The paper's trial in lock step: home, start, transplant every tray, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from controller.hmi.production import as_record
+from controller.io_map import IoMap
+from controller.program.modes import State
+from controller.program.texts import STATES, Language
+from plant_sim.bench.progress import ProgressView, Situation
+from plant_sim.bench.report import TrialReport, make_report
+from plant_sim.bench.twin import NotReachedError, Twin
+from plant_sim.parameters import Machine
+
+HOMING_LIMIT_MS = 60_000
+ROWS_A_TRAY = 6
+TRAY_LIMIT_MS = 600_000
+"""Longest time allowed for a tray; at 20 plants/(min row) one takes 108 s."""
+
+
+def run_trial(
+    *,
+    seed: int,
+    trays: int = 2,
+    io_map: IoMap | None = None,
+    parameters: Machine | None = None,
+    progress: Callable[[Twin], None] | None = None,
+) -> TrialReport:
+    """Transplant whole trays in simulated time.
+
+    Args:
+        seed: Seed of the plant; the same seed gives the same report but for `wall_s`.
+        trays: Trays in the magazine, 72 seedlings each.
+        io_map: Wires; None = the map of the repository.
+        parameters: Machine parameters; None = those of the repository.
+        progress: Called after every scan.
+
+    Returns:
+        The report, whether the trial completed or not.
+    """
+    began_s = time.perf_counter()
+    twin = Twin(seed=seed, trays=trays, io_map=io_map, parameters=parameters, set_points={"trays_target": trays})
+    if progress is not None:
+        twin.watch(progress)
+    reason = ""
+    try:
+        twin.home(within_ms=HOMING_LIMIT_MS)
+        twin.start()
+        twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS * trays)
+    except NotReachedError as error:
+        reason = str(error)
+    return make_report(
+        seed=seed,
+        counts=twin.plant.counts(),
+        events=[as_record(event) for event in twin.events],
+        reason=reason,
+        simulated_s=twin.now_ms / 1000,
+        wall_s=round(time.perf_counter() - began_s, 3),
+        extrapolates=twin.plant.extrapolates,
+    )
+
+
+def show_progress(view: ProgressView, trays: int, language: Language) -> Callable[[Twin], None]:
+    """Return a monitor that shows a trial's situation once a simulated second."""
+
+    def show(twin: Twin) -> None:
+        if twin.now_ms % 1_000:
+            return
+        counts = twin.plant.counts()
+        view.show(
+            Situation(
+                elapsed_s=twin.now_ms / 1000,
+                state=getattr(STATES[twin.state], language),
+                tray=f"{twin.plc.read(twin.machine.tags.machine.trays_done)}/{trays}",
+                rows=f"{len(twin.cycles())}/{ROWS_A_TRAY * trays}",
+                in_cups=counts.in_cups,
+                lost=counts.P + counts.D + counts.T,
+                seedlings=counts.total,
+                alarm="; ".join(twin.alarms()),
+            )
+        )
+
+    return show

@@ -1,0 +1,261 @@
+"""The two programs as processes on loopback: their errors, a trial over Modbus, a killed controller, Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from controller.core.retain import MemoryStore
+from controller.core.scan import Plc
+from controller.hmi.production import Event, ProductionLog
+from controller.io.keeper import DirectKeeper
+from controller.io.modbus_tcp import ModbusTcpLink
+from controller.io.runtime import Runtime
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from controller.program.modes import State
+from plant_sim.bench.live import Process
+from plant_sim.bench.operator import Operator, counts_of
+from plant_sim.bench.twin import SCAN_MS, Twin
+
+LIMIT_S = 60.0
+PATIENT = ("--timeout-ms", "5000", "--link-limit-ms", "5000")
+"""Limits that a busy test machine does not reach; the strict defaults are tested in simulated time."""
+
+
+def run(*arguments: str, timeout_s: float = LIMIT_S) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=timeout_s)
+
+
+@contextmanager
+def plant_process(*options: str) -> Iterator[tuple[Process, int]]:
+    """Serve a plant on a free port."""
+    with Process("plant", ["plant_sim", "serve", "--port", "0", *options]) as plant:
+        line = plant.lines.get(timeout=LIMIT_S)
+        assert line is not None, "the plant did not start"
+        yield plant, int(line.rpartition(":")[2])
+
+
+def controller_process(port: int, folder: Path, *options: str) -> Process:
+    retain = str(folder / "retentive.json")
+    return Process(
+        "controller", ["controller", "run", "--port", str(port), "--retain", retain, "--events", "json", *options]
+    )
+
+
+def wait_for_state(controller: Process, state: State) -> list[dict[str, object]]:
+    """Take events until the machine enters a state."""
+    events: list[dict[str, object]] = []
+    while True:
+        line = controller.lines.get(timeout=LIMIT_S)
+        assert line is not None, f"the controller ended before {state.name}: {events}"
+        events.append(json.loads(line))
+        if events[-1]["event"] == "state" and events[-1]["state"] == state:
+            return events
+
+
+@pytest.mark.parametrize("program", ["controller", "plant_sim"])
+def test_help_names_the_options(program: str) -> None:
+    done = run(program, "--help")
+    assert done.returncode == 0
+    first = "run" if program == "controller" else "serve"
+    assert "--io-map" in run(program, first, "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("controller", "--io-map", "no.yaml"), "no.yaml"),
+        (("plant_sim", "--io-map", "no.yaml"), "no.yaml"),
+        (("plant_sim", "serve", "--machine", "no.yaml"), "no.yaml"),
+        (("plant_sim", "trial", "--trays", "0"), "--trays 0"),
+        (("plant_sim", "serve", "--host", "192.0.2.1"), "192.0.2.1"),
+        (("plant_sim", "serve", "--watchdog-ms", "0"), "watchdog_ms"),
+        (("plant_sim", "run", "--fast", "--keep"), "--keep"),
+        (("controller", "--set", "tray_target=2"), "trays_target"),
+        (("controller", "--set", "trays_target=two"), "whole number"),
+        (("controller", "--scan-ms", "0"), "--scan-ms"),
+        (("controller", "--input-filter-ms", "99"), "--input-filter-ms"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments: tuple[str, ...], expected: str) -> None:
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert expected in done.stderr
+
+
+def test_a_port_in_use_is_one_line_and_exit_code_2() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = run("plant_sim", "serve", "--port", str(port))
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"127.0.0.1:{port}" in done.stderr
+
+
+def test_a_controller_without_a_plant_says_so_and_keeps_trying(tmp_path: Path) -> None:
+    """Given no plant, the controller waits and tells; when the plant comes, it begins in Stopped."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [sys.executable, "-m", "controller", "--port", str(port), "--retain", str(tmp_path / "retentive.json")]
+    waiting = subprocess.Popen(
+        [*command, "--events", "json"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert waiting.stderr is not None
+        assert waiting.stdout is not None
+        assert f"127.0.0.1:{port}" in waiting.stderr.readline()
+        with Process("plant", ["plant_sim", "serve", "--port", str(port)]):
+            assert json.loads(waiting.stdout.readline())["state"] == State.STOPPED
+            waiting.send_signal(signal.SIGINT)
+            _, said = waiting.communicate(timeout=LIMIT_S)
+            assert "outputs written safe" in said
+        assert waiting.returncode == 0
+    finally:
+        waiting.kill()
+        waiting.communicate()
+
+
+def test_a_damaged_store_is_reported_and_set_aside(tmp_path: Path) -> None:
+    store = tmp_path / "retentive.json"
+    store.write_text('{"format": "transplanter-retentive-1", "values": {"M1024": 1}, "sha256": "0"}')
+    with plant_process() as (_, port), controller_process(port, tmp_path, *PATIENT) as controller:
+        events = [json.loads(controller.lines.get(timeout=LIMIT_S) or "{}") for _ in range(2)]
+    assert {"state", "alarm"} == {event["event"] for event in events}
+    assert "memory" in next(event["text"] for event in events if event["event"] == "alarm")
+    assert (tmp_path / "retentive.json.damaged").exists()
+
+
+class TcpMachine:
+    """The program on a plant in another process, lock step over Modbus TCP."""
+
+    def __init__(self, port: int, trays: int) -> None:
+        io_map = load_io_map(DEFAULT_IO_MAP)
+        machine = build(io_map)
+        self.plc = Plc(machine.program)
+        self.plc.write(machine.tags.sp.trays_target, trays)
+        self.link = ModbusTcpLink("127.0.0.1", port, io_map, timeout_s=LIMIT_S)
+        self.link.open()
+        self.runtime = Runtime(machine, self.plc, self.link, DirectKeeper(MemoryStore()))
+        self.events: list[Event] = []
+        self.runtime.observers.append(ProductionLog(machine, self.events.append))
+        self.state = machine.tags.machine.state
+        self.now_ms = 0
+
+    def scan(self) -> State:
+        self.runtime.tick(self.now_ms)
+        self.now_ms += SCAN_MS
+        return State(self.plc.read(self.state))
+
+
+def test_a_trial_over_modbus_equals_the_trial_in_process() -> None:
+    """Given both in lock step, real sockets and two processes give the same events and the same seedlings."""
+    with ExitStack() as stack:
+        _, port = stack.enter_context(plant_process("--lock-step-ms", str(SCAN_MS), "--seed", "7"))
+        operator = stack.enter_context(Operator("127.0.0.1", port))
+        far = TcpMachine(port, trays=2)
+        stack.callback(far.link.close)
+        near = Twin(seed=7, trays=2, set_points={"trays_target": 2})
+        for until in (State.IDLE, State.COMPLETE):
+            operator.hold("start", pressed=True)
+            near.plant.box.start = True
+            for number in range(20_000):
+                near.scan()
+                state = far.scan()
+                if number == 10:
+                    operator.hold("start", pressed=False)
+                    near.plant.box.start = False
+                if state == until:
+                    break
+            assert near.state == state == until
+        assert far.events == near.events
+        counts = counts_of(operator.telemetry())
+    assert counts == near.plant.counts()
+    assert counts.in_cups + counts.P + counts.D + counts.T == counts.total == 144
+
+
+def test_trial_command_gives_one_json_object_and_repeats_itself() -> None:
+    """Given one seed, two runs differ in nothing but the time they took."""
+    records = []
+    for _ in range(2):
+        done = run("plant_sim", "trial", "--seed", "1", "--json")
+        assert done.returncode == 0, done.stderr
+        records.append(json.loads(done.stdout))
+    wanted = {"seedlings", "in_cups", "P", "D", "T", "S", "cycles", "cycle_time_s", "missed_cups", "alarms",
+              "simulated_s", "wall_s"}  # fmt: skip
+    assert wanted <= records[0].keys()
+    first, second = ({k: v for k, v in record.items() if k != "wall_s"} for record in records)
+    assert first == second
+    assert first["seedlings"] == 144 == first["in_cups"] + first["P"] + first["D"] + first["T"]
+    assert first["S"] == pytest.approx(100 * first["in_cups"] / 144)
+    assert first["cycles"] == 12
+    other = json.loads(run("plant_sim", "trial", "--seed", "2", "--json").stdout)
+    assert {k: other[k] for k in ("P", "D", "T")} != {k: first[k] for k in ("P", "D", "T")}
+
+
+def test_outputs_fall_within_the_watchdog_when_the_controller_is_killed(tmp_path: Path) -> None:
+    """Given an arm in motion, kill -9 of the controller leaves the plant to its own watchdog, in plant time."""
+    watchdog_ms = 500
+    with plant_process("--watchdog-ms", str(watchdog_ms)) as (_, port), Operator("127.0.0.1", port) as operator:
+        with controller_process(port, tmp_path, *PATIENT) as controller:
+            wait_for_state(controller, State.STOPPED)
+            operator.hold("start", pressed=True)
+            wait_for_state(controller, State.RESETTING)
+            operator.hold("start", pressed=False)
+            moving = operator.telemetry()
+            while not moving["y_image"]:
+                moving = operator.telemetry()
+            assert moving["watchdog_state"] == 1
+            controller.kill()
+        after = operator.telemetry()
+        while after["watchdog_state"] != 2 and after["time_ms"] < moving["time_ms"] + 20_000:
+            after = operator.telemetry()
+    assert after["watchdog_state"] == 2
+    assert after["y_image"] == 0
+    assert after["tripped_at_ms"] - after["last_write_ms"] == watchdog_ms + 1
+
+
+def test_the_live_run_is_stopped_by_ctrl_c_in_order() -> None:
+    """Given a live run, Ctrl-C ends controller and plant cleanly, outputs written safe, ports free again."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port)]
+    live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert live.stderr is not None
+        for line in live.stderr:
+            if "Execute" in line:
+                break
+        live.send_signal(signal.SIGINT)
+        _, said = live.communicate(timeout=LIMIT_S)
+    finally:
+        live.kill()
+        live.communicate()
+    assert live.returncode == 130
+    assert "outputs written safe" in said
+    assert "Traceback" not in said
+    with socket.create_server(("127.0.0.1", port)):
+        pass
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(400)
+def test_the_full_trial_over_modbus_in_real_time(tmp_path: Path) -> None:
+    """Given the command of the README, 144 seedlings are transplanted in real time and accounted for."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    done = run("plant_sim", "run", "--port", str(port), timeout_s=380)
+    assert done.returncode == 0, done.stderr
+    assert "seedlings 144" in done.stdout
+    assert "alarms none" in done.stdout
