@@ -61,7 +61,8 @@ class Runtime:
         self._scan_limit_ms = scan_limit_ms
         self._last_scan_ms: int | None = None
         self._reopen_at_ms: int | None = None
-        self._open = True
+        self._open = False
+        self._seen = False
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._kept = plc.kept_image()
@@ -96,12 +97,14 @@ class Runtime:
             self._link.close()
 
     def _read(self, now_ms: int) -> None:
-        if not self._open and not self._reopen(now_ms):
-            return
         try:
-            self._inputs = self._link.read_inputs()
+            if self._open or self._reopen(now_ms):
+                self._inputs = self._link.read_inputs()
+                self._seen = True
         except OSError:
             self._lose(now_ms)
+        if not self._seen:
+            self.link_lost = True  # there is no last image to bridge a gap with
 
     def _write(self, now_ms: int) -> None:
         if not self._open:

@@ -93,9 +93,14 @@ def conditioning(tags: Tags) -> list[Rung]:
     ready = state.equals(State.IDLE) | state.equals(State.SUSPENDED)
     reset = x.optional("reset") or FALSE
     return [
-        Pulse(machine.start_pressed, when=x.start & ~FIRST_SCAN),
-        Pulse(machine.stop_pressed, when=(x.stop | commands.stop) & ~FIRST_SCAN),
-        Pulse(machine.reset_pressed, when=reset & ~FIRST_SCAN),
+        # A button held while the power comes gives its edge in the first scan, where it counts for nothing.
+        Pulse(machine.start_pressed, when=x.start),
+        Pulse(machine.stop_pressed, when=x.stop | commands.stop),
+        Pulse(machine.reset_pressed, when=reset),
+        *(
+            Rst(button, when=FIRST_SCAN)
+            for button in (machine.start_pressed, machine.stop_pressed, machine.reset_pressed)
+        ),
         Out(machine.abort, when=x.emergency_stop | system.link_lost | system.scan_fault),
         OnDelay(machine.stop_held, CLEAR_HOLD_MS, when=x.stop & ~machine.abort & state.equals(State.ABORTED)),
         Out(

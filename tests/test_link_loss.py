@@ -1,0 +1,150 @@
+"""The field falls silent, scans come late: outputs go safe, the fault is latched, nothing restarts by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from controller.core.scan import Plc
+from controller.io.keeper import DirectKeeper
+from controller.io.runtime import Runtime
+from controller.program.modes import State
+from plant_sim.bench.twin import SCAN_MS, Twin
+from plant_sim.links.in_process import InProcessLink, LinkDown
+
+LIMIT_MS = 100
+
+
+class CableLink(InProcessLink):
+    """The in-process link with a cable that can be pulled."""
+
+    pulled = False
+
+    def open(self) -> None:
+        if self.pulled:
+            raise LinkDown("no cable")
+        super().open()
+
+    def read_inputs(self) -> list[bool]:
+        if self.pulled:
+            self.close()
+        return super().read_inputs()
+
+    def write_outputs(self, image: Sequence[bool]) -> None:
+        if self.pulled:
+            self.close()
+        super().write_outputs(image)
+
+
+@pytest.fixture
+def cabled() -> tuple[Twin, CableLink]:
+    """A twin on a link with a cable, one arm inward in Execute with its slide in motion."""
+    twin = Twin(trays=1, set_points={"trays_target": 1})
+    cable = CableLink(twin.module)
+    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectKeeper(twin.store))
+    twin.plc.write(twin.machine.tags.sp.trays_target, 1)
+    twin.home()
+    twin.start()
+    twin.run_until(lambda: twin.in_step("left arm", "approach row"), within_ms=30_000)
+    twin.run_for(500)
+    assert twin.outputs() == {"left.slide_inward"} | (twin.outputs() & {"right.slide_inward"})
+    return twin, cable
+
+
+def test_a_gap_within_the_limit_is_bridged(cabled: tuple[Twin, CableLink]) -> None:
+    """Given a silence of 80 ms, motion goes on and no alarm comes."""
+    twin, cable = cabled
+    cable.pulled = True
+    twin.run_for(LIMIT_MS - 2 * SCAN_MS)
+    cable.pulled = False
+    twin.run_for(200)
+    assert twin.state == State.EXECUTE
+    assert twin.alarms() == []
+    assert not twin.module.tripped
+    assert "left.slide_inward" in twin.outputs()
+
+
+def test_a_longer_silence_is_a_latched_fault(cabled: tuple[Twin, CableLink]) -> None:
+    """Given a pulled cable, the fault comes within 100 ms of the last good exchange plus one scan, not before."""
+    twin, cable = cabled
+    last_good_ms = twin.now_ms - SCAN_MS
+    cable.pulled = True
+    took_ms = twin.run_until(lambda: twin.runtime.link_lost, within_ms=200)
+    assert LIMIT_MS < twin.now_ms - SCAN_MS - last_good_ms <= LIMIT_MS + SCAN_MS
+    assert took_ms <= LIMIT_MS + 2 * SCAN_MS
+    assert twin.outputs() == set()
+    assert twin.alarms() == ["link_lost"], "the safe X image must not be reported as an emergency stop"
+    # the plant does not wait for the controller: its own watchdog has dropped the outputs
+    assert twin.module.tripped
+    assert twin.module.outputs == twin.io_map.safe_outputs()
+    assert twin.module.tripped_at_ms is not None
+    assert twin.module.last_write_ms is not None
+    assert twin.module.tripped_at_ms - twin.module.last_write_ms == LIMIT_MS + 1
+    twin.run_for(2_000)
+    assert twin.state == State.ABORTED
+
+
+def test_nothing_restarts_when_the_link_returns(cabled: tuple[Twin, CableLink]) -> None:
+    """Given the cable back, the machine stays Aborted and still until cleared, homed, started; none is lost."""
+    twin, cable = cabled
+    cable.pulled = True
+    twin.run_for(3_000)
+    cable.pulled = False
+    moved: set[str] = set()
+    twin.watch(lambda t: moved.update(t.outputs()))
+    twin.run_for(2_000)
+    assert not twin.runtime.link_lost
+    assert twin.state == State.ABORTED
+    assert moved == set()
+    twin.command("clear")
+    twin.run_until_state(State.STOPPED, within_ms=50)
+    twin.run_for(1_000)
+    assert moved == set()
+    twin.home()
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=100_000)
+    counts = twin.plant.counts()
+    assert counts.in_cups + counts.P + counts.D + counts.T == 72
+    assert twin.plant.events == []
+
+
+def test_clear_is_refused_while_the_link_is_lost(cabled: tuple[Twin, CableLink]) -> None:
+    """Given no field, a clear command changes nothing."""
+    twin, cable = cabled
+    cable.pulled = True
+    twin.run_for(1_000)
+    twin.command("clear")
+    twin.run_for(100)
+    assert twin.state == State.ABORTED
+
+
+@pytest.mark.parametrize(("late_ms", "expected"), [(200, State.EXECUTE), (201, State.ABORTING)])
+def test_a_scan_over_its_limit_is_a_latched_fault(late_ms: int, expected: State) -> None:
+    """Given a scan that begins more than 200 ms after the last one, outputs go off in that very scan."""
+    twin = Twin()
+    twin.home()
+    twin.start()
+    twin.run_until(lambda: twin.in_step("left arm", "approach row"), within_ms=30_000)
+    twin.clock.advance(late_ms - SCAN_MS)
+    # the field itself stays in order: its watchdog is fed, so that the scan limit alone decides
+    twin.module.write_outputs(0, twin.runtime.released)
+    twin.runtime._watchdog.good(twin.now_ms - SCAN_MS - 60)
+    twin.runtime._watchdog.good(twin.now_ms)
+    twin.runtime.tick(twin.now_ms)
+    assert twin.state == expected
+    if expected == State.ABORTING:
+        assert twin.outputs() == set()
+        assert "scan_fault" in twin.alarms()
+
+
+def test_a_field_that_was_never_seen_is_a_lost_link_from_the_first_scan() -> None:
+    """Given no field at all, power-up ends in Stopped and aborts at once, for the link and not for a button."""
+    twin = Twin()
+    cable = CableLink(twin.module)
+    cable.pulled = True
+    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectKeeper(twin.store))
+    twin.run_for(2 * SCAN_MS)
+    assert twin.state == State.ABORTING
+    assert twin.outputs() == set()
+    assert twin.alarms() == ["link_lost"]
