@@ -30,6 +30,8 @@ RETENTIVE: Final = {
 """Ranges kept by the battery. Within them M1024-M3071 and D512-D7999 are latched whatever the parameters say."""
 
 ANNUNCIATORS: Final = range(900, 1000)
+MS_100_TIMERS: Final = range(200)
+"""Plain timers of 100 ms; T250-T255 have that base too, but keep their value."""
 RUN_MONITOR: Final = 8000
 INITIAL_PULSE: Final = 8002
 CLOCK_1_S: Final = 8013

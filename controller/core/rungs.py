@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from controller.core.devices import ANNUNCIATORS, MS_100, WORD_MAX, is_32_bit_counter
+from controller.core.devices import ANNUNCIATORS, MS_100, MS_100_TIMERS, WORD_MAX, WORD_MIN, is_32_bit_counter
 from controller.core.expr import TRUE, Bit, Counter, Expr, Timer, Word, leaves
 
 
@@ -145,6 +145,8 @@ class Mov:
     def __post_init__(self) -> None:
         if self.target.kind != "D":
             raise RungError(f"MOV to {self.target}: the target is a D")
+        if isinstance(self.source, int) and not WORD_MIN <= self.source <= WORD_MAX:
+            raise RungError(f"MOV {self.source} to {self.target}: a word holds {WORD_MIN}..{WORD_MAX}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +176,11 @@ class Annunciate:
     def __post_init__(self) -> None:
         if self.target.kind != "S" or self.target.number not in ANNUNCIATORS:
             raise RungError(f"ANS {self.target}: an annunciator is S900-S999")
-        if self.timer.base_ms != MS_100 or self.preset % MS_100 or self.preset <= 0:
-            raise RungError(f"ANS {self.target}: {self.timer} {self.preset} ms; T0-T199 and a multiple of 100 ms")
+        counts, rest = divmod(self.preset, MS_100)
+        if self.timer.number not in MS_100_TIMERS or rest or not 0 < counts <= WORD_MAX:
+            raise RungError(
+                f"ANS {self.target}: {self.timer} {self.preset} ms; T0-T199 and a multiple of 100 ms in range"
+            )
 
 
 Rung = Out | Set | Rst | ZoneReset | Pulse | PulseFalling | OnDelay | Count | Mov | Inc | Annunciate

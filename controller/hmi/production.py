@@ -133,7 +133,7 @@ class ProductionLog:
         self._tell = tell
         self._language: Language = language
         self._state = 0
-        self._trays = 0
+        self._trays: int | None = None
         self._alarms: set[int] = set()
         self._questions: set[str] = set()
         self._cycles = [_CycleWatch(machine, side) for side in SIDES]
@@ -157,9 +157,9 @@ class ProductionLog:
             if cycle is not None:
                 self._tell(cycle)
         trays = plc.read(tags.machine.trays_done)
-        if trays != self._trays:
-            self._trays = trays
+        if self._trays is not None and trays > self._trays:
             self._tell(TrayEvent(now_ms, trays))
+        self._trays = trays
 
     def _see_alarms(self, now_ms: int, plc: Plc) -> None:
         alarms = set(plc.annunciators())

@@ -63,7 +63,8 @@ class ModbusTcpLink:
             port: TCP port, usually 502; the simulated plant has 5020.
             io_map: Where every point lies.
             unit: Modbus unit identifier.
-            timeout_s: Longest wait for a connection and for each answer, s.
+            timeout_s: Longest wait for a connection and for each answer, s; an answer that comes in
+                pieces may take twice as long.
         """
         self._where = f"{host}:{port}"
         self._unit = unit

@@ -92,7 +92,10 @@ def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
             waits_for="cups",
             go=[
                 To("parked", when=a.park & machine.stopping),
-                To("lower over cups", when=(a.cup_counter.value >= sp.descend_at_count) & ~machine.holding),
+                To(
+                    "lower over cups",
+                    when=((a.cup_counter.value >= sp.descend_at_count) | a.count_good) & ~machine.holding,
+                ),
             ],
         ),
         Step(
@@ -157,14 +160,18 @@ def _power_up(a: ArmTags) -> list[Rung]:
 
 
 def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
-    """Cups are counted in every state. The release edge is count 0; the twelfth edge after it may release."""
+    """Cups are counted in every state. The release edge is count 0; the twelfth edge after it may release.
+
+    Every edge, counted or not, starts the pulse interval: a trembling flag counts once, however long it trembles.
+    """
     machine, sp = tags.machine, tags.sp
     waiting = steps["wait for cups"] | steps["wait to lower"]
     return [
         Pulse(a.cup_edge, when=a.cup_sensor),
         Out(a.cup, when=a.cup_edge & a.t_pulse.done),
-        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup),
+        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup_edge),
         Rst(a.cup_counter, when=FIRST_SCAN),
+        Rst(a.missed_cups, when=tags.commands.count_reset),
         Inc(a.missed_cups, when=a.cup & a.cup_counter.done & a.row_running),
         Count(a.cup_counter, CUPS, when=a.cup),
         Set(a.cups_confirmed, when=tags.commands.cups_empty),
@@ -241,8 +248,9 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
         Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
         Pulse(a.thrown, when=thrown),
         Inc(a.cycles, when=a.thrown),
+        Rst(a.cycles, when=tags.commands.count_reset),
         Set(a.cycle_done, when=a.thrown & sp.mode.equals(2)),
-        Rst(a.cycle_done, when=machine.entered_starting),
+        Rst(a.cycle_done, when=machine.entered_starting | sp.mode.differs(2)),
         Set(a.retried, when=steps["return to row"]),
         Rst(a.retried, when=steps["wait at feed"] | steps["lift from row"]),
         Out(a.over_row, when=off_row),

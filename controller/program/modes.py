@@ -72,7 +72,7 @@ def state_table(tags: Tags) -> list[StateChange]:
         StateChange((s.SUSPENDED,), s.UNSUSPENDING, ~machine.suspend, "tray and cups are there"),
         StateChange((s.UNSUSPENDING,), s.EXECUTE, TRUE, "goes on"),
         StateChange((s.EXECUTE,), s.COMPLETING, at_rest & empty & (machine.target_reached | one_cycle), "work done"),
-        StateChange((s.COMPLETING,), s.COMPLETE, at_rest, "arms home"),
+        StateChange((s.COMPLETING,), s.COMPLETE, at_rest & tray.at_rest, "arms home"),
         StateChange((*RUNNING, s.COMPLETING), s.HOLDING, machine.fault, "alarm"),
         StateChange((s.HOLDING,), s.HELD, at_rest & tray.at_rest, "other arm at feed"),
         StateChange(STOPPABLE, s.STOPPING, machine.stop_pressed, "stop"),
@@ -136,7 +136,10 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
     rungs += [
         entered(machine.entered_resetting, State.RESETTING),
         entered(machine.entered_starting, State.STARTING),
-        Rst(machine.trays_done, when=machine.entered_resetting & before.equals(State.COMPLETE)),
+        Rst(
+            machine.trays_done,
+            when=machine.entered_resetting & before.equals(State.COMPLETE) & machine.target_reached,
+        ),
         Out(machine.resetting, when=state.equals(State.RESETTING)),
         Out(machine.executing, when=state.equals(State.EXECUTE)),
         Out(machine.stopping, when=state.equals(State.STOPPING)),

@@ -26,6 +26,11 @@ TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
 NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
 """Phases of the tray: unknown or none, at the pick position, leaving it, on its way."""
 
+RELEASE_DELAY_X10_MS: Final = 13
+"""From the releasing cup pulse to the open coil: the pulse comes 15 mm before the cup is under the claw, 333 ms at
+45 plants/(min row); from the coil to the landed plug take 15 ms valve, 40 ms fingers and 128 ms fall from 80 mm, and
+the input filter and half a scan 15 ms: 333 - 183 - 15 = 135 ms, in whole units of the timer (machine.yaml)."""
+
 FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
 
 
@@ -84,7 +89,7 @@ class SetPoints:
         self.descend_at_count = add("descend at count", 0, "cups counted before the arm goes down over them")
         self.converge_at = add("converge at", 0, "0 = converge down, 1 = go up first")
         self.arms_may_meet = add("arms may meet", 0, "1 = both arms may be inward of pick 2")
-        self.release_delay = add("release delay x10 ms", 12, "from the releasing cup pulse to opening the claws")
+        self.release_delay = add("release delay x10 ms", RELEASE_DELAY_X10_MS, "from the releasing cup pulse to opening the claws")
         self.no_cups = add("no cups x100 ms", 40, "waiting without a cup pulse until Suspended: 3 cup times")
         self.pulse_interval = add("cup pulse interval x10 ms", 25, "shortest time between two cups")
         self.settle = add("settle x10 ms", 10, "time the slide must stay on its switch before clamping")

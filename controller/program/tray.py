@@ -6,7 +6,7 @@ from typing import Final
 
 from controller.core.expr import all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
+from controller.core.rungs import Inc, Mov, OnDelay, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, Timeout, To
 from controller.program.alarms import TRAY_OUT_LIMIT_MS, Annunciators
 from controller.program.tags import (
@@ -28,13 +28,12 @@ CREEP_PAUSE_MS: Final = 50
 def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
     """Return the feeder's sequence. Its phase is retentive, so that it goes on rightly after a power loss."""
     t, machine, sp = tags.tray, tags.machine, tags.sp
-    go_out = t.permit & t.edge & (t.phase.equals(IN_PLACE) | t.phase.equals(MOVING_OUT))
     steps = [
         Step(
             "wait for an empty tray",
             waits_for="the tray to be empty, arms at feed",
             go=[
-                To("move tray out", when=go_out),
+                To("move tray out", when=t.permit & t.edge & t.phase.equals(MOVING_OUT)),
                 To("settle", when=t.permit & t.edge & t.phase.equals(COMING)),
                 To("index", when=t.permit & ~t.edge),
             ],
@@ -79,30 +78,33 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     at_feed = all_of(*(arm.at_feed for arm in arms.values()))
     homed = all_of(*(arm.homed for arm in arms.values()))
     unloading = any_of(*(arm.row_in_progress for arm in arms.values()))
-    doubt = (t.phase.equals(NO_TRAY) & t.edge) | (t.phase.equals(IN_PLACE) & ~t.edge)
+    # a tray under the sensor that was not seen to settle may have come too far
+    unsettled = t.edge & (t.phase.equals(NO_TRAY) | t.phase.equals(COMING))
+    doubt = unsettled | (t.phase.equals(IN_PLACE) & ~t.edge)
     full = t.ask & commands.tray_full & t.edge
     none = t.ask & commands.tray_none
     return [
         Mov(NO_TRAY, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
-        Pulse(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
-        Inc(machine.trays_done, when=t.emptied & ~FIRST_SCAN),
+        Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
+        Inc(machine.trays_done, when=t.emptied),
+        Mov(MOVING_OUT, t.phase, when=t.emptied),
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full) for row in rows),
         *(Mov(TAKEN, row, when=none) for row in rows),
         Mov(IN_PLACE, t.phase, when=full),
         Mov(MOVING_OUT, t.phase, when=none),
-        Rst(t.ask, when=full | none | (commands.tray_same & t.edge)),
+        Rst(t.ask, when=full | none | (commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
         Mov(COMING, t.phase, when=~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
         Set(t.ask, when=machine.entered_resetting & doubt),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
-        Out(t.needed, when=(t.phase.differs(IN_PLACE) | all_taken) & ~machine.target_reached),
+        Out(t.needed, when=t.phase.differs(IN_PLACE) & ~machine.target_reached),
         Out(
             t.permit,
             when=all_of(t.needed, at_feed, ~t.ask, ~unloading, machine.running | (machine.resetting & homed)),
         ),
         Out(t.missing, when=feeder["no tray"]),
         Out(t.at_rest, when=t.fault | feeder["no tray"] | ~any_of(*(bit for bit, _ in feeder if bit != feeder.first))),
-        Out(t.ready, when=t.missing | machine.target_reached | (t.phase.equals(IN_PLACE) & ~all_taken)),
+        Out(t.ready, when=t.missing | machine.target_reached | t.phase.equals(IN_PLACE)),
     ]
 
 
@@ -114,7 +116,6 @@ def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
     return Block(
         "tray memory",
         (
-            Mov(MOVING_OUT, t.phase, when=feeder["move tray out"]),
             Mov(IN_PLACE, t.phase, when=arrived),
             *(Mov(FULL, row, when=arrived) for row in rows),
             OnDelay(t.t_on, CREEP_RUN_MS, when=feeder["creep"] & ~t.t_off.done),

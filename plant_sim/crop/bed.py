@@ -1,0 +1,64 @@
+"""What lies under the arms: the trays near the pick position and what still stands in them."""
+
+from collections.abc import Iterable
+
+from plant_sim.crop.seedling import CELLS_ALONG, Place, Seedling, Seedlings
+
+
+class Bed:
+    """Trays within reach of the claws, and how far from the pick position they are.
+
+    Attributes:
+        belt_m: Way the belt has gone, m.
+    """
+
+    __slots__ = ("_pitch_m", "_seedlings", "_trays", "belt_m", "is_placed")
+
+    def __init__(self, seedlings: Seedlings, *, pitch_m: float) -> None:
+        """Start with nothing under the arms.
+
+        Args:
+            seedlings: All of them.
+            pitch_m: From cell to cell, m.
+        """
+        self._seedlings = seedlings
+        self._pitch_m = pitch_m
+        self._trays: list[tuple[int, float]] = []
+        self.belt_m = 0.0
+        self.is_placed = False
+
+    def lay(self, trays: Iterable[tuple[int, float]], *, belt_m: float, is_placed: bool) -> None:
+        """Take note that the trays have moved.
+
+        Args:
+            trays: Number of each tray, and how far past the pick position it is, m.
+            belt_m: Way the belt has gone, m.
+            is_placed: Whether one of them stands right for picking.
+        """
+        within_m = CELLS_ALONG * self._pitch_m
+        self._trays = [tray for tray in trays if abs(tray[1]) < within_m]
+        self.belt_m = belt_m
+        self.is_placed = is_placed
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no tray is within reach of the claws."""
+        return not self._trays
+
+    def standing(self, column: int) -> list[Seedling]:
+        """Seedlings that stand in a column within reach of the claws.
+
+        Args:
+            column: Column of the tray, 0 at the left.
+        """
+        return [
+            seedling
+            for number, offset_m in self._trays
+            for seedling in self._seedlings.column(number, column)
+            if seedling.place is Place.STANDING and self._is_in_reach(seedling.along, offset_m)
+        ]
+
+    def _is_in_reach(self, along: int, offset_m: float) -> bool:
+        """Whether a cell lies within the row of claws; a tray past its place brings it forward."""
+        claw = along - offset_m / self._pitch_m
+        return -0.5 <= claw <= CELLS_ALONG - 0.5

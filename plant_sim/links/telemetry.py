@@ -1,0 +1,168 @@
+"""What the plant knows and the controller cannot: one table of Modbus input registers.
+
+Every number is declared once, in `TELEMETRY`; the server encodes from it, clients decode with
+`read_telemetry`, the documentation prints `telemetry_table`. Two words are sent high word first. A
+value outside what its words can hold is sent as the nearest one they can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from plant_sim.arm import ArmPlant
+from plant_sim.links.io_module import IoModule
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryPoint:
+    """One number in the input registers.
+
+    Attributes:
+        name: Key in `read_telemetry`; its unit is its ending.
+        offset: First register.
+        words: Registers taken, 1 or 2.
+        scale: Value of one count, in the unit of the name.
+        meaning: What the number says.
+        read: Takes the value from the module or the plant behind it.
+        signed: Two's complement.
+        may_be_none: There may be no value; it is sent as all bits set.
+    """
+
+    name: str
+    offset: int
+    words: int
+    scale: float
+    meaning: str
+    read: Callable[[IoModule], float | None]
+    signed: bool = False
+    may_be_none: bool = False
+
+    def encode(self, module: IoModule) -> list[int]:
+        """Read the value and pack it into registers."""
+        value = self.read(module)
+        span = 1 << 16 * self.words
+        if value is None:
+            return self._split(span - 1)
+        lowest = -span // 2 if self.signed else 0
+        highest = lowest + span - (2 if self.may_be_none else 1)
+        return self._split(min(max(round(value / self.scale), lowest), highest) % span)
+
+    def decode(self, registers: Sequence[int]) -> float:
+        """Unpack the value from the table's registers; no value is nan."""
+        span = 1 << 16 * self.words
+        counts = 0
+        for register in registers[self.offset : self.offset + self.words]:
+            counts = counts << 16 | register
+        if self.may_be_none and counts == span - 1:
+            return math.nan
+        if self.signed and counts >= span // 2:
+            counts -= span
+        return round(counts * self.scale, 6)  # 0.1 mm is not a binary number
+
+    def _split(self, counts: int) -> list[int]:
+        return [counts >> 16 * word & 0xFFFF for word in reversed(range(self.words))]
+
+
+def encode_telemetry(module: IoModule) -> list[int]:
+    """All input registers of this instant, from register 0."""
+    return [register for point in TELEMETRY for register in point.encode(module)]
+
+
+def read_telemetry(registers: Sequence[int]) -> dict[str, float]:
+    """Decode what a client has read.
+
+    Args:
+        registers: `TELEMETRY_REGISTERS` input registers from register 0.
+
+    Returns:
+        Values by name, in the unit that ends the name; nan where there is no value.
+
+    Raises:
+        ValueError: not all of the registers.
+    """
+    if len(registers) != TELEMETRY_REGISTERS:
+        raise ValueError(f"telemetry has {TELEMETRY_REGISTERS} registers, not {len(registers)}")
+    return {point.name: point.decode(registers) for point in TELEMETRY}
+
+
+def telemetry_table() -> list[tuple[str, ...]]:
+    """The table for the documentation, heading first."""
+    heading = ("register", "words", "name", "one count is", "meaning")
+    rows = [
+        (
+            str(point.offset),
+            str(point.words),
+            point.name,
+            f"{point.scale:g}{', signed' if point.signed else ''}",
+            f"{point.meaning}{', all bits set: none' if point.may_be_none else ''}",
+        )
+        for point in TELEMETRY
+    ]
+    return [heading, *rows]
+
+
+def _y_bits(module: IoModule) -> int:
+    return sum(level << number for number, level in enumerate(module.outputs[:32]))
+
+
+def _arm_points(side: str, first: int) -> tuple[TelemetryPoint, ...]:
+    """Positions of one arm, from register `first`."""
+
+    def point(index: int, name: str, meaning: str, read: Callable[[ArmPlant], float]) -> TelemetryPoint:
+        return TelemetryPoint(
+            name=f"{side}.{name}",
+            offset=first + index,
+            words=1,
+            scale=0.1,
+            meaning=f"{side} {meaning}",
+            read=lambda module: read(module.plant.arms[side]),
+            signed=True,
+        )
+
+    return (
+        point(0, "slide_mm", "slide, from feed inward", lambda arm: 1_000 * arm.slide.x_m),
+        point(1, "lift_mm", "lift cylinder, extension (arm down)", lambda arm: 1_000 * arm.lift.y_m),
+        point(2, "spreader_mm", "spreader belt, from converged", lambda arm: 1_000 * arm.spreader.travel_m),
+        point(3, "claw_deg", "claw fingers, open is positive", lambda arm: arm.claws.angle_deg),
+    )
+
+
+TELEMETRY = (
+    TelemetryPoint("time_ms", 0, 2, 1, "plant time", lambda m: m.plant.time_ms),
+    TelemetryPoint(
+        "tray_at_pick",
+        2,
+        1,
+        1,
+        "tray that stands right for picking",
+        lambda m: m.plant.conveyor.placed_tray,
+        may_be_none=True,
+    ),
+    TelemetryPoint("in_tray", 3, 1, 1, "seedlings in trays", lambda m: m.plant.counts().in_tray),
+    TelemetryPoint("in_claw", 4, 1, 1, "seedlings in claws", lambda m: m.plant.counts().in_claw),
+    TelemetryPoint("in_cups", 5, 1, 1, "seedlings thrown into cups", lambda m: m.plant.counts().in_cups),
+    TelemetryPoint("P", 6, 1, 1, "seedlings lost while picking", lambda m: m.plant.counts().P),
+    TelemetryPoint("D", 7, 1, 1, "seedlings lost while carrying", lambda m: m.plant.counts().D),
+    TelemetryPoint("T", 8, 1, 1, "seedlings fallen outside the cups", lambda m: m.plant.counts().T),
+    TelemetryPoint("total", 9, 1, 1, "seedlings at the start", lambda m: m.plant.counts().total),
+    TelemetryPoint("left.missed_cups", 10, 1, 1, "left cups that passed empty", lambda m: m.plant.missed_cups["left"]),
+    TelemetryPoint(
+        "right.missed_cups", 11, 1, 1, "right cups that passed empty", lambda m: m.plant.missed_cups["right"]
+    ),
+    *_arm_points("left", 12),
+    *_arm_points("right", 16),
+    TelemetryPoint(
+        "planting_frequency_per_min", 20, 1, 0.1, "cups a minute and row", lambda m: m.plant.planting_frequency_per_min
+    ),
+    TelemetryPoint("watchdog_state", 21, 1, 1, "0 unarmed, 1 armed, 2 tripped", lambda m: m.watchdog_state),
+    TelemetryPoint("last_write_ms", 22, 2, 1, "last write of an output", lambda m: m.last_write_ms, may_be_none=True),
+    TelemetryPoint("tripped_at_ms", 24, 2, 1, "last watchdog trip", lambda m: m.tripped_at_ms, may_be_none=True),
+    TelemetryPoint("y_image", 26, 2, 1, "raw levels, bit n is Y n (octal value), to Y37", _y_bits),
+    TelemetryPoint(
+        "incidents", 28, 2, 1, "incidents so far: what must not happen, and did", lambda m: len(m.plant.events)
+    ),
+)
+
+TELEMETRY_REGISTERS = TELEMETRY[-1].offset + TELEMETRY[-1].words

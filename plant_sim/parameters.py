@@ -1,0 +1,359 @@
+"""All parameters of the simulated machine, and the only reader of ``machine.yaml``."""
+
+import dataclasses
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, get_type_hints
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+
+from plant_sim.crop.handling import HandlingSpec
+from plant_sim.crop.response import CropSpec
+from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS
+from plant_sim.devices.claws import ClawsSpec
+from plant_sim.devices.conveyor import ConveyorSpec
+from plant_sim.devices.cups import CupsSpec
+from plant_sim.devices.lift import LiftSpec
+from plant_sim.devices.slide import SlideSpec
+from plant_sim.devices.spreader import SpreaderSpec
+from plant_sim.devices.supply import SupplySpec
+from plant_sim.devices.valve import ValveSpec
+from plant_sim.spec import SpecError, require, require_within
+
+DEFAULT_MACHINE = Path(__file__).with_name("machine.yaml")
+
+Value = bool | int | float
+
+_UNITS = {
+    "_m3_s_pa": "m3/(s Pa)",
+    "_per_min": "1/min",
+    "_m_s2": "m/s2",
+    "_m_s": "m/s",
+    "_deg": "deg",
+    "_mpa": "MPa",
+    "_pa": "Pa",
+    "_ms": "ms",
+    "_mm": "mm",
+    "_m": "m",
+    "_s": "s",
+    "_d": "d",
+}
+
+
+class MachineError(ValueError):
+    """The parameters cannot be used; the text is one line: where, which key, what is wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutSpec:
+    """How the machine is put together.
+
+    Attributes:
+        row_spacing_m: From planting row to planting row, m.
+        arms_may_meet_in_plant: Whether both arms fit inward of pick 2 at once.
+    """
+
+    row_spacing_m: float
+    arms_may_meet_in_plant: bool
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        require_within(self, 0.350, 0.800, "row_spacing_m")
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationSpec:
+    """How finely the plant looks at itself.
+
+    Attributes:
+        substep_ms: Longest step, ms. The laws of motion are exact at any; switches, landing plugs
+            and incidents are seen at the end of one.
+    """
+
+    substep_ms: int
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        require_within(self, 1, 20, "substep_ms")
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """One machine. Every section is a frozen spec, every field a parameter of ``machine.yaml``.
+
+    Attributes:
+        simulation: How finely it is simulated.
+        layout: How it is put together.
+        valve: Switching of every valve.
+        slide: The slides.
+        lift: The lifts.
+        claws: The claws.
+        spreader: The spreaders.
+        conveyor: Tray conveyor and magazine.
+        cups: The rotating cups.
+        supply: Compressed air.
+        crop: Seedlings and how they are gripped.
+        handling: Distances that decide what happens to a seedling.
+    """
+
+    simulation: SimulationSpec
+    layout: LayoutSpec
+    valve: ValveSpec
+    slide: SlideSpec
+    lift: LiftSpec
+    claws: ClawsSpec
+    spreader: SpreaderSpec
+    conveyor: ConveyorSpec
+    cups: CupsSpec
+    supply: SupplySpec
+    crop: CropSpec
+    handling: HandlingSpec
+
+    def __post_init__(self) -> None:
+        """Refuse parts that do not fit together; the key in the error is dotted."""
+        require(
+            self.columns_m[COLUMNS // 2 - 1] + self.handling.reach_m < self.slide.stroke_m,
+            "slide.stroke_m",
+            "is too short to reach pick 3; lengthen it or reduce layout.row_spacing_m",
+        )
+        switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
+        require(
+            2 * switch_reach_m < self.handling.cell_pitch_m,
+            "slide.switch_band_m",
+            "lets the switches of two pick positions be on at once; make it narrower",
+        )
+        require(
+            self.handling.stem_clearance_rise_m < self.lift.stroke_m,
+            "handling.stem_clearance_rise_m",
+            "must be less than lift.stroke_m, or no arm ever clears the seedlings",
+        )
+        claw_pitch_m = self.handling.cell_pitch_m + self.spreader.travel_m / (CELLS_ALONG - 1)
+        require(
+            abs(claw_pitch_m - self.cups.pitch_m) < 0.001,
+            "spreader.travel_m",
+            f"spreads the claws to {claw_pitch_m:.4g} m; it must be cups.pitch_m to a millimetre",
+        )
+
+    @property
+    def columns_m(self) -> tuple[float, ...]:
+        """Slide positions of the six columns of a tray, nearest first, m; the same on both sides.
+
+        Source: MACHINE.md 1, half the row spacing minus 2.5, 1.5, 0.5 cell pitches.
+        """
+        middle_m = self.layout.row_spacing_m / 2
+        return tuple(middle_m + (index - (COLUMNS - 1) / 2) * self.handling.cell_pitch_m for index in range(COLUMNS))
+
+    @property
+    def picks_m(self) -> tuple[float, ...]:
+        """Slide positions of pick 1, 2 and 3, m."""
+        return self.columns_m[: COLUMNS // 2]
+
+    def with_values(self, values: Mapping[str, Value]) -> "Machine":
+        """Return a machine that differs in some parameters.
+
+        Args:
+            values: New values by dotted name, for example
+                ``{"cups.planting_frequency_per_min": 60}``.
+
+        Raises:
+            MachineError: a name is unknown or a value impossible.
+        """
+        sections: dict[str, dict[str, Value]] = {}
+        for name, value in values.items():
+            section, dot, key = name.partition(".")
+            if not dot:
+                raise MachineError(f"{name}: is no dotted name; write section.parameter")
+            if section not in _section_types():
+                raise MachineError(f"{name}: {_no_such('section', section, _section_types())}")
+            sections.setdefault(section, {})[key] = value
+        try:
+            specs = {
+                section: _build(section, dataclasses.asdict(getattr(self, section)) | changed)
+                for section, changed in sections.items()
+            }
+            return dataclasses.replace(self, **specs)
+        except SpecError as error:
+            raise MachineError(f"{error.key}: {error.complaint}") from None
+
+
+def load_machine(path: Path = DEFAULT_MACHINE) -> Machine:
+    """Read and check the parameters of a machine.
+
+    Args:
+        path: The file; the machine's own by default.
+
+    Raises:
+        MachineError: the file cannot be read or anything in it is wrong.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise MachineError(f"{path}: cannot be read ({reason}); give another file") from None
+    reader = _Reader(path)
+    try:
+        return reader.machine(text)
+    except SpecError as error:
+        line = reader.line_of(error.key)
+        raise MachineError(f"{path}:{line}: {error.key}: {error.complaint}") from None
+
+
+class _Entry(BaseModel):
+    """One parameter as written."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    value: Value
+    unit: str
+    source: Literal["paper", "catalogue", "computed", "assumed"]
+    note: str = ""
+
+
+class _Reader:
+    """Turns the text of one file into a machine, and remembers on which line each key stands."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lines: dict[str, int] = {}
+
+    def line_of(self, key: str) -> int:
+        """Line of a dotted key; of its section where the key itself is missing; else 1."""
+        return self._lines.get(key) or self._lines.get(key.partition(".")[0], 1)
+
+    def machine(self, text: str) -> Machine:
+        """Build the machine.
+
+        Raises:
+            SpecError: with a dotted key.
+            MachineError: the text is no YAML.
+        """
+        sections = {
+            name: {key: self._value(f"{name}.{key}", node) for key, node in self._items(name, node)}
+            for name, node in self._items("", self._compose(text))
+        }
+        for name in sections:
+            if name not in _section_types():
+                raise SpecError(name, _no_such("section", name, _section_types()))
+        for name in _section_types():
+            require(name in sections, name, "is missing; add the section")
+        return Machine(**{name: _build(name, values) for name, values in sections.items()})
+
+    def _compose(self, text: str) -> yaml.Node:
+        try:
+            root = yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.YAMLError as error:
+            mark = getattr(error, "problem_mark", None)
+            line = mark.line + 1 if mark is not None else 1
+            problem = getattr(error, "problem", None) or "not readable"
+            raise MachineError(f"{self._path}:{line}: not YAML ({problem})") from None
+        if root is None:
+            raise MachineError(f"{self._path}:1: the file is empty")
+        return root
+
+    def _items(self, name: str, node: yaml.Node) -> list[tuple[str, yaml.Node]]:
+        """The keys of a mapping, each noted with its line."""
+        if not isinstance(node, yaml.MappingNode):
+            raise SpecError(name or "the file", "must be a mapping: a key and a colon a line")
+        items = []
+        for key_node, value_node in node.value:
+            key = str(key_node.value)
+            dotted = f"{name}.{key}" if name else key
+            twice = dotted in self._lines
+            self._lines[dotted] = key_node.start_mark.line + 1
+            require(not twice, dotted, "is there twice; delete one")
+            items.append((key, value_node))
+        return items
+
+    def _value(self, name: str, node: yaml.Node) -> Value:
+        self._items(name, node)  # no field twice
+        try:
+            entry = _Entry.model_validate(_plain(node))
+        except ValidationError as error:
+            raise SpecError(name, _complaint(error)) from None
+        except (yaml.YAMLError, ValueError):
+            raise SpecError(name, "holds something that is neither number, text nor true or false") from None
+        unit = _unit_of(name)
+        require(entry.unit == unit, name, f"must have unit {unit}, not {entry.unit}")
+        return entry.value
+
+
+def _plain(node: yaml.Node) -> Any:
+    """The Python value of a node."""
+    loader = yaml.SafeLoader("")
+    try:
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
+
+
+@cache
+def _section_types() -> dict[str, Any]:
+    """The spec class of every section."""
+    return get_type_hints(Machine)
+
+
+@cache
+def _checker(section: str) -> type[BaseModel]:
+    """A model that knows the keys and types of a section."""
+    fields: dict[str, Any] = {key: (hint, ...) for key, hint in get_type_hints(_section_types()[section]).items()}
+    return create_model(section, __config__=ConfigDict(extra="forbid", strict=True), **fields)
+
+
+def _build(section: str, values: Mapping[str, Value]) -> Any:
+    """Build the spec of a section; a SpecError names the dotted key."""
+    keys = _checker(section).model_fields
+    try:
+        checked = _checker(section).model_validate(dict(values)).model_dump()
+        return _section_types()[section](**checked)
+    except ValidationError as error:
+        unknown = next((key for key in values if key not in keys), None)
+        if unknown is not None:  # told first: a misspelt key is also a missing one
+            raise SpecError(f"{section}.{unknown}", _no_such("parameter", unknown, keys)) from None
+        key = str(error.errors()[0]["loc"][0])
+        raise SpecError(f"{section}.{key}", _complaint(error)) from None
+    except SpecError as error:
+        raise SpecError(f"{section}.{error.key}", error.complaint) from None
+
+
+def _complaint(error: ValidationError) -> str:
+    """The first complaint of pydantic as the end of a sentence that begins with the key."""
+    first = error.errors()[0]
+    field = str(first["loc"][0]) if first["loc"] else ""
+    match first["type"]:
+        case "missing":
+            return "is missing; add it" if field not in _Entry.model_fields else f"has no {field}"
+        case "extra_forbidden":
+            return f"has no field {field}; there are {', '.join(_Entry.model_fields)}"
+        case "literal_error":
+            return f"must have {field} {first['ctx']['expected']}, not {first['input']!r}"
+        case _ if field == "value" and isinstance(first["input"], str):
+            return f"must be a number, not {first['input']!r}; powers of ten as 1.0e-9"
+        case _ if field == "value":
+            return f"must be a number, or true or false, not {first['input']!r}"
+        case _:
+            return f"must be {_wanted(str(first['type']))}, not {first['input']!r}"
+
+
+def _wanted(error_type: str) -> str:
+    """What a value should have been, by pydantic's name of the mistake."""
+    if error_type.startswith("bool"):
+        return "true or false"
+    return "a whole number" if error_type.startswith("int") else "a number"
+
+
+def _no_such(what: str, name: str, known: Mapping[str, Any]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+    return f"is no {what} of the machine; {hint}"
+
+
+def _unit_of(name: str) -> str:
+    """Unit in which a name ends, by the longest ending."""
+    for ending, unit in _UNITS.items():
+        if name.endswith(ending):
+            return unit
+    return "-"

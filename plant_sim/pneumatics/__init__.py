@@ -1,0 +1,1 @@
+"""Pneumatic laws: equations only, no state and no machine."""

@@ -1,0 +1,259 @@
+"""Response surface, fates, trays and counting, without a machine around them."""
+
+import dataclasses
+import math
+from collections import Counter
+
+import pytest
+
+from plant_sim.crop.bed import Bed
+from plant_sim.crop.grip import Grip
+from plant_sim.crop.handling import HandlingSpec
+from plant_sim.crop.incident import Incident
+from plant_sim.crop.planting_row import PlantingRow
+from plant_sim.crop.pose import Pose, Reach
+from plant_sim.crop.response import CropSpec, Fate, fate_of, success_percent
+from plant_sim.crop.seedling import Place, Seedling, Seedlings
+from plant_sim.parameters import load_machine
+from plant_sim.spec import SpecError
+
+DEFAULT = CropSpec(foam_thickness_mm=10, seedling_age_d=51, claw_pressure_mpa=0.40)
+AXIAL = 1.525
+TRIALS = (  # Table 4 of the pepper paper, MACHINE.md 5: coded factors and success, %
+    *zip(
+        [(x1, x2, x3) for x3 in (-1, 1) for x2 in (-1, 1) for x1 in (-1, 1)],
+        (86.1, 79.2, 94.6, 81.6, 80.7, 82.5, 78.5, 74.3),
+        strict=True,
+    ),
+    ((-AXIAL, 0, 0), 87.3),
+    ((AXIAL, 0, 0), 82.3),
+    ((0, -AXIAL, 0), 87.7),
+    ((0, AXIAL, 0), 82.6),
+    ((0, 0, -AXIAL), 84.2),
+    ((0, 0, AXIAL), 76.8),
+    *(((0, 0, 0), percent) for percent in (94.4, 92.4, 95.6, 92.4, 95.1, 93.9)),
+)
+
+
+def at_coded(x1: float, x2: float, x3: float) -> CropSpec:
+    return CropSpec(12 + 3.6 * x1, 50 + 5 * x2, 0.45 + 0.13 * x3)
+
+
+def percent_of(crop: CropSpec) -> float:
+    return success_percent(crop.foam_thickness_mm, crop.seedling_age_d, crop.claw_pressure_mpa)
+
+
+def test_eq_5_at_the_optimum_of_the_paper() -> None:
+    assert success_percent(10, 51, 0.40) == pytest.approx(94.93, abs=0.01)
+    assert DEFAULT.failure_share == pytest.approx(0.0507, abs=0.0001)
+
+
+def test_eq_5_is_best_where_the_paper_says() -> None:
+    best = success_percent(10.1, 51.0, 0.394)
+    assert best == pytest.approx(94.95, abs=0.01)
+    for foam_mm, age_d, pressure_mpa in ((9.6, 51, 0.394), (10.6, 51, 0.394), (10.1, 50, 0.394), (10.1, 52, 0.394)):
+        assert success_percent(foam_mm, age_d, pressure_mpa) < best
+    assert success_percent(10.1, 51, 0.374) < best
+    assert success_percent(10.1, 51, 0.414) < best
+
+
+@pytest.mark.parametrize(
+    ("coded", "percent"),
+    [
+        ((0, 0, 0), 93.76),
+        ((-1, -1, -1), 85.54),  # 93.76 + 2.37 + 0.58 + 2.91 - 1.50 + 2.20 - 2.67 - 3.47 - 3.32 - 5.32
+        ((1, -1, 1), 83.32),  # 93.76 - 2.37 + 0.58 - 2.91 + 1.50 + 2.20 + 2.67 - 3.47 - 3.32 - 5.32
+        ((1, 1, 1), 73.82),  # 93.76 - 2.37 - 0.58 - 2.91 - 1.50 + 2.20 - 2.67 - 3.47 - 3.32 - 5.32
+    ],
+)
+def test_eq_5_by_hand(coded: tuple[int, int, int], percent: float) -> None:
+    assert percent_of(at_coded(*coded)) == pytest.approx(percent, abs=0.01)
+
+
+def test_eq_5_fits_the_trials_it_was_fitted_to() -> None:
+    errors = [percent_of(at_coded(*coded)) - percent for coded, percent in TRIALS]
+    assert max(map(abs, errors)) == pytest.approx(2.55, abs=0.02)
+    assert math.sqrt(sum(error**2 for error in errors) / len(errors)) == pytest.approx(1.24, abs=0.01)
+
+
+def test_the_trials_are_inside_the_design_region_and_what_is_beyond_them_is_not() -> None:
+    assert not DEFAULT.extrapolates
+    assert not any(at_coded(*coded).extrapolates for coded, _ in TRIALS)
+    assert all(at_coded(*(1.02 * x for x in coded)).extrapolates for coded, _ in TRIALS if any(coded))
+
+
+def test_success_is_kept_between_nothing_and_everything() -> None:
+    hopeless = CropSpec(foam_thickness_mm=30, seedling_age_d=90, claw_pressure_mpa=1.0)
+    assert percent_of(hopeless) < 0
+    assert hopeless.failure_share == 1.0
+    assert hopeless.extrapolates
+
+
+def test_failures_are_split_evenly_between_pick_carry_and_throw() -> None:
+    seedlings = Seedlings(trays=200, failure_share=0.30, seed=7)
+    fates = Counter(seedling.fate for seedling in seedlings)
+    for fate in (Fate.FAILS_PICK, Fate.FAILS_CARRY, Fate.FAILS_THROW):
+        assert fates[fate] == pytest.approx(1_440, abs=4 * 36)  # SD of 14400 draws at 0.1
+    assert sum(fates.values()) == 14_400
+
+
+def test_failures_at_the_default_add_up_to_eq_5_over_many_seeds() -> None:
+    lost = Counter(
+        seedling.fate
+        for seed in range(100)
+        for seedling in Seedlings(trays=2, failure_share=DEFAULT.failure_share, seed=seed)
+    )
+    for fate in (Fate.FAILS_PICK, Fate.FAILS_CARRY, Fate.FAILS_THROW):
+        assert lost[fate] == pytest.approx(243, abs=4 * 15.5)  # 14400 draws at 0.0169
+    assert lost[Fate.THRIVES] == pytest.approx(13_670, abs=4 * 26.3)
+
+
+def test_a_seedling_that_fails_fails_at_every_worse_setting() -> None:
+    for draw in (0.0, 0.01, 0.049, 0.3, 0.99):
+        failed = [fate_of(draw, share) is not Fate.THRIVES for share in (0.0, 0.05, 0.5, 1.0)]
+        assert failed == sorted(failed)
+
+
+def fates_of(seed: int, trays: int) -> list[list[Fate]]:
+    seedlings = Seedlings(trays=trays, failure_share=0.5, seed=seed)
+    return [[plant.fate for column in range(6) for plant in seedlings.column(tray, column)] for tray in range(trays)]
+
+
+def test_fates_depend_on_seed_and_tray_only() -> None:
+    assert fates_of(3, trays=2) == fates_of(3, trays=5)[:2]
+    assert fates_of(3, trays=1) != fates_of(4, trays=1)
+    first, second = fates_of(3, trays=2)
+    assert first != second
+
+
+def test_a_tray_has_twelve_seedlings_in_each_of_six_columns() -> None:
+    seedlings = Seedlings(trays=2, failure_share=0.0, seed=1)
+    cells = {(plant.tray, plant.column, plant.along) for plant in seedlings}
+    assert cells == {(tray, column, along) for tray in (0, 1) for column in range(6) for along in range(12)}
+    assert [plant.along for plant in seedlings.column(1, 4)] == list(range(12))
+
+
+def test_moving_a_seedling_counts_it_once() -> None:
+    seedlings = Seedlings(trays=1, failure_share=0.0, seed=1)
+    seedling = seedlings.column(0, 0)[0]
+    for place in (Place.CLAMPED, Place.IN_CLAW, Place.FALLING, Place.IN_CUP):
+        seedlings.move(seedling, place)
+        counts = seedlings.counts()
+        assert counts.in_tray + counts.in_claw + counts.in_cups == 72 == counts.total
+    assert seedlings.counts().in_cups == 1
+
+
+@pytest.mark.parametrize(
+    ("offset_m", "count"),
+    [(0.0, 12), (0.008, 12), (0.0216, 11), (-0.0216, 11), (0.301, 5), (-0.301, 5), (0.516, 0), (-0.516, 0)],
+)
+def test_the_claws_reach_what_lies_under_them(offset_m: float, count: int) -> None:
+    """A tray that is off by half a cell and a little has one cell less under the claws, and so on."""
+    seedlings = Seedlings(trays=1, failure_share=0.0, seed=1)
+    bed = Bed(seedlings, pitch_m=0.043)
+    bed.lay([(0, offset_m)], belt_m=0.0, is_placed=True)
+    standing = bed.standing(2)
+    assert len(standing) == count
+    assert all(plant.column == 2 for plant in standing)
+    assert bed.is_empty is (count == 0)
+
+
+@pytest.mark.parametrize(
+    ("pose", "is_placed", "place"),
+    [
+        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0049), True, Place.CLAMPED),
+        (Pose(0.1986, 0.004, gripping=True, free=False, travel_m=0.0049), True, Place.LOST_PICK),
+        (Pose(0.1984, 0.0051, gripping=True, free=False, travel_m=0.0049), True, Place.LOST_PICK),
+        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0051), True, Place.LOST_PICK),
+        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0049), False, Place.LOST_PICK),
+        (Pose(0.1984, 0.131, gripping=True, free=False, travel_m=0.0049), True, Place.STANDING),
+    ],
+)
+def test_claws_clamp_only_where_everything_is_right(pose: Pose, is_placed: bool, place: Place) -> None:
+    machine = load_machine()
+    row = Row()
+    bed = Bed(row.seedlings, pitch_m=0.043)
+    bed.lay([(0, 0.0)], belt_m=0.0, is_placed=is_placed)
+    reach = Reach("left", machine.columns_m, tray_edge_m=0.16, mirrored=False, spread_m=0.187, reach_m=0.015)
+    grip = Grip(machine.handling, reach, row.seedlings, bed, row=row.row, report=lambda *_: None)
+    grip.step(dataclasses.replace(pose, gripping=False, free=True))
+    grip.step(pose)
+    assert {plant.place for plant in row.seedlings.column(0, 0)} == {place}
+
+
+class Row:
+    """A row of cups moved by hand; the chain stands so that cup -n is under claw n."""
+
+    def __init__(self) -> None:
+        self.seedlings = Seedlings(trays=2, failure_share=0.0, seed=1)
+        self.told: list[Incident] = []
+        self.row = PlantingRow(
+            "left", self.seedlings, lambda kind, _: self.told.append(kind), pitch_m=0.060, catch_m=0.016
+        )
+        self.waiting = iter(self.seedlings)
+
+    def fall(self, position_m: float, chain_m: float) -> Seedling:
+        seedling = next(self.waiting)
+        self.row.let_fall(seedling, position_m=position_m, for_s=0.005)
+        assert seedling.place is Place.FALLING
+        self.row.step(0.005, chain_m=chain_m)
+        return seedling
+
+
+@pytest.mark.parametrize(
+    ("off_m", "place"), [(0.0159, Place.IN_CUP), (0.0161, Place.LOST_THROW), (0.03, Place.LOST_THROW)]
+)
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("claw", [0, 5, 11])
+def test_a_plug_must_hit_a_cup_within_16_mm(off_m: float, side: int, claw: int, place: Place) -> None:
+    row = Row()
+    assert row.fall(claw * 0.060 + side * off_m, 0.120).place is place
+    assert row.told == []
+
+
+def test_a_plug_falls_for_its_time() -> None:
+    row = Row()
+    seedling = next(row.waiting)
+    row.row.let_fall(seedling, position_m=0.0, for_s=0.1277)
+    places = []
+    for _ in range(27):
+        row.row.step(0.005, chain_m=0.0)
+        places.append(seedling.place)
+    assert places == [Place.FALLING] * 25 + [Place.IN_CUP] * 2
+    assert not row.row.falling
+
+
+def test_a_fall_of_80_mm_takes_128_ms() -> None:
+    handling = load_machine().handling
+    assert handling.fall_s(0.0) == pytest.approx(0.1277, abs=0.0001)
+    assert handling.fall_s(0.010) == pytest.approx(0.1355, abs=0.0001)
+
+
+def test_a_second_plug_into_a_cup_is_lost_and_told() -> None:
+    row = Row()
+    first = row.fall(0.0, 0.0)
+    second = row.fall(0.060, 0.060)  # the same cup, one claw further
+    assert (first.place, second.place) == (Place.IN_CUP, Place.LOST_THROW)
+    assert row.told == [Incident.DOUBLE]
+
+
+def test_missed_cups_are_those_between_the_first_and_the_last_filled_one() -> None:
+    """Cups 0, 3 and 4 are filled: 1 and 2 are missed, what leaves before and after is not."""
+    row = Row()
+    for cup in (0, 3, 4):
+        row.fall(0.0, cup * 0.060)
+    missed = []
+    for cup in range(12):
+        row.row.step(0.005, chain_m=(cup + 11.5) * 0.060 + 1e-6)  # cup has just left the last claw
+        missed.append(row.row.missed_cups)
+    assert missed == [0, 0, 0, 2, 2, 2, 2, 2, 2, 2, 2, 2]
+
+
+def test_distances_that_cannot_be_are_refused() -> None:
+    values = {field: getattr(load_machine().handling, field) for field in HandlingSpec.__dataclass_fields__}
+    for changed, said in (
+        ({"reach_m": 0.022}, "reach_m must lie between grip_tolerance_m and half of cell_pitch_m"),
+        ({"extraction_rise_m": 0.131}, "extraction_rise_m must lie between put_back_rise_m and stem_clearance"),
+    ):
+        with pytest.raises(SpecError, match=said):
+            HandlingSpec(**(values | changed))

@@ -1,0 +1,182 @@
+"""machine.yaml: what it holds, and how a bad one is refused."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from plant_sim.parameters import DEFAULT_MACHINE, MachineError, Value, load_machine
+
+TEXT = DEFAULT_MACHINE.read_text(encoding="utf-8")
+BORE = 'bore_m: {value: 0.025, unit: m, source: paper, note: "CY1S, Table 1"}'
+BORE_LINE = 1 + TEXT[: TEXT.index(BORE)].count("\n")
+
+
+def complaint(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "machine.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(MachineError) as caught:
+        load_machine(path)
+    said = str(caught.value)
+    assert "\n" not in said
+    assert said.startswith(f"{path}:")
+    return said.removeprefix(f"{path}:")
+
+
+def test_the_machine_is_the_one_of_the_papers() -> None:
+    machine = load_machine()
+    assert machine.slide.stroke_m == 0.600
+    assert machine.lift.stroke_m == 0.150
+    assert machine.slide.speed_m_s == pytest.approx(0.1426, abs=0.0001)
+    assert machine.slide.speed_m_s * machine.slide.stop_s < 0.002
+    assert machine.lift.extend_m_s == pytest.approx(0.200, abs=0.0005)
+    assert machine.lift.retract_m_s == pytest.approx(0.200, abs=0.0005)
+    assert machine.cups.planting_frequency_per_min == 45
+    assert machine.layout.row_spacing_m == 0.600
+    assert (machine.crop.foam_thickness_mm, machine.crop.seedling_age_d, machine.crop.claw_pressure_mpa) == (
+        10,
+        51,
+        0.40,
+    )
+
+
+def test_a_machine_cannot_be_changed() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        load_machine().slide.stroke_m = 1.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (BORE.replace("bore_m", "bor_m"), "slide.bor_m: is no parameter of the machine; did you mean bore_m?"),
+        (BORE.replace("0.025", "25 mm"), "slide.bore_m: must be a number, not '25 mm'; powers of ten as 1.0e-9"),
+        (BORE.replace("0.025", "1e-2"), "slide.bore_m: must be a number, not '1e-2'; powers of ten as 1.0e-9"),
+        (BORE.replace("0.025", "true"), "slide.bore_m: must be a number, not True"),
+        (BORE.replace("0.025", "[1]"), "slide.bore_m: must be a number, or true or false, not [1]"),
+        (BORE.replace("0.025", "-0.025"), "slide.bore_m: must lie within 0.006 to 0.2, not -0.025"),
+        (BORE.replace("0.025", ".nan"), "slide.bore_m: must lie within 0.006 to 0.2, not nan"),
+        (BORE.replace("unit: m", "unit: mm"), "slide.bore_m: must have unit m, not mm"),
+        (BORE.replace("unit: m,", ""), "slide.bore_m: has no unit"),
+        (
+            BORE.replace("paper", "guess"),
+            "slide.bore_m: must have source 'paper', 'catalogue', 'computed' or 'assumed', not 'guess'",
+        ),
+        (
+            BORE.replace("note", "remark"),
+            "slide.bore_m: has no field remark; there are value, unit, source, note",
+        ),
+        (BORE.replace("unit", "value: 0.03, unit"), "slide.bore_m.value: is there twice; delete one"),
+        (
+            BORE.replace("0.025", "!metres 1"),
+            "slide.bore_m: holds something that is neither number, text nor true or false",
+        ),
+        ("bore_m: 0.025", "slide.bore_m: must be a mapping: a key and a colon a line"),
+    ],
+)
+def test_a_bad_line_is_refused_with_its_number_and_its_key(tmp_path: Path, line: str, said: str) -> None:
+    assert complaint(tmp_path, TEXT.replace(BORE, line)) == f"{BORE_LINE}: {said}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (f"  {BORE}\n", "", "slide.bore_m: is missing; add it"),
+        ("\nslide:", "\nslid:", "slid: is no section of the machine; did you mean slide?"),
+        ("value: 5, unit: ms", "value: 5.0, unit: ms", "simulation.substep_ms: must be a whole number, not 5.0"),
+        ("value: false", "value: 0", "layout.arms_may_meet_in_plant: must be true or false, not 0"),
+        (
+            "0.187",
+            "0.170",
+            "spreader.travel_m: spreads the claws to 0.05845 m; it must be cups.pitch_m to a millimetre",
+        ),
+        (
+            "value: 0.600, unit: m, source: paper",
+            "value: 0.200, unit: m, source: paper",
+            "slide.stroke_m: is too short",
+        ),
+        (
+            "value: 0.130",
+            "value: 0.150",
+            "handling.stem_clearance_rise_m: must be less than lift.stroke_m, or no arm ever clears the seedlings",
+        ),
+        ("layout:", "layout: [", "not YAML"),
+    ],
+)
+def test_a_bad_file_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in TEXT
+    assert said in complaint(tmp_path, TEXT.replace(old, new, 1))
+
+
+@pytest.mark.parametrize("text", ["", "3", "[]", "slide: 3", "{", "\x07"])
+def test_what_is_no_parameter_file_at_all_is_refused(tmp_path: Path, text: str) -> None:
+    assert complaint(tmp_path, text).startswith("1: ")
+
+
+def test_a_section_that_is_missing_is_named(tmp_path: Path) -> None:
+    start, end = TEXT.index("valve:"), TEXT.index("slide:")
+    assert complaint(tmp_path, TEXT[:start] + TEXT[end:]) == "1: valve: is missing; add the section"
+
+
+def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    for path, reason in ((tmp_path / "none.yaml", "No such file"), (tmp_path, "directory")):
+        with pytest.raises(MachineError, match=reason):
+            load_machine(path)
+    latin = tmp_path / "latin.yaml"
+    latin.write_bytes(b"\xff")
+    with pytest.raises(MachineError, match="not UTF-8"):
+        load_machine(latin)
+
+
+def test_values_can_be_changed_by_name() -> None:
+    machine = load_machine()
+    changed = machine.with_values({"cups.planting_frequency_per_min": 60, "slide.dead_time_s": 0.05})
+    assert changed.cups.planting_frequency_per_min == 60.0
+    assert changed.slide == dataclasses.replace(machine.slide, dead_time_s=0.05)
+    assert machine.cups.planting_frequency_per_min == 45.0
+    assert machine.with_values({}) == machine
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("cups.frequency", 60, "cups.frequency: is no parameter of the machine"),
+        ("cup.pitch_m", 60, "cup.pitch_m: is no section of the machine; did you mean cups?"),
+        ("cups", 60, "cups: is no dotted name; write section.parameter"),
+        ("cups.pitch_m", True, "cups.pitch_m: must be a number, not True"),
+        ("cups.pitch_m", -1, "cups.pitch_m: must lie within 0.02 to 0.5, not -1"),
+        ("cups.pitch_m", 0.055, "spreader.travel_m: spreads the claws to 0.06 m"),
+        ("simulation.substep_ms", 2.5, "simulation.substep_ms: must be a whole number"),
+    ],
+)
+def test_a_bad_change_is_refused(name: str, value: Value, said: str) -> None:
+    with pytest.raises(MachineError) as caught:
+        load_machine().with_values({name: value})
+    assert str(caught.value).startswith(said)
+
+
+NUMBERS = [
+    f"{section.name}.{field.name}"
+    for section in dataclasses.fields(load_machine())
+    for field in dataclasses.fields(getattr(load_machine(), section.name))
+    if field.type is not bool
+]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", [-1_000_000, 1_000_000_000])
+def test_no_parameter_takes_just_any_number(name: str, value: int) -> None:
+    with pytest.raises(MachineError):
+        load_machine().with_values({name: value})
+
+
+def test_switches_that_could_contradict_each_other_are_refused() -> None:
+    with pytest.raises(MachineError, match=r"slide.switch_band_m: lets the switches of two pick positions be on"):
+        load_machine().with_values(
+            {"slide.switch_band_m": 0.015, "slide.switch_hysteresis_m": 0.003, "handling.cell_pitch_m": 0.035}
+        )
+    for section in ("lift", "spreader"):
+        stroke = "stroke_m" if section == "lift" else "travel_m"
+        with pytest.raises(MachineError, match=rf"{section}.switch_band_m: lets both end switches be on at once"):
+            load_machine().with_values(
+                {f"{section}.switch_band_m": 0.016, f"{section}.switch_hysteresis_m": 0.0, f"{section}.{stroke}": 0.03}
+            )
