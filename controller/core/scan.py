@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Rows
 from functools import partial
 from typing import cast
@@ -52,11 +52,11 @@ class StepMachine:
             for row in rows
         }
 
-    def _fire(self, source: str, fire: Transfers) -> None:
+    def _fire(self, source: str, fire: Callable[[], None]) -> None:
         # S bits can also be set by rungs (initial step, restart), which the machine has not seen.
         if self.state != source:
             self._machine.set_state(source)
-        fire()  # type: ignore[operator]
+        fire()
 
     def _transfer(self, transfer: Transfer) -> None:
         source, target = transfer.source.number, transfer.target.number

@@ -227,7 +227,9 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
     put_back = home["put back"] & a.t_put_back.done
     opened = thrown | put_back | (home["open at feed"] & a.t_home_open.done)
     released = steps["release delay"] & a.release_edge
-    off_row = ~a.at_wanted_row & (steps["close claws"] | (steps["settle at row"] & a.retried))
+    discarded = home["open at feed"] & a.loaded
+    settling_again = steps["settle at row"] & a.retried & ~steps["return to row"]
+    off_row = ~a.at_wanted_row & (steps["close claws"] | settling_again)
     rungs: list[Rung] = [
         *(
             Mov(IN_PROGRESS, a.rows[row], when=steps["close claws"] & a.row_is[row] & a.rows[row].equals(FULL))
@@ -242,8 +244,8 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
         Rst(a.claws_closed, when=opened),
         Rst(a.clamped, when=opened),
         Rst(a.discard, when=opened),
-        Rst(a.cup_counter, when=released),
-        Rst(a.cups_confirmed, when=released),
+        Rst(a.cup_counter, when=released | discarded),
+        Rst(a.cups_confirmed, when=released | discarded),
         Set(a.row_running, when=released),
         Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
         Pulse(a.thrown, when=thrown),

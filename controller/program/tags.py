@@ -89,7 +89,7 @@ class SetPoints:
         self.descend_at_count = add("descend at count", 0, "cups counted before the arm goes down over them")
         self.converge_at = add("converge at", 0, "0 = converge down, 1 = go up first")
         self.arms_may_meet = add("arms may meet", 0, "1 = both arms may be inward of pick 2")
-        self.release_delay = add("release delay x10 ms", RELEASE_DELAY_X10_MS, "from the releasing cup pulse to opening")
+        self.release_delay = add("release delay x10 ms", RELEASE_DELAY_X10_MS, "from the releasing cup to opening")
         self.no_cups = add("no cups x100 ms", 40, "waiting without a cup pulse until Suspended: 3 cup times")
         self.pulse_interval = add("cup pulse interval x10 ms", 25, "shortest time between two cups")
         self.settle = add("settle x10 ms", 10, "time the slide must stay on its switch before clamping")
