@@ -65,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
                      help="first value of a set-point, e.g. trays_target=2; may be repeated")  # fmt: skip
     run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the texts")
     run.add_argument("--events", choices=("text", "json"), default="text", help="form of the events on standard output")
+    run.add_argument("--no-console", action="store_true", help="take no commands (one a line) from standard input")
     docs = commands.add_parser("docs", help="write the reference tables made from the program")
     docs.set_defaults(command=_docs)
     docs.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
@@ -106,6 +107,8 @@ def _run(options: argparse.Namespace) -> int:
     keeper = ThreadKeeper(store)
     runtime = Runtime(machine, plc, link, keeper, link_limit_ms=options.link_limit_ms)
     runtime.observers.append(ProductionLog(machine, _teller(options.events), options.language))
+    if not options.no_console:
+        threading.Thread(target=_console, args=(runtime,), name="console", daemon=True).start()
     try:
         figures = run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop)
     finally:
@@ -164,6 +167,17 @@ def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: thre
             print(f"field I/O at {options.host}:{options.port} answers", file=sys.stderr, flush=True)
             return True
     return False
+
+
+def _console(runtime: Runtime) -> None:
+    """Take commands from standard input, a name of the command table a line, until it ends."""
+    for line in sys.stdin:
+        name = line.strip()
+        try:
+            if name:
+                runtime.order(name)
+        except KeyError as error:
+            print(error.args[0], file=sys.stderr, flush=True)
 
 
 def _teller(form: str) -> Callable[[Event], None]:

@@ -62,6 +62,8 @@ def _parser() -> argparse.ArgumentParser:
     serve_.add_argument("--watchdog-ms", type=int, default=100, help="outputs go safe after this time without a write")
     serve_.add_argument("--lock-step-ms", type=int, default=None,
                         help="plant time per write of the outputs, instead of real time")  # fmt: skip
+    serve_.add_argument("--allow-remote", action="store_true",
+                        help="permit a --host that other computers reach; Modbus has no password")  # fmt: skip
     serve_.add_argument(
         "--planting-frequency", type=float, default=None, help="cups a minute and row; 0 = tractor stands"
     )
@@ -117,7 +119,8 @@ def _serve(options: argparse.Namespace) -> int:
         plant.planting_frequency_per_min = options.planting_frequency
     try:
         module = IoModule(plant, io_map, watchdog_ms=options.watchdog_ms)
-        server = PlantServer(module, host=options.host, port=options.port, lock_step_ms=options.lock_step_ms)
+        server = PlantServer(module, host=options.host, port=options.port, lock_step_ms=options.lock_step_ms,
+                             allow_remote=options.allow_remote)  # fmt: skip
     except ValueError as error:
         raise UsageError(str(error)) from error
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
 from controller.core.scan import Plc
 from controller.io.keeper import DirectKeeper
 from controller.io.runtime import Runtime
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.modes import State
 from plant_sim.bench.twin import SCAN_MS, Twin
 from plant_sim.links.in_process import InProcessLink, LinkDown
@@ -148,3 +150,24 @@ def test_a_field_that_was_never_seen_is_a_lost_link_from_the_first_scan() -> Non
     assert twin.state == State.ABORTING
     assert twin.outputs() == set()
     assert twin.alarms() == ["link_lost"]
+
+
+def test_the_field_comes_back_with_horn_and_red_lamp_wired(tmp_path: Path) -> None:
+    """Given outputs that are on in Aborted, the tripped module still gets the safe image it asks for."""
+    text = DEFAULT_IO_MAP.read_text(encoding="utf-8")
+    wired = tmp_path / "io_map.yaml"
+    wired.write_text(text.replace("wired: false", "wired: true"), encoding="utf-8")
+    twin = Twin(trays=1, io_map=load_io_map(wired))
+    cable = CableLink(twin.module)
+    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectKeeper(twin.store))
+    twin.home()
+    twin.start()
+    twin.run_until(lambda: bool(twin.outputs() & {"left.lift_extend", "left.spread"}), within_ms=30_000)
+    cable.pulled = True
+    twin.run_until(lambda: twin.module.tripped, within_ms=200)
+    twin.run_for(1_000)
+    cable.pulled = False
+    twin.run_until(lambda: not twin.runtime.link_lost and not twin.module.tripped, within_ms=1_000)
+    twin.run_for(100)
+    assert twin.state == State.ABORTED
+    assert {"lamp_red", "horn"} <= twin.outputs()

@@ -79,6 +79,7 @@ def test_help_names_the_options(program: str) -> None:
         (("plant_sim", "serve", "--machine", "no.yaml"), "no.yaml"),
         (("plant_sim", "trial", "--trays", "0"), "--trays 0"),
         (("plant_sim", "serve", "--host", "192.0.2.1"), "192.0.2.1"),
+        (("plant_sim", "serve", "--host", "192.0.2.1", "--allow-remote"), "cannot listen on 192.0.2.1"),
         (("plant_sim", "serve", "--watchdog-ms", "0"), "watchdog_ms"),
         (("plant_sim", "run", "--fast", "--keep"), "--keep"),
         (("controller", "--set", "tray_target=2"), "trays_target"),
@@ -127,6 +128,38 @@ def test_a_controller_without_a_plant_says_so_and_keeps_trying(tmp_path: Path) -
         waiting.communicate()
 
 
+def test_commands_are_taken_from_standard_input(tmp_path: Path) -> None:
+    """Given a running controller, a name of the command table on its standard input is an order; others are refused."""
+    with plant_process() as (_, port):
+        command = [
+            sys.executable,
+            "-m",
+            "controller",
+            "--port",
+            str(port),
+            "--retain",
+            str(tmp_path / "retentive.json"),
+        ]
+        running = subprocess.Popen(
+            [*command, "--events", "json", *PATIENT],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            assert running.stdin is not None
+            assert running.stdout is not None
+            assert json.loads(running.stdout.readline())["state"] == State.STOPPED
+            running.stdin.write("dance\nreset\n")
+            running.stdin.flush()
+            assert json.loads(running.stdout.readline())["state"] == State.RESETTING
+            running.send_signal(signal.SIGINT)
+            _, said = running.communicate(timeout=LIMIT_S)
+        finally:
+            running.kill()
+            running.communicate()
+    assert "no command 'dance'" in said
+    assert "Traceback" not in said
+
+
 def test_a_damaged_store_is_reported_and_set_aside(tmp_path: Path) -> None:
     store = tmp_path / "retentive.json"
     store.write_text('{"format": "transplanter-retentive-1", "values": {"M1024": 1}, "sha256": "0"}')
@@ -167,6 +200,8 @@ def test_a_trial_over_modbus_equals_the_trial_in_process() -> None:
         far = TcpMachine(port, trays=2)
         stack.callback(far.link.close)
         near = Twin(seed=7, trays=2, set_points={"trays_target": 2})
+        near.scan()
+        far.scan()
         for until in (State.IDLE, State.COMPLETE):
             operator.hold("start", pressed=True)
             near.plant.box.start = True

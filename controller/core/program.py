@@ -72,13 +72,17 @@ class Program:
         return (sequence for block in self.blocks for sequence in block.sequences())
 
     def retentive(self) -> list[Bit | Word]:
-        """Return the devices of the program that keep their value without power, by kind and number."""
-        used: dict[tuple[str, int], Bit | Word] = {}
+        """Return the devices of the program that keep their value without power, by kind and number.
+
+        A timer or counter keeps both its contact and its current value, and is returned as both.
+        """
+        used: dict[tuple[str, int, bool], Bit | Word] = {}
         for device in self.devices():
             if is_retentive(device.kind, device.number) and device.kind != "S":
-                known = used.setdefault((device.kind, device.number), device)
-                if not known.name and device.name:
-                    used[device.kind, device.number] = device
+                for kept in _contact_and_value(device):
+                    key = (kept.kind, kept.number, isinstance(kept, Word))
+                    if not used.setdefault(key, kept).name and kept.name:
+                        used[key] = kept
         return [used[key] for key in sorted(used)]
 
     def devices(self) -> Iterator[Bit | Word]:
@@ -89,8 +93,9 @@ class Program:
             yield from read_devices(rung)
             yield from written_devices(rung)
         for sequence in self.sequences():
-            for transfers in sequence.transfers.values():
-                for transfer in transfers:
+            for bit, step in sequence:
+                yield bit
+                for transfer in sequence.transfers[step.title]:
                     yield from leaves(transfer.when)
 
     def _check_coils(self) -> None:
@@ -111,6 +116,13 @@ class Program:
                 if rung.timer.number in used:
                     raise ProgramError(f"{rung.timer} {rung.timer.name}: used twice")
                 used.add(rung.timer.number)
+
+
+def _contact_and_value(device: Bit | Word) -> tuple[Bit | Word, ...]:
+    if device.kind not in "TC":
+        return (device,)
+    named = (device.kind, device.number, device.name, device.comment)
+    return (Bit(*named), Word(*named))
 
 
 def requests(sequences: Rows[Sequence]) -> dict[Bit, list[Bit]]:

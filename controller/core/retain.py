@@ -66,14 +66,13 @@ class FileStore:
         except OSError as error:
             raise self._damaged(error.strerror or str(error)) from error
         try:
-            document = json.loads(text)
-            values, checksum = document["values"], document["sha256"]
-            whole = document["format"] == FORMAT and checksum == _checksum(values)
+            values = dict(json.loads(text)["values"])
+            whole = text == _document(values)
         except (ValueError, KeyError, TypeError) as error:
             raise self._damaged("not a retentive store, or cut short") from error
         if not whole or not all(type(v) is int for v in values.values()):
             raise self._damaged("checksum or format does not match")
-        return dict(values)
+        return values
 
     def save(self, values: Mapping[str, int]) -> None:
         """Write the values so that they survive the loss of power.
@@ -83,9 +82,8 @@ class FileStore:
         """
         self.path.parent.mkdir(parents=True, exist_ok=True)
         beside = self.path.with_name(self.path.name + ".new")
-        document = {"format": FORMAT, "values": dict(values), "sha256": _checksum(values)}
-        with beside.open("w", encoding="utf-8") as file:
-            json.dump(document, file)
+        with beside.open("wb") as file:
+            file.write(_document(values))
             file.flush()
             os.fsync(file.fileno())
         beside.replace(self.path)
@@ -107,5 +105,8 @@ class FileStore:
         )
 
 
-def _checksum(values: Mapping[str, int]) -> str:
-    return hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()
+def _document(values: Mapping[str, int]) -> bytes:
+    """Return the one text of these values; `load` trusts no other."""
+    kept = dict(values)
+    checksum = hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()
+    return json.dumps({"format": FORMAT, "values": kept, "sha256": checksum}).encode()

@@ -155,8 +155,11 @@ class Plc:
         return tuple(words[span] for words, span in self._kept_spans)
 
     def retained(self) -> dict[str, int]:
-        """Return the program's battery-kept devices by FX name: what survives the loss of power."""
-        return {str(device): self.read(device) for device in self._retentive}
+        """Return the program's battery-kept devices by FX name: what survives the loss of power.
+
+        T246 and C100 are contacts; the current values are TN246 and CN100, as in the FX's own protocols.
+        """
+        return {_kept_name(device): self.read(device) for device in self._retentive}
 
     def restore(self, values: Mapping[str, int]) -> None:
         """Put back what `retained` gave, before the first scan.
@@ -164,22 +167,24 @@ class Plc:
         Raises:
             ValueError: The names are not exactly those of this program's retentive devices.
         """
-        expected = {str(device): device for device in self._retentive}
+        expected = {_kept_name(device): device for device in self._retentive}
         if expected.keys() != values.keys():
             strange = ", ".join(sorted(expected.keys() ^ values.keys()))
             raise ValueError(f"retentive devices of another program: {strange}")
         for name, device in expected.items():
             self.write(device, values[name])
-            if device.kind == "C":
-                self.memory.C[device.number] = bool(values[name])
 
     def _spans(self) -> list[tuple[list[int], slice]]:
         spans: list[tuple[list[int], slice]] = []
-        lists: dict[str, Rows[int]] = {"M": self.memory.M, "D": self.memory.D, "C": self.memory.CV, "T": self.memory.TV}
-        for kind, words in lists.items():
+        memory = self.memory
+        lists: dict[str, tuple[Rows[int], ...]] = {
+            "M": (memory.M,), "D": (memory.D,), "C": (memory.C, memory.CV), "T": (memory.T, memory.TV)
+        }  # fmt: skip
+        for kind, kept in lists.items():
             numbers = [device.number for device in self._retentive if device.kind == kind]
             if numbers:
-                spans.append((cast(list[int], words), slice(min(numbers), max(numbers) + 1)))
+                span = slice(min(numbers), max(numbers) + 1)
+                spans += [(cast(list[int], words), span) for words in kept]
         return spans
 
     def _watch_annunciators(self) -> None:
@@ -188,3 +193,7 @@ class Plc:
         if active or memory.M[ANNUNCIATOR_ON]:
             memory.M[ANNUNCIATOR_ON] = active
             memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if active else 0
+
+
+def _kept_name(device: Bit | Word) -> str:
+    return f"{device.kind}N{device.number}" if isinstance(device, Word) and device.kind in "TC" else str(device)

@@ -4,10 +4,10 @@ Semantics are those of the FX step ladder (FX.md 1.7), settled as follows:
 
 - Steps run in declaration order while their S bit is on.
 - A transfer turns the destination on at once and the source off at END: both are on in the transfer scan,
-  and a destination declared later already acts in it.
+  and a destination declared later already acts in it. A step left and entered again in one scan stays on.
 - Of several transitions out of a step the first true one is taken.
 - A step's request (``hold``) is a coil driven by every step that holds it, written once after all sequences.
-- A step's dwell timer runs while the step is on and falls back in the first scan in which it is off.
+- A step's dwell timer runs while the step is on and falls back when the step's turn finds it off.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 
+from controller.core.devices import is_retentive
 from controller.core.expr import Bit, Expr, Timer, Word
 from controller.core.rungs import Annunciate, OnDelay
 
@@ -37,12 +38,16 @@ class Dwell:
     """A time the step takes.
 
     Attributes:
-        timer: The step's own timer; its contact is used in the step's transitions.
+        timer: The step's own timer, T0-T245; its contact is used in the step's transitions.
         preset: Time in ms, or a word with counts of the timer's base.
     """
 
     timer: Timer
     preset: int | Word
+
+    def __post_init__(self) -> None:
+        if is_retentive("T", self.timer.number):
+            raise SequenceError(f"dwell {self.timer}: a retentive timer would not start anew; use T0-T245")
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ def io_table(machine: Transplanter) -> str:
     io_map = machine.io_map
     points = (*io_map.inputs, *io_map.outputs, *io_map.unwired)
     rows = [
-        (p.address, p.tag, p.meaning, p.polarity.replace("_", " "), "on" if p.safe else "off",
+        (p.address, p.tag, p.meaning, p.polarity.replace("_", " "), "active" if p.safe else "inactive",
          f"{p.table.replace('_', ' ')} {p.offset}", "" if p.wired else "not wired")
         for p in points
     ]  # fmt: skip

@@ -6,8 +6,10 @@ outputs go to their safe state first and are written.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
+from controller.core.expr import Bit
 from controller.core.scan import Plc
 from controller.io.keeper import Keeper
 from controller.io.link import FieldLink, LinkWatchdog
@@ -63,10 +65,10 @@ class Runtime:
         self._reopen_at_ms: int | None = None
         self._open = False
         self._seen = False
+        self._orders: deque[Bit] = deque()
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._kept = plc.kept_image()
-        self._logical: list[bool] = []
 
     def tick(self, now_ms: int) -> None:
         """Do one scan.
@@ -78,14 +80,25 @@ class Runtime:
         system = self.machine.tags.system
         late = self._last_scan_ms is not None and now_ms - self._last_scan_ms > self._scan_limit_ms
         self._last_scan_ms = now_ms
+        while self._orders:
+            self.plc.press(self._orders.popleft())
         self.plc.write(system.link_lost, self.link_lost)
         self.plc.write(system.scan_fault, late or self._keeper.error is not None)
         image = self.plc.scan(now_ms, self._inputs)[: len(self._safe)]
         self._keep()
-        self.released = self._release(image)
+        # A field that was lost takes nothing but the safe state first, lamps and horn included.
+        self.released = list(self._safe) if self.link_lost else self._release(image)
         self._write(now_ms)
         for observe in self.observers:
             observe(now_ms, self.plc)
+
+    def order(self, command: str) -> None:
+        """Give an order of the command table, from any thread; it lives the whole of the next scan.
+
+        Raises:
+            KeyError: There is no such command; nothing happens.
+        """
+        self._orders.append(self.machine.tags.commands[command])
 
     def make_safe(self) -> None:
         """Write every output's safe state, if the field can be reached at all."""
@@ -140,8 +153,9 @@ class Runtime:
             self.link_lost = True
 
     def _keep(self) -> None:
+        """Submit what changed, and again what was refused: a machine at rest may change nothing more."""
         kept = self.plc.kept_image()
-        if kept != self._kept:
+        if kept != self._kept or self._keeper.error is not None:
             self._kept = kept
             self._keeper.submit(self.plc.retained())
 

@@ -54,7 +54,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
     clamping_place = (a.at_wanted_row & a.down) | a.at_feed
     opening_place = any_of(
         all_of(a.at_feed, a.down, a.is_spread, cycle["open claws"]),
-        all_of(home["put back"], a.down),
+        all_of(home["put back"], a.down, ~a.at_feed),
         all_of(home["open at feed"], a.at_feed, a.down, a.is_spread),
     )
     return [

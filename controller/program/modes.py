@@ -91,7 +91,8 @@ def conditioning(tags: Tags) -> list[Rung]:
     state = machine.state
     rest = any_of(*(state.equals(s) for s in (State.STOPPED, State.HELD, State.COMPLETE)))
     ready = state.equals(State.IDLE) | state.equals(State.SUSPENDED)
-    reset = x.optional("reset") or FALSE
+    button = x.optional("reset")
+    reset = FALSE if button is None else button
     return [
         # A button held while the power comes gives its edge in the first scan, where it counts for nothing.
         Pulse(machine.start_pressed, when=x.start),

@@ -31,6 +31,12 @@ RELEASE_DELAY_X10_MS: Final = 13
 45 plants/(min row); from the coil to the landed plug take 15 ms valve, 40 ms fingers and 128 ms fall from 80 mm, and
 the input filter and half a scan 15 ms: 333 - 183 - 15 = 135 ms, in whole units of the timer (machine.yaml)."""
 
+ROW_PITCH_MM: Final = 43.0
+FINGER_OVERHANG_MM: Final = 25.0
+"""Reach of the fingers inward past the stems: half the 50 mm spring strip (paper) gripping at its middle (assumed)."""
+ARMS_MAY_MEET: Final = int(2 * FINGER_OVERHANG_MM < ROW_PITCH_MM)
+"""Rows 3 of both arms are one row pitch apart; both arms fit there only if their fingers do not overlap."""
+
 FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
 
 
@@ -54,7 +60,8 @@ class Inputs:
 
 
 def _condition(point: Point) -> Expr:
-    contact = Bit("X", point.number, point.tag, point.meaning)
+    name = f"{point.tag} (n.c.)" if point.inverted else point.tag
+    contact = Bit("X", point.number, name, point.meaning)
     return ~contact if point.inverted else contact
 
 
@@ -88,7 +95,7 @@ class SetPoints:
         self.mode = add("mode", 1, "1 continuous, 2 one cycle")
         self.descend_at_count = add("descend at count", 0, "cups counted before the arm goes down over them")
         self.converge_at = add("converge at", 0, "0 = converge down, 1 = go up first")
-        self.arms_may_meet = add("arms may meet", 0, "1 = both arms may be inward of pick 2")
+        self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, "1 = both arms may be inward of pick 2")
         self.release_delay = add("release delay x10 ms", RELEASE_DELAY_X10_MS, "from the releasing cup to opening")
         self.no_cups = add("no cups x100 ms", 40, "waiting without a cup pulse until Suspended: 3 cup times")
         self.pulse_interval = add("cup pulse interval x10 ms", 25, "shortest time between two cups")
@@ -125,7 +132,6 @@ class MachineTags:
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
         self.entered_starting = m.bit("entered Starting", "first scan of Starting")
-        self.entered_aborting = m.bit("entered Aborting", "first scan of Aborting")
         self.running = m.bit("running", "Execute, Suspended and between them")
         self.executing = m.bit("executing", "state is Execute")
         self.suspend = m.bit("suspend", "no tray or no cups")
@@ -237,7 +243,6 @@ class TrayTags:
         self.want_creep = m.bit("want creep", "request: conveyor in short pulses")
         self.needed = m.bit("needed", "the tray is empty or missing, and more are wanted")
         self.permit = m.bit("permit", "the feeder may move")
-        self.arrived = m.bit("arrived", "a full tray has come to rest, this scan")
         self.emptied = m.bit("emptied", "the last row has been taken, this scan")
         self.ask = m.bit("ask tray", "question to the operator: which tray stands there?")
         self.ready = m.bit("ready", "the feeder has done what it can")

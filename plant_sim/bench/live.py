@@ -55,7 +55,11 @@ class Process:
         self.name = name
         # A session of its own: Ctrl-C reaches this program alone, which then stops controller and plant in order.
         self._process = subprocess.Popen(  # noqa: S603 - our own programs
-            [sys.executable, "-m", *arguments], stdout=subprocess.PIPE, text=True, start_new_session=True
+            [sys.executable, "-m", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, name=f"{name} output", daemon=True)
@@ -157,7 +161,16 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
         if plant.lines.get(timeout=START_LIMIT_S) is None:
             raise ChildError("plant", plant.stop())
         operator = stack.enter_context(Operator(o.host, o.port))
-        control = ["controller", "run", *common, "--retain", str(Path(memory) / "retentive.json"), "--events", "json"]
+        control = [
+            "controller",
+            "run",
+            *common,
+            "--retain",
+            str(Path(memory) / "retentive.json"),
+            "--events",
+            "json",
+            "--no-console",
+        ]
         control += ["--language", o.language, "--set", f"trays_target={o.trays}"]
         yield LiveTrial(options, view, operator, stack.enter_context(Process("controller", control)))
 

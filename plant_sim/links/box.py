@@ -37,6 +37,6 @@ class BoxCoil:
 BOX_COILS = (
     BoxCoil(100, "start", "machine start (X0)"),
     BoxCoil(101, "stop", "machine stop (X24)"),
-    BoxCoil(102, "emergency_stop", "emergency stop (X25); also takes coil power and air"),
+    BoxCoil(102, "emergency_stop", "emergency stop (X25); also takes the coils' power"),
     BoxCoil(103, "reset", "reset, where the I/O map wires it"),
 )

@@ -174,6 +174,6 @@ def _checked_host(host: str, *, allow_remote: bool) -> str:
     if not address.is_loopback and not allow_remote:
         raise ValueError(
             f"host {host}: Modbus has no password, so the plant listens on 127.0.0.1 only; "
-            "allow remote access explicitly to change that"
+            "--allow-remote permits others"
         )
     return str(address)
