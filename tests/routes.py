@@ -1,0 +1,310 @@
+"""The way to every step of every sequence, and the way back from wherever a story has left the machine.
+
+The steps are those the program declares: a step without a route of its own is looked for in a plain run, and a
+step that is not reached fails the tests that ask for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from twin_rig import MACHINE, arm_of, switched_on, tags_of, until_step
+
+from controller.core.sequence import Step
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from controller.program.modes import State
+from controller.program.tags import IN_PLACE, SIDES, Side
+from plant_sim.bench.twin import SCAN_MS, Twin
+from plant_sim.crop.seedling import COLUMNS, Place
+
+IO_MAP = load_io_map(DEFAULT_IO_MAP)
+BRISK = MACHINE.with_values({"cups.planting_frequency_per_min": 60.0})
+"""A faster tractor: these stories are not about the pace, and the seedlings' fate does not depend on it."""
+NUDGE_M = 0.012
+"""Out of a row's switch and its hysteresis, but not yet at the next row."""
+
+Act = Callable[[Twin, Side], None]
+
+
+class Stop(NamedTuple):
+    """One declared step: kind of sequence, side (None for the feeder), the step."""
+
+    kind: str
+    side: Side | None
+    step: Step
+
+    @property
+    def sequence(self) -> str:
+        """Name of the sequence."""
+        return f"{self.side} {self.kind}" if self.side else self.kind
+
+    @property
+    def title(self) -> str:
+        """Title of the step."""
+        return self.step.title
+
+    def __str__(self) -> str:
+        return f"{self.sequence}: {self.title}"
+
+
+def declared_stops() -> list[Stop]:
+    """Return every step of every sequence of the program."""
+    machine = build(IO_MAP)
+    stops: list[Stop] = []
+    for side in SIDES:
+        stops += [Stop("arm", side, step) for step in machine.cycles[side].steps]
+        stops += [Stop("homing", side, step) for step in machine.homings[side].steps]
+    return stops + [Stop("tray feeder", None, step) for step in machine.feeder.steps]
+
+
+STOPS = declared_stops()
+
+
+@dataclass(frozen=True)
+class Route:
+    """How a step is reached.
+
+    Attributes:
+        set_points: Settings the step needs.
+        trays: Trays, and wanted trays.
+        lead: What brings the machine to the point from which the step comes by itself; without one of its own a
+            plain run, with row 1 thrown.
+        mend: What puts right afterwards what the way there has spoilt.
+        discards: Whether a load is ordered to be discarded on the way.
+    """
+
+    set_points: dict[str, int] = field(default_factory=dict)
+    trays: int = 1
+    lead: Act | None = None
+    mend: Callable[[Twin], None] = lambda twin: None
+    discards: bool = False
+
+    def travel(self, stop: Stop) -> Twin:
+        """Return a machine in the step, in the scan that has turned it on."""
+        twin = switched_on({"trays_target": self.trays} | self.set_points, trays=self.trays, parameters=BRISK)
+        (self.lead or run_row_1)(twin, stop.side or "left")
+        if not twin.in_step(stop.sequence, stop.title):
+            until_step(twin, stop.sequence, stop.title, within_ms=60_000)
+        return twin
+
+
+def route_to(stop: Stop) -> Route:
+    """Return the route to a step."""
+    return ROUTES.get((stop.kind, stop.title), Route(trays=2) if stop.side is None else Route())
+
+
+# the way there
+
+
+def run_row_1(twin: Twin, side: Side) -> None:
+    """Home, start, and run until the arm has thrown the load assumed at first, and row 1."""
+    twin.home()
+    twin.start()
+    cycles = tags_of(twin, side).cycles
+    twin.run_until(lambda: twin.plc.read(cycles) == 2, within_ms=60_000, what="row 1 thrown")
+
+
+def run_to(step: str) -> Act:
+    """Return the act that runs to a step of the arm in row 2."""
+
+    def act(twin: Twin, side: Side) -> None:
+        run_row_1(twin, side)
+        until_step(twin, f"{side} arm", step, within_ms=60_000)
+
+    return act
+
+
+def overrun(twin: Twin, side: Side) -> None:
+    """Nudge the slide out of its row while it settles."""
+    run_to("settle at row")(twin, side)
+    arm = arm_of(twin, side)
+    arm.place(x_m=arm.slide.x_m + NUDGE_M)
+
+
+def stop_over_standing_cups(twin: Twin, side: Side) -> None:
+    """Let the tractor stand, then press X24 while the arm waits over the cups."""
+    run_to("wait for cups")(twin, side)
+    twin.plant.planting_frequency_per_min = 0.0
+    twin.press("stop")
+
+
+def homing_after(step: str, into_ms: int, *, discard: bool = False) -> Act:
+    """Return the act that presses the emergency stop some time into a step of row 2, clears, and begins to home."""
+
+    def act(twin: Twin, side: Side) -> None:
+        run_to(step)(twin, side)
+        twin.run_for(into_ms)
+        press_emergency_stop(twin)
+        clear(twin)
+        if discard:
+            twin.command(f"{side}_discard")
+        begin_homing(twin)
+
+    return act
+
+
+def homing_from_between(twin: Twin, side: Side) -> None:
+    """Stop over the tray, lift the empty arm half way by its valve's hand override, begin to home."""
+    run_to("approach row")(twin, side)
+    twin.run_for(1_000)
+    press_emergency_stop(twin)
+    clear(twin)
+    by_hand(twin, f"{side}.lift_retract", for_ms=300)
+    begin_homing(twin)
+
+
+def homing_in_doubt(twin: Twin, side: Side) -> None:
+    """Lose the power while the claws close, and begin to home."""
+    run_to("close claws")(twin, side)
+    twin.power_cycle()
+    twin.scan()
+    begin_homing(twin)
+
+
+def tractor_goes(twin: Twin) -> None:
+    """Let the tractor go on."""
+    twin.plant.planting_frequency_per_min = 60.0
+
+
+def empty_the_magazine(twin: Twin, side: Side) -> None:
+    """Take the second tray out of the magazine before the first is empty."""
+    twin.plant.conveyor.in_magazine = 0
+    run_row_1(twin, side)
+
+
+def fill_the_magazine(twin: Twin) -> None:
+    """Put one tray into the magazine."""
+    twin.plant.conveyor.in_magazine = 1
+
+
+ROUTES: dict[tuple[str, str], Route] = {
+    ("arm", "return to row"): Route(lead=overrun),
+    ("arm", "wait to lower"): Route({"descend_at_count": 12}),
+    ("arm", "raise empty"): Route({"converge_at": 1}),
+    ("arm", "lower empty"): Route({"converge_at": 1}),
+    ("arm", "park"): Route(lead=stop_over_standing_cups, mend=tractor_goes),
+    ("arm", "parked"): Route(lead=stop_over_standing_cups, mend=tractor_goes),
+    ("homing", "decide"): Route(lead=homing_in_doubt),
+    ("homing", "put back"): Route(lead=homing_after("close claws", 150)),
+    ("homing", "raise loaded"): Route(lead=homing_after("lift from row", 300)),
+    ("homing", "raise empty"): Route(lead=homing_from_between),
+    ("homing", "out"): Route(lead=homing_after("slide to feed", 300)),
+    ("homing", "out low"): Route(lead=homing_after("approach row", 1_000)),
+    ("homing", "raise at feed"): Route(lead=homing_after("lower over cups", 500)),
+    ("homing", "discard, spread"): Route(lead=homing_after("slide to feed", 300, discard=True), discards=True),
+    ("homing", "discard, lower"): Route(lead=homing_after("slide to feed", 300, discard=True), discards=True),
+    ("homing", "open at feed"): Route(lead=homing_after("converge", 300)),
+    ("homing", "raise to converge"): Route(lead=homing_after("converge", 300)),
+    ("homing", "converge"): Route(lead=homing_after("converge", 300)),
+    ("homing", "lower"): Route(lead=homing_after("converge", 300)),
+    ("homing", "homed"): Route(lead=homing_after("converge", 300)),
+    ("tray feeder", "no tray"): Route(trays=2, lead=empty_the_magazine, mend=fill_the_magazine),
+}
+
+
+# the way back
+
+
+def press_emergency_stop(twin: Twin, for_ms: int = 500) -> None:
+    """Press and latch the emergency stop, and wait."""
+    twin.plant.box.emergency_stop = True
+    twin.run_for(for_ms)
+
+
+def clear(twin: Twin) -> None:
+    """Release the emergency stop and hold X24 for more than 3 s."""
+    twin.plant.box.emergency_stop = False
+    twin.run_for(100)
+    twin.press("stop", for_ms=3_200)
+    twin.run_until_state(State.STOPPED, within_ms=3_200)
+    twin.run_for(300)
+
+
+def begin_homing(twin: Twin) -> None:
+    """Press X0 in Stopped, Held or Complete."""
+    twin.scan()  # a button held while the power comes would count for nothing
+    twin.press("start")
+    twin.run_until_state(State.RESETTING, within_ms=50)
+
+
+def by_hand(twin: Twin, *outputs: str, for_ms: int) -> None:
+    """Work valves by their hand overrides, or the drive by hand, while the controller goes on scanning."""
+    image = overrides(*outputs)
+    for _ in range(for_ms // 50):
+        twin.scan()
+        twin.plant.step(50 - SCAN_MS, image)
+        twin.clock.advance(50 - SCAN_MS)
+
+
+def power_off_and_by_hand(twin: Twin, *outputs: str, for_ms: int) -> None:
+    """Switch the controller off, and work each of these by hand for a time, one after another."""
+    twin.module.advance(1_000)
+    twin.clock.advance(1_000)
+    for output in outputs:
+        twin.plant.step(for_ms, overrides(output))
+        twin.clock.advance(for_ms)
+
+
+def overrides(*outputs: str) -> list[bool]:
+    """Return the Y image in which only these are on."""
+    image = IO_MAP.safe_outputs()
+    for tag in outputs:
+        image[IO_MAP[tag].number] = IO_MAP[tag].level(True)
+    return image
+
+
+def questions(twin: Twin) -> set[str]:
+    """Return the open questions to the operator: 'left loaded', 'right loaded', 'tray'."""
+    tags = twin.machine.tags
+    asking = {f"{side} loaded": tags.arms[side].ask for side in SIDES} | {"tray": tags.tray.ask}
+    return {name for name, bit in asking.items() if twin.plc.read(bit)}
+
+
+def answer_truly(twin: Twin) -> set[str]:
+    """Answer every open question by what is so; return the questions.
+
+    A tray that stands wrong is first drawn back behind the beam by hand, and there is none then.
+    """
+    asked = questions(twin)
+    for side in SIDES:
+        if f"{side} loaded" in asked:
+            twin.command(f"{side}_loaded_{'yes' if arm_of(twin, side).grip.held else 'no'}")
+    if "tray" in asked:
+        if twin.plant.conveyor.beam.read() and twin.plant.conveyor.placed_tray is None:
+            by_hand(twin, "tray_run", for_ms=300)
+        twin.command(f"tray_{true_tray(twin)}")
+    twin.run_for(200)
+    return asked
+
+
+def true_tray(twin: Twin) -> str:
+    """Return which tray stands at the pick position, as the answer to the question: full, same or none."""
+    number = twin.plant.conveyor.placed_tray
+    if number is None:
+        return "none"
+    columns = (twin.plant.seedlings.column(number, column) for column in range(COLUMNS))
+    if all(plant.place is Place.STANDING for column in columns for plant in column):
+        return "full"
+    return "same" if twin.plc.read(twin.machine.tags.tray.phase) == IN_PLACE else "none"
+
+
+def home_again(twin: Twin) -> set[str]:
+    """Home with X0 until Idle, answering truly whatever is asked in Held; return all that was asked."""
+    asked: set[str] = set()
+    for _ in range(2):
+        begin_homing(twin)
+        twin.run_until(lambda: twin.state in {State.IDLE, State.HELD}, within_ms=40_000, what="Idle or Held")
+        if twin.state is State.IDLE:
+            break
+        asked |= answer_truly(twin)
+    assert twin.state is State.IDLE, twin.situation()
+    return asked
+
+
+def finish(twin: Twin) -> None:
+    """Start in Idle and run to Complete."""
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=150_000)

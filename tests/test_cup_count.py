@@ -1,0 +1,183 @@
+"""The count of the cups outside the plain cycle: emergency stop, loss of power, discarded loads, a trembling flag."""
+
+from __future__ import annotations
+
+import pytest
+from routes import BRISK, clear, home_again, press_emergency_stop, run_to
+from twin_rig import Recorder, arm_of, scan_ms, switched_on, tags_of, undisturbed, until_step
+
+from controller.program.modes import State
+from controller.program.tags import SIDES, Side
+from plant_sim.bench.twin import SCAN_MS, Twin
+
+EDGE_TO_OPENING_MS = range(120, 150)
+"""Release delay 120 ms; the input filter and the scan add up to 30 ms."""
+
+
+class Cups:
+    """The cups of one row as they are: when each came, and when the claws opened over them.
+
+    Attributes:
+        edges_ms: Time of every rising edge of the pulse.
+    """
+
+    def __init__(self, twin: Twin, side: Side) -> None:
+        self.edges_ms: list[int] = []
+        self._outputs = Recorder.of_outputs(twin)
+        self._side = side
+        self._pulse = arm_of(twin, side).cups.pulse
+        self._was_on = self._pulse.read()
+        twin.watch(self._see)
+
+    def openings_ms(self) -> list[int]:
+        """Return when the claws began to open."""
+        return [c.at_ms for c in self._outputs.of(f"{self._side}.") if c.on and c.name == "claws_open"]
+
+    def between(self, from_ms: int, to_ms: int) -> list[int]:
+        """Return the edges after one time and until another."""
+        return [at_ms for at_ms in self.edges_ms if from_ms < at_ms <= to_ms]
+
+    def _see(self, twin: Twin) -> None:
+        is_on = self._pulse.read()
+        if is_on and not self._was_on:
+            self.edges_ms.append(twin.now_ms)
+        self._was_on = is_on
+
+
+def machine() -> Twin:
+    """Return a machine in Stopped that has one tray to empty."""
+    return switched_on({"trays_target": 1}, parameters=BRISK)
+
+
+def until_opening(twin: Twin, side: Side) -> int:
+    """Run until the claws open over the cups; return when."""
+    return until_step(twin, f"{side} arm", "open claws", within_ms=60_000)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_cups_are_counted_in_emergency_stop_and_the_next_edge_releases(side: Side) -> None:
+    """Given twelve cups gone by during an emergency stop, the arm releases on the first edge after it is down."""
+    twin = machine()
+    run_to("pause at feed")(twin, side)
+    cups = Cups(twin, side)
+    press_emergency_stop(twin, for_ms=13_000)
+    clear(twin)
+    home_again(twin)
+    twin.start()
+    down_ms = until_step(twin, f"{side} arm", "wait for cups")
+    opened_ms = until_opening(twin, side)
+    (edge_ms,) = cups.between(down_ms, opened_ms)
+    assert opened_ms - edge_ms in EDGE_TO_OPENING_MS
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_with_fewer_than_twelve_cups_the_release_waits_for_the_twelfth(side: Side) -> None:
+    """Given a tractor that stands during an emergency stop, the twelve cups are those before and after it."""
+    twin = machine()
+    cups = Cups(twin, side)
+    run_to("approach row")(twin, side)
+    thrown_ms = cups.openings_ms()[-1]
+    twin.plant.planting_frequency_per_min = 0.0
+    press_emergency_stop(twin, for_ms=13_000)
+    clear(twin)
+    home_again(twin)
+    assert 0 < len(cups.between(thrown_ms, twin.now_ms)) < 6
+    twin.plant.planting_frequency_per_min = 60.0
+    twin.start()
+    opened_ms = until_opening(twin, side)
+    assert len(cups.between(thrown_ms, opened_ms)) == 12
+    assert opened_ms - cups.edges_ms[-1] in EDGE_TO_OPENING_MS
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_after_a_loss_of_power_twelve_edges_must_pass(side: Side) -> None:
+    """Given a count of unknown length before the loss, a loaded arm releases on the twelfth edge after it."""
+    twin = machine()
+    run_to("slide to feed")(twin, side)
+    twin.run_for(5_000)
+    twin.power_cycle()
+    cups = Cups(twin, side)
+    home_again(twin)
+    twin.start()
+    opened_ms = until_opening(twin, side)
+    assert len(cups.edges_ms) == 12
+    assert opened_ms - cups.edges_ms[-1] in EDGE_TO_OPENING_MS
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_after_a_loss_of_power_the_operator_can_say_that_the_cups_are_empty(side: Side) -> None:
+    """Given cups that went by without power, after the answer the next edge releases; later ones wait for twelve."""
+    twin = machine()
+    run_to("slide to feed")(twin, side)
+    twin.power_cycle(15_000)
+    cups = Cups(twin, side)
+    home_again(twin)
+    twin.start()
+    until_step(twin, f"{side} arm", "wait for cups")
+    twin.run_for(1_500)
+    assert twin.in_step(f"{side} arm", "wait for cups")
+    confirmed_ms = scan_ms(twin)
+    twin.command("cups_empty")
+    opened_ms = until_opening(twin, side)
+    (edge_ms,) = cups.between(confirmed_ms, opened_ms)
+    assert opened_ms - edge_ms in EDGE_TO_OPENING_MS
+    assert len(cups.edges_ms) < 12
+    twin.run_for(500)
+    again_ms = until_opening(twin, side)
+    assert len(cups.between(opened_ms, again_ms)) == 12
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_discarded_load_fills_the_cups_and_the_count_begins_anew(side: Side) -> None:
+    """Given cups that a discarded load fell into, no second plug falls into them."""
+    twin = machine()
+    run_to("wait for cups")(twin, side)
+    twin.run_until(lambda: bool(twin.plc.read(tags_of(twin, side).count_good)), within_ms=15_000, what="twelve cups")
+    press_emergency_stop(twin)
+    clear(twin)
+    cups = Cups(twin, side)
+    twin.command(f"{side}_discard")
+    home_again(twin)
+    discarded_ms = cups.openings_ms()[0]
+    twin.start()
+    opened_ms = until_opening(twin, side)
+    assert len(cups.between(discarded_ms + 200, opened_ms)) == 12
+    twin.run_until_state(State.COMPLETE, within_ms=60_000)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_flag_that_trembles_at_standstill_counts_once(side: Side) -> None:
+    """Given a chain that stops as a cup's edge comes, and a flag that trembles for 20 s, the cup is counted once."""
+    twin = machine()
+    run_to("wait for cups")(twin, side)
+    arm, counter = arm_of(twin, side).cups, tags_of(twin, side).cup_counter.value
+    twin.run_until(lambda: not arm.pulse.read(), within_ms=1_000)
+    twin.run_until(arm.pulse.read, within_ms=1_000)
+    arm.jammed = True
+    before = twin.plc.read(counter)
+    for tremble in range(400):
+        arm.pulse.stuck = tremble % 2 == 0
+        twin.run_for(5 * SCAN_MS)
+    assert twin.plc.read(counter) == before + 1 < 12
+    arm.pulse.stuck = None
+    arm.jammed = False
+    cups = Cups(twin, side)
+    opened_ms = until_opening(twin, side)
+    assert len(cups.between(0, opened_ms)) == 12 - before - 1
+    twin.run_until_state(State.COMPLETE, within_ms=60_000)
+    assert twin.plant.counts() == undisturbed()
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_cups_twice_as_fast_as_any_planting_are_all_counted(side: Side) -> None:
+    """Given 150 cups/min, the pulse interval swallows none: two-sided to the trembling flag."""
+    twin = machine()
+    twin.home()
+    twin.plant.planting_frequency_per_min = 150.0
+    twin.run_for(3_000)
+    cups = Cups(twin, side)
+    counted: list[int] = []
+    twin.watch(lambda twin: counted.append(twin.plc.read(tags_of(twin, side).cup)))
+    twin.run_for(12_000)
+    assert sum(counted) == len(cups.edges_ms)
+    assert len(cups.edges_ms) in range(29, 32)

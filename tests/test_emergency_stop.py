@@ -1,0 +1,179 @@
+"""Emergency stop in every step of every sequence: dead at once, latched, nothing lost, and the work goes on.
+
+That no coil is on in the very scan that sees the button is watched by a monitor, in every scenario.
+"""
+
+from __future__ import annotations
+
+import pytest
+from routes import (
+    BRISK,
+    STOPS,
+    Route,
+    Stop,
+    clear,
+    finish,
+    home_again,
+    press_emergency_stop,
+    route_to,
+    run_to,
+)
+from twin_rig import arm_of, switched_on, tags_of, undisturbed
+
+from controller.hmi.production import StateEvent
+from controller.program.modes import State
+from controller.program.tags import SIDES, Side
+from plant_sim.bench.twin import SCAN_MS, Twin
+
+SEEN_MS = 2 * SCAN_MS
+"""The input filter passes X25 on when it has been seen for 10 ms: in the second scan."""
+AT_SPEED_M_S = 0.05
+AFTER_CHECK_VALVES_M = 0.002
+"""What a slide still moves once the check valves have closed (paper); the lift is held to the same."""
+ROUNDING_M = 1e-9
+
+Positions = dict[str, float]
+
+
+def positions(twin: Twin) -> Positions:
+    """Return where everything is that moves, m."""
+    found = {"tray": twin.plant.conveyor.belt_m}
+    for side, arm in twin.plant.arms.items():
+        found |= {f"{side} slide": arm.slide.x_m, f"{side} lift": arm.lift.y_m, f"{side} belt": arm.spreader.travel_m}
+    return found
+
+
+def stopping_distances() -> Positions:
+    """Return how far each moves at most after the button: valve delay, then check valves; a motor runs out."""
+    valve, belt, conveyor = BRISK.valve, BRISK.spreader, BRISK.conveyor
+    slide_m = BRISK.slide.speed_m_s * valve.off_delay_s + AFTER_CHECK_VALVES_M
+    lift_m = max(BRISK.lift.extend_m_s, BRISK.lift.retract_m_s) * valve.off_delay_s + AFTER_CHECK_VALVES_M
+    found = {"tray": conveyor.speed_m_s**2 / (2 * conveyor.acceleration_m_s2)}
+    for side in SIDES:
+        found |= {f"{side} slide": slide_m, f"{side} lift": lift_m}
+        found |= {f"{side} belt": belt.speed_m_s**2 / (2 * belt.coast_m_s2)}
+    return found
+
+
+def speed_m_s(twin: Twin, side: Side | None) -> float:
+    """Return the speed of the fastest device of an arm, or of the tray."""
+    if side is None:
+        return abs(twin.plant.conveyor.speed_m_s)
+    arm = arm_of(twin, side)
+    return max(abs(device.speed_m_s) for device in (arm.slide, arm.lift, arm.spreader))
+
+
+def holds(twin: Twin) -> dict[str, list[int]]:
+    """Return the claws that hold a seedling, of the arms that are not opening."""
+    return {
+        side: [seedling.along for seedling in arm_of(twin, side).grip.held]
+        for side in SIDES
+        if f"{side}.claws_open" not in twin.outputs()
+    }
+
+
+def states(twin: Twin, since: int) -> list[State]:
+    """Return the states entered since there were so many events."""
+    return [State(event.state) for event in twin.events[since:] if isinstance(event, StateEvent)]
+
+
+def check_trial(twin: Twin, route: Route, side: Side, *, discarded: bool) -> None:
+    """Every seedling is where it would be without the disturbance, and every row was counted once."""
+    counts, wanted = twin.plant.counts(), undisturbed(trays=route.trays)
+    if discarded:
+        assert (counts.P, counts.D, counts.in_cups + counts.T) == (wanted.P, wanted.D, wanted.in_cups + wanted.T)
+    else:
+        assert counts == wanted
+    assert twin.plc.read(twin.machine.tags.machine.trays_done) == route.trays
+    for each in SIDES:
+        thrown = 1 + 3 * route.trays - (discarded and each == side)  # the load assumed at first, then the rows
+        assert twin.plc.read(tags_of(twin, each).cycles) == thrown
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=str)
+def test_emergency_stop_in_every_step(stop: Stop) -> None:
+    """Given a step under way, when the button is pressed, all is dead and stays so, and the trial can be finished."""
+    route = route_to(stop)
+    twin = route.travel(stop)
+    if stop.step.watch is not None:
+        twin.run_until(lambda: speed_m_s(twin, stop.side) > AT_SPEED_M_S, within_ms=200, what="at speed")
+        assert twin.in_step(stop.sequence, stop.title)
+    before, held, since = positions(twin), holds(twin), len(twin.events)
+
+    twin.plant.box.emergency_stop = True
+    twin.run_for(SEEN_MS)
+    assert states(twin, since) == [State.ABORTING]
+    twin.run_for(200)
+    assert states(twin, since) == [State.ABORTING, State.ABORTED]
+    at_rest, limits = positions(twin), stopping_distances()
+    assert all(abs(at_rest[name] - before[name]) <= limits[name] + ROUNDING_M for name in before), (before, at_rest)
+    assert twin.alarms() == ["emergency_stop"]
+
+    twin.run_for(1_000)
+    twin.plant.box.emergency_stop = False
+    twin.run_for(3_000)
+    assert states(twin, since) == [State.ABORTING, State.ABORTED]
+    assert positions(twin) == at_rest
+    assert {side: holds(twin)[side] for side in held} == held
+
+    clear(twin)
+    assert positions(twin) == at_rest
+    route.mend(twin)
+    home_again(twin)
+    finish(twin)
+    check_trial(twin, route, stop.side or "left", discarded=route.discards)
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("into_ms", [0, 10, 30, 100, 190])
+def test_what_falls_already_falls_into_its_cup(side: Side, into_ms: int) -> None:
+    """Given opening claws, when the button is pressed, they open on and no seedling is lost or counted twice."""
+    route = Route()
+    twin = switched_on({"trays_target": 1}, parameters=BRISK)
+    run_to("open claws")(twin, side)
+    in_cups = twin.plant.counts().in_cups
+    held = len(arm_of(twin, side).grip.held)
+    twin.run_for(into_ms)
+    press_emergency_stop(twin)
+    has_fallen = not arm_of(twin, side).grip.held
+    assert has_fallen == (into_ms > 0)  # the first scan's 10 ms are too short for the valve, two scans are not
+    assert twin.plant.counts().in_cups - in_cups in (range(held - 2, held + 1) if has_fallen else [0])
+    clear(twin)
+    home_again(twin)
+    finish(twin)
+    check_trial(twin, route, side, discarded=False)
+
+
+@pytest.mark.parametrize("state", [State.STOPPED, State.IDLE, State.COMPLETE])
+def test_emergency_stop_at_rest_is_latched_too(state: State) -> None:
+    twin = switched_on({"trays_target": 1}, parameters=BRISK)
+    if state is not State.STOPPED:
+        twin.home()
+    if state is State.COMPLETE:
+        finish(twin)
+    assert twin.state is state
+    since = len(twin.events)
+    press_emergency_stop(twin, for_ms=100)
+    twin.plant.box.emergency_stop = False
+    for button in ("start", "stop"):
+        twin.press(button)
+        twin.run_for(1_000)
+    assert states(twin, since) == [State.ABORTING, State.ABORTED]
+
+
+def test_an_emergency_stop_pressed_while_the_power_comes() -> None:
+    """Given the button latched in, when the power comes, the machine is Aborted, and X0 homes nothing."""
+    twin = switched_on({"trays_target": 1}, parameters=BRISK)
+    twin.home()
+    twin.plant.box.emergency_stop = True
+    twin.power_cycle()
+    twin.run_for(50)
+    assert twin.state is State.ABORTED
+    twin.press("start")
+    twin.run_for(500)
+    assert twin.state is State.ABORTED
+    assert not twin.outputs()
+    clear(twin)
+    home_again(twin)
+    finish(twin)
+    assert twin.plant.counts() == undisturbed()

@@ -1,0 +1,314 @@
+"""Homing from the seven cases, first match: the order of the outputs, where it ends, what memory says, what follows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+from routes import (
+    BRISK,
+    begin_homing,
+    by_hand,
+    clear,
+    finish,
+    home_again,
+    press_emergency_stop,
+    questions,
+    run_row_1,
+    run_to,
+)
+from twin_rig import (
+    Recorder,
+    arm_of,
+    at_initial_state,
+    is_parked_loaded,
+    switched_on,
+    tags_of,
+    undisturbed,
+    until_step,
+)
+
+from controller.program.modes import State
+from controller.program.tags import FULL, ROWS, SIDES, TAKEN, Side
+from plant_sim.bench.twin import SCAN_MS, Twin
+
+LIFT_MS = range(750, 900)
+"""150 mm at 0.2 m/s, with valve, dead time and build-up; the switches are 5 mm before the ends."""
+
+EMPTY_AT_FEED = ["claws_open", "lift_retract", "lift_extend"]
+"""What homing does with an empty, converged arm at feed."""
+SPREAD_AT_FEED = ["claws_open", "lift_retract", "converge", "lift_extend"]
+"""And with one that is spread."""
+NOT_YET_MS = 10**9
+
+
+def machine() -> Twin:
+    """Return a machine in Stopped that has one tray to empty."""
+    return switched_on({"trays_target": 1}, parameters=BRISK)
+
+
+def stopped_in(side: Side, step: str, into_ms: int) -> Twin:
+    """Return a machine in Stopped after an emergency stop some time into a step of row 2."""
+    twin = machine()
+    run_to(step)(twin, side)
+    twin.run_for(into_ms)
+    press_emergency_stop(twin)
+    clear(twin)
+    return twin
+
+
+def stopped_after_row_1(side: Side) -> Twin:
+    """Return a machine in Stopped, arms at home, rows 1 taken; claws known to be open."""
+    twin = machine()
+    run_row_1(twin, side)
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=20_000)
+    twin.run_for(300)
+    return twin
+
+
+def homed(twin: Twin) -> Recorder:
+    """Home until Idle without a question; return what the outputs did."""
+    recorder = Recorder.of_outputs(twin)
+    assert home_again(twin) == set()
+    return recorder
+
+
+class Stroke(NamedTuple):
+    """An output was on."""
+
+    from_ms: int
+    to_ms: int
+    output: str
+
+
+def strokes(recorder: Recorder, side: Side) -> list[Stroke]:
+    """Return when the outputs of an arm were on, by their beginning; those on for one scan only are left out.
+
+    A step whose end is reached already holds its coil for the scan in which it is passed.
+    """
+    found: list[Stroke] = []
+    since_ms: dict[str, int] = {}
+    for change in recorder.of(f"{side}."):
+        if change.on:
+            since_ms[change.name] = change.at_ms
+        elif change.name in since_ms:
+            found.append(Stroke(since_ms.pop(change.name), change.at_ms, change.name))
+    found += [Stroke(from_ms, NOT_YET_MS, output) for output, from_ms in since_ms.items()]
+    return sorted(stroke for stroke in found if stroke.to_ms - stroke.from_ms > SCAN_MS)
+
+
+def order(recorder: Recorder, side: Side) -> list[str]:
+    """Return the outputs of an arm in the order in which they came on."""
+    return [stroke.output for stroke in strokes(recorder, side)]
+
+
+def times(recorder: Recorder, side: Side, output: str) -> list[tuple[int, int]]:
+    """Return from when to when an output was on, each time, ms."""
+    return [(stroke.from_ms, stroke.to_ms) for stroke in strokes(recorder, side) if stroke.output == output]
+
+
+def rows(twin: Twin, side: Side) -> list[int]:
+    """Return what memory says of the rows of an arm, 1 to 3."""
+    return [twin.plc.read(tags_of(twin, side).rows[row]) for row in ROWS]
+
+
+def is_loaded(twin: Twin, side: Side) -> bool:
+    """Tell whether memory says that the arm holds seedlings."""
+    return bool(twin.plc.read(tags_of(twin, side).loaded))
+
+
+def goes_on_with(twin: Twin, side: Side, row: int) -> None:
+    """Start, see which row the arm goes for next, and finish the trial as if nothing had been."""
+    twin.start()
+    until_step(twin, f"{side} arm", "approach row")
+    assert twin.plc.read(tags_of(twin, side).row_is[row])
+    twin.run_until_state(State.COMPLETE, within_ms=90_000)
+    assert twin.plant.counts() == undisturbed()
+
+
+# (1) unknown claw state
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("is_open", [False, True])
+def test_unknown_claws_count_as_closed_and_loaded(side: Side, is_open: bool) -> None:
+    """Given a new machine with an arm low over the tray's place, it goes fully up, then out, and stays ready."""
+    twin = machine()
+    arm_of(twin, side).place(x_m=0.15, is_open=is_open)
+    assert is_loaded(twin, side)
+    recorder = homed(twin)
+    assert order(recorder, side) == ["lift_retract", "slide_outward"]
+    assert is_loaded(twin, side)
+    assert arm_of(twin, side).sensors["lift_up"].read()
+    goes_on_with(twin, side, 1)
+
+
+def test_the_tray_stands_until_both_arms_are_home() -> None:
+    """Given arms away from feed and no tray, the feeder moves when the second arm is home, and not before."""
+    twin = machine()
+    arm_of(twin, "left").place(x_m=0.10)
+    arm_of(twin, "right").place(x_m=0.20)
+    recorder = homed(twin)
+    run_ms = next(change.at_ms for change in recorder.changes if change.name == "tray_run")
+    ((_, left_ms),) = times(recorder, "left", "slide_outward")
+    ((_, right_ms),) = times(recorder, "right", "slide_outward")
+    assert left_ms < right_ms <= run_ms <= right_ms + 20
+
+
+# (2) clamped, the lift still at its lower limit
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize(("step", "into_ms"), [("close claws", 0), ("close claws", 150), ("lift from row", 20)])
+def test_a_row_not_yet_lifted_is_put_back_and_stays_full(side: Side, step: str, into_ms: int) -> None:
+    twin = stopped_in(side, step, into_ms)
+    held = len(arm_of(twin, side).grip.held)
+    assert held == (0 if into_ms == 0 else 12)
+    recorder = homed(twin)
+    assert order(recorder, side) == ["claws_open", "slide_outward", *EMPTY_AT_FEED]
+    (put_back_ms, done_ms), _ = times(recorder, side, "claws_open")
+    ((outward_ms, _),) = times(recorder, side, "slide_outward")
+    assert done_ms - put_back_ms in range(200, 220)
+    assert outward_ms - put_back_ms in range(200, 220)
+    assert rows(twin, side) == [TAKEN, FULL, FULL]
+    assert not is_loaded(twin, side)
+    assert at_initial_state(twin, side)
+    goes_on_with(twin, side, 2)
+
+
+# (3) loaded away from feed
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("into_ms", [60, 250, 700])
+def test_a_load_in_the_lift_goes_fully_up_and_then_out(side: Side, into_ms: int) -> None:
+    twin = stopped_in(side, "lift from row", into_ms)
+    rise_m = arm_of(twin, side).lift.rise_m
+    assert 0.006 < rise_m < 0.145
+    recorder = homed(twin)
+    assert order(recorder, side) == ["lift_retract", "slide_outward"]
+    ((up_from_ms, up_ms),) = times(recorder, side, "lift_retract")
+    ((outward_ms, _),) = times(recorder, side, "slide_outward")
+    assert up_from_ms < outward_ms <= up_ms <= outward_ms + 10
+    assert rows(twin, side) == [TAKEN, TAKEN, FULL]
+    assert is_loaded(twin, side)
+    assert is_parked_loaded(twin, side)
+    goes_on_with(twin, side, 3)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_load_on_its_way_out_needs_no_lifting(side: Side) -> None:
+    twin = stopped_in(side, "slide to feed", 500)
+    recorder = homed(twin)
+    assert order(recorder, side) == ["slide_outward"]
+    assert is_parked_loaded(twin, side)
+    assert rows(twin, side) == [TAKEN, TAKEN, FULL]
+    goes_on_with(twin, side, 3)
+
+
+# (4) empty and open, away from feed
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize(("step", "into_ms"), [("approach row", 800), ("approach row", 1_600), ("settle at row", 50)])
+def test_an_empty_arm_that_is_down_goes_out_low_without_lifting(side: Side, step: str, into_ms: int) -> None:
+    twin = stopped_in(side, step, into_ms)
+    begin_homing(twin)
+    highest_m = 0.0
+    arm = arm_of(twin, side)
+    recorder = Recorder.of_outputs(twin)
+    assert f"{side}.slide_outward" in twin.outputs()
+    while not arm.slide.at_feed.read():
+        highest_m = max(highest_m, arm.lift.rise_m)
+        twin.scan()
+    assert highest_m < 0.006
+    twin.run_until_state(State.IDLE, within_ms=10_000)
+    assert order(recorder, side) == EMPTY_AT_FEED
+    assert at_initial_state(twin, side)
+    assert rows(twin, side) == [TAKEN, FULL, FULL]
+    goes_on_with(twin, side, 2)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_an_empty_arm_in_between_heights_goes_up_and_then_out(side: Side) -> None:
+    """Given an empty arm over the tray, raised half way by hand, it may not go out through what stands there."""
+    twin = stopped_in(side, "approach row", 1_000)
+    by_hand(twin, f"{side}.lift_retract", for_ms=400)
+    assert 0.03 < arm_of(twin, side).lift.rise_m < 0.12
+    recorder = homed(twin)
+    assert order(recorder, side) == ["lift_retract", "slide_outward", "claws_open", "lift_extend"]
+    ((_, up_ms),) = times(recorder, side, "lift_retract")
+    ((outward_ms, at_feed_ms),) = times(recorder, side, "slide_outward")
+    assert outward_ms <= up_ms <= outward_ms + 10
+    assert at_feed_ms - outward_ms > 300
+    assert at_initial_state(twin, side)
+    goes_on_with(twin, side, 2)
+
+
+# (5) at feed, loaded
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize(
+    ("step", "into_ms", "raises", "then"),
+    [
+        ("pause at feed", 250, [], ["spread", "lift_extend"]),
+        ("spread", 400, [], ["spread", "lift_extend"]),
+        ("lower over cups", 400, ["lift_retract"], ["lift_extend"]),
+        ("wait for cups", 300, ["lift_retract"], ["lift_extend"]),
+        ("release delay", 50, ["lift_retract"], ["lift_extend"]),
+    ],
+)
+def test_a_load_at_feed_stays_ready_and_start_goes_on_with_it(
+    side: Side, step: str, into_ms: int, raises: list[str], then: list[str]
+) -> None:
+    """Given a load at feed, homing only raises it; start spreads what is not spread, lowers and waits for cups."""
+    twin = stopped_in(side, step, into_ms)
+    held = arm_of(twin, side).grip.held
+    recorder = homed(twin)
+    assert order(recorder, side) == raises
+    assert is_parked_loaded(twin, side)
+    assert is_loaded(twin, side)
+    assert arm_of(twin, side).grip.held == held
+    started = Recorder.of_outputs(twin)
+    twin.start()
+    until_step(twin, f"{side} arm", "open claws", within_ms=20_000)
+    assert order(started, side) == [*then, "claws_open"]
+    assert arm_of(twin, side).grip.held == held
+    twin.run_until_state(State.COMPLETE, within_ms=90_000)
+    assert twin.plant.counts() == undisturbed()
+
+
+# (6) at feed, empty
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("step", ["converge", "wait at feed"])
+def test_an_empty_arm_at_feed_opens_goes_up_converges_and_goes_down(side: Side, step: str) -> None:
+    twin = stopped_in(side, step, 200 if step == "converge" else 0)
+    recorder = homed(twin)
+    assert order(recorder, side) == (SPREAD_AT_FEED if step == "converge" else EMPTY_AT_FEED)
+    ((open_ms, shut_ms),) = times(recorder, side, "claws_open")
+    ((up_ms, _),) = times(recorder, side, "lift_retract")
+    assert shut_ms - open_ms in range(200, 220)
+    assert up_ms - open_ms in range(200, 220)
+    ((down_ms, lower_limit_ms),) = times(recorder, side, "lift_extend")
+    assert lower_limit_ms - down_ms in LIFT_MS
+    assert at_initial_state(twin, side)
+    assert rows(twin, side) == [TAKEN, FULL, FULL]
+    goes_on_with(twin, side, 2)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_an_arm_pushed_away_from_home_by_hand_is_brought_back(side: Side) -> None:
+    """Given a machine at rest, an arm pushed to the tray and up by its valves comes up, out, and home."""
+    twin = stopped_after_row_1(side)
+    by_hand(twin, f"{side}.slide_inward", for_ms=1_000)
+    by_hand(twin, f"{side}.lift_retract", for_ms=300)
+    assert not arm_of(twin, side).sensors["slide_at_feed"].read()
+    assert questions(twin) == set()
+    assert order(homed(twin), side)[:2] == ["lift_retract", "slide_outward"]
+    assert at_initial_state(twin, side)
+    finish(twin)
+    assert twin.plant.counts() == undisturbed()

@@ -1,0 +1,227 @@
+"""Every limit of every step: its own alarm in its time, its arm off, the other arm to feed, and nothing lost.
+
+The list of limits comes from the declared sequences; a step that is not reached fails.
+"""
+
+from __future__ import annotations
+
+import pytest
+from routes import STOPS, Stop, finish, home_again, route_to
+from twin_rig import (
+    MACHINE,
+    Recorder,
+    arm_of,
+    at_initial_state,
+    at_work,
+    go_on,
+    is_parked_loaded,
+    other_side,
+    scan_ms,
+    switched_on,
+    to_complete,
+    undisturbed,
+    until_picking,
+    until_step,
+)
+
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from controller.program.modes import State
+from controller.program.tags import SIDES, Side
+from plant_sim.bench.twin import Twin
+from plant_sim.devices.conveyor import Conveyor
+from plant_sim.devices.cylinder import Cylinder
+from plant_sim.devices.spreader import Spreader
+
+TICK_MS = 100
+"""A limit timer counts ticks of 100 ms: it may be up to one short."""
+PUSH_M = 0.012
+"""Out of a row's switch, 5 mm and 1 mm of hysteresis, and not yet at the next row, 43 mm on."""
+
+Device = Conveyor | Cylinder | Spreader
+
+WATCHED = [stop for stop in STOPS if stop.step.watch]
+"""Every declared step with a limit."""
+
+
+def actuator(twin: Twin, stop: Stop) -> Device:
+    """Return what the step moves, by the output it holds."""
+    if stop.side is None:
+        return twin.plant.conveyor
+    arm = arm_of(twin, stop.side)
+    (request,) = stop.step.hold
+    devices: dict[str, Device] = {
+        "slide_inward": arm.slide, "slide_outward": arm.slide, "lift_extend": arm.lift, "lift_retract": arm.lift,
+        "spread": arm.spreader, "converge": arm.spreader,
+    }  # fmt: skip
+    return devices[request.name.removeprefix(f"{stop.side}.want ")]
+
+
+def coils_of(twin: Twin, side: Side | None) -> set[str]:
+    """Return the outputs of an arm, or of the feeder, that are on."""
+    return {tag for tag in twin.outputs() if tag.startswith(f"{side}." if side else "tray_")}
+
+
+def stands_at_feed(twin: Twin, side: Side) -> bool:
+    """Tell whether an arm has finished to feed: loaded or assumed so up, else home."""
+    loaded = twin.plc.read(twin.machine.tags.arms[side].loaded)
+    return is_up_at_feed(twin, side) if loaded else at_initial_state(twin, side)
+
+
+def is_up_at_feed(twin: Twin, side: Side) -> bool:
+    sensors = arm_of(twin, side).sensors
+    return sensors["slide_at_feed"].read() and sensors["lift_up"].read()
+
+
+@pytest.mark.parametrize("stop", WATCHED, ids=str)
+def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: Stop) -> None:
+    """Given an actuator that stops dead as its step begins: its alarm, its rest, the other arm; then X0, X0."""
+    assert stop.step.watch is not None
+    limit_ms, alarm = stop.step.watch.ms, stop.step.watch.alarm
+    route = route_to(stop)
+    twin = route.travel(stop)
+    began_ms, end = scan_ms(twin), State.STOPPED if twin.state == State.STOPPING else State.HELD
+    device = actuator(twin, stop)
+    device.jammed = True
+    twin.run_for(limit_ms - TICK_MS - began_ms % TICK_MS)
+    assert twin.alarms() == [], "before its time"
+    twin.run_until(lambda: twin.alarms() != [], within_ms=2 * TICK_MS)
+    assert limit_ms - TICK_MS <= scan_ms(twin) - began_ms <= limit_ms
+    assert twin.plc.annunciators() == [alarm.number]
+
+    def at_rest() -> bool:
+        assert coils_of(twin, stop.side) == set(), twin.situation()
+        return twin.state == end
+
+    twin.run_until(at_rest, within_ms=15_000, what=end.name)
+    twin.run_for(3_000)
+    assert (twin.state, twin.plc.annunciators(), twin.outputs()) == (end, [alarm.number], set())
+    for side in SIDES:
+        assert side == stop.side or stands_at_feed(twin, side), twin.situation()
+    device.jammed = False
+    route.mend(twin)
+    assert home_again(twin) == set()
+    assert twin.alarms() == []
+    finish(twin)
+    counts = twin.plant.counts()
+    assert counts.in_tray == counts.in_claw == 0
+    assert route.discards or counts == undisturbed(trays=route.trays)
+
+
+@pytest.mark.parametrize(
+    ("step", "descend_at_count", "never"), [("slide to feed", 0, "spread"), ("wait to lower", 12, "lift_extend")]
+)
+def test_while_holding_the_other_arm_does_not_begin_to_throw(step: str, descend_at_count: int, never: str) -> None:
+    """Given a jam of the left arm, a load that comes to feed stays converged, and one that waits up stays up."""
+    twin = at_work({"trays_target": 1, "descend_at_count": descend_at_count})
+    until_picking(twin, "left", 1)
+    until_step(twin, "right arm", step)
+    jammed = arm_of(twin, "left").lift
+    jammed.jammed = True
+    twin.run_until_state(State.HOLDING, within_ms=20_000)
+    outputs = Recorder.of_outputs(twin)
+    twin.run_until_state(State.HELD, within_ms=5_000)
+    assert is_parked_loaded(twin, "right")
+    assert outputs.of(f"right.{never}") == []
+    jammed.jammed = False
+    go_on(twin)
+    assert to_complete(twin) == undisturbed()
+
+
+# overrun
+
+
+def in_row_1(side: Side, step: str) -> Twin:
+    """Return a machine whose arm is in this step of its first row."""
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, side, 1)
+    until_step(twin, f"{side} arm", step)
+    return twin
+
+
+def push(twin: Twin, side: Side) -> None:
+    arm = arm_of(twin, side)
+    arm.place(x_m=arm.slide.x_m + PUSH_M)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_slide_past_its_row_is_brought_back_and_picks_in_every_row_anew(side: Side) -> None:
+    twin = at_work({"trays_target": 1})
+    for row in (1, 2):
+        until_picking(twin, side, row)
+        until_step(twin, f"{side} arm", "settle at row")
+        push(twin, side)
+        returning_ms = until_step(twin, f"{side} arm", "return to row", within_ms=100)
+        assert 60 <= until_step(twin, f"{side} arm", "settle at row", within_ms=1_000) - returning_ms <= 200
+        until_step(twin, f"{side} arm", "close claws", within_ms=200)
+    assert to_complete(twin) == undisturbed()
+    assert twin.alarm_events() == []
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
+    twin = in_row_1(side, "settle at row")
+    push(twin, side)
+    until_step(twin, f"{side} arm", "return to row", within_ms=100)
+    until_step(twin, f"{side} arm", "settle at row", within_ms=1_000)
+    push(twin, side)
+    twin.run_until(lambda: twin.alarms() != [], within_ms=100)
+    assert twin.alarms() == [f"{side}: overrun"]
+    twin.run_until_state(State.HELD, within_ms=15_000)
+    assert twin.alarms() == [f"{side}: overrun"]
+    assert is_parked_loaded(twin, other_side(side)) or at_initial_state(twin, other_side(side))
+    go_on(twin)
+    assert to_complete(twin) == undisturbed()
+
+
+def test_a_slide_that_cannot_stop_in_its_row_overruns_it_twice() -> None:
+    """With 80 ms instead of 12 ms to stop it runs 8 to 12 mm past the row, inward first, then outward."""
+    twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.stop_s": 0.080}))
+    twin.run_until(lambda: twin.alarms() != [], within_ms=30_000)
+    assert twin.alarms() == ["right: overrun"]
+    assert twin.plant.counts() == switched_on().plant.counts(), "not a seedling was touched"
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_row_lost_while_clamping_is_an_overrun_and_the_row_stays_full(side: Side) -> None:
+    twin = in_row_1(side, "close claws")
+    switch = arm_of(twin, side).slide.at_pick[0]
+    switch.stuck = False
+    assert twin.run_until(lambda: twin.alarms() != [], within_ms=100) <= 40
+    assert twin.alarms() == [f"{side}: overrun"]
+    twin.run_until_state(State.HELD, within_ms=15_000)
+    switch.stuck = None
+    go_on(twin)
+    assert to_complete(twin) == undisturbed()
+
+
+# the tray's own
+
+
+def test_a_tray_that_goes_is_an_alarm_after_half_a_second_and_a_flicker_is_none() -> None:
+    twin = in_row_1("left", "wait for cups")
+    beam = twin.plant.conveyor.beam
+    beam.stuck = False
+    twin.run_for(300)
+    beam.stuck = None
+    twin.run_for(1_000)
+    assert twin.alarm_events() == []
+    beam.stuck = False
+    took_ms = twin.run_until(lambda: twin.alarms() != [], within_ms=1_000)
+    assert 400 <= took_ms - 20 <= 510
+    twin.run_until_state(State.HELD, within_ms=5_000)
+    assert twin.alarms() == ["tray_lost"]
+    assert all(is_parked_loaded(twin, side) for side in SIDES)
+    beam.stuck = None
+    go_on(twin)
+    assert to_complete(twin) == undisturbed()
+
+
+def test_the_alarms_without_a_limit_are_known() -> None:
+    """Emergency stop, link, scan, memory and optional points have stories of their own."""
+    machine = build(load_io_map(DEFAULT_IO_MAP))
+    limits = {stop.step.watch.alarm for stop in WATCHED if stop.step.watch}
+    others = {alarm.key for alarm in machine.alarms if alarm.bit not in limits}
+    assert others == {
+        "emergency_stop", "link_lost", "scan_fault", "memory_lost", "air_low", "tray_lost", "magazine_empty", "overrun",
+    }  # fmt: skip

@@ -1,0 +1,255 @@
+"""The production log: what is reported of states, alarms, questions, cycles and trays, and what is not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import pytest
+from twin_rig import Recorder, at_work, go_on, switched_on, to_complete, until_picking, until_step
+
+from controller.core.retain import MemoryStore
+from controller.hmi.production import (
+    AlarmEvent,
+    Event,
+    ProductionLog,
+    QuestionEvent,
+    StateEvent,
+    TrayEvent,
+    as_record,
+)
+from controller.program.modes import State
+from controller.program.tags import ROWS, SIDES, Side
+from plant_sim.bench.twin import Twin
+
+RELEASE_DELAY_MS = 130
+
+
+class Run(NamedTuple):
+    """A tray worked off, and its outputs."""
+
+    twin: Twin
+    outputs: Recorder
+
+
+@cache
+def tray_run() -> Run:
+    """Return a run of one tray of two, not disturbed."""
+    twin = switched_on({"trays_target": 1}, trays=2)
+    outputs = Recorder.of_outputs(twin)
+    twin.home()
+    twin.start()
+    to_complete(twin)
+    return Run(twin, outputs)
+
+
+def states(twin: Twin) -> list[State]:
+    return [State(event.state) for event in twin.events if isinstance(event, StateEvent)]
+
+
+def trays(twin: Twin) -> list[int]:
+    return [event.trays_done for event in twin.events if isinstance(event, TrayEvent)]
+
+
+def questions(twin: Twin) -> list[QuestionEvent]:
+    return [event for event in twin.events if isinstance(event, QuestionEvent)]
+
+
+# a run that nothing disturbs
+
+
+def test_states_are_reported_in_order_each_once() -> None:
+    s = State
+    twin = tray_run().twin
+    assert states(twin) == [s.STOPPED, s.RESETTING, s.IDLE, s.STARTING, s.EXECUTE, s.COMPLETING, s.COMPLETE]
+    texts = [event.text for event in twin.events if isinstance(event, StateEvent)]
+    assert texts == ["Stopped", "Resetting", "Idle", "Starting", "Execute", "Completing", "Complete"]
+
+
+def test_events_come_in_the_order_of_their_times_and_as_flat_records() -> None:
+    events = tray_run().twin.events
+    times = [event.at_ms for event in events]
+    assert times == sorted(times)
+    records = [as_record(event) for event in events]
+    assert json.loads(json.dumps(records)) == records
+    assert {record["event"] for record in records} == {"state", "cycle", "tray"}
+
+
+def test_six_cycles_are_reported_and_the_load_assumed_at_the_start_is_none() -> None:
+    twin = tray_run().twin
+    for side in SIDES:
+        assert [cycle.row for cycle in twin.cycles() if cycle.side == side] == list(ROWS)
+        assert twin.plc.read(twin.machine.tags.arms[side].cycles) == 4
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("row", ROWS)
+def test_a_cycle_lasts_from_leaving_feed_to_claws_converged_and_waits_while_the_arm_hangs_over_the_cups(
+    side: Side, row: int
+) -> None:
+    twin, outputs = tray_run()
+    cycle = next(cycle for cycle in twin.cycles() if (cycle.side, cycle.row) == (side, row))
+    span = (cycle.at_ms - cycle.cycle_ms, cycle.at_ms + 10)
+    at_ms = {(change.name, change.on): change.at_ms for change in outputs.of(f"{side}.", *span)}
+    began_ms = min(change.at_ms for change in outputs.of(f"{side}.slide_inward", *span) if change.on)
+    assert cycle.at_ms - cycle.cycle_ms == began_ms
+    assert cycle.at_ms + 10 == at_ms["converge", False]
+    down_ms, released_ms = at_ms["lift_extend", False], at_ms["claws_open", True] - RELEASE_DELAY_MS
+    assert cycle.waiting_ms == released_ms - (down_ms - 10)
+    assert cycle.missed_cups == 0
+
+
+def test_a_tray_is_reported_when_its_last_row_is_lifted() -> None:
+    twin, outputs = tray_run()
+    (tray,) = [event for event in twin.events if isinstance(event, TrayEvent)]
+    lifts_ms = [change.at_ms for side in SIDES for change in outputs.of(f"{side}.lift_retract") if change.on]
+    assert tray.trays_done == 1
+    assert 60 <= tray.at_ms - max(lifts_ms) <= 150, "6 mm at 0.2 m/s, with 65 ms to begin with"
+
+
+# a new run and a loss of power
+
+
+def test_neither_a_new_run_nor_a_loss_of_power_is_a_tray() -> None:
+    """The count of trays goes back to 0 in a new run, and is found again after a loss of power."""
+    twin = at_work({"trays_target": 1}, trays=2)
+    to_complete(twin)
+    twin.home()
+    assert (trays(twin), twin.plc.read(twin.machine.tags.machine.trays_done)) == ([1], 0)
+    twin.start()
+    to_complete(twin)
+    twin.power_cycle()
+    twin.run_for(1_000)
+    assert (trays(twin), twin.plc.read(twin.machine.tags.machine.trays_done)) == ([1, 1], 1)
+
+
+def test_the_count_reset_clears_trays_cycles_and_missed_cups() -> None:
+    twin = at_work({"trays_target": 1, "descend_at_count": 12})
+    to_complete(twin)
+    tags = twin.machine.tags
+    words = [tags.machine.trays_done, *(w for arm in tags.arms.values() for w in (arm.cycles, arm.missed_cups))]
+    assert [twin.plc.read(word) for word in words] == [1, 4, 3, 4, 3]
+    twin.command("count_reset")
+    twin.scan()
+    assert [twin.plc.read(word) for word in words] == [0] * 5
+    assert trays(twin) == [1]
+
+
+# cycles that are broken off
+
+
+def break_by_emergency_stop(twin: Twin) -> None:
+    twin.press("emergency_stop")
+    twin.run_for(500)
+    twin.command("clear")
+    twin.run_for(100)
+
+
+def break_by_jam(twin: Twin) -> None:
+    twin.plant.left.slide.jammed = True
+    twin.run_until_state(State.HELD, within_ms=20_000)
+    twin.plant.left.slide.jammed = False
+
+
+def break_by_power(twin: Twin) -> None:
+    twin.power_cycle()
+    twin.scan()
+
+
+@pytest.mark.parametrize("break_off", [break_by_emergency_stop, break_by_jam, break_by_power])
+def test_a_cycle_that_is_broken_off_is_not_reported(break_off: Callable[[Twin], None]) -> None:
+    """Given both arms on their way out with their first row, what is thrown after homing again is no cycle."""
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, "left", 1)
+    until_step(twin, "left arm", "slide to feed")
+    break_off(twin)
+    go_on(twin)
+    to_complete(twin)
+    for side in SIDES:
+        assert [cycle.row for cycle in twin.cycles() if cycle.side == side] == [2, 3]
+
+
+def test_a_cycle_whose_load_was_parked_is_not_reported() -> None:
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, "left", 1)
+    until_step(twin, "left arm", "wait for cups")
+    twin.plant.planting_frequency_per_min = 0.0
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=10_000)
+    twin.plant.planting_frequency_per_min = 45.0
+    go_on(twin)
+    to_complete(twin)
+    assert sorted(cycle.row for cycle in twin.cycles()) == [2, 2, 3, 3]
+
+
+def test_a_cycle_finished_by_a_stop_is_reported() -> None:
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, "left", 1)
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=30_000)
+    assert sorted((cycle.side, cycle.row) for cycle in twin.cycles()) == [("left", 1), ("right", 1)]
+
+
+# alarms and questions
+
+
+def test_an_alarm_is_reported_when_it_comes_and_when_it_goes() -> None:
+    twin = at_work({"trays_target": 1})
+    chinese: list[Event] = []
+    twin.runtime.observers.append(ProductionLog(twin.machine, chinese.append, "zh"))
+    until_picking(twin, "left", 1)
+    limit = twin.machine.cycles["left"].steps[1].watch
+    assert limit is not None
+    twin.plant.left.slide.jammed = True
+    twin.run_until(lambda: twin.alarms() != [], within_ms=6_000)
+    came_ms = twin.now_ms - 10
+    twin.run_until_state(State.HELD, within_ms=20_000)
+    twin.plant.left.slide.jammed = False
+    twin.press("start")
+    twin.run_until_state(State.RESETTING, within_ms=50)
+    went_ms = twin.now_ms - 10
+    text = "left slide did not reach the row"
+    number = limit.alarm.number
+    assert twin.alarm_events() == [
+        AlarmEvent(came_ms, number, active=True, text=text),
+        AlarmEvent(went_ms, number, active=False, text=text),
+    ]
+    assert [event.text for event in chinese if isinstance(event, AlarmEvent)] == ["左滑块未到达取苗位"] * 2
+    assert [event.text for event in chinese if isinstance(event, StateEvent)][-3:] == ["保持中", "已保持", "复位中"]
+
+
+def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> None:
+    """Given a power loss while the claws close, the row is in doubt."""
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, "left", 1)
+    until_step(twin, "left arm", "close claws")
+    twin.power_cycle()
+    twin.run_until(lambda: twin.plc.read(twin.machine.tags.arms["left"].ask) == 1, within_ms=50)
+    asked_ms = twin.now_ms - 10
+    twin.run_for(500)
+    twin.command("left_loaded_yes")
+    answered_ms = twin.now_ms
+    twin.scan()
+    text = "Does the left arm hold seedlings?"
+    assert questions(twin) == [
+        QuestionEvent(asked_ms, "left_loaded", active=True, text=text),
+        QuestionEvent(answered_ms, "left_loaded", active=False, text=text),
+    ]
+
+
+def test_the_question_about_the_tray_is_reported() -> None:
+    twin = at_work({"trays_target": 1})
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=30_000)
+    twin.store = MemoryStore()
+    twin.power_cycle()
+    twin.scan()
+    twin.press("start")
+    twin.run_until_state(State.HELD, within_ms=5_000)
+    assert [(event.question, event.active) for event in questions(twin)] == [("tray", True)]
+    twin.command("tray_full")
+    twin.scan()
+    assert [(event.question, event.active) for event in questions(twin)] == [("tray", True), ("tray", False)]
+    assert isinstance(twin.events[-1], QuestionEvent)

@@ -1,0 +1,269 @@
+"""The tray feeder: when a tray is changed, a tray that does not come, and the runs that end with their trays."""
+
+from __future__ import annotations
+
+import pytest
+from twin_rig import (
+    MACHINE,
+    TRAY_MS,
+    Recorder,
+    arm_of,
+    at_initial_state,
+    at_work,
+    go_on,
+    is_parked_loaded,
+    scan_ms,
+    switched_on,
+    tags_of,
+    to_complete,
+    undisturbed,
+    until_picking,
+    until_step,
+)
+
+from controller.core.retain import MemoryStore
+from controller.hmi.production import TrayEvent
+from controller.program.modes import State
+from controller.program.tags import IN_PLACE, MOVING_OUT, SIDES, Side
+from plant_sim.bench.twin import Twin
+
+NO_TRAY_MS = 12_000
+TRAY_OUT_MS = 6_000
+TICK_MS = 100
+"""A limit timer counts ticks of 100 ms from its start on: it may be up to one short."""
+
+
+def why_suspended(twin: Twin) -> set[str]:
+    tags = twin.machine.tags
+    reasons = {f"{side}: no cups": tags.arms[side].no_cups for side in SIDES} | {"no tray": tags.tray.missing}
+    return {reason for reason, bit in reasons.items() if twin.plc.read(bit)}
+
+
+def trays_done(twin: Twin) -> int:
+    return twin.plc.read(twin.machine.tags.machine.trays_done)
+
+
+# a tray is changed
+
+
+@pytest.mark.parametrize(("late", "seed"), [("left", 1), ("right", 0)])
+def test_the_tray_leaves_once_both_arms_stand_at_feed_loaded(late: Side, seed: int) -> None:
+    """Given the last row of a tray, when the arm that brings it is held up on its way, the tray waits for it."""
+    twin = at_work(trays=2, seed=seed)
+    until_picking(twin, late, 3)
+    until_step(twin, f"{late} arm", "slide to feed")
+    slide = arm_of(twin, late).slide
+    slide.jammed = True
+    twin.run_for(2_500)
+    assert twin.in_step("tray feeder", "wait for an empty tray")
+    slide.jammed = False
+    twin.run_until(slide.at_feed.read, within_ms=3_000)
+    arrived_ms = scan_ms(twin)
+    assert 10 <= until_step(twin, "tray feeder", "move tray out", within_ms=TRAY_MS) - arrived_ms <= 30
+    assert all(arm.slide.at_feed.read() and arm.grip.held for arm in twin.plant.arms.values())
+
+
+def test_a_tray_is_changed_between_empty_arms_too() -> None:
+    """Given a stop in the last rows of a tray, homing brings the next one between arms that hold nothing."""
+    twin = at_work({"trays_target": 2}, trays=2)
+    until_picking(twin, "left", 3)
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=TRAY_MS)
+    assert (trays_done(twin), twin.plant.conveyor.placed_tray) == (1, 0)
+    twin.home()
+    assert twin.plant.conveyor.placed_tray == 1
+    assert all(at_initial_state(twin, side) for side in SIDES)
+    twin.start()
+    assert to_complete(twin) == undisturbed(trays=2)
+
+
+def test_the_next_tray_is_there_within_its_time() -> None:
+    """A tray and its gap are 585 mm: 540 at 200 mm/s, 20 in the index, the rest in pulses, 0.2 s to settle."""
+    twin = at_work(trays=2)
+    steps = Recorder.of_steps(twin)
+    until_step(twin, "tray feeder", "settle", within_ms=2 * TRAY_MS)
+    until_step(twin, "tray feeder", "wait for an empty tray", within_ms=1_000)
+    times = {change.name: change.at_ms for change in steps.of("tray feeder: ") if change.on}
+    assert 2_700 <= times["index"] - times["move tray out"] <= 2_760
+    assert times["creep"] - times["index"] == 100
+    assert 100 <= times["settle"] - times["creep"] <= 300
+    assert times["wait for an empty tray"] - times["settle"] == 200
+    assert twin.plant.conveyor.placed_tray == 1
+    assert twin.plc.read(twin.machine.tags.tray.phase) == IN_PLACE
+
+
+def test_a_new_run_takes_the_next_trays() -> None:
+    """Given one tray wanted of two, when it is empty, Complete; X0 homes, X0 starts, and the second one is taken."""
+    twin = at_work({"trays_target": 1}, trays=2)
+    counts = to_complete(twin, within_ms=TRAY_MS)
+    assert counts.in_tray == 72
+    assert all(at_initial_state(twin, side) for side in SIDES)
+    twin.run_for(5_000)
+    assert (twin.state, twin.outputs(), trays_done(twin)) == (State.COMPLETE, set(), 1)
+    go_on(twin)
+    assert trays_done(twin) == 0
+    assert to_complete(twin, within_ms=TRAY_MS) == undisturbed(trays=2)
+    assert [event.trays_done for event in twin.events if isinstance(event, TrayEvent)] == [1, 1]
+
+
+# a tray that does not come
+
+
+@pytest.mark.parametrize("trays_target", [0, 3])
+def test_without_a_third_tray_the_machine_is_suspended_until_one_is_put_in_and_x0_pressed(trays_target: int) -> None:
+    twin = switched_on({"trays_target": trays_target}, trays=3)
+    magazine = twin.plant.conveyor
+    magazine.in_magazine -= 1
+    twin.home()
+    twin.start()
+    twin.run_until(lambda: trays_done(twin) == 2, within_ms=3 * TRAY_MS)
+    creeping_ms = until_step(twin, "tray feeder", "creep")
+    missing_ms = until_step(twin, "tray feeder", "no tray")
+    assert NO_TRAY_MS - TICK_MS <= missing_ms - creeping_ms <= NO_TRAY_MS
+    assert twin.state == State.EXECUTE
+    assert twin.run_until_state(State.SUSPENDED, within_ms=100) <= 40
+    assert why_suspended(twin) == {"no tray"}
+    assert all(at_initial_state(twin, side) for side in SIDES)
+    twin.run_for(20_000)
+    magazine.in_magazine += 1
+    twin.run_for(5_000)
+    assert (twin.state, twin.outputs(), twin.alarms()) == (State.SUSPENDED, set(), [])
+    twin.press("start")
+    twin.run_until_state(State.EXECUTE, within_ms=200)
+    twin.run_until(lambda: trays_done(twin) == 3, within_ms=2 * TRAY_MS)
+    end = State.COMPLETE if trays_target == 3 else State.SUSPENDED
+    twin.run_until_state(end, within_ms=40_000)
+    assert twin.plant.counts() == undisturbed(trays=3)
+
+
+def test_x0_without_a_tray_looks_for_one_once_more() -> None:
+    twin = switched_on(trays=0)
+    twin.home()
+    assert twin.now_ms > NO_TRAY_MS, "homing has looked for a tray"
+    twin.start()
+    twin.run_until_state(State.SUSPENDED, within_ms=40_000)
+    twin.press("start")
+    twin.run_until_state(State.EXECUTE, within_ms=200)
+    assert "tray_run" in twin.outputs()
+    again_ms = twin.run_until_state(State.SUSPENDED, within_ms=20_000)
+    assert NO_TRAY_MS - TICK_MS <= again_ms <= NO_TRAY_MS + 50
+    assert why_suspended(twin) == {"no tray"}
+
+
+def test_arms_over_the_cups_go_on_throwing_while_no_tray_comes() -> None:
+    """Cups at 20/min: twelve take 36 s, so the tray is missing long before the last rows are thrown."""
+    parameters = MACHINE.with_values({"cups.planting_frequency_per_min": 20.0})
+    twin = at_work(parameters=parameters)
+    until_step(twin, "tray feeder", "no tray", within_ms=4 * TRAY_MS)
+    twin.run_until_state(State.SUSPENDED, within_ms=100)
+    assert twin.plant.counts().in_claw > 0
+    twin.run_for(40_000)
+    assert twin.state == State.SUSPENDED
+    assert twin.plant.counts() == undisturbed()
+
+
+def test_a_stop_while_no_tray_comes() -> None:
+    twin = at_work()
+    until_step(twin, "tray feeder", "creep", within_ms=2 * TRAY_MS)
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=30_000)
+    assert all(at_initial_state(twin, side) for side in SIDES)
+    assert twin.outputs() == set()
+
+
+# a tray that does not leave
+
+
+def test_a_beam_that_does_not_go_off_is_a_jam_after_its_limit() -> None:
+    """Given X15 stuck on, when the empty tray is moved out, the alarm comes after 6 s and the loaded arms park."""
+    twin = at_work()
+    moving_ms = until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)
+    twin.plant.conveyor.beam.stuck = True
+    twin.run_for(TRAY_OUT_MS - TICK_MS - (moving_ms % TICK_MS))
+    assert twin.alarms() == []
+    twin.run_until(lambda: twin.alarms() != [], within_ms=2 * TICK_MS)
+    assert TRAY_OUT_MS - TICK_MS <= scan_ms(twin) - moving_ms <= TRAY_OUT_MS
+    assert "tray_run" not in twin.outputs()
+    twin.run_until_state(State.HELD, within_ms=5_000)
+    assert twin.alarms() == ["tray_jam"]
+    assert all(is_parked_loaded(twin, side) for side in SIDES)
+    assert twin.plc.read(twin.machine.tags.tray.phase) == MOVING_OUT
+
+
+def test_a_jammed_tray_is_run_out_after_homing() -> None:
+    twin = at_work({"trays_target": 2}, trays=2)
+    until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)
+    twin.plant.conveyor.jammed = True
+    twin.run_until_state(State.HELD, within_ms=20_000)
+    twin.plant.conveyor.jammed = False
+    go_on(twin)
+    assert to_complete(twin) == undisturbed(trays=2)
+
+
+# one cycle
+
+
+def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
+    """Each X0, X0 throws one row a side, across the change of the tray; the first one only what may be held."""
+    twin = at_work({"mode": 2, "trays_target": 2}, trays=2)
+    to_complete(twin)
+    assert twin.cycles() == []
+    for number in range(1, 7):
+        go_on(twin)
+        to_complete(twin, within_ms=40_000)
+        rows = [(cycle.side, cycle.row) for cycle in twin.cycles()[-2:]]
+        assert sorted(rows) == [(side, (number - 1) % 3 + 1) for side in SIDES]
+        assert len(twin.cycles()) == 2 * number
+        assert trays_done(twin) == number // 3
+    assert twin.plant.counts() == undisturbed(trays=2)
+
+
+def test_one_cycle_mode_is_complete_when_the_tray_has_come_to_rest_too() -> None:
+    """Given a slow belt and fast cups, the arms are home before the next tray is there; Complete waits for it."""
+    parameters = MACHINE.with_values({"conveyor.speed_m_s": 0.12, "cups.planting_frequency_per_min": 80.0})
+    twin = at_work({"mode": 2}, trays=2, parameters=parameters)
+    to_complete(twin)
+    for _ in range(2):
+        go_on(twin)
+        to_complete(twin)
+    go_on(twin)
+    twin.run_until_state(State.COMPLETING, within_ms=40_000)
+    assert all(at_initial_state(twin, side) for side in SIDES)
+    assert twin.run_until_state(State.COMPLETE, within_ms=3_000) >= 100
+    assert trays_done(twin) == 1
+    assert twin.plc.read(twin.machine.tags.tray.phase) == IN_PLACE
+    assert twin.plant.conveyor.placed_tray == 1
+
+
+def test_leaving_one_cycle_mode_in_the_middle_of_a_cycle_lets_both_arms_go_on() -> None:
+    twin = at_work({"mode": 2, "trays_target": 1})
+    done = tags_of(twin, "right").cycle_done
+    twin.run_until(lambda: bool(twin.plc.read(done)), within_ms=TRAY_MS)
+    twin.plc.write(twin.machine.tags.sp.mode, 1)
+    assert to_complete(twin) == undisturbed()
+
+
+# a tray nobody remembers
+
+
+def test_the_same_tray_is_no_answer_where_none_is_remembered() -> None:
+    """Given a lost memory and a tray at the pick position, "the same" leaves the question open, "full" answers it."""
+    twin = at_work({"trays_target": 1})
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=30_000)
+    twin.store = MemoryStore()
+    twin.power_cycle()
+    twin.plc.press(twin.machine.tags.system.memory_lost)
+    asking = twin.machine.tags.tray.ask
+    twin.scan()
+    twin.press("start")
+    twin.run_for(300)
+    assert (twin.state, twin.plc.read(asking)) == (State.RESETTING, 1)
+    twin.command("tray_same")
+    twin.run_until_state(State.HELD, within_ms=3_000)
+    assert twin.plc.read(asking) == 1
+    twin.command("tray_full")
+    twin.scan()
+    assert twin.plc.read(asking) == 0
+    go_on(twin)
+    assert to_complete(twin) == undisturbed()

@@ -1,0 +1,169 @@
+"""A guarded twin, what it needs to get somewhere, and a record of what its outputs and steps did."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import NamedTuple
+
+from monitors import guard
+
+from controller.io_map import IoMap
+from controller.program.modes import State
+from controller.program.tags import SIDES, ArmTags, Side
+from plant_sim.arm import ArmPlant
+from plant_sim.bench.twin import Twin
+from plant_sim.crop.seedling import SeedlingCounts
+from plant_sim.parameters import Machine, load_machine
+
+MACHINE = load_machine()
+TRAY_MS = 90_000
+"""Longer than a tray takes at 45 cups/min: six rows a side pair, 16 s each, and the change of the tray."""
+
+
+def other_side(side: Side) -> Side:
+    """Return the side that faces this one."""
+    return "right" if side == "left" else "left"
+
+
+def switched_on(
+    set_points: Mapping[str, int] | None = None,
+    *,
+    seed: int = 1,
+    trays: int = 1,
+    parameters: Machine = MACHINE,
+    io_map: IoMap | None = None,
+) -> Twin:
+    """Return a machine in Stopped, guarded by every monitor."""
+    twin = guard(Twin(seed=seed, trays=trays, io_map=io_map, parameters=parameters, set_points=set_points))
+    twin.scan()
+    return twin
+
+
+def at_work(
+    set_points: Mapping[str, int] | None = None,
+    *,
+    seed: int = 1,
+    trays: int = 1,
+    parameters: Machine = MACHINE,
+    io_map: IoMap | None = None,
+) -> Twin:
+    """Return a machine in Execute; both arms still hold the load that a first start assumes."""
+    twin = switched_on(set_points, seed=seed, trays=trays, parameters=parameters, io_map=io_map)
+    twin.home()
+    twin.start()
+    return twin
+
+
+def until_step(twin: Twin, sequence: str, step: str, *, within_ms: int = TRAY_MS) -> int:
+    """Run until a step is on; return the time of the scan that turned it on, ms."""
+    twin.run_until(lambda: twin.in_step(sequence, step), within_ms=within_ms, what=f"{sequence}: {step}")
+    return scan_ms(twin)
+
+
+def until_picking(twin: Twin, side: Side, row: int) -> int:
+    """Run until an arm sets out for a row; return the time of that scan, ms."""
+    bit, wanted = twin.machine.cycles[side]["approach row"], twin.machine.tags.arms[side].row_is[row]
+    read = twin.plc.read
+    twin.run_until(lambda: bool(read(bit) and read(wanted)), within_ms=2 * TRAY_MS, what=f"{side} arm to row {row}")
+    return scan_ms(twin)
+
+
+def scan_ms(twin: Twin) -> int:
+    """Return the time of the last scan, ms."""
+    return twin.now_ms - 10
+
+
+def go_on(twin: Twin) -> None:
+    """Press X0 in Stopped, Held or Complete, and again in Idle."""
+    twin.home()
+    twin.start()
+
+
+def to_complete(twin: Twin, *, within_ms: int = 4 * TRAY_MS) -> SeedlingCounts:
+    """Run to Complete and return where the seedlings are."""
+    twin.run_until_state(State.COMPLETE, within_ms=within_ms)
+    return twin.plant.counts()
+
+
+@cache
+def undisturbed(seed: int = 1, trays: int = 1) -> SeedlingCounts:
+    """Return where the seedlings are after a run that nothing disturbed; their fate depends on the seed alone."""
+    return to_complete(at_work({"trays_target": trays}, seed=seed, trays=trays))
+
+
+def arm_of(twin: Twin, side: Side) -> ArmPlant:
+    """Return the simulated arm."""
+    return twin.plant.arms[side]
+
+
+def tags_of(twin: Twin, side: Side) -> ArmTags:
+    """Return the tags of an arm."""
+    return twin.machine.tags.arms[side]
+
+
+def at_initial_state(twin: Twin, side: Side) -> bool:
+    """Tell whether an arm is at feed, down, converged, open and empty."""
+    arm = arm_of(twin, side)
+    sensors = arm.sensors
+    home = all(sensors[name].read() for name in ("slide_at_feed", "lift_down", "claws_converged"))
+    return home and arm.claws.free and not arm.grip.held
+
+
+def is_parked_loaded(twin: Twin, side: Side) -> bool:
+    """Tell whether an arm is at feed, up, with closed claws."""
+    sensors = arm_of(twin, side).sensors
+    return sensors["slide_at_feed"].read() and sensors["lift_up"].read() and arm_of(twin, side).claws.gripping
+
+
+class Change(NamedTuple):
+    """A coil or a step went on or off in a scan."""
+
+    at_ms: int
+    name: str
+    on: bool
+
+
+class Recorder:
+    """Everything that came and went, scan by scan; in one scan what went comes first.
+
+    Attributes:
+        changes: In order.
+    """
+
+    def __init__(self, twin: Twin, look: Callable[[Twin], set[str]]) -> None:
+        """Watch what `look` returns after every scan; what is there already has not come."""
+        self.changes: list[Change] = []
+        self._look = look
+        self._before = look(twin)
+        twin.watch(self._see)
+
+    @classmethod
+    def of_outputs(cls, twin: Twin) -> Recorder:
+        """Record the outputs by tag."""
+        return cls(twin, lambda twin: twin.outputs())
+
+    @classmethod
+    def of_steps(cls, twin: Twin) -> Recorder:
+        """Record the steps as 'sequence: step'."""
+        return cls(twin, lambda twin: set(twin.active_steps()))
+
+    def of(self, prefix: str, from_ms: int = 0, to_ms: int = 10**9) -> list[Change]:
+        """Return the changes of names that begin with a prefix, within a time, the prefix cut off."""
+        return [
+            change._replace(name=change.name.removeprefix(prefix))
+            for change in self.changes
+            if change.name.startswith(prefix) and from_ms <= change.at_ms <= to_ms
+        ]
+
+    def _see(self, twin: Twin) -> None:
+        now, at_ms = self._look(twin), twin.now_ms
+        if now != self._before:
+            self.changes += [Change(at_ms, name, on=False) for name in sorted(self._before - now)]
+            self.changes += [Change(at_ms, name, on=True) for name in sorted(now - self._before)]
+            self._before = now
+
+
+def sides() -> tuple[Side, Side]:
+    """Return both sides."""
+    return SIDES
