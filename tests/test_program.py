@@ -299,7 +299,10 @@ def test_suspended_is_amber_and_not_green(all_wired: IoMap) -> None:
     twin.start()
     twin.run_until_state(State.SUSPENDED, within_ms=20_000)
     twin.run_for(50)
-    seen = {frozenset(lamps(twin)) for _ in range(100) if twin.scan() is None}
+    seen = set()
+    for _ in range(100):
+        twin.scan()
+        seen |= {frozenset(lamps(twin))}
     assert seen == {frozenset(), frozenset({"lamp_amber"})}
 
 
