@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 
 import pytest
 from core_rig import THOROUGH, Bench, base_pulses, m, s, t, x
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.core.expr import TRUE, Expr, Timer, all_of
+from controller.core.devices import Memory
+from controller.core.expr import TRUE, Expr, Timer, all_of, evaluate
 from controller.core.program import requests
 from controller.core.rungs import Out, Rung, Set, ZoneReset
 from controller.core.scan import StepMachine
@@ -104,6 +106,24 @@ def test_an_unconditional_transition_hides_those_below_it() -> None:
     bench = Bench(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c")]))
     bench.scan(0)
     assert bench.states() == {21}
+
+
+def test_the_first_true_transition_is_taken_even_if_it_makes_a_later_one_true() -> None:
+    go = [To("b", when=~s(21)), To("c", when=s(21))]
+    bench = Bench(STARTED, Sequence("choice", FIRST, [step("a", *go), step("b"), step("c")]))
+    bench.scan()
+    assert bench.states() == {21}
+
+
+def test_conditions_of_transfers_exclude_each_other_by_themselves() -> None:
+    """For every reader of the declaration that has no "else": an export, a proof, a drawing."""
+    go = [To(title, when=x(n)) for n, title in enumerate("bcd")]
+    sequence = Sequence("choice", FIRST, [step("a", *go), step("b"), step("c"), step("d")], enable=x(3))
+    for buttons in product([False, True], repeat=4):
+        memory = Memory()
+        memory.X[:4] = buttons
+        true = [transfer.target for transfer in sequence.transfers["a"] if evaluate(transfer.when, memory)]
+        assert true == [s(21 + n) for n in range(3) if buttons[n] and buttons[3]][:1]
 
 
 def test_without_enable_steps_go_on_driving_but_no_transfer_fires() -> None:

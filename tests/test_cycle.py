@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import pytest
 from monitors import guard
-from twin_rig import MACHINE, Change, Recorder, arm_of, at_work, to_complete
+from twin_rig import MACHINE, Change, Recorder, arm_of, at_work, tags_of, to_complete
 
 from controller.hmi.production import CycleEvent
+from controller.program.modes import State
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.bench.twin import Twin
 
@@ -232,6 +233,20 @@ def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
         assert all(not down_ms < cup_ms < cups_ms[-1] - 20 for cup_ms in cups_ms), "a cup before would have done"
         missed += len(cups_ms) - 12
         assert cycle_of(run.twin, side, row).missed_cups == missed
+
+
+def test_an_arm_that_is_done_stays_at_home_and_misses_no_cups() -> None:
+    """Given left cups at 25/min, the right arm is done long before; its cups go by empty, and that is no gap."""
+    twin = at_work({"trays_target": 1})
+    twin.plant.left.cups.planting_frequency_per_min = 25.0
+    arm = tags_of(twin, "right")
+    twin.run_until(lambda: twin.plc.read(arm.cycles) == 4, within_ms=200_000)
+    missed = twin.plc.read(arm.missed_cups)
+    outputs = Recorder.of_outputs(twin)
+    assert twin.run_until_state(State.COMPLETE, within_ms=100_000) > 15 * 60_000 / 45, "more than twelve cups"
+    assert outputs.of("right.slide_inward") == []
+    twin.run_for(60_000)
+    assert twin.plc.read(arm.missed_cups) == missed
 
 
 # the centre

@@ -109,15 +109,16 @@ def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: 
 
 
 @pytest.mark.parametrize(
-    ("step", "descend_at_count", "never"), [("slide to feed", 0, "spread"), ("wait to lower", 6, "lift_extend")]
+    ("left_late_until", "step", "never"),
+    [("lift from row", "slide to feed", "spread"), ("pause at feed", "wait to lower", "lift_extend")],
 )
-def test_while_holding_no_arm_begins_to_throw(step: str, descend_at_count: int, never: str) -> None:
+def test_while_holding_no_arm_begins_to_throw(left_late_until: str, step: str, never: str) -> None:
     """Given an alarm while the left arm is on its way, a load that comes to feed stays converged, or waits up."""
-    twin = at_work({"trays_target": 1, "descend_at_count": descend_at_count})
+    twin = at_work({"trays_target": 1, "descend_at_count": 6})
     until_picking(twin, "right", 1)
     slide = arm_of(twin, "left").slide
     slide.jammed = True
-    until_step(twin, "right arm", "slide to feed")
+    until_step(twin, "right arm", left_late_until)
     slide.jammed = False
     until_step(twin, "right arm", step)
     beam = twin.plant.conveyor.beam

@@ -92,6 +92,24 @@ def test_the_next_tray_is_there_within_its_time() -> None:
     assert twin.plc.read(twin.machine.tags.tray.phase) == IN_PLACE
 
 
+def test_a_tray_that_slips_back_while_it_settles_is_fetched_again() -> None:
+    """Given X15 off for 50 ms before the tray has stood 0.2 s, it creeps on, and has to stand 0.2 s anew."""
+    twin = switched_on()
+    twin.press("start")
+    steps = Recorder.of_steps(twin)
+    until_step(twin, "tray feeder", "settle")
+    twin.run_for(100)
+    beam = twin.plant.conveyor.beam
+    beam.stuck = False
+    twin.run_for(50)
+    beam.stuck = None
+    twin.run_until_state(State.IDLE, within_ms=1_000)
+    visited = [change for change in steps.of("tray feeder: ") if change.on]
+    assert [change.name for change in visited[-4:]] == ["settle", "creep", "settle", "wait for an empty tray"]
+    assert visited[-1].at_ms - visited[-2].at_ms == 200
+    assert twin.plant.conveyor.placed_tray == 0
+
+
 def test_a_new_run_takes_the_next_trays() -> None:
     """Given one tray wanted of two, when it is empty, Complete; X0 homes, X0 starts, and the second one is taken."""
     twin = at_work({"trays_target": 1}, trays=2)
