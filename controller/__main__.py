@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
+import os
+import queue
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TextIO
 
 from controller.core.clock import MonotonicClock
 from controller.core.retain import DamagedStoreError, FileStore
@@ -94,9 +98,14 @@ def _run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise UsageError(f"--input-filter-ms: {error}") from error
     store = FileStore(options.retain)
+    claim = _claim(options.retain)
     _restore(machine, plc, store)
     for name, value in _set_points(machine, options.set_points):
         plc.write(getattr(machine.tags.sp, name), value)
+    try:
+        store.save(plc.retained())
+    except OSError as error:
+        raise UsageError(f"--retain {options.retain}: {error.strerror}; name a file that can be written") from error
     link = ModbusTcpLink(options.host, options.port, machine.io_map, unit=options.unit,
                          timeout_s=options.timeout_ms / 1000)  # fmt: skip
     stop = threading.Event()
@@ -106,7 +115,8 @@ def _run(options: argparse.Namespace) -> int:
         return 0
     keeper = ThreadKeeper(store)
     runtime = Runtime(machine, plc, link, keeper, link_limit_ms=options.link_limit_ms)
-    runtime.observers.append(ProductionLog(machine, _teller(options.events), options.language))
+    teller = Teller(options.events)
+    runtime.observers.append(ProductionLog(machine, teller.tell, options.language))
     if not options.no_console:
         threading.Thread(target=_console, args=(runtime,), name="console", daemon=True).start()
     try:
@@ -114,12 +124,34 @@ def _run(options: argparse.Namespace) -> int:
     finally:
         link.close()
         keeper.close()
+        teller.close()
+        claim.close()
     print(
-        f"stopped, outputs written safe; {figures.scans} scans of {options.scan_ms} ms, {figures.overruns} over it, "
+        f"stopped, outputs {'written safe' if figures.made_safe else 'NOT written: the field did not answer'}; "
+        f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} over it, "
         f"longest {figures.longest_ms} ms",
         file=sys.stderr,
     )
     return 0
+
+
+def _claim(retain: Path) -> TextIO:
+    """Take the retentive memory for this process alone; the operating system lets it go when the process ends."""
+    if retain.is_dir():
+        raise UsageError(f"--retain {retain}: is a folder; name a file")
+    try:
+        retain.parent.mkdir(parents=True, exist_ok=True)
+        claim = retain.with_name(retain.name + ".lock").open("w", encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"--retain {retain}: {error.strerror}; name a file that can be written") from error
+    try:
+        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        claim.close()
+        raise UsageError(
+            f"--retain {retain}: another controller is using it; stop that one or name another file"
+        ) from None
+    return claim
 
 
 def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
@@ -145,8 +177,11 @@ def _set_points(machine: Transplanter, given: Sequence[str]) -> list[tuple[str, 
         name, _, value = text.partition("=")
         if name not in known:
             raise UsageError(f"--set {text}: no set-point {name!r}; known: {', '.join(known)}")
-        if not value.isdecimal() or int(value) > 32767:
-            raise UsageError(f"--set {text}: give a whole number from 0 to 32767")
+        if not value.isdecimal():
+            raise UsageError(f"--set {text}: give a whole number")
+        lowest, highest = machine.tags.sp.limits[getattr(machine.tags.sp, name)]
+        if not lowest <= int(value) <= highest:
+            raise UsageError(f"--set {text}: give {lowest} to {highest}")
         values.append((name, int(value)))
     return values
 
@@ -180,16 +215,36 @@ def _console(runtime: Runtime) -> None:
             print(error.args[0], file=sys.stderr, flush=True)
 
 
-def _teller(form: str) -> Callable[[Event], None]:
-    def tell(event: Event) -> None:
-        record = as_record(event)
-        if form == "json":
-            print(json.dumps(record), flush=True)
-        else:
-            at_ms, kind = record.pop("at_ms"), record.pop("event")
-            print(f"{at_ms:>9} ms  {kind:9}" + "  ".join(f"{k}={v}" for k, v in record.items()), flush=True)
+class Teller:
+    """Writes events to standard output in a thread of its own: a reader that is slow or gone does not hold the scan."""
 
-    return tell
+    def __init__(self, form: str) -> None:
+        self._form = form
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="events", daemon=True)
+        self._thread.start()
+
+    def tell(self, event: Event) -> None:
+        """Take an event; it is written when its turn comes."""
+        self._events.put(event)
+
+    def close(self) -> None:
+        """Write what is left, if anybody still reads."""
+        self._events.put(None)
+        self._thread.join(timeout=1.0)
+
+    def _write(self) -> None:
+        try:
+            while (event := self._events.get()) is not None:
+                print(self._line(as_record(event)), flush=True)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+    def _line(self, record: dict[str, object]) -> str:
+        if self._form == "json":
+            return json.dumps(record, ensure_ascii=False)
+        at_ms, kind = record.pop("at_ms"), record.pop("event")
+        return f"{at_ms:>9} ms  {kind:9}" + "  ".join(f"{k}={v}" for k, v in record.items())
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import contextlib
 import json
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (UsageError, IoMapError, MachineError) as error:
         print(error, file=sys.stderr)
         return 2
-    except LiveError as error:
+    except (LiveError, ConnectionError) as error:
         print(error, file=sys.stderr)
         return 1
     except ChildError as error:
@@ -144,6 +145,7 @@ def _run(options: argparse.Namespace) -> int:
         return _fast(options)
     if options.port == 0:
         raise UsageError("--port 0: the controller must know the port; name one")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the children as Ctrl-C does
     live = LiveOptions(options.seed, options.trays, options.host, options.port, options.io_map, options.machine,
                        options.language)  # fmt: skip
     with ProgressView() as view, live_trial(live, view) as trial:

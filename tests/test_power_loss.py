@@ -17,9 +17,10 @@ from routes import (
     questions,
     route_to,
 )
-from twin_rig import at_work, undisturbed, until_picking, until_step
+from twin_rig import at_work, tags_of, undisturbed, until_step
 
 from controller.program.modes import State
+from controller.program.tags import ROWS, SIDES, TAKEN
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 OFF_MS = 1_000
@@ -94,8 +95,13 @@ def test_power_loss_just_before_the_tray_is_in_place(earlier_ms: int, is_seen: b
 def test_power_loss_as_the_last_row_leaves_its_tray_counts_the_tray_once(into_ms: int) -> None:
     """Given the lift about to leave its lower limit, when the power goes, row and tray are counted when it is back."""
     twin = at_work({"trays_target": 1}, parameters=BRISK)
-    until_picking(twin, "right", 3)
-    until_step(twin, "right arm", "lift from row")
+    rows = [tags_of(twin, side).rows[row] for side in SIDES for row in ROWS]
+    lifting = [twin.machine.cycles[side]["lift from row"] for side in SIDES]
+    twin.run_until(
+        lambda: sum(twin.plc.read(row) != TAKEN for row in rows) == 1 and any(map(twin.plc.read, lifting)),
+        within_ms=90_000,
+        what="the last row is lifted",
+    )
     twin.run_for(into_ms)
     twin.power_cycle(OFF_MS)
     assert home_again(twin) == set()

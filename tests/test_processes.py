@@ -84,6 +84,9 @@ def test_help_names_the_options(program: str) -> None:
         (("plant_sim", "run", "--fast", "--keep"), "--keep"),
         (("controller", "--set", "tray_target=2"), "trays_target"),
         (("controller", "--set", "trays_target=two"), "whole number"),
+        (("controller", "--set", "clamp=0"), "10 to 200"),
+        (("controller", "--retain", "."), "is a folder"),
+        (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
         (("controller", "--scan-ms", "0"), "--scan-ms"),
         (("controller", "--input-filter-ms", "99"), "--input-filter-ms"),
     ],
@@ -280,6 +283,37 @@ def test_the_live_run_is_stopped_by_ctrl_c_in_order() -> None:
     assert live.returncode == 130
     assert "outputs written safe" in said
     assert "Traceback" not in said
+    with socket.create_server(("127.0.0.1", port)):
+        pass
+
+
+def test_one_retentive_memory_serves_one_controller(tmp_path: Path) -> None:
+    """Given a controller that runs, a second one on the same file is refused in one line."""
+    with plant_process() as (_, port), controller_process(port, tmp_path, *PATIENT) as first:
+        assert first.lines.get(timeout=LIMIT_S)
+        second = run("controller", "--port", str(port), "--retain", str(tmp_path / "retentive.json"))
+    assert second.returncode == 2
+    assert "another controller" in second.stderr
+    assert second.stderr.count("\n") == 1
+
+
+def test_sigterm_ends_the_live_run_with_its_children() -> None:
+    """Given a live run, SIGTERM leaves nobody on the port."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port)]
+    live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert live.stderr is not None
+        for line in live.stderr:
+            if "Stopped" in line:
+                break
+        live.terminate()
+        _, said = live.communicate(timeout=LIMIT_S)
+    finally:
+        live.kill()
+        live.communicate()
+    assert "outputs written safe" in said
     with socket.create_server(("127.0.0.1", port)):
         pass
 

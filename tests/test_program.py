@@ -53,8 +53,9 @@ def test_every_limit_has_its_own_alarm_and_timer() -> None:
 
 
 def test_limits_leave_room_for_a_slow_motion_and_not_for_a_jam() -> None:
-    """By hand: 378.5 mm at 142.6 mm/s for the widest row spacing, 150 mm and 187 mm at 200 mm/s, a tray of 540 mm."""
-    longest_ms = {"slide": 2_720, "lift": 815, "spread": 985, "converge": 985, "run": 2_750}
+    """By hand: 378.5 mm at 142.6 mm/s for the widest row spacing, 150 mm and 187 mm at 200 mm/s, a tray of 540 mm,
+    and the longest claw dwell that can be set."""
+    longest_ms = {"slide": 2_720, "lift": 815, "spread": 985, "converge": 985, "run": 2_750, "claws": 2_000}
     for sequence, _, step in STEPS:
         if step.watch:
             moves = step.hold[0].name.rpartition("want ")[2].partition("_")[0]
@@ -88,7 +89,8 @@ def test_what_is_retentive_lies_where_no_parameter_can_make_it_otherwise() -> No
 def test_what_must_outlive_a_loss_of_power_is_retentive() -> None:
     kept = set(MACHINE.program.retentive())
     tags = MACHINE.tags
-    wanted: list[Bit | Word] = [tags.tray.phase, tags.machine.trays_done, *(word for word, _ in tags.sp.defaults)]
+    wanted: list[Bit | Word] = [tags.tray.phase, tags.machine.trays_done, tags.machine.batch_complete]
+    wanted += [word for word, _ in tags.sp.defaults]
     for arm in tags.arms.values():
         wanted += [arm.loaded, arm.claws_closed, arm.claws_known, arm.clamped, *arm.rows.values()]
         wanted += [arm.missed_cups, arm.cycles]

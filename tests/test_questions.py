@@ -295,6 +295,7 @@ def test_none_the_feeder_runs_out_what_is_there_and_brings_the_next(is_seen: boo
     assert held(twin) == {"tray"}
     recorder = Recorder.of_steps(twin)
     answer(twin, "tray_none")
+    assert [rows(twin, side) for side in SIDES] == [[TAKEN] * 3] * 2
     assert home_again(twin) == set()
     ran_out = "move tray out" in {change.name for change in recorder.of("tray feeder: ")}
     assert ran_out == is_seen

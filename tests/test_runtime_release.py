@@ -71,6 +71,7 @@ class Cabinet:
         self.plc = Plc(PROGRAM, input_filter_ms=0)
         machine = replace(build(IO_MAP), program=PROGRAM)
         self.scan_fault = machine.tags.system.scan_fault
+        self.store_fault = machine.tags.system.store_fault
         self.runtime = Runtime(machine, self.plc, self.strip, keeper)
         self.now_ms = 0
 
@@ -136,7 +137,7 @@ def test_with_a_store_in_memory_nothing_waits() -> None:
     assert store.load() == {"D512": 1}
 
 
-def test_a_store_that_refused_is_a_scan_fault_and_is_asked_again_until_it_takes_the_memory(
+def test_a_store_that_refused_is_a_fault_of_its_own_and_is_asked_again_until_it_takes_the_memory(
     cabinet: Cabinet, store: GatedStore, keeper: ThreadKeeper
 ) -> None:
     """Nothing else need change: a machine at rest on a full disk must come back when there is room."""
@@ -146,13 +147,13 @@ def test_a_store_that_refused_is_a_scan_fault_and_is_asked_again_until_it_takes_
     cabinet.tick(COUNT)
     assert wait_until(keeper, lambda: keeper.error is not None)
     assert cabinet.tick() == "001"
-    assert cabinet.plc.read(cabinet.scan_fault) == 1
+    assert cabinet.plc.read(cabinet.store_fault) == 1
     in_the_way.rmdir()
     cabinet.tick()
     assert wait_until(keeper, lambda: keeper.settled)
     assert store.load() == {"D512": 1}
     assert cabinet.tick() == "101"
-    assert cabinet.plc.read(cabinet.scan_fault) == 0
+    assert cabinet.plc.read(cabinet.store_fault) == 0
     asked = len(store.asked)
     cabinet.tick()
     assert len(store.asked) == asked

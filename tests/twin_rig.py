@@ -10,7 +10,7 @@ from monitors import guard
 
 from controller.io_map import IoMap
 from controller.program.modes import State
-from controller.program.tags import SIDES, ArmTags, Side
+from controller.program.tags import ArmTags, Side
 from plant_sim.arm import ArmPlant
 from plant_sim.bench.twin import Twin
 from plant_sim.crop.seedling import SeedlingCounts
@@ -162,8 +162,3 @@ class Recorder:
             self.changes += [Change(at_ms, name, on=False) for name in sorted(self._before - now)]
             self.changes += [Change(at_ms, name, on=True) for name in sorted(now - self._before)]
             self._before = now
-
-
-def sides() -> tuple[Side, Side]:
-    """Return both sides."""
-    return SIDES

@@ -17,7 +17,7 @@ from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 
 from controller.core.devices import is_retentive
-from controller.core.expr import Bit, Expr, Timer, Word
+from controller.core.expr import TRUE, Bit, Expr, Timer, Word
 from controller.core.rungs import Annunciate, OnDelay
 
 
@@ -40,10 +40,12 @@ class Dwell:
     Attributes:
         timer: The step's own timer, T0-T245; its contact is used in the step's transitions.
         preset: Time in ms, or a word with counts of the timer's base.
+        when: The time runs only while this holds, and begins anew when it does again.
     """
 
     timer: Timer
     preset: int | Word
+    when: Expr = TRUE
 
     def __post_init__(self) -> None:
         if is_retentive("T", self.timer.number):
@@ -161,7 +163,7 @@ class Sequence:
 
     def dwell_rung(self, step: Step) -> OnDelay | None:
         """Return the step's dwell timer as a rung of the step."""
-        return OnDelay(step.dwell.timer, step.dwell.preset) if step.dwell else None
+        return OnDelay(step.dwell.timer, step.dwell.preset, step.dwell.when) if step.dwell else None
 
     def _transfers(self, step: Step, enable: Expr | None) -> Iterator[Transfer]:
         earlier: list[Expr] = []

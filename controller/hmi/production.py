@@ -7,18 +7,20 @@ from dataclasses import asdict, dataclass
 
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
+from controller.program.modes import State
 from controller.program.tags import ROWS, SIDES, Side
-from controller.program.texts import QUESTIONS, STATES, Language
+from controller.program.texts import QUESTIONS, REASONS, STATES, Language
 from controller.program.texts import SIDES as SIDE_TEXTS
 
 
 @dataclass(frozen=True, slots=True)
 class StateEvent:
-    """The machine entered a PackML state."""
+    """The machine entered a PackML state; Suspended comes with its reason."""
 
     at_ms: int
     state: int
     text: str
+    reason: str = ""
     event: str = "state"
 
 
@@ -146,7 +148,7 @@ class ProductionLog:
         state = plc.read(tags.machine.state)
         if state != self._state:
             self._state = state
-            self._tell(StateEvent(now_ms, state, getattr(STATES[state], self._language)))
+            self._tell(self._state_event(now_ms, plc, state))
             if not plc.read(tags.machine.motion):
                 for watch in self._cycles:
                     watch.interrupt()
@@ -160,6 +162,12 @@ class ProductionLog:
         if self._trays is not None and trays > self._trays:
             self._tell(TrayEvent(now_ms, trays))
         self._trays = trays
+
+    def _state_event(self, now_ms: int, plc: Plc, state: int) -> StateEvent:
+        reason = ""
+        if state in (State.SUSPENDING, State.SUSPENDED):
+            reason = getattr(REASONS[plc.read(self._machine.tags.machine.reason)], self._language)
+        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason)
 
     def _see_alarms(self, now_ms: int, plc: Plc) -> None:
         alarms = set(plc.annunciators())

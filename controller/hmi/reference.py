@@ -69,11 +69,15 @@ def alarm_table(machine: Transplanter) -> str:
 def command_table(machine: Transplanter) -> str:
     """Return the command table and the set-points."""
     commands = [(c.bit, c.name, c.meaning) for c in machine.tags.commands]
-    defaults = [(word, word.name, first, word.comment) for word, first in machine.tags.sp.defaults]
+    limits = machine.tags.sp.limits
+    defaults = [
+        (word, word.name, first, "{} to {}".format(*limits[word]), word.comment)
+        for word, first in machine.tags.sp.defaults
+    ]
     return (
         f"# Commands and set-points\n\n{GENERATED}\n\n## Commands\n\nA press lives one scan.\n\n"
         f"{table(('device', 'command', 'what it does'), commands)}\n## Set-points\n\n"
-        f"{table(('device', 'set-point', 'first value', 'meaning'), defaults)}"
+        f"{table(('device', 'set-point', 'first value', 'range', 'meaning'), defaults)}"
     )
 
 

@@ -20,7 +20,7 @@ class Keeper(Protocol):
         """Whether everything submitted is safe in the store."""
 
     @property
-    def error(self) -> OSError | None:
+    def error(self) -> Exception | None:
         """Why the store refused last, if it did."""
 
     def close(self) -> None:
@@ -33,7 +33,7 @@ class DirectKeeper:
     def __init__(self, store: RetentiveStore) -> None:
         self._store = store
         self.settled = True
-        self.error: OSError | None = None
+        self.error: Exception | None = None
 
     def submit(self, values: Mapping[str, int]) -> None:
         """Save at once."""
@@ -52,7 +52,7 @@ class ThreadKeeper:
         self._newest: Mapping[str, int] | None = None
         self._busy = False
         self._closing = False
-        self._error: OSError | None = None
+        self._error: Exception | None = None
         self._thread = threading.Thread(target=self._work, name="retentive memory", daemon=True)
         self._thread.start()
 
@@ -69,7 +69,7 @@ class ThreadKeeper:
             return self._newest is None and not self._busy and self._error is None
 
     @property
-    def error(self) -> OSError | None:
+    def error(self) -> Exception | None:
         """Why the store refused last; cleared by the next success."""
         with self._wake:
             return self._error
@@ -88,10 +88,10 @@ class ThreadKeeper:
                 if self._newest is None:
                     return
                 values, self._newest, self._busy = self._newest, None, True
-            error: OSError | None = None
+            error: Exception | None = None
             try:
                 self._store.save(values)
-            except OSError as refused:
+            except Exception as refused:  # noqa: BLE001 - whatever it is, the machine must learn of it
                 error = refused
             with self._wake:
                 self._busy, self._error = False, error

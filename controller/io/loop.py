@@ -16,12 +16,14 @@ class LoopFigures:
     Attributes:
         scans: Scans done.
         overruns: Scans that ended after the next one was due; whole periods lost are not made good.
+        made_safe: Whether the field has taken the safe outputs at the end.
         longest_ms: Longest time from when a scan was due to its last output, ms.
     """
 
     scans: int = 0
     overruns: int = 0
     longest_ms: int = 0
+    made_safe: bool = False
 
 
 def run_real_time(runtime: Runtime, clock: Clock, *, scan_ms: int, stop: threading.Event) -> LoopFigures:
@@ -53,5 +55,5 @@ def run_real_time(runtime: Runtime, clock: Clock, *, scan_ms: int, stop: threadi
                 due_ms += (now_ms - due_ms) // scan_ms * scan_ms
             stop.wait(max(0, due_ms - now_ms) / 1000)
     finally:
-        runtime.make_safe()
+        figures.made_safe = runtime.make_safe()
     return figures

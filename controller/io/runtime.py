@@ -6,6 +6,7 @@ outputs go to their safe state first and are written.
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 
@@ -17,6 +18,10 @@ from controller.program.machine import Transplanter
 
 Observer = Callable[[int, Plc], None]
 
+_log = logging.getLogger(__name__)
+
+STORE_LIMIT_MS = 1_000
+"""Longest time coils are held back for the store; then the store is at fault."""
 SCAN_LIMIT_MS = 200
 """Longest time from one scan to the next, the FX2N's D8000 (FX.md 1.4)."""
 REOPEN_MS = 500
@@ -65,6 +70,9 @@ class Runtime:
         self._reopen_at_ms: int | None = None
         self._open = False
         self._seen = False
+        self._failed = False
+        self._store_refused = False
+        self._held_since_ms: int | None = None
         self._orders: deque[Bit] = deque()
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
@@ -83,11 +91,12 @@ class Runtime:
         while self._orders:
             self.plc.press(self._orders.popleft())
         self.plc.write(system.link_lost, self.link_lost)
-        self.plc.write(system.scan_fault, late or self._keeper.error is not None)
-        image = self.plc.scan(now_ms, self._inputs)[: len(self._safe)]
-        self._keep()
+        self.plc.write(system.scan_fault, late or self._failed)
+        self.plc.write(system.outputs_held, self._held_since_ms is not None)
+        self.plc.write(system.store_fault, self._store_fault(now_ms))
+        image = self._scan(now_ms)
         # A field that was lost takes nothing but the safe state first, lamps and horn included.
-        self.released = list(self._safe) if self.link_lost else self._release(image)
+        self.released = list(self._safe) if self.link_lost else self._release(now_ms, image)
         self._write(now_ms)
         for observe in self.observers:
             observe(now_ms, self.plc)
@@ -100,14 +109,36 @@ class Runtime:
         """
         self._orders.append(self.machine.tags.commands[command])
 
-    def make_safe(self) -> None:
-        """Write every output's safe state, if the field can be reached at all."""
+    def make_safe(self) -> bool:
+        """Write every output's safe state; return whether the field has taken it."""
         self.released = list(self._safe)
         try:
             self._link.open()
             self._link.write_outputs(self.released)
         except OSError:
             self._link.close()
+            return False
+        return True
+
+    def _scan(self, now_ms: int) -> Sequence[bool]:
+        """Run the program and keep what it remembers; a scan that fails gives safe outputs and a latched fault."""
+        try:
+            image = self.plc.scan(now_ms, self._inputs)[: len(self._safe)]
+            self._keep()
+        except Exception:  # noqa: BLE001 - whatever it is, outputs go safe and the fault is latched
+            if not self._failed:
+                _log.exception("scan failed at %d ms; outputs safe", now_ms)
+            self._failed = True
+            return self._safe
+        self._failed = False
+        return image
+
+    def _store_fault(self, now_ms: int) -> bool:
+        overdue = self._held_since_ms is not None and now_ms - self._held_since_ms > STORE_LIMIT_MS
+        if self._keeper.error is not None and not self._store_refused:
+            _log.error("retentive memory cannot be stored: %s", self._keeper.error)
+        self._store_refused = self._keeper.error is not None
+        return overdue or self._store_refused
 
     def _read(self, now_ms: int) -> None:
         try:
@@ -159,10 +190,13 @@ class Runtime:
             self._kept = kept
             self._keeper.submit(self.plc.retained())
 
-    def _release(self, image: Sequence[bool]) -> list[bool]:
+    def _release(self, now_ms: int, image: Sequence[bool]) -> list[bool]:
         """Hold back what acts on memory not yet stored; going to the safe level is never held back."""
         if self._keeper.settled:
+            self._held_since_ms = None
             return list(image)
+        if self._held_since_ms is None:
+            self._held_since_ms = now_ms
         return [
             level if level in (safe, before) else before
             for level, before, safe in zip(image, self.released, self._safe, strict=True)

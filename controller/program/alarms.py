@@ -9,7 +9,7 @@ from typing import Final
 from controller.core.devices import ANNUNCIATORS, MS_100
 from controller.core.expr import Bit, Expr, Timer, any_of
 from controller.core.program import Block
-from controller.core.rungs import Annunciate, Out, Pulse, Rst, Rung, Set, ZoneReset
+from controller.core.rungs import Annunciate, Mov, Out, Pulse, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Sequence, Timeout
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Inputs, Side, Tags
 from controller.program.texts import ALARMS, Text
@@ -23,6 +23,12 @@ SPREAD_LIMIT_MS: Final = 2_500
 """187 mm at 0.2 m/s: 0.94 s; two and a half times that."""
 TRAY_OUT_LIMIT_MS: Final = 6_000
 """540 mm at 0.2 m/s: 2.7 s; twice that."""
+CLAW_LIMIT_MS: Final = 3_000
+"""Longest dwell that can be set is 2 s; a claw coil that is not granted or not released for so long has a reason."""
+OFF_HOME_MS: Final = 1_000
+"""An arm at rest at home does not leave its switches; longer than a switch may tremble."""
+STOP_STUCK_MS: Final = 5_000
+"""Nobody holds X24 so long: clearing takes 3 s."""
 TRAY_LOST_MS: Final = 500
 """A tray that stands does not leave its front edge sensor; longer than the sensor may tremble."""
 
@@ -56,10 +62,12 @@ class Annunciators:
         self.emergency_stop = self.add("emergency_stop")
         self.link_lost = self.add("link_lost")
         self.scan_fault = self.add("scan_fault")
+        self.store_fault = self.add("store_fault")
         self.memory_lost = self.add("memory_lost", stops_work=False)
         self.air_low = self.add("air_low")
         self.tray_jam = self.add("tray_jam")
         self.tray_lost = self.add("tray_lost")
+        self.stop_stuck = self.add("stop_stuck", number=_WARNINGS + 1, stops_work=False)
         self.magazine_empty = self.add("magazine_empty", number=_WARNINGS, stops_work=False)
 
     def __iter__(self) -> Iterator[Alarm]:
@@ -110,7 +118,13 @@ class Limits:
         return Timeout(ms, self._alarms.add(key, self._arm.side), timer)
 
 
-def alarm_block(tags: Tags, alarms: Annunciators, overruns: dict[Side, Bit], sequences: list[Sequence]) -> Block:
+def alarm_block(
+    tags: Tags,
+    alarms: Annunciators,
+    overruns: dict[Side, Bit],
+    off_homes: dict[Side, Timeout],
+    sequences: list[Sequence],
+) -> Block:
     """Return the block that sets annunciators and tells each actuator's group that it has a fault."""
     x, system, machine, arms, tray = tags.x, tags.system, tags.machine, tags.arms, tags.tray
     commands = tags.commands
@@ -120,6 +134,9 @@ def alarm_block(tags: Tags, alarms: Annunciators, overruns: dict[Side, Bit], seq
         Set(alarms.emergency_stop, when=x.emergency_stop & ~system.link_lost),
         Set(alarms.link_lost, when=system.link_lost),
         Set(alarms.scan_fault, when=system.scan_fault),
+        Set(alarms.store_fault, when=system.store_fault),
+        Annunciate(machine.t_stop_stuck, STOP_STUCK_MS, alarms.stop_stuck, when=x.stop & ~system.link_lost),
+        Rst(alarms.stop_stuck, when=~x.stop),
         Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
         Annunciate(
             tray.t_lost, TRAY_LOST_MS, alarms.tray_lost, when=machine.running & tray.phase.equals(IN_PLACE) & ~tray.edge
@@ -130,11 +147,22 @@ def alarm_block(tags: Tags, alarms: Annunciators, overruns: dict[Side, Bit], seq
         rungs += sequence.limits()
     for side in SIDES:
         arm = arms[side]
-        rungs += [Set(overruns[side], when=arm.over_row), Out(arm.fault, when=any_of(*alarms.of_side(side)))]
+        off_home = off_homes[side]
+        rungs += [
+            Set(overruns[side], when=arm.over_row),
+            Annunciate(off_home.timer, off_home.ms, off_home.alarm, when=arm.off_home),
+            Out(arm.fault, when=any_of(*alarms.of_side(side))),
+        ]
     stopping: list[Expr] = [a.bit for a in alarms if a.stops_work]
     rungs += [
         Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
         Out(machine.fault, when=any_of(*stopping)),
+        *(
+            Mov(alarm.bit.number, machine.first_out, when=alarm.bit & machine.first_out.equals(0))
+            for alarm in alarms
+            if alarm.stops_work
+        ),
+        Mov(0, machine.first_out, when=~machine.fault),
         Pulse(machine.new_alarm, when=machine.fault),
         Set(machine.horn, when=machine.new_alarm),
         Rst(machine.horn, when=commands.acknowledge | ~machine.fault),

@@ -6,7 +6,7 @@ from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
-from controller.program.alarms import LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
+from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
 from controller.program.tags import (
     CUPS,
     FIRST_SCAN,
@@ -51,8 +51,9 @@ def cycle(tags: Tags, side: Side, limit: Limits) -> Sequence:
         Step(
             "close claws",
             hold=[want["claws_close"]],
-            dwell=Dwell(a.t_clamp, sp.clamp),
+            dwell=Dwell(a.t_clamp, sp.clamp, when=a.coils["claws_close"] & ~tags.system.outputs_held),
             go=[To("lift from row", when=a.t_clamp.done & a.at_wanted_row)],
+            watch=limit("close claws", CLAW_LIMIT_MS),
         ),
         Step(
             "lift from row",
@@ -117,11 +118,12 @@ def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
         Step(
             "open claws",
             hold=[want["claws_open"]],
-            dwell=Dwell(a.t_release, sp.release),
+            dwell=Dwell(a.t_release, sp.release, when=a.coils["claws_open"] & ~tags.system.outputs_held),
             go=[
                 To("raise empty", when=a.t_release.done & sp.converge_at.differs(0)),
                 To("converge", when=a.t_release.done),
             ],
+            watch=limit("open claws", CLAW_LIMIT_MS),
         ),
         Step(
             "raise empty",
@@ -146,17 +148,27 @@ def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     ]
 
 
-def conditioning(tags: Tags, side: Side, steps: Sequence) -> list[Rung]:
-    """Return the rungs that make facts of sensors and memory, before anything acts on them."""
+def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> list[Rung]:
+    """Return the rungs that make facts of sensors and memory, before anything acts on them.
+
+    While the field is lost the X image is assumed, not read: nothing is made a fact then.
+    """
     a = tags.arms[side]
-    return [*_power_up(a), *_cup_count(tags, a, steps), *_rows(a), *_permit(tags, a, steps)]
+    real = ~tags.system.link_lost
+    return [*_power_up(a, real), *_cup_count(tags, a, steps), *_rows(a, steps, home, real), *_permit(tags, a, steps)]
 
 
-def _power_up(a: ArmTags) -> list[Rung]:
+def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
     """After power-up: unknown claws count as closed and loaded; a row between clamping and lifting is in doubt."""
     unknown = FIRST_SCAN & ~a.claws_known
-    doubt = [Mov(IN_DOUBT, a.rows[row], when=FIRST_SCAN & a.rows[row].equals(IN_PROGRESS)) for row in ROWS]
-    return [Set(a.loaded, unknown), Set(a.claws_closed, unknown), Set(a.clamped, unknown), *doubt]
+    lifted = all_of(FIRST_SCAN, real, ~a.down, ~a.at_feed)
+    rows: list[Rung] = []
+    for row in a.rows.values():
+        rows += [
+            Mov(TAKEN, row, when=lifted & row.equals(IN_PROGRESS)),
+            Mov(IN_DOUBT, row, when=FIRST_SCAN & row.equals(IN_PROGRESS)),
+        ]
+    return [Set(a.loaded, unknown), Set(a.claws_closed, unknown), Set(a.clamped, unknown), *rows]
 
 
 def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
@@ -169,24 +181,26 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     return [
         Pulse(a.cup_edge, when=a.cup_sensor),
         Out(a.cup, when=a.cup_edge & a.t_pulse.done),
-        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup_edge),
+        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup_edge & ~tags.system.link_lost),
         Rst(a.cup_counter, when=FIRST_SCAN),
         Rst(a.missed_cups, when=tags.commands.count_reset),
         Inc(a.missed_cups, when=a.cup & a.cup_counter.done & a.row_running),
         Count(a.cup_counter, CUPS, when=a.cup),
-        Set(a.cups_confirmed, when=tags.commands.cups_empty),
+        Rst(a.count_valid, when=FIRST_SCAN),
+        Set(a.count_valid, when=a.cup_counter.done),
+        Set(a.cups_confirmed, when=tags.commands.cups_empty & ~a.count_valid),
         Out(a.count_good, when=a.cup_counter.done | a.cups_confirmed),
         Out(a.release_edge, when=a.cup & a.count_good & (machine.running | machine.stopping)),
         OnDelay(a.t_no_cups, sp.no_cups, when=waiting & ~a.cup),
         Out(a.no_cups, when=a.t_no_cups.done),
-        Out(a.waiting_cups, when=waiting),
         Out(a.park, when=machine.holding | (machine.stopping & a.no_cups)),
     ]
 
 
-def _rows(a: ArmTags) -> list[Rung]:
-    """The next row is the first that is not taken; a row is taken once the lift has left its lower limit."""
-    left_row = [Mov(TAKEN, a.rows[row], when=~a.down & ~a.at_feed & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
+def _rows(a: ArmTags, steps: Sequence, home: Sequence, real: Expr) -> list[Rung]:
+    """The next row is the first that is not taken; a row is taken once the lift takes it off its lower limit."""
+    lifted = all_of(real, ~a.down, steps["lift from row"] | home["raise loaded"])
+    left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE
     for row in ROWS:
@@ -210,12 +224,13 @@ def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     other, machine, tray = tags.other(a.side), tags.machine, tags.tray
     may_meet = tags.sp.arms_may_meet.differs(0)
     other_goes = other.in_centre if a.side == "left" else other.in_centre | (other.permit & other.row_is[3])
+    other_known = other.at_feed | other.cycling
     home = all_of(steps["wait at feed"], a.down, a.at_feed, a.is_converged, ~a.claws_closed, ~a.loaded)
     return [
         Out(
             a.permit,
             when=all_of(machine.executing, home, a.row_full, tray.phase.equals(IN_PLACE), tray.edge, ~a.cycle_done)
-            & (~a.row_is[3] | may_meet | ~other_goes),
+            & (~a.row_is[3] | may_meet | (other_known & ~other_goes)),
         )
     ]
 
@@ -243,9 +258,10 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
         Rst(a.loaded, when=opened),
         Rst(a.claws_closed, when=opened),
         Rst(a.clamped, when=opened),
-        Rst(a.discard, when=opened),
+        Rst(a.discard, when=~a.loaded),
         Rst(a.cup_counter, when=released | discarded),
         Rst(a.cups_confirmed, when=released | discarded),
+        Set(a.count_valid, when=released),
         Set(a.row_running, when=released),
         Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
         Pulse(a.thrown, when=thrown),
@@ -256,7 +272,7 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
         Set(a.retried, when=steps["return to row"]),
         Rst(a.retried, when=steps["wait at feed"] | steps["lift from row"]),
         Out(a.over_row, when=off_row),
-        Set(a.in_centre, when=steps["approach row"] & a.row_is[3]),
+        Set(a.in_centre, when=(steps["approach row"] & a.row_is[3]) | a.at_pick[3]),
         Rst(a.in_centre, when=(a.at_feed & ~steps["approach row"]) | (steps["slide to feed"] & a.at_pick[2])),
     ]
     return Block(f"{a.side} arm memory", tuple(rungs))

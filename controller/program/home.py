@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from controller.core.expr import any_of
+from controller.core.expr import all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, To
-from controller.program.alarms import LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
-from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, ROWS, TAKEN, ArmTags, SetPoints, Side, Tags
+from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
+from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, Side, Tags
 
 FIRST_STEP_OFFSET = 40
 
@@ -20,7 +20,7 @@ def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
     up and stays, ready (5); an empty arm opens, goes up, converges and goes down (6). Where it cannot be told,
     the step waits for the operator (7). Unknown claws count as closed and loaded (1): see `arm.conditioning`.
     """
-    a, sp = tags.arms[side], tags.sp
+    a = tags.arms[side]
     steps = [
         Step(
             "decide",
@@ -34,21 +34,24 @@ def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
                 To("open at feed", when=~a.ask & ~a.loaded),
             ],
         ),
-        *_to_feed(a, sp, limit),
-        *_at_feed(a, sp, limit),
+        *_to_feed(tags, side, limit),
+        *_at_feed(tags, side, limit),
     ]
     return Sequence(f"{a.side} homing", a.first_step + FIRST_STEP_OFFSET, steps)
 
 
-def _to_feed(a: ArmTags, sp: SetPoints, limit: Limits) -> list[Step]:
+def _to_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     """Return the steps that bring the arm to feed."""
+    a, sp = tags.arms[side], tags.sp
     want = a.want
+    opening = a.coils["claws_open"] & ~tags.system.outputs_held
     return [
         Step(
             "put back",
             hold=[want["claws_open"]],
-            dwell=Dwell(a.t_put_back, sp.release),
+            dwell=Dwell(a.t_put_back, sp.release, when=opening),
             go=[To("out low", when=a.t_put_back.done)],
+            watch=limit("home: put back", CLAW_LIMIT_MS),
         ),
         Step(
             "raise loaded",
@@ -77,9 +80,11 @@ def _to_feed(a: ArmTags, sp: SetPoints, limit: Limits) -> list[Step]:
     ]
 
 
-def _at_feed(a: ArmTags, sp: SetPoints, limit: Limits) -> list[Step]:
+def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     """Return the steps at feed, up to the initial state or loaded-ready."""
+    a, sp = tags.arms[side], tags.sp
     want = a.want
+    opening = a.coils["claws_open"] & ~tags.system.outputs_held
     return [
         Step(
             "raise at feed",
@@ -102,8 +107,9 @@ def _at_feed(a: ArmTags, sp: SetPoints, limit: Limits) -> list[Step]:
         Step(
             "open at feed",
             hold=[want["claws_open"]],
-            dwell=Dwell(a.t_home_open, sp.release),
+            dwell=Dwell(a.t_home_open, sp.release, when=opening),
             go=[To("raise to converge", when=a.t_home_open.done)],
+            watch=limit("home: open at feed", CLAW_LIMIT_MS),
         ),
         Step(
             "raise to converge",
@@ -134,22 +140,22 @@ def questions(tags: Tags, side: Side) -> list[Rung]:
     while the arm stands at feed, where it can only have come by hand.
     """
     a, commands = tags.arms[side], tags.commands
-    open_at_feed = any_of(*(a.rows[row].equals(IN_PROGRESS) for row in ROWS)) & a.at_feed
     open_row = a.row_in_doubt | (a.row_in_progress & a.at_feed)
-    yes, no = commands.loaded_yes[a.side], commands.loaded_no[a.side]
+    discard = commands.discard[side] & ~tags.machine.motion
+    yes, no = commands.loaded_yes[side] | discard, commands.loaded_no[side]
     rows: list[Rung] = []
-    for row in ROWS:
+    for row in a.rows.values():
         rows += [
-            Mov(TAKEN, a.rows[row], when=yes & open_row & (a.rows[row] >= IN_PROGRESS)),
-            Mov(IN_PROGRESS, a.rows[row], when=no & ~a.at_feed & a.rows[row].equals(IN_DOUBT)),
-            Mov(FULL, a.rows[row], when=no & a.at_feed & (a.rows[row] >= IN_PROGRESS)),
+            Mov(TAKEN, row, when=yes & open_row & (row >= IN_PROGRESS)),
+            Mov(IN_PROGRESS, row, when=no & ~a.at_feed & row.equals(IN_DOUBT)),
+            Mov(FULL, row, when=no & a.at_feed & (row >= IN_PROGRESS)),
         ]
     return [
-        Set(a.discard, when=commands.discard[a.side]),
         *(Set(bit, when=yes & open_row) for bit in (a.loaded, a.claws_closed, a.clamped)),
+        Set(a.discard, when=discard & a.loaded),
         Rst(a.loaded, when=no & open_row & a.at_feed),
         *rows,
-        Out(a.ask, when=any_of(*(a.rows[row].equals(IN_DOUBT) for row in ROWS)) | open_at_feed),
+        Out(a.ask, when=open_row),
     ]
 
 
@@ -167,7 +173,13 @@ def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Bloc
             Set(cycle["spread"], when=machine.entered_starting & a.loaded),
             Set(cycle.first, when=machine.entered_starting & ~a.loaded),
             Out(a.active, when=any_of(*(bit for bit, _ in cycle))),
-            Out(a.at_rest, when=a.fault | ~a.active | resting | held),
+            Out(a.cycling, when=a.active & ~resting),
+            Out(a.at_rest, when=a.fault | ~a.cycling | held),
             Out(a.homed, when=home["homed"]),
+            Out(
+                a.off_home,
+                when=(machine.executing & cycle["wait at feed"] & ~all_of(a.down, a.at_feed, a.is_converged))
+                | (home["homed"] & ~a.at_feed),
+            ),
         ),
     )

@@ -70,7 +70,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
              tray.phase.equals(IN_PLACE) & tray.edge & ~tray.want_run & ~tray.want_creep),
         Rule("stop at the row", "the wanted row is the inner end of the motion", ("slide_inward",), ~a.at_wanted_row),
         Rule("centre is free", "the arms' fingers overlap inward of pick 2", ("slide_inward",),
-             ~a.row_is[3] | sp.arms_may_meet.differs(0) | ~other.in_centre),
+             ~a.row_is[3] | sp.arms_may_meet.differs(0) | (~other.in_centre & (other.at_feed | other.cycling))),
         Rule("outward clear", "a load goes out only up, an empty arm up or low with open claws", ("slide_outward",),
              a.up | all_of(a.down, ~a.loaded, ~a.claws_closed)),
         Rule("lift clear", "over the tray the lift goes up clamped or open, never half closed", ("lift_retract",),

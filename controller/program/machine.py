@@ -10,7 +10,7 @@ from controller.core.rungs import Out
 from controller.core.sequence import Sequence
 from controller.io_map import IoMap
 from controller.program import arm, home, modes, tray
-from controller.program.alarms import Annunciators, Limits, alarm_block
+from controller.program.alarms import OFF_HOME_MS, Annunciators, Limits, alarm_block
 from controller.program.interlocks import Rule, arm_rules, output_block, tray_rules
 from controller.program.tags import SIDES, Side, Tags
 
@@ -47,6 +47,7 @@ def build(io_map: IoMap) -> Transplanter:
     limits = {side: Limits(tags.arms[side], alarms) for side in SIDES}
     cycles = {side: arm.cycle(tags, side, limits[side]) for side in SIDES}
     homings = {side: home.homing(tags, side, limits[side]) for side in SIDES}
+    off_homes = {side: limits[side]("off home", OFF_HOME_MS) for side in SIDES}
     feeder = tray.feeder(tags, alarms)
     sequences = [*cycles.values(), *homings.values(), feeder]
     states = modes.state_table(tags)
@@ -58,7 +59,7 @@ def build(io_map: IoMap) -> Transplanter:
         *(
             Block(
                 f"{side} arm conditions",
-                (*home.questions(tags, side), *arm.conditioning(tags, side, cycles[side])),
+                (*arm.conditioning(tags, side, cycles[side], homings[side]), *home.questions(tags, side)),
             )
             for side in SIDES
         ),
@@ -69,7 +70,7 @@ def build(io_map: IoMap) -> Transplanter:
         *(arm.bookkeeping(tags, side, cycles[side], homings[side]) for side in SIDES),
         tray.bookkeeping(tags, feeder),
         Block("requests", tuple(Out(bit, when=any_of(*steps)) for bit, steps in requests(sequences).items())),
-        alarm_block(tags, alarms, overruns, sequences),
+        alarm_block(tags, alarms, overruns, off_homes, sequences),
         output_block(tags, io_map, rules, rules_tray),
         Block("commands consumed", (tags.commands.consumed(),)),
     )

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 from controller.core.expr import FALSE, TRUE, Bit, Expr, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung
+from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.program.tags import FIRST_SCAN, Tags
 
 CLEAR_HOLD_MS = 3_000
@@ -32,6 +32,16 @@ class State(IntEnum):
     RESETTING = 15
     COMPLETING = 16
     COMPLETE = 17
+
+
+class Reason(IntEnum):
+    """Why the machine is Suspended."""
+
+    NONE = 0
+    NO_TRAY = 1
+    NO_CUPS_LEFT = 2
+    NO_CUPS_RIGHT = 3
+    NO_CUPS = 4
 
 
 RUNNING = (State.STARTING, State.EXECUTE, State.SUSPENDING, State.SUSPENDED, State.UNSUSPENDING)
@@ -102,8 +112,10 @@ def conditioning(tags: Tags) -> list[Rung]:
             Rst(button, when=FIRST_SCAN)
             for button in (machine.start_pressed, machine.stop_pressed, machine.reset_pressed)
         ),
-        Out(machine.abort, when=x.emergency_stop | system.link_lost | system.scan_fault),
-        OnDelay(machine.stop_held, CLEAR_HOLD_MS, when=x.stop & ~machine.abort & state.equals(State.ABORTED)),
+        Out(machine.abort, when=any_of(x.emergency_stop, system.link_lost, system.scan_fault, system.store_fault)),
+        Set(machine.clear_armed, when=machine.stop_pressed & state.equals(State.ABORTED)),
+        Rst(machine.clear_armed, when=~x.stop | machine.abort | state.differs(State.ABORTED)),
+        OnDelay(machine.stop_held, CLEAR_HOLD_MS, when=machine.clear_armed),
         Out(
             machine.clear_requested,
             when=all_of(
@@ -120,6 +132,19 @@ def conditioning(tags: Tags) -> list[Rung]:
     ]
 
 
+def _reason(tags: Tags) -> list[Rung]:
+    """Say in one register why the machine cannot work on: no tray before no cups."""
+    reason = tags.machine.reason
+    left, right = tags.arms["left"].no_cups, tags.arms["right"].no_cups
+    return [
+        Mov(Reason.NONE, reason),
+        Mov(Reason.NO_CUPS_LEFT, reason, when=left),
+        Mov(Reason.NO_CUPS_RIGHT, reason, when=right),
+        Mov(Reason.NO_CUPS, reason, when=left & right),
+        Mov(Reason.NO_TRAY, reason, when=tags.tray.missing),
+    ]
+
+
 def mode_block(tags: Tags, table: list[StateChange]) -> Block:
     """Return the block that finds this scan's state and what follows from it."""
     machine, arms, tray = tags.machine, tags.arms, tags.tray
@@ -130,6 +155,7 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
 
     rungs: list[Rung] = [
         Out(machine.suspend, when=any_of(tray.missing, *(arm.no_cups for arm in arms.values()))),
+        *_reason(tags),
         Mov(state, before),
         Mov(State.STOPPED, state, when=FIRST_SCAN),
     ]
@@ -137,10 +163,9 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
     rungs += [
         entered(machine.entered_resetting, State.RESETTING),
         entered(machine.entered_starting, State.STARTING),
-        Rst(
-            machine.trays_done,
-            when=machine.entered_resetting & before.equals(State.COMPLETE) & machine.target_reached,
-        ),
+        Set(machine.batch_complete, when=state.equals(State.COMPLETE) & machine.target_reached),
+        Rst(machine.trays_done, when=machine.entered_resetting & machine.batch_complete),
+        Rst(machine.batch_complete, when=machine.entered_resetting),
         Out(machine.resetting, when=state.equals(State.RESETTING)),
         Out(machine.executing, when=state.equals(State.EXECUTE)),
         Out(machine.stopping, when=state.equals(State.STOPPING)),

@@ -65,6 +65,12 @@ def _condition(point: Point) -> Expr:
     return ~contact if point.inverted else contact
 
 
+def _driven(point: Point) -> Expr:
+    """True while the output is on, as the last scan has left it."""
+    contact = Bit("Y", point.number, point.tag, point.meaning)
+    return ~contact if point.inverted else contact
+
+
 class System:
     """Bits written from outside before a scan by the runtime around the PLC."""
 
@@ -73,10 +79,12 @@ class System:
         self.link_lost = m.bit("link lost", "no good exchange with the field within the limit")
         self.scan_fault = m.bit("scan fault", "a scan was over its limit or failed")
         self.memory_lost = m.bit("memory lost", "retentive memory could not be restored")
+        self.outputs_held = m.bit("outputs held", "coils are held back until the memory they act on is stored")
+        self.store_fault = m.bit("store fault", "retentive memory cannot be stored")
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
-        return (self.link_lost, self.scan_fault, self.memory_lost)
+        return (self.link_lost, self.scan_fault, self.memory_lost, self.outputs_held, self.store_fault)
 
 
 class SetPoints:
@@ -86,25 +94,32 @@ class SetPoints:
         d = Area("D", 512, 539)
         self.defaults: list[tuple[Word, int]] = []
 
-        def add(name: str, first_value: int, comment: str) -> Word:
+        self.limits: dict[Word, tuple[int, int]] = {}
+
+        def add(name: str, first_value: int, lowest: int, highest: int, comment: str) -> Word:
             word = d.word(name, comment)
             self.defaults.append((word, first_value))
+            self.limits[word] = (lowest, highest)
             return word
 
-        self.trays_target = add("trays target", 0, "trays to empty before Complete; 0 = endless")
-        self.mode = add("mode", 1, "1 continuous, 2 one cycle")
-        self.descend_at_count = add("descend at count", 0, "cups counted before the arm goes down over them")
-        self.converge_at = add("converge at", 0, "0 = converge down, 1 = go up first")
-        self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, "1 = both arms may be inward of pick 2")
-        self.release_delay = add("release delay x10 ms", RELEASE_DELAY_X10_MS, "from the releasing cup to opening")
-        self.no_cups = add("no cups x100 ms", 40, "waiting without a cup pulse until Suspended: 3 cup times")
-        self.pulse_interval = add("cup pulse interval x10 ms", 25, "shortest time between two cups")
-        self.settle = add("settle x10 ms", 10, "time the slide must stay on its switch before clamping")
-        self.clamp = add("clamp x10 ms", 20, "claw closing dwell")
-        self.release = add("release x10 ms", 20, "claw opening dwell")
-        self.pause_at_feed = add("pause at feed x10 ms", 50, "from arriving at feed to spreading (paper: 0.5 s)")
-        self.tray_index = add("tray index x10 ms", 10, "run at full speed into the gap before creeping")
-        self.no_tray = add("no tray x100 ms", 120, "creeping without a tray's front edge until Suspended")
+        self.trays_target = add("trays target", 0, 0, 1000, "trays to empty before Complete; 0 = endless")
+        self.mode = add("mode", 1, 1, 2, "1 continuous, 2 one cycle")
+        self.descend_at_count = add("descend at count", 0, 0, CUPS, "cups counted before the arm goes down over them")
+        self.converge_at = add("converge at", 0, 0, 1, "0 = converge down, 1 = go up first")
+        self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2")
+        self.release_delay = add(
+            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "from the releasing cup to opening"
+        )
+        self.no_cups = add("no cups x100 ms", 40, 10, 6000, "waiting without a cup until Suspended: 3 cup times")
+        self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cups")
+        self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
+        self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
+        self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
+        self.pause_at_feed = add(
+            "pause at feed x10 ms", 50, 0, 500, "from arriving at feed to spreading (paper: 0.5 s)"
+        )
+        self.tray_index = add("tray index x10 ms", 10, 1, 200, "run at full speed into the gap before creeping")
+        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creeping without a tray's front edge until Suspended")
 
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""
@@ -121,13 +136,19 @@ class MachineTags:
         self.state = d.word("state", "PackML state number")
         self.state_before = d.word("state before", "PackML state number of the scan before")
         self.trays_done = kept.word("trays done", "trays emptied since the count was cleared")
+        self.reason = d.word("reason", "why Suspended: 0 -, 1 no tray, 2 no cups left, 3 no cups right, 4 none at both")
+        self.first_out = d.word("first out", "annunciator that stopped work first; 0 = none")
+        self.batch_complete = Bit(
+            "M", 1056, "batch complete", "the wanted trays were done; the next homing clears them"
+        )
         self.start_pressed = m.bit("start pressed", "X0 pressed, this scan")
         self.reset_pressed = m.bit("reset pressed", "reset button pressed, this scan")
         self.stop_pressed = m.bit("stop pressed", "X24 pressed or stop command, this scan")
         self.home_requested = m.bit("home requested", "reset and home: X0 or command, this scan")
         self.start_requested = m.bit("start requested", "start: X0 or command, this scan")
         self.clear_requested = m.bit("clear requested", "clear after an emergency stop, this scan")
-        self.abort = m.bit("abort", "emergency stop, link or scan fault present")
+        self.abort = m.bit("abort", "emergency stop, or a fault of link, scan or store")
+        self.clear_armed = m.bit("clear armed", "X24 has been pressed since the emergency stop")
         self.motion = m.bit("motion allowed", "the state allows motion")
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
@@ -140,7 +161,8 @@ class MachineTags:
         self.target_reached = m.bit("target reached", "the wanted number of trays is empty")
         self.fault = m.bit("fault", "an alarm that stops work is set")
         self.horn = m.bit("horn", "alarm not yet acknowledged")
-        self.new_alarm = m.bit("new alarm", "an annunciator came on, this scan")
+        self.new_alarm = m.bit("new alarm", "the first alarm that stops work came on, this scan")
+        self.t_stop_stuck = Timer(107, "stop stuck", "X24 on for longer than anybody presses it")
         self.stop_held = Timer(100, "stop held", "X24 held after an emergency stop: clear")
 
 
@@ -157,7 +179,7 @@ class ArmTags:
         self.side = side
         self.first_step = 20 + 80 * index
         self.first_limit = 50 * index
-        self.outputs = {name: Bit("Y", io_map[f"{side}.{name}"].number, f"{side}.{name}") for name in ARM_OUTPUTS}
+        self.coils = {name: _driven(io_map[f"{side}.{name}"]) for name in ARM_OUTPUTS}
 
         self.down = x[f"{side}.lift_down"]
         self.up = x[f"{side}.lift_up"]
@@ -172,9 +194,9 @@ class ArmTags:
         self.cup = m.bit("cup", "a cup has been counted, this scan")
         self.count_good = m.bit("count good", "twelve empty cups stand under the claws")
         self.release_edge = m.bit("release edge", "cup on which a waiting arm releases, this scan")
+        self.count_valid = m.bit("count valid", "twelve cups or a release have been seen since power-up")
         self.cups_confirmed = m.bit("cups confirmed", "the operator says the cups are empty")
         self.no_cups = m.bit("no cups", "waiting over the cups, and none come")
-        self.waiting_cups = m.bit("waiting for cups", "the arm waits over the cups")
         self.row_running = m.bit("row running", "seedlings are being thrown: further cups are gaps")
         self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next to take") for row in ROWS}
         self.row_full = m.bit("row full", "the next row is full")
@@ -190,9 +212,11 @@ class ArmTags:
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
         self.discard = m.bit("discard", "the load is to be opened over the cups while homing")
         self.active = m.bit("active", "a step of the cycle is on")
+        self.cycling = m.bit("cycling", "a cycle is under way: the arm is away from home on purpose")
         self.at_rest = m.bit("at rest", "no motion of a cycle is under way")
-        self.homed = m.bit("homed", "homing of the arm is done, or cannot go on")
+        self.homed = m.bit("homed", "homing of the arm is done")
         self.fault = m.bit("fault", "an alarm of this arm is set")
+        self.off_home = m.bit("off home", "the arm should stand at home, and does not")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
 
         self.loaded = kept_m.bit("loaded", "the claws hold seedlings")
@@ -235,8 +259,6 @@ class TrayTags:
         t10 = Area("T", 220, 229, "tray")
         x = Inputs(io_map)
         self.edge = x.tray_front_edge
-        self.run = Bit("Y", io_map["tray_run"].number, "tray_run")
-        self.forward = Bit("Y", io_map["tray_forward"].number, "tray_forward")
         self.first_step = 180
         self.phase = Word("D", 561, "tray.phase", "0 unknown, 1 in place, 2 moving out, 3 coming")
         self.want_run = m.bit("want run", "request: conveyor at full speed")

@@ -44,9 +44,16 @@ ALARMS: Final = {
     "emergency_stop": Text("Emergency stop pressed", "急停按钮已按下"),
     "link_lost": Text("Field link lost; outputs off", "现场通信中断,输出已切断"),
     "scan_fault": Text("Scan over its limit or failed; outputs off", "扫描超时或出错,输出已切断"),
+    "store_fault": Text("Retentive memory cannot be stored: check disk and file", "保持数据无法保存:检查磁盘和文件"),
+    "stop_stuck": Text("Stop button or its wire open: nothing can start", "停止按钮或其线路断开,无法启动"),
     "memory_lost": Text("Retentive memory lost: check claws, rows and tray", "保持数据丢失:检查夹爪、苗排和苗盘"),
     "air_low": Text("Air pressure low", "气压过低"),
     "overrun": Text("{side} slide left the pick position after arriving", "{side}滑块到位后又离开取苗位"),
+    "off home": Text("{side} arm has left home by itself", "{side}臂自行离开原位"),
+    "close claws": Text("{side} claws not closed: place or outputs lost", "{side}夹爪未闭合:位置或输出丢失"),
+    "open claws": Text("{side} claws not opened: place or outputs lost", "{side}夹爪未张开:位置或输出丢失"),
+    "home: put back": Text("Homing: {side} claws not opened at the row", "复位:{side}夹爪在取苗位未张开"),
+    "home: open at feed": Text("Homing: {side} claws not opened at feed", "复位:{side}夹爪在投苗位未张开"),
     "approach row": Text("{side} slide did not reach the row", "{side}滑块未到达取苗位"),
     "return to row": Text("{side} slide did not return to the row", "{side}滑块未退回取苗位"),
     "lift from row": Text("{side} arm not up after clamping", "{side}臂夹苗后未升到上限位"),
@@ -72,6 +79,15 @@ ALARMS: Final = {
     "magazine_empty": Text("Tray magazine empty", "苗盘仓已空"),
 }
 """Alarm texts by key."""
+
+REASONS: Final = {
+    0: Text("", ""),
+    1: Text("no tray", "无苗盘"),
+    2: Text("no cups at the left row", "左行无苗杯"),
+    3: Text("no cups at the right row", "右行无苗杯"),
+    4: Text("no cups", "无苗杯"),
+}
+"""Why the machine is Suspended, by `modes.Reason`."""
 
 QUESTIONS: Final = {
     "loaded": Text("Does the {side} arm hold seedlings?", "{side}臂是否夹有苗?"),

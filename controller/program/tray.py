@@ -83,6 +83,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     doubt = unsettled | (t.phase.equals(IN_PLACE) & ~t.edge)
     full = t.ask & commands.tray_full & t.edge
     none = t.ask & commands.tray_none
+    real = ~tags.system.link_lost
     return [
         Mov(NO_TRAY, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
@@ -94,7 +95,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Mov(IN_PLACE, t.phase, when=full),
         Mov(MOVING_OUT, t.phase, when=none),
         Rst(t.ask, when=full | none | (commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
-        Mov(COMING, t.phase, when=~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
+        Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
         Set(t.ask, when=machine.entered_resetting & doubt),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
         Out(t.needed, when=t.phase.differs(IN_PLACE) & ~machine.target_reached),
@@ -126,11 +127,11 @@ def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
 
 def supervision(tags: Tags, feeder: Sequence) -> Block:
     """Return the rungs that start the feeder and take its steps away when the state allows no motion."""
-    t, machine = tags.tray, tags.machine
+    machine = tags.machine
     return Block(
         "tray supervision",
         (
             ZoneReset(feeder.first, feeder.last, when=~machine.motion),
-            Set(feeder.first, when=machine.entered_resetting | (machine.entered_starting & ~t.missing)),
+            Set(feeder.first, when=machine.entered_resetting | machine.entered_starting),
         ),
     )

@@ -78,6 +78,17 @@ class Process:
         """Exit code; None while it runs."""
         return self._process.poll()
 
+    def next_line(self, within_s: float) -> str | None:
+        """Return the next line of output; None once there will be no more.
+
+        Raises:
+            LiveError: Nothing came within the time.
+        """
+        try:
+            return self.lines.get(timeout=within_s)
+        except queue.Empty:
+            raise LiveError(f"the {self.name} said nothing for {within_s:.0f} s") from None
+
     def kill(self) -> None:
         """End it as a power failure would: no clean-up of its own."""
         self._process.kill()
@@ -118,7 +129,8 @@ class Story:
         self.events.append(event)
         match event["event"]:
             case "state":
-                self.state, self.state_text = event["state"], event["text"]
+                reason = f" ({event['reason']})" if event["reason"] else ""
+                self.state, self.state_text = event["state"], event["text"] + reason
             case "tray":
                 self.trays_done = event["trays_done"]
             case "cycle":
@@ -158,7 +170,7 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
     with ExitStack() as stack:
         memory = stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-"))
         plant = stack.enter_context(Process("plant", serve))
-        if plant.lines.get(timeout=START_LIMIT_S) is None:
+        if plant.next_line(START_LIMIT_S) is None:
             raise ChildError("plant", plant.stop())
         operator = stack.enter_context(Operator(o.host, o.port))
         control = [
