@@ -25,6 +25,7 @@ from twin_rig import (
     switched_on,
     tags_of,
     undisturbed,
+    until_step,
 )
 
 from controller.hmi.production import QuestionEvent
@@ -222,6 +223,25 @@ def test_a_load_ordered_to_be_discarded_is_opened_over_the_cups(side: Side, step
     assert twin.plant.counts().in_tray == 0
     assert twin.plc.read(tags_of(twin, side).cycles) == 3  # the load assumed at first, rows 1 and 3
     assert twin.plc.read(tags_of(twin, other_side(side)).cycles) == 4
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_an_order_to_discard_is_for_one_load(side: Side) -> None:
+    """Given a load discarded, the next one that is stopped on its way stays in the claws."""
+    twin = machine()
+    run_to("slide to feed")(twin, side)
+    press_emergency_stop(twin)
+    clear(twin)
+    twin.command(f"{side}_discard")
+    home_again(twin)
+    twin.start()
+    until_step(twin, f"{side} arm", "slide to feed")
+    load = list(arm_of(twin, side).grip.held)
+    press_emergency_stop(twin)
+    clear(twin)
+    home_again(twin)
+    assert is_parked_loaded(twin, side)
+    assert {seedling.place for seedling in load} <= {Place.IN_CLAW, Place.LOST_CARRY}
 
 
 # which tray stands there?
