@@ -5,31 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import pytest
+from cable import CableLink
 from routes import STOPS, Route, Stop, finish, home_again, route_to
 from twin_rig import arm_of, at_work, is_parked_loaded, tags_of, undisturbed, until_picking, until_step
 
 from controller.program.modes import State
 from controller.program.tags import SIDES, Side
 from plant_sim.bench.twin import SCAN_MS, Twin
-from plant_sim.links.in_process import InProcessLink, LinkDown
 
 CLAW_LIMIT_MS = 3_000
-
-
-class CableLink(InProcessLink):
-    """The in-process link with a cable that can be pulled."""
-
-    pulled = False
-
-    def open(self) -> None:
-        if self.pulled:
-            raise LinkDown("no cable")
-        super().open()
-
-    def read_inputs(self) -> list[bool]:
-        if self.pulled:
-            self.close()
-        return super().read_inputs()
 
 
 def pull_the_cable(twin: Twin, for_ms: int) -> None:

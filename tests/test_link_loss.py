@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from cable import CableLink
 
 from controller.core.scan import Plc
 from controller.io.keeper import DirectKeeper
@@ -13,30 +13,8 @@ from controller.io.runtime import Runtime
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.modes import State
 from plant_sim.bench.twin import SCAN_MS, Twin
-from plant_sim.links.in_process import InProcessLink, LinkDown
 
 LIMIT_MS = 100
-
-
-class CableLink(InProcessLink):
-    """The in-process link with a cable that can be pulled."""
-
-    pulled = False
-
-    def open(self) -> None:
-        if self.pulled:
-            raise LinkDown("no cable")
-        super().open()
-
-    def read_inputs(self) -> list[bool]:
-        if self.pulled:
-            self.close()
-        return super().read_inputs()
-
-    def write_outputs(self, image: Sequence[bool]) -> None:
-        if self.pulled:
-            self.close()
-        super().write_outputs(image)
 
 
 @pytest.fixture
