@@ -49,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m controller", description="Soft PLC of the seedling transplanter.")
+    parser = argparse.ArgumentParser(prog="python -m controller", description="Soft PLC of the seedling transplanter.",
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser("run", help="run the machine's program on a field link (default)",
                               formatter_class=argparse.ArgumentDefaultsHelpFormatter)  # fmt: skip
@@ -74,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     docs.set_defaults(command=_docs)
     docs.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
     docs.add_argument("--out", type=Path, required=True, help="folder for the tables")
+    parser.epilog = f"Without a command:\n\n{run.format_help()}"
     return parser
 
 

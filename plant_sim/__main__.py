@@ -56,7 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m plant_sim", description="The seedling transplanter in software.")
+    parser = argparse.ArgumentParser(prog="python -m plant_sim", description="The seedling transplanter in software.",
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     serve_ = _add(commands, "serve", _serve, "serve the plant as a Modbus TCP device (default)")
     _network(serve_)
@@ -81,6 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     docs = _add(commands, "docs", _docs, "write the reference tables made from the plant")
     docs.add_argument("--out", type=Path, required=True, help="folder for the tables")
+    parser.epilog = f"Without a command:\n\n{serve_.format_help()}"
     return parser
 
 

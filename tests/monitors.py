@@ -31,7 +31,11 @@ def opposite_coils(twin: Twin) -> Check:
         (io_map[f"{side}.{one}"], io_map[f"{side}.{two}"]) for side in SIDES for one, two in (SLIDE, LIFT, BELT, CLAWS)
     ]
 
+    safe = io_map.safe_outputs()
+
     def check() -> str | None:
+        if twin.runtime.released == safe:
+            return None
         for one, two in pairs:
             if is_on(twin, one) and is_on(twin, two):
                 return f"{one.tag} and {two.tag} are on together"

@@ -67,6 +67,7 @@ def wait_for_state(controller: Process, state: State) -> list[dict[str, object]]
 def test_help_names_the_options(program: str) -> None:
     done = run(program, "--help")
     assert done.returncode == 0
+    assert {"--io-map", "--port", "--host"} <= set(done.stdout.replace("[", " ").split())
     first = "run" if program == "controller" else "serve"
     assert "--io-map" in run(program, first, "--help").stdout
 

@@ -173,7 +173,7 @@ class Twin:
 
     def in_step(self, sequence: str, step: str) -> bool:
         """Tell whether a step is on."""
-        return f"{sequence}: {step}" in self.active_steps()
+        return any(each.name == sequence and self.plc.read(each[step]) for each in self.machine.program.sequences())
 
     def outputs(self) -> set[str]:
         """Return the tags of the outputs that are on (logical state)."""
