@@ -1,6 +1,6 @@
 """One arm with everything that belongs to its side: drives, claws, cups and what they hold."""
 
-from collections.abc import Sequence
+from typing import Any
 
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.grip import Grip
@@ -16,18 +16,6 @@ from plant_sim.devices.sensor import Sensor
 from plant_sim.devices.slide import Slide
 from plant_sim.devices.spreader import Spreader
 from plant_sim.parameters import Machine
-
-#: The coils of an arm in the order in which `ArmPlant.step` takes them.
-ARM_COILS = (
-    "lift_extend",
-    "lift_retract",
-    "slide_inward",
-    "slide_outward",
-    "converge",
-    "spread",
-    "claws_open",
-    "claws_close",
-)
 
 
 class ArmPlant:
@@ -46,7 +34,10 @@ class ArmPlant:
     __slots__ = (
         "_bed",
         "_belt_m",
+        "_down_m",
         "_pose",
+        "_state",
+        "_stirred",
         "_sweep",
         "claws",
         "cups",
@@ -61,27 +52,47 @@ class ArmPlant:
         self,
         side: str,
         machine: Machine,
+        state: Any,
+        make: Any,
+        gas: Any,
         seedlings: Seedlings,
         bed: Bed,
         report: Report,
         *,
-        chain_m: float,
+        seed: str,
     ) -> None:
         """Put an arm together.
 
         Args:
             side: ``left`` or ``right``.
             machine: All parameters.
+            state: Record of the arm, `ARM`.
+            make: Record of the arm, `ARM_MAKE`.
+            gas: How air behaves, `GAS`.
             seedlings: All of them.
             bed: What lies under the arms.
             report: Takes note of incidents.
-            chain_m: Where the cups stand, m.
+            seed: Decides where the cups stand and how their flags are bent.
         """
-        self.slide = Slide(machine.slide, machine.valve, machine.picks_m, x_m=0.0)
-        self.lift = Lift(machine.lift, machine.valve, y_m=machine.lift.stroke_m)
-        self.claws = Claws(machine.claws, machine.valve, is_open=True)
-        self.spreader = Spreader(machine.spreader, travel_m=0.0)
-        self.cups = Cups(machine.cups, chain_m=chain_m)
+        common, bounce_s, main_pa = machine.pneumatics, machine.contact.bounce_s, machine.supply.pressure_pa
+        self.slide = Slide(
+            machine.slide, machine.slide_port, machine.slide_friction, common, state, make, gas,
+            picks_m=machine.picks_m, pressure_pa=main_pa, bounce_s=bounce_s,
+        )  # fmt: skip
+        self.lift = Lift(
+            machine.lift, machine.lift_port, machine.lift_friction, common, state, make, gas,
+            pressure_pa=main_pa, bounce_s=bounce_s,
+        )  # fmt: skip
+        self.claws = Claws(
+            machine.claws, machine.claws_port, machine.claws_friction, common, state, make, gas,
+            pressure_pa=machine.claw_pressure_pa,
+        )  # fmt: skip
+        make["frees_above_m"], make["grips_below_m"] = self.claws.frees_above_m, self.claws.grips_below_m
+        self.spreader = Spreader(machine.spreader, state["spreader"], make["spreader"], bounce_s=bounce_s)
+        self.cups = Cups(machine.cups, state["cups"], make["cups"], seed=seed, bounce_s=bounce_s)
+        self._state = state
+        self._stirred = 0.0
+        self._down_m = machine.lift.stroke_m
         self.row = PlantingRow(
             side,
             seedlings,
@@ -101,7 +112,7 @@ class ArmPlant:
         self._sweep = Sweep(machine.handling, reach, seedlings, bed, report)
         self._bed = bed
         self._belt_m = bed.belt_m
-        self._pose = Pose(0.0, 0.0, gripping=False, free=False, travel_m=0.0)
+        self._pose = Pose(0.0, 0.0, gripping=False, free=False, travel_m=0.0, freed_s=0.0)
         self._sync()
 
     @property
@@ -138,43 +149,33 @@ class ArmPlant:
         if y_m is not None:
             self.lift.place(y_m)
         if is_open is not None:
-            self.claws.place(is_open=is_open)
+            self.claws.swing(is_open=is_open)
         if travel_m is not None:
             self.spreader.place(travel_m)
         self._sync()
 
-    def step(self, dt_s: float, coils: Sequence[bool]) -> None:
-        """Let time pass.
+    def follow(self, now_s: float, sight: list[float]) -> None:
+        """See what the last motion did to the seedlings.
 
         Args:
-            dt_s: How long, s.
-            coils: One for each of `ARM_COILS`, True when energised.
+            now_s: Time, s.
+            sight: Where everything of the arm is, as the kernel's `SIGHT`.
         """
-        extend, retract, inward, outward, converge, spread, open_coil, close_coil = coils
-        slide, lift, claws, spreader = self.slide, self.lift, self.claws, self.spreader
-        slide.step(dt_s, inward=inward, outward=outward)
-        lift.step(dt_s, extend=extend, retract=retract)
-        claws.step(dt_s, open_coil=open_coil, close_coil=close_coil)
-        spreader.step(dt_s, spread=spread, converge=converge)
-        self.cups.step(dt_s)
-        self.row.step(dt_s, chain_m=self.cups.chain_m)
-        arm_moves = slide.moving or lift.moving or claws.moving or spreader.moving
-        if arm_moves or self._bed.belt_m != self._belt_m:
+        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s = sight
+        self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
+        if stirred != self._stirred or self._bed.belt_m != self._belt_m:
+            self._stirred = stirred
             self._belt_m = self._bed.belt_m
-            self._look()
+            self._pose.take(x_m, self._down_m - y_m, travel_m, freed_s)
+            self._pose.gripping = claws_m <= self.claws.grips_below_m
+            self._pose.free = claws_m >= self.claws.frees_above_m
             self.grip.step(self._pose)
             self._sweep.step(self._pose)
 
-    def _look(self) -> None:
-        """Bring the pose up to date."""
-        pose = self._pose
-        pose.x_m = self.slide.position_m
-        pose.rise_m = self.lift.rise_m
-        pose.gripping = self.claws.gripping
-        pose.free = self.claws.free
-        pose.travel_m = self.spreader.travel_m
-
     def _sync(self) -> None:
-        self._look()
-        self.grip.sync(self._pose)
-        self._sweep.sync(self._pose)
+        """Take up the situation as it is."""
+        pose, freed_s = self._pose, float(self._state["freed_s"])
+        pose.take(self.slide.x_m, self.lift.rise_m, self.spreader.travel_m, freed_s)
+        pose.gripping, pose.free = self.claws.gripping, self.claws.free
+        self.grip.sync(pose)
+        self._sweep.sync(pose)

@@ -18,10 +18,10 @@ from plant_sim.devices.claws import ClawsSpec
 from plant_sim.devices.conveyor import ConveyorSpec
 from plant_sim.devices.cups import CupsSpec
 from plant_sim.devices.lift import LiftSpec
+from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, Pneumatics, PortSpec, ValveSpec
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
-from plant_sim.devices.valve import ValveSpec
 from plant_sim.spec import SpecError, require, require_within
 
 DEFAULT_MACHINE = Path(__file__).with_name("machine.yaml")
@@ -30,18 +30,33 @@ Value = bool | int | float
 
 _UNITS = {
     "_m3_s_pa": "m3/(s Pa)",
+    "_w_m2_k": "W/(m2 K)",
     "_per_min": "1/min",
+    "_nm_pa": "N m/Pa",
+    "_n_s_m": "N s/m",
+    "_v_s_m": "V s/m",
+    "_kg_m2": "kg m2",
+    "_m3_s": "m3/s",
     "_m_s2": "m/s2",
+    "_ohm": "ohm",
     "_m_s": "m/s",
+    "_n_m": "N/m",
     "_deg": "deg",
     "_mpa": "MPa",
+    "_nm": "N m",
+    "_m3": "m3",
+    "_kg": "kg",
     "_pa": "Pa",
     "_ms": "ms",
     "_mm": "mm",
     "_m": "m",
+    "_n": "N",
     "_s": "s",
+    "_v": "V",
     "_d": "d",
 }
+
+_MPA = 1e6
 
 
 class MachineError(ValueError):
@@ -70,15 +85,69 @@ class SimulationSpec:
     """How finely the plant looks at itself.
 
     Attributes:
-        substep_ms: Longest step, ms. The laws of motion are exact at any; switches, landing plugs
-            and incidents are seen at the end of one.
+        step_s: Step of air and motion, s; a millisecond holds a whole number of them.
+        look_ms: Longest time until it is seen what a motion did to the seedlings, ms.
     """
 
-    substep_ms: int
+    step_s: float
+    look_ms: int
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
-        require_within(self, 1, 20, "substep_ms")
+        require_within(self, 1e-5, 1e-3, "step_s")
+        whole = abs(self.steps_per_ms * self.step_s - 1e-3) < 1e-12
+        require(whole, "step_s", "must divide a millisecond: 1.0e-3, 0.5e-3, 0.2e-3, 0.1e-3")
+        require_within(self, 1, 20, "look_ms")
+
+    @property
+    def steps_per_ms(self) -> int:
+        """Steps in a millisecond."""
+        return round(1e-3 / self.step_s)
+
+
+@dataclass(frozen=True, slots=True)
+class ContactSpec:
+    """The contacts of every switch.
+
+    Attributes:
+        bounce_s: For how long a closing contact bounces, s.
+    """
+
+    bounce_s: float
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        require_within(self, 0.0, 0.05, "bounce_s")
+
+
+@dataclass(frozen=True, slots=True)
+class RatingSpec:
+    """Up to where the makers vouch for their parts; beyond it the machine is warned about, not refused.
+
+    Attributes:
+        slide_pa: Highest gauge pressure of the slide, Pa.
+        slide_least_pa: Lowest, Pa.
+        slide_m_s: Highest piston speed of the slide, m/s.
+        slide_least_m_s: Lowest, m/s.
+        lift_pa: Highest gauge pressure of the lift, Pa.
+        lift_m_s: Highest piston speed of the lift, m/s.
+        claws_pa: Highest gauge pressure of the claws, Pa.
+        claws_least_pa: Lowest, Pa.
+    """
+
+    slide_pa: float
+    slide_least_pa: float
+    slide_m_s: float
+    slide_least_m_s: float
+    lift_pa: float
+    lift_m_s: float
+    claws_pa: float
+    claws_least_pa: float
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        require_within(self, 0.0, 2e6, "slide_pa", "slide_least_pa", "lift_pa", "claws_pa", "claws_least_pa")
+        require_within(self, 0.0, 10.0, "slide_m_s", "slide_least_m_s", "lift_m_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,29 +156,49 @@ class Machine:
 
     Attributes:
         simulation: How finely it is simulated.
+        rating: What the makers vouch for.
         layout: How it is put together.
+        air: How air behaves.
+        supply: Compressed air.
         valve: Switching of every valve.
+        check_valve: Pilot check valves of slides and lifts.
+        contact: Contacts of the switches.
         slide: The slides.
+        slide_port: From the valve of a slide to its cylinder.
+        slide_friction: Friction of a slide.
         lift: The lifts.
+        lift_port: From the valve of a lift to its cylinder.
+        lift_friction: Friction of a lift.
         claws: The claws.
+        claws_port: From the valve of an arm's claws to their cylinders.
+        claws_friction: Friction of one claw.
         spreader: The spreaders.
         conveyor: Tray conveyor and magazine.
         cups: The rotating cups.
-        supply: Compressed air.
-        crop: Seedlings and how they are gripped.
+        crop: Seedlings and how they are gripped; the pressure of the claws is here.
         handling: Distances that decide what happens to a seedling.
     """
 
     simulation: SimulationSpec
+    rating: RatingSpec
     layout: LayoutSpec
+    air: AirSpec
+    supply: SupplySpec
     valve: ValveSpec
+    check_valve: CheckValveSpec
+    contact: ContactSpec
     slide: SlideSpec
+    slide_port: PortSpec
+    slide_friction: FrictionSpec
     lift: LiftSpec
+    lift_port: PortSpec
+    lift_friction: FrictionSpec
     claws: ClawsSpec
+    claws_port: PortSpec
+    claws_friction: FrictionSpec
     spreader: SpreaderSpec
     conveyor: ConveyorSpec
     cups: CupsSpec
-    supply: SupplySpec
     crop: CropSpec
     handling: HandlingSpec
 
@@ -119,6 +208,11 @@ class Machine:
             self.columns_m[COLUMNS // 2 - 1] + self.handling.reach_m < self.slide.stroke_m,
             "slide.stroke_m",
             "is too short to reach pick 3; lengthen it or reduce layout.row_spacing_m",
+        )
+        require(
+            self.slide.overtravel_m * self.slide.area_m2 < 0.5 * self.slide_port.dead_volume_m3,
+            "slide.overtravel_m",
+            "takes more than half of slide_port.dead_volume_m3",
         )
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
         require(
@@ -146,6 +240,36 @@ class Machine:
         """
         middle_m = self.layout.row_spacing_m / 2
         return tuple(middle_m + (index - (COLUMNS - 1) / 2) * self.handling.cell_pitch_m for index in range(COLUMNS))
+
+    @property
+    def pneumatics(self) -> Pneumatics:
+        """What every cylinder has in common."""
+        return Pneumatics(self.air, self.valve, self.check_valve)
+
+    @property
+    def claw_pressure_pa(self) -> float:
+        """Gauge pressure at which the regulator of the claws is set, Pa."""
+        return self.crop.claw_pressure_mpa * _MPA
+
+    @property
+    def warnings(self) -> list[str]:
+        """What lies outside the makers' ratings, one line each, the parameter first."""
+        rating, main_pa, claws_pa = self.rating, self.supply.pressure_pa, self.claw_pressure_pa
+        checks = [
+            ("supply.pressure_pa", main_pa, rating.slide_least_pa, min(rating.slide_pa, self.slide.decouples_pa),
+             "MPa", _MPA, "CY1S slide"),
+            ("supply.pressure_pa", main_pa, 0.0, rating.lift_pa, "MPa", _MPA, "SC50 lift"),
+            ("crop.claw_pressure_mpa", claws_pa, rating.claws_least_pa, rating.claws_pa, "MPa", _MPA, "MHC2 claws"),
+            ("slide.throttle_conductance_m3_s_pa", self.slide.speed_m_s, rating.slide_least_m_s, rating.slide_m_s,
+             "m/s", 1.0, "CY1S slide"),
+            ("lift.extend_conductance_m3_s_pa", self.lift.extend_m_s, 0.0, rating.lift_m_s, "m/s", 1.0, "SC50 lift"),
+            ("lift.retract_conductance_m3_s_pa", self.lift.retract_m_s, 0.0, rating.lift_m_s, "m/s", 1.0, "SC50 lift"),
+        ]  # fmt: skip
+        return [
+            f"{name}: {value / unit:.3g} {symbol} is outside the rating of the {part}, {low / unit:g} to {high / unit:.3g} {symbol}"
+            for name, value, low, high, symbol, unit, part in checks
+            if not low <= value <= high
+        ]
 
     @property
     def picks_m(self) -> tuple[float, ...]:

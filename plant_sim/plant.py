@@ -1,11 +1,12 @@
 """The whole machine: coil levels go in, terminal levels come out, seedlings are accounted for."""
 
-import random
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from controller.io_map import IoMap
-from plant_sim.arm import ARM_COILS, ArmPlant
+from plant_sim.arm import ArmPlant
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.seedling import SeedlingCounts, Seedlings
@@ -13,6 +14,7 @@ from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.devices.sensor import Sensor
 from plant_sim.devices.supply import Supply
+from plant_sim.kernel import ARM_COILS, MACHINE, MACHINE_MAKE, SENSORS, SIGHT, advance, look
 from plant_sim.parameters import Machine
 
 __all__ = ["ArmPlant", "Event", "Plant"]
@@ -23,6 +25,7 @@ _COIL_TAGS = (
     "tray_run",
     "tray_forward",
 )
+_BUTTON_TAGS = ("start", "stop", "emergency_stop", "reset")
 _INDICATOR_TAGS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 
 
@@ -71,8 +74,17 @@ class Plant:
         self.box = OperatorBox()
         self.events: list[Event] = []
         self.extrapolates = machine.crop.extrapolates
-        self.conveyor = Conveyor(machine.conveyor, trays=trays)
-        self.supply = Supply(machine.supply)
+        self.warnings = machine.warnings
+        self.state = np.zeros(1, MACHINE)
+        self.make = np.zeros(1, MACHINE_MAKE)
+        state, make = self.state[0], self.make[0]
+        gas = make["gas"]
+        air = machine.air
+        gas["exponent"], gas["wall_s"] = air.stiffness_exponent, air.wall_time_s
+        gas["thermal"], gas["wall_w_m2_k"] = air.thermal, air.wall_w_m2_k
+        gas["step_s"] = machine.simulation.step_s
+        self.supply = Supply(machine.supply, state["air"], make["air"], gas, claw_pressure_pa=machine.claw_pressure_pa)
+        self.conveyor = Conveyor(machine.conveyor, state["conveyor"], make["conveyor"], trays=trays)
         self.seedlings = Seedlings(trays=trays, failure_share=machine.crop.failure_share, seed=seed)
         self._bed = Bed(self.seedlings, pitch_m=machine.handling.cell_pitch_m)
         self._lay_bed()
@@ -80,12 +92,15 @@ class Plant:
             ArmPlant(
                 side,
                 machine,
+                state["arms"][number],
+                make["arms"][number],
+                gas,
                 self.seedlings,
                 self._bed,
                 self._note,
-                chain_m=random.Random(f"seed {seed}, {side} cups").uniform(0, machine.cups.pitch_m),
+                seed=f"seed {seed}, {side} cups",
             )
-            for side in _SIDES
+            for number, side in enumerate(_SIDES)
         )
         self.arms = dict(zip(_SIDES, (self.left, self.right), strict=True))
         self.sensors = self._gather_sensors()
@@ -93,16 +108,26 @@ class Plant:
         self._arms_meet_from_m = (machine.picks_m[1] + machine.picks_m[2]) / 2
         self._arms_may_meet = machine.layout.arms_may_meet_in_plant
         self._arms_met = False
-        self._substep_ms = machine.simulation.substep_ms
+        self._look_ms = machine.simulation.look_ms
+        self._steps_per_ms = machine.simulation.steps_per_ms
+        self.broken_wires: set[str] = set()
         self._wire(io_map)
 
     @property
     def x(self) -> list[bool]:
         """The raw X image of this instant; a new list, the caller's own."""
-        image = self._dark.copy()
-        for number, inverted, read in self._inputs:
-            image[number] = read() != inverted
+        look(self.state, self.make, self._terminals, self._inverted, self._image)
+        image: list[bool] = self._image.tolist()
+        for tag, number, inverted in self._buttons:
+            image[number] = getattr(self.box, tag) != inverted
+        for tag in self.broken_wires:
+            image[self._number_of[tag]] = False
         return image
+
+    @property
+    def y(self) -> list[bool]:
+        """The raw Y image of the last step; a new list, the caller's own."""
+        return list(self._y)
 
     @property
     def missed_cups(self) -> dict[str, int]:
@@ -137,26 +162,37 @@ class Plant:
             raise ValueError(f"for_ms is {for_ms}: plant time never runs backward")
         if len(y) < self._output_count:
             raise ValueError(f"Y image has {len(y)} levels, the map {self._output_count}")
-        for tag, number, inverted in self._indicator_wires:
-            self.indicators[tag] = y[number] != inverted
-        # the relay of the emergency stop takes the coil power, whatever the outputs say
-        powered = not self.box.emergency_stop
-        coils = [powered and y[number] != inverted for number, inverted in self._coils]
-        left, right = coils[: len(ARM_COILS)], coils[len(ARM_COILS) : 2 * len(ARM_COILS)]
-        run, forward = coils[-2:]
+        if y != self._y:
+            self._take(y)
+        fed = not self.box.emergency_stop
+        coils = self._coils if fed else self._no_coils
         end_ms = self.time_ms + for_ms
         while self.time_ms < end_ms:
-            step_ms = min(self._substep_ms, end_ms - self.time_ms)
-            self.time_ms += step_ms
-            self._substep(step_ms / 1000, left, right, run, forward)
+            chunk_ms = min(self._look_ms, end_ms - self.time_ms)
+            advance(self.state, self.make, coils, fed, self.time_ms / 1000, chunk_ms * self._steps_per_ms, self._sight)
+            self.time_ms += chunk_ms
+            self._follow()
 
-    def _substep(self, dt_s: float, left: Sequence[bool], right: Sequence[bool], run: bool, forward: bool) -> None:
-        self.conveyor.step(dt_s, run=run, forward=forward)
-        if self.conveyor.moving:
+    def _take(self, y: Sequence[bool]) -> None:
+        """Take note of new outputs."""
+        self._y = list(y)
+        for tag, number, inverted in self._indicator_wires:
+            self.indicators[tag] = y[number] != inverted
+        self._coils[:] = [y[number] != inverted for number, inverted in self._coil_wires]
+
+    def _follow(self) -> None:
+        """See what the last motion did to trays and seedlings."""
+        now_s = self.time_ms / 1000
+        sight: list[float] = self._sight.tolist()
+        if self.conveyor.follow(sight[-1]):
             self._lay_bed()
-        self.left.step(dt_s, left)
-        self.right.step(dt_s, right)
-        self._watch_arms()
+        left, right = sight[: len(SIGHT)], sight[len(SIGHT) : -1]
+        self.left.follow(now_s, left)
+        self.right.follow(now_s, right)
+        meet = left[0] > self._arms_meet_from_m and right[0] > self._arms_meet_from_m
+        if meet and not self._arms_met and not self._arms_may_meet:
+            self._note(Incident.ARMS_COLLIDE, "both arms are inward of pick 2")
+        self._arms_met = meet
 
     def _lay_bed(self) -> None:
         conveyor = self.conveyor
@@ -165,13 +201,6 @@ class Plant:
             belt_m=conveyor.belt_m,
             is_placed=conveyor.placed_tray is not None,
         )
-
-    def _watch_arms(self) -> None:
-        inward_m = self._arms_meet_from_m
-        meet = self.left.slide.position_m > inward_m and self.right.slide.position_m > inward_m
-        if meet and not self._arms_met and not self._arms_may_meet:
-            self._note(Incident.ARMS_COLLIDE, "both arms are inward of pick 2")
-        self._arms_met = meet
 
     def _note(self, kind: Incident, text: str) -> None:
         self.events.append(Event(self.time_ms, kind, text))
@@ -186,19 +215,20 @@ class Plant:
 
     def _wire(self, io_map: IoMap) -> None:
         """Connect terminals with what they belong to; resolved once, so that a scan is cheap."""
-        box = self.box
-        readers: dict[str, Callable[[], bool]] = {
-            **{tag: sensor.read for tag, sensor in self.sensors.items()},
-            "start": lambda: box.start,
-            "stop": lambda: box.stop,
-            "emergency_stop": lambda: box.emergency_stop,
-            "reset": lambda: box.reset,
-        }
         for point in io_map.inputs:
-            if point.tag not in readers:
+            if point.tag not in self.sensors and point.tag not in _BUTTON_TAGS:
                 raise ValueError(f"{io_map.path}:{point.line}: {point.tag}: no such sensor or button")
-        self._inputs = [(p.number, p.inverted, readers[p.tag]) for p in io_map.inputs]
-        self._dark = [False] * io_map.input_count
-        self._coils = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
+        points = [io_map.get(tag) for tag in SENSORS]
+        self._terminals = np.array([-1 if point is None else point.number for point in points])
+        self._inverted = np.array([point is not None and point.inverted for point in points])
+        self._image = np.zeros(io_map.input_count, np.bool_)
+        self._number_of = {point.tag: point.number for point in io_map.inputs}
+        self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in _BUTTON_TAGS if tag in io_map]
+        self._coil_wires = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
+        self._coils = np.zeros(len(_COIL_TAGS), np.bool_)
+        self._no_coils = np.zeros(len(_COIL_TAGS), np.bool_)
         self._indicator_wires = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in self.indicators]
         self._output_count = io_map.output_count
+        self._sight = np.zeros(2 * len(SIGHT) + 1)
+        self._y: list[bool] = []
+        self._take(io_map.safe_outputs())

@@ -18,6 +18,8 @@ Check = Callable[[], str | None]
 
 INDICATORS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 """Outputs that move nothing."""
+CREEP_M = 0.002
+"""What bumpers and trapped air may move a slide before it stands: the thickness of a bumper."""
 
 
 class UnsafeError(AssertionError):
@@ -59,18 +61,27 @@ def dead_in_emergency_stop(twin: Twin) -> Check:
 
 
 def gentle_inward(twin: Twin) -> Check:
-    """A slide goes inward only with the arm down, claws open and converged: as it is, not as it is sensed."""
+    """A slide goes inward only with the arm down, claws open and converged: as it is, not as it is sensed.
+
+    What bumpers and trapped air move it by before it stands is no inward motion.
+    """
+    outermost_m: dict[str, float] = {}
     spec = twin.parameters.handling
     low_m = twin.parameters.lift.switch_band_m + twin.parameters.lift.switch_hysteresis_m
 
     def check() -> str | None:
         for side, arm in twin.plant.arms.items():
-            if arm.slide.speed_m_s <= 0:
-                continue
+            why = None
             if arm.lift.rise_m > low_m:
-                return f"{side} slide goes inward {arm.lift.rise_m * 1000:.1f} mm above the lower limit"
-            if not arm.claws.free or arm.spreader.travel_m > spec.pitch_tolerance_m:
-                return f"{side} slide goes inward with claws not open and converged"
+                why = f"{arm.lift.rise_m * 1000:.1f} mm above the lower limit"
+            elif not arm.claws.free or arm.spreader.travel_m > spec.pitch_tolerance_m:
+                why = "with claws not open and converged"
+            if why is None:
+                outermost_m.pop(side, None)
+                continue
+            outermost_m[side] = min(outermost_m.get(side, arm.slide.x_m), arm.slide.x_m)
+            if arm.slide.x_m > outermost_m[side] + CREEP_M:
+                return f"{side} slide goes inward {why}"
         return None
 
     return check

@@ -156,10 +156,10 @@ class Grip:
             self._move(released, Place.LOST_PICK if self._loosened else Place.STANDING)
         elif self._is_over_cups(pose):
             claw_pitch_m = self._spec.cell_pitch_m + pose.travel_m / (CELLS_ALONG - 1)
-            for_s = self._spec.fall_s(pose.rise_m)
+            lands_s = pose.freed_s + self._spec.fall_s(pose.rise_m)
             for seedling in released:
                 position_m = seedling.along * claw_pitch_m
-                self._row.let_fall(seedling, position_m=position_m, for_s=for_s)
+                self._row.let_fall(seedling, position_m=position_m, lands_s=lands_s)
         else:
             self._move(released, Place.LOST_THROW if self.delivered else Place.LOST_CARRY)
             self._note(Incident.DROPPED, f"{len(released)} seedlings dropped beside the cups")

@@ -11,7 +11,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, Place, Seedling, Seedlings
 class _Fall:
     seedling: Seedling
     position_m: float
-    remaining_s: float
+    lands_s: float
 
 
 class PlantingRow:
@@ -65,26 +65,27 @@ class PlantingRow:
         """Whether anything is in the air."""
         return bool(self._falls)
 
-    def let_fall(self, seedling: Seedling, *, position_m: float, for_s: float) -> None:
+    def let_fall(self, seedling: Seedling, *, position_m: float, lands_s: float) -> None:
         """Let a seedling fall towards the cups; nothing stops it.
 
         Args:
             seedling: The seedling.
             position_m: Where along the row, m from claw 0.
-            for_s: How long it falls, s.
+            lands_s: When it comes down, s.
         """
         self._seedlings.move(seedling, Place.FALLING)
-        self._falls.append(_Fall(seedling, position_m, for_s))
+        self._falls.append(_Fall(seedling, position_m, lands_s))
 
-    def step(self, dt_s: float, *, chain_m: float) -> None:
-        """Let time pass.
+    def step(self, now_s: float, *, chain_m: float, chain_m_s: float) -> None:
+        """Take note of what has come down and of which cups have left.
 
         Args:
-            dt_s: How long, s.
+            now_s: Time, s.
             chain_m: Way the chain has gone, m.
+            chain_m_s: How fast it went of late, m/s.
         """
         if self._falls:
-            self._fall(dt_s, chain_m)
+            self._fall(now_s, chain_m, chain_m_s)
         while chain_m >= self._leaves_at_m:
             self._leave()
 
@@ -92,14 +93,13 @@ class PlantingRow:
         """What a cup that has not left yet holds."""
         return self._holds.get(cup)
 
-    def _fall(self, dt_s: float, chain_m: float) -> None:
+    def _fall(self, now_s: float, chain_m: float, chain_m_s: float) -> None:
         still: list[_Fall] = []
         for fall in self._falls:
-            fall.remaining_s -= dt_s
-            if fall.remaining_s > 0.0:
+            if fall.lands_s > now_s:
                 still.append(fall)
             else:
-                self._land(fall, chain_m)
+                self._land(fall, chain_m - chain_m_s * (now_s - fall.lands_s))
         self._falls = still
 
     def _land(self, fall: _Fall, chain_m: float) -> None:

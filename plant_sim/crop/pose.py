@@ -15,6 +15,7 @@ class Pose:
         gripping: Claws closed enough to grip a stem.
         free: Claws open enough to touch nothing between them.
         travel_m: Belt travel of the spreader from converged, m.
+        freed_s: When the claws last came to touch nothing, s.
     """
 
     x_m: float
@@ -22,6 +23,14 @@ class Pose:
     gripping: bool
     free: bool
     travel_m: float
+    freed_s: float
+
+    def take(self, x_m: float, rise_m: float, travel_m: float, freed_s: float) -> None:
+        """Bring places and time up to date."""
+        self.x_m = x_m
+        self.rise_m = rise_m
+        self.travel_m = travel_m
+        self.freed_s = freed_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,52 @@
-"""The tray conveyor with its magazine: a stepper drive, the trays on its belt and the beam."""
+"""The tray conveyor with its magazine: a stepper motor and its drive, the trays on its belt and the beam."""
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
-from plant_sim.devices.motion import ramp
-from plant_sim.devices.sensor import Sensor
-from plant_sim.spec import require_within
+import numpy as np
+
+from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, note_edge, speak
+from plant_sim.pneumatics.compiled import compiled
+from plant_sim.pneumatics.friction import FRICTION, rubbed_m_s
+from plant_sim.spec import require, require_within
+
+_SEATS = 8  # trays the belt has room for
+_GONE = -1e9
+
+#: State: way asked for by the drive and gone by the belt; `seats_m` where the front edge of each tray lies
+#: on the belt, m before the point that was at the beam at the start.
+CONVEYOR = np.dtype(
+    [
+        ("asked_m", "f8"),
+        ("asked_m_s", "f8"),
+        ("belt_m", "f8"),
+        ("belt_m_s", "f8"),
+        ("seats_m", "f8", (_SEATS,)),
+        ("beam", SENSOR),
+        ("magazine_empty", SENSOR),
+    ]
+)
+
+#: What it is, everything reduced to the belt. `cycle_m` is the way of four full steps, after which the
+#: motor holds as before; `holds_n` falls to a half at `half_m_s`. The belt cannot go below `stop_m`.
+CONVEYOR_MAKE = np.dtype(
+    [
+        ("speed_m_s", "f8"),
+        ("acceleration_m_s2", "f8"),
+        ("holds_n", "f8"),
+        ("half_m_s", "f8"),
+        ("cycle_m", "f8"),
+        ("damping_n_s_m", "f8"),
+        ("moved_kg", "f8"),
+        ("tray_m", "f8"),
+        ("stop_m", "f8"),
+        ("blocked", "i8"),
+        ("friction", FRICTION),
+        ("beam", SENSOR_MAKE),
+        ("magazine_empty", SENSOR_MAKE),
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,6 +56,15 @@ class ConveyorSpec:
     Attributes:
         speed_m_s: Belt speed, m/s.
         acceleration_m_s2: Ramp of the drive, up and down, m/s2.
+        torque_nm: Torque at which the motor loses steps at standstill, N m.
+        half_torque_m_s: Belt speed at which this has fallen to a half, m/s.
+        step_deg: Full step of the motor, degrees.
+        gear_ratio: Turns of the motor for one of the drum.
+        drum_m: Diameter of the drum, m.
+        rotor_kg_m2: Inertia of rotor and gear at the motor, kg m2.
+        load_kg: Belt and trays, kg.
+        friction_n: Friction of belt and trays, N.
+        damping: Share of critical damping that drive and gear give the rotor.
         tray_length_m: Length of a tray along the belt, m.
         gap_m: Gap the magazine leaves between two trays, m.
         magazine_before_beam_m: The magazine sets a tray down with its front edge this far before
@@ -25,6 +76,15 @@ class ConveyorSpec:
 
     speed_m_s: float
     acceleration_m_s2: float
+    torque_nm: float
+    half_torque_m_s: float
+    step_deg: float
+    gear_ratio: float
+    drum_m: float
+    rotor_kg_m2: float
+    load_kg: float
+    friction_n: float
+    damping: float
     tray_length_m: float
     gap_m: float
     magazine_before_beam_m: float
@@ -36,50 +96,148 @@ class ConveyorSpec:
         """Refuse impossible values."""
         require_within(self, 0.005, 2.0, "speed_m_s")
         require_within(self, 0.05, 50.0, "acceleration_m_s2")
+        require_within(self, 0.01, 50.0, "torque_nm")
+        require_within(self, 0.01, 100.0, "half_torque_m_s")
+        require_within(self, 0.1, 15.0, "step_deg")
+        require_within(self, 0.1, 200.0, "gear_ratio")
+        require_within(self, 0.005, 0.5, "drum_m")
+        require_within(self, 1e-6, 0.1, "rotor_kg_m2")
+        require_within(self, 0.1, 500.0, "load_kg")
+        require_within(self, 0.0, 1000.0, "friction_n")
+        require_within(self, 0.01, 2.0, "damping")
         require_within(self, 0.1, 2.0, "tray_length_m")
         require_within(self, 0.04, 1.0, "gap_m")
         require_within(self, 0.05, 5.0, "magazine_before_beam_m")
         require_within(self, 0.0, 0.05, "stop_past_beam_m")
         require_within(self, 0.0005, 0.02, "placed_tolerance_m")
         require_within(self, 0.1, 10.0, "outlet_past_beam_m")
+        room = int((self.outlet_past_beam_m + self.magazine_before_beam_m) / (self.tray_length_m + self.gap_m)) + 2
+        require(room <= _SEATS, "outlet_past_beam_m", f"makes room for {room} trays on the belt; at most {_SEATS}")
+        needed_n = self.moved_kg * self.acceleration_m_s2 + self.friction_n
+        at_speed_n = self.holds_n / (1 + (self.speed_m_s / self.half_torque_m_s) ** 2)
+        require(
+            needed_n < at_speed_n,
+            "torque_nm",
+            f"gives {at_speed_n:.4g} N at full speed and {needed_n:.4g} N are needed: every start would lose steps",
+        )
+
+    @property
+    def holds_n(self) -> float:
+        """Force at the belt at which the motor loses steps at standstill, N."""
+        return self.torque_nm * self.gear_ratio / (self.drum_m / 2)
+
+    @property
+    def moved_kg(self) -> float:
+        """Inertia at the belt, kg."""
+        return self.load_kg + self.rotor_kg_m2 * (self.gear_ratio / (self.drum_m / 2)) ** 2
+
+    @property
+    def cycle_m(self) -> float:
+        """Belt way of four full steps, m."""
+        return 4 * math.radians(self.step_deg) / self.gear_ratio * self.drum_m / 2
+
+
+@compiled
+def step_conveyor(c: Any, make: Any, run: bool, forward: bool, at_s: float, step_s: float) -> None:
+    """Let time pass.
+
+    The drive ramps the way it asks for; the rotor follows it like a spring that gives way beyond its
+    torque and catches again four steps further on: those steps are lost.
+
+    Args:
+        c: The conveyor.
+        make: What it is.
+        run: The drive runs.
+        forward: Its direction while it runs.
+        at_s: Start of the step, s.
+        step_s: Length of the step, s.
+    """
+    if not run and c.asked_m_s == 0.0 and c.belt_m_s == 0.0:
+        if c.beam.busy:
+            speak(c.beam, make.beam, at_s + step_s)
+        return
+    wanted_m_s = 0.0
+    if run:
+        wanted_m_s = make.speed_m_s if forward else -make.speed_m_s
+    change_m_s = make.acceleration_m_s2 * step_s
+    before_m_s = c.asked_m_s
+    c.asked_m_s = min(max(wanted_m_s, before_m_s - change_m_s), before_m_s + change_m_s)
+    c.asked_m += 0.5 * (before_m_s + c.asked_m_s) * step_s
+    before_m = c.belt_m
+    speed_m_s = 0.0
+    if make.blocked == 0:
+        share = c.asked_m_s / make.half_m_s
+        turn = 2.0 * math.pi * (c.asked_m - c.belt_m) / make.cycle_m
+        pull_n = make.holds_n / (1.0 + share * share) * math.sin(turn)
+        damp = step_s * make.damping_n_s_m / make.moved_kg
+        free_m_s = (c.belt_m_s + step_s * pull_n / make.moved_kg + damp * c.asked_m_s) / (1.0 + damp)
+        speed_m_s = rubbed_m_s(make.friction, free_m_s, c.belt_m_s, make.moved_kg, step_s)
+    c.belt_m = max(before_m + step_s * speed_m_s, make.stop_m)
+    c.belt_m_s = speed_m_s if c.belt_m > make.stop_m else max(speed_m_s, 0.0)
+    if c.belt_m != before_m:
+        _watch_beam(c, make, before_m, at_s, step_s)
+    if c.beam.busy:
+        speak(c.beam, make.beam, at_s + step_s)
+
+
+@compiled
+def _watch_beam(c: Any, make: Any, before_m: float, at_s: float, step_s: float) -> None:
+    """Let the beam see the trays after the belt has moved."""
+    way_m = c.belt_m - before_m
+    on = False
+    share = 1.0
+    for seat in range(_SEATS):
+        front_m = c.belt_m + c.seats_m[seat]
+        if 0.0 <= front_m < make.tray_m:
+            on = True
+        for edge_m in (front_m, front_m - make.tray_m):
+            if (edge_m >= 0.0) != (edge_m - way_m >= 0.0):
+                share = min(max(1.0 - edge_m / way_m, 0.0), 1.0)
+    if on != (c.beam.seen != 0):
+        note_edge(c.beam, at_s + share * step_s)
 
 
 class Conveyor:
-    """Inputs: run and direction of the stepper drive. Output: the through-beam.
+    """A view of the conveyor, and its magazine.
 
     The magazine sets the next tray behind the last one as soon as there is room, while the belt
-    runs forward. Running backward, the last tray set down comes to rest against the magazine.
+    runs forward. Running backward, the last tray set down comes to rest against the magazine, and
+    the belt with it.
 
     Attributes:
         front_m: Where the front edge of each tray on the belt is, m past the beam, by tray number,
             the foremost first.
-        belt_m: Way the belt has gone, m, forward positive.
-        speed_m_s: Belt speed, m/s.
         in_magazine: Trays the magazine still holds.
         beam: On while a tray interrupts the through-beam.
         magazine_empty: On when the magazine holds none.
-        moving: Whether the belt moved in the last step.
-        jammed: While True the belt stands dead.
+        skew_m: By how much the next tray set down lies askew: its front corner at the beam leads by this, m.
+        skewed_m: The same of the trays on the belt, by number.
+        withheld: While True the magazine sets no tray down.
     """
 
     __slots__ = (
+        "_make",
         "_next_number",
+        "_seat_of",
+        "_seen_m",
         "_spec",
+        "_state",
         "beam",
-        "belt_m",
         "front_m",
         "in_magazine",
-        "jammed",
         "magazine_empty",
-        "moving",
-        "speed_m_s",
+        "skew_m",
+        "skewed_m",
+        "withheld",
     )
 
-    def __init__(self, spec: ConveyorSpec, *, trays: int) -> None:
-        """Start at rest, the first tray set down, none at the pick position.
+    def __init__(self, spec: ConveyorSpec, state: Any, make: Any, *, trays: int) -> None:
+        """Build it at rest, the first tray set down, none at the pick position.
 
         Args:
             spec: What it is.
+            state: Its record, `CONVEYOR`.
+            make: Its record, `CONVEYOR_MAKE`.
             trays: How many trays there are, the first one included.
 
         Raises:
@@ -88,38 +246,91 @@ class Conveyor:
         if trays < 0:
             raise ValueError(f"trays is {trays}: there cannot be fewer than none")
         self._spec = spec
-        self._next_number = 0
+        self._state = state
+        self._make = make
+        spring_n_m = 2 * math.pi * spec.holds_n / spec.cycle_m
+        values = {
+            "speed_m_s": spec.speed_m_s,
+            "acceleration_m_s2": spec.acceleration_m_s2,
+            "holds_n": spec.holds_n,
+            "half_m_s": spec.half_torque_m_s,
+            "cycle_m": spec.cycle_m,
+            "damping_n_s_m": 2 * spec.damping * math.sqrt(spring_n_m * spec.moved_kg),
+            "moved_kg": spec.moved_kg,
+            "tray_m": spec.tray_length_m,
+        }
+        for name, value in values.items():
+            make[name] = value
+        make["friction"] = (spec.friction_n, spec.friction_n, 1.0, 0.0)
+        make["beam"]["forced"] = make["magazine_empty"]["forced"] = -1
+        state["seats_m"] = _GONE
+        self.beam = Sensor(state["beam"], make["beam"])
+        self.magazine_empty = Sensor(state["magazine_empty"], make["magazine_empty"])
         self.front_m: dict[int, float] = {}
-        self.belt_m = 0.0
-        self.speed_m_s = 0.0
+        self.skewed_m: dict[int, float] = {}
         self.in_magazine = trays
-        self.beam = Sensor()
-        self.magazine_empty = Sensor()
-        self.moving = False
-        self.jammed = False
+        self.skew_m = 0.0
+        self.withheld = False
+        self._next_number = 0
+        self._seat_of: dict[int, int] = {}
+        self._seen_m = 0.0
         self._set_down()
-        self._look()
+        self._hold_back()
 
-    def step(self, dt_s: float, *, run: bool, forward: bool) -> None:
-        """Let time pass.
+    @property
+    def belt_m(self) -> float:
+        """Way the belt has gone, m, forward positive."""
+        return float(self._state["belt_m"])
+
+    @property
+    def speed_m_s(self) -> float:
+        """Belt speed, m/s."""
+        return float(self._state["belt_m_s"])
+
+    @property
+    def lost_steps(self) -> int:
+        """Full steps the motor is behind what its drive has asked for."""
+        lag_m = float(self._state["asked_m"]) - float(self._state["belt_m"])
+        return 4 * round(lag_m / float(self._make["cycle_m"]))
+
+    @property
+    def jammed(self) -> bool:
+        """While True the belt stands dead; the drive goes on and steps are lost."""
+        return bool(self._make["blocked"])
+
+    @jammed.setter
+    def jammed(self, jammed: bool) -> None:
+        self._make["blocked"] = int(jammed)
+
+    @property
+    def torque_share(self) -> float:
+        """Which part of its torque the motor gives; may be set any time."""
+        return float(self._make["holds_n"]) / self._spec.holds_n
+
+    @torque_share.setter
+    def torque_share(self, share: float) -> None:
+        self._make["holds_n"] = share * self._spec.holds_n
+
+    def follow(self, belt_m: float) -> bool:
+        """Bring the trays up to date with the belt.
 
         Args:
-            dt_s: How long, s.
-            run: The drive runs.
-            forward: Its direction while it runs.
+            belt_m: Way the belt has gone, m.
+
+        Returns:
+            Whether it has moved.
         """
-        self.moving = False
-        if not run and self.speed_m_s == 0.0:
-            return
-        if self.jammed:
-            self.speed_m_s = 0.0
-            return
-        spec = self._spec
-        wanted_m_s = 0.0 if not run else spec.speed_m_s if forward else -spec.speed_m_s
-        self.speed_m_s, way_m = ramp(self.speed_m_s, wanted_m_s, spec.acceleration_m_s2, dt_s)
-        if way_m < 0.0:
-            way_m = self._held_by_magazine(way_m)
-        self._carry(way_m)
+        way_m = belt_m - self._seen_m
+        if way_m == 0.0:
+            return False
+        self._seen_m = belt_m
+        for number in self.front_m:
+            self.front_m[number] += way_m
+        self._let_out()
+        if way_m > 0.0:
+            self._set_down()
+        self._hold_back()
+        return True
 
     def offset_m(self, number: int) -> float:
         """How far past the pick position a tray on the belt is, m.
@@ -137,35 +348,17 @@ class Conveyor:
                 return number
         return None
 
-    def _held_by_magazine(self, way_m: float) -> float:
-        """Shorten a way backward to what the magazine lets the last tray go."""
-        if not self.front_m:
-            return way_m
-        last_m = self.front_m[self._next_number - 1]
-        room_m = last_m + self._spec.magazine_before_beam_m
-        if room_m + way_m >= 0.0:
-            return way_m
-        self.speed_m_s = 0.0
-        return min(-room_m, 0.0)
-
-    def _carry(self, way_m: float) -> None:
-        if way_m == 0.0:
-            return
-        self.moving = True
-        self.belt_m += way_m
-        for number in self.front_m:
-            self.front_m[number] += way_m
+    def _let_out(self) -> None:
         foremost = next(iter(self.front_m), None)
-        if foremost is not None:
-            rear_m = self.front_m[foremost] - self._spec.tray_length_m
-            if rear_m > self._spec.outlet_past_beam_m:
-                del self.front_m[foremost]
-        self._set_down()
-        self._look()
+        if foremost is not None and self.front_m[foremost] - self._spec.tray_length_m > self._spec.outlet_past_beam_m:
+            del self.front_m[foremost]
+            self.skewed_m.pop(foremost, None)
+            self._state["seats_m"][self._seat_of.pop(foremost)] = _GONE
 
     def _set_down(self) -> None:
         """Let the magazine set down a tray if it has one and there is room."""
-        if self.in_magazine == 0:
+        self.magazine_empty.sense(self.in_magazine == 0)
+        if self.in_magazine == 0 or self.withheld:
             return
         spec = self._spec
         front_m = -spec.magazine_before_beam_m
@@ -175,11 +368,21 @@ class Conveyor:
             if behind_last_m < front_m:
                 return
             front_m = behind_last_m
-        self.front_m[self._next_number] = front_m
+        number = self._next_number
+        seat = next(seat for seat in range(_SEATS) if seat not in self._seat_of.values())
+        self.front_m[number] = front_m
+        if self.skew_m:
+            self.skewed_m[number] = self.skew_m
+        self._seat_of[number] = seat
+        self._state["seats_m"][seat] = front_m + self.skew_m - self._seen_m
         self._next_number += 1
         self.in_magazine -= 1
-
-    def _look(self) -> None:
-        length_m = self._spec.tray_length_m
-        self.beam.sense(any(0.0 <= front_m < length_m for front_m in self.front_m.values()))
         self.magazine_empty.sense(self.in_magazine == 0)
+
+    def _hold_back(self) -> None:
+        """Let the magazine stop the last tray, and the belt, from going back behind it."""
+        last_m = self.front_m.get(self._next_number - 1)
+        stop_m = _GONE
+        if last_m is not None:
+            stop_m = self._seen_m - max(last_m + self._spec.magazine_before_beam_m, 0.0)
+        self._make["stop_m"] = stop_m

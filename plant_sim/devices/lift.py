@@ -1,12 +1,14 @@
-"""The lift: a cylinder that lowers the arm by extending."""
+"""The lift: a cushioned cylinder that lowers the arm by extending, and carries its weight."""
 
 from dataclasses import dataclass
+from typing import Any
 
-from plant_sim.devices.cylinder import Cylinder, CylinderMotion
-from plant_sim.devices.sensor import PositionSwitch
-from plant_sim.devices.valve import ValveSpec
+from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, vent_tubes
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import annulus_area_m2, meter_out_speed_m_s, piston_area_m2
 from plant_sim.spec import require, require_within
+
+_GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,11 +19,11 @@ class LiftSpec:
         bore_m: Bore, m.
         rod_m: Diameter of the piston rod, m.
         stroke_m: Stroke, m.
+        carried_kg: What hangs on the rod, with rod and piston, kg.
         extend_conductance_m3_s_pa: Sonic conductance of the throttle at the rod side, m3/(s Pa).
         retract_conductance_m3_s_pa: The same at the full side, m3/(s Pa).
-        dead_time_s: From the valve acting until the piston starts, s.
-        build_up_s: Time constant of the speed building up, s.
-        stop_s: Time constant of the stop once the check valves have closed, s.
+        cushion_m: Length of the cushions, m.
+        cushion_share: What a cushion leaves of the throttle.
         switch_band_m: Half width in which an end switch comes on, m.
         switch_hysteresis_m: How far beyond the band it goes off, m.
     """
@@ -29,30 +31,34 @@ class LiftSpec:
     bore_m: float
     rod_m: float
     stroke_m: float
+    carried_kg: float
     extend_conductance_m3_s_pa: float
     retract_conductance_m3_s_pa: float
-    dead_time_s: float
-    build_up_s: float
-    stop_s: float
+    cushion_m: float
+    cushion_share: float
     switch_band_m: float
     switch_hysteresis_m: float
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         require_within(self, 0.006, 0.2, "bore_m")
+        require_within(self, 0.01, 1.0, "stroke_m")
+        require_within(self, 0.1, 500.0, "carried_kg")
         require_within(self, 1e-11, 1e-7, "extend_conductance_m3_s_pa", "retract_conductance_m3_s_pa")
+        require_within(self, 0.0, 0.05, "cushion_m")
+        require_within(self, 0.02, 1.0, "cushion_share")
         require_within(self, 0.0, 0.02, "switch_band_m")
         require_within(self, 0.0, 0.005, "switch_hysteresis_m")
         require(0.0 < self.rod_m < self.bore_m, "rod_m", "must be thinner than the bore")
         reach_m = self.switch_band_m + self.switch_hysteresis_m
         require(2 * reach_m < self.stroke_m, "switch_band_m", "lets both end switches be on at once")
+        require(2 * self.cushion_m < self.stroke_m, "cushion_m", "lets both cushions act at once")
         for key, speed_m_s in (
             ("extend_conductance_m3_s_pa", self.extend_m_s),
             ("retract_conductance_m3_s_pa", self.retract_m_s),
         ):
             possible = 0.01 <= speed_m_s <= 1.0
             require(possible, key, f"gives {speed_m_s:.3g} m/s; it must give 0.01 to 1 m/s")
-        self.motion()
 
     @property
     def extend_m_s(self) -> float:
@@ -65,20 +71,9 @@ class LiftSpec:
         """Steady speed of the arm going up, m/s; the full side is emptied."""
         return meter_out_speed_m_s(self.retract_conductance_m3_s_pa, piston_area_m2(self.bore_m))
 
-    def motion(self) -> CylinderMotion:
-        """How it moves."""
-        return CylinderMotion(
-            stroke_m=self.stroke_m,
-            plus_m_s=self.extend_m_s,
-            minus_m_s=self.retract_m_s,
-            dead_time_s=self.dead_time_s,
-            build_up_s=self.build_up_s,
-            stop_s=self.stop_s,
-        )
-
 
 class Lift(Cylinder):
-    """Coils: extend (arm down), retract (arm up). Switches: down, up.
+    """A view of a lift. Coils: extend (arm down), retract (arm up). Switches: down, up.
 
     Attributes:
         down: Switch at full extension.
@@ -87,25 +82,48 @@ class Lift(Cylinder):
 
     __slots__ = ("_stroke_m", "down", "up")
 
-    def __init__(self, spec: LiftSpec, valve: ValveSpec, *, y_m: float) -> None:
-        """Start at rest.
+    def __init__(
+        self,
+        spec: LiftSpec,
+        port: PortSpec,
+        friction: FrictionSpec,
+        common: Pneumatics,
+        arm: Any,
+        arm_make: Any,
+        gas: Any,
+        *,
+        pressure_pa: float,
+        bounce_s: float,
+    ) -> None:
+        """Build it, arm down, at rest.
 
         Args:
             spec: What it is.
-            valve: How its valve switches.
-            y_m: How far it is extended, m.
+            port: The way to either chamber.
+            friction: Its friction.
+            common: Valves, check valves and air.
+            arm: Record of the arm, `ARM`.
+            arm_make: Record of the arm, `ARM_MAKE`.
+            gas: How air behaves.
+            pressure_pa: Gauge pressure of the main line, Pa.
+            bounce_s: For how long a closing contact bounces, s.
         """
-        self.up, self.down = (
-            PositionSwitch(
-                at_m,
-                band_m=spec.switch_band_m,
-                hysteresis_m=spec.switch_hysteresis_m,
-                position_m=y_m,
-            )
-            for at_m in (0.0, spec.stroke_m)
-        )
+        make = arm_make["lift"]
+        super().__init__(arm["lift"], make, gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa)
         self._stroke_m = spec.stroke_m
-        super().__init__(spec.motion(), valve, (self.up, self.down), position_m=y_m)
+        make["stroke_m"] = spec.stroke_m
+        make["plus_area_m2"] = piston_area_m2(spec.bore_m)
+        make["minus_area_m2"] = annulus_area_m2(spec.bore_m, spec.rod_m)
+        make["load_kg"] = spec.carried_kg
+        make["weight_n"] = spec.carried_kg * _GRAVITY_M_S2
+        make["cushion_m"], make["cushion_share"] = spec.cushion_m, spec.cushion_share
+        make["minus"]["throttle_m3_s_pa"] = spec.extend_conductance_m3_s_pa
+        make["plus"]["throttle_m3_s_pa"] = spec.retract_conductance_m3_s_pa
+        self.up, self.down = self._mount(
+            arm["lift_switches"], arm_make["lift_switches"], (0.0, spec.stroke_m), spec, bounce_s
+        )
+        vent_tubes(self.state, make, gas)
+        self.place(spec.stroke_m)
 
     @property
     def y_m(self) -> float:
@@ -116,13 +134,3 @@ class Lift(Cylinder):
     def rise_m(self) -> float:
         """How high the arm is above its lower limit, m."""
         return self._stroke_m - self.position_m
-
-    def step(self, dt_s: float, *, extend: bool, retract: bool) -> None:
-        """Let time pass.
-
-        Args:
-            dt_s: How long, s.
-            extend: Coil that lowers the arm.
-            retract: Coil that raises it.
-        """
-        self._advance(dt_s, extend, retract)

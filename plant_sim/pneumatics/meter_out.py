@@ -2,8 +2,7 @@
 
 import math
 
-#: Pressure of the reference atmosphere ANR, to which a sonic conductance refers, Pa. Source: ISO 8778.
-REFERENCE_PRESSURE_PA = 100_000.0
+from plant_sim.pneumatics.flow import REFERENCE_PA
 
 
 def meter_out_speed_m_s(conductance_m3_s_pa: float, exhaust_area_m2: float) -> float:
@@ -29,7 +28,7 @@ def meter_out_speed_m_s(conductance_m3_s_pa: float, exhaust_area_m2: float) -> f
 
     Source: PLANT.md 1.7 and 2, case V4.
     """
-    return conductance_m3_s_pa * REFERENCE_PRESSURE_PA / exhaust_area_m2
+    return conductance_m3_s_pa * REFERENCE_PA / exhaust_area_m2
 
 
 def piston_area_m2(bore_m: float) -> float:

@@ -1,0 +1,80 @@
+"""Mass flow of air through a restriction, ISO 6358."""
+
+import math
+
+from plant_sim.pneumatics.compiled import compiled
+
+#: Specific gas constant of air, J/(kg K).
+GAS_CONSTANT = 287.05
+#: Heat capacities of air at constant pressure and volume, J/(kg K); their difference is the gas constant.
+HEAT_P, HEAT_V = 1004.675, 717.625
+#: Temperature of the reference atmosphere ANR and of the machine's surroundings, K. Source: ISO 8778.
+REFERENCE_K = 293.15
+#: Density of the reference atmosphere ANR, kg/m3. Source: ISO 8778.
+REFERENCE_KG_M3 = 1.185
+#: Pressure of the reference atmosphere ANR, to which a sonic conductance refers, Pa. Source: ISO 8778.
+REFERENCE_PA = 100_000.0
+#: Pressure of the surroundings, Pa.
+ATMOSPHERE_PA = 101_325.0
+#: From this ratio of the pressures up the flow is laminar. Source: PLANT.md 1.1 for steps of 1 ms.
+LAMINAR_RATIO = 0.99
+
+
+@compiled
+def flow(
+    up_pa: float, down_pa: float, conductance_m3_s_pa: float, critical_ratio: float, up_k: float
+) -> tuple[float, float, float]:
+    """Mass flow through a restriction, choked, subsonic or (near equal pressures) laminar.
+
+    Args:
+        up_pa: Absolute pressure upstream, Pa.
+        down_pa: Absolute pressure downstream, Pa, at most as high.
+        conductance_m3_s_pa: Sonic conductance C, m3/(s Pa).
+        critical_ratio: Critical pressure ratio b.
+        up_k: Temperature upstream, K.
+
+    Returns:
+        The flow, kg/s; how much it grows with the pressure upstream, kg/(s Pa); how much it falls
+        with the pressure downstream, kg/(s Pa).
+
+    Source: ISO 6358-1; PLANT.md 1.1.
+    """
+    gain = conductance_m3_s_pa * REFERENCE_KG_M3 * math.sqrt(REFERENCE_K / up_k)
+    ratio = down_pa / up_pa
+    if ratio <= critical_ratio:
+        return gain * up_pa, gain, 0.0
+    if ratio < LAMINAR_RATIO:
+        past = (ratio - critical_ratio) / (1.0 - critical_ratio)
+        root = math.sqrt(1.0 - past * past)
+        falls = past / ((1.0 - critical_ratio) * root)
+        return gain * up_pa * root, gain * (root + ratio * falls), gain * falls
+    past = (LAMINAR_RATIO - critical_ratio) / (1.0 - critical_ratio)
+    slope = gain * math.sqrt(1.0 - past * past) / (1.0 - LAMINAR_RATIO)
+    return slope * (up_pa - down_pa), slope, slope
+
+
+@compiled
+def in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:
+    """Conductance of two restrictions one after the other, m3/(s Pa): 1/C^2 = 1/C1^2 + 1/C2^2.
+
+    Source: PLANT.md 1.1 (an approximation).
+    """
+    if one_m3_s_pa <= 0.0 or other_m3_s_pa <= 0.0:
+        return 0.0
+    share = one_m3_s_pa / other_m3_s_pa
+    return one_m3_s_pa / math.sqrt(1.0 + share * share)
+
+
+def tube_conductance_m3_s_pa(inner_m: float, length_m: float) -> float:
+    """Sonic conductance of a smooth tube, m3/(s Pa).
+
+    Args:
+        inner_m: Inner diameter, m.
+        length_m: Length, m.
+
+    Source: PLANT.md 1.3, a rule of thumb quoted there from memory, not checked.
+
+    >>> round(1e8 * tube_conductance_m3_s_pa(0.004, 1.45), 2)
+    1.05
+    """
+    return 0.029 * inner_m**2 / math.sqrt(length_m / inner_m**1.25 + 510.0)
