@@ -19,7 +19,7 @@ Check = Callable[[], str | None]
 INDICATORS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 """Outputs that move nothing."""
 CREEP_M = 0.002
-"""What bumpers and trapped air may move a slide before it stands: the thickness of a bumper."""
+"""What trapped air may move a slide before it stands."""
 
 
 class UnsafeError(AssertionError):
@@ -63,9 +63,10 @@ def dead_in_emergency_stop(twin: Twin) -> Check:
 def gentle_inward(twin: Twin) -> Check:
     """A slide goes inward only with the arm down, claws open and converged: as it is, not as it is sensed.
 
-    What bumpers and trapped air move it by before it stands is no inward motion.
+    What trapped air moves it by before it stands is no inward motion, nor is a rebound within the switch at feed.
     """
     outermost_m: dict[str, float] = {}
+    at_feed_m = twin.parameters.slide.switch_band_m + twin.parameters.slide.switch_hysteresis_m
     spec = twin.parameters.handling
     low_m = twin.parameters.lift.switch_band_m + twin.parameters.lift.switch_hysteresis_m
 
@@ -80,7 +81,7 @@ def gentle_inward(twin: Twin) -> Check:
                 outermost_m.pop(side, None)
                 continue
             outermost_m[side] = min(outermost_m.get(side, arm.slide.x_m), arm.slide.x_m)
-            if arm.slide.x_m > outermost_m[side] + CREEP_M:
+            if arm.slide.x_m > max(outermost_m[side] + CREEP_M, at_feed_m):
                 return f"{side} slide goes inward {why}"
         return None
 

@@ -152,7 +152,7 @@ def homing_from_between(twin: Twin, side: Side) -> None:
     twin.run_for(1_000)
     press_emergency_stop(twin)
     clear(twin)
-    by_hand(twin, f"{side}.lift_retract", for_ms=300)
+    by_hand(twin, f"{side}.lift_retract", for_ms=600)
     begin_homing(twin)
 
 

@@ -1,12 +1,14 @@
 """One cycle of an arm: the order of its outputs, the time of each phase, the count of the cups, the shared centre.
 
-The times are worked out by hand from machine.yaml: a cylinder needs 15 ms for its valve, 20 ms of dead time and
-30 ms more for the speed to build up than its way would take at full speed; the belt's ramp costs 50 ms.
+The times are bounded by hand from machine.yaml: a cylinder needs at least 15 ms for its valve, 4 ms for its tube and
+its way at the speed its throttle allows, and at most the longest start on top of it: the air in front of the piston
+has to leave through the throttle before it moves.
 """
 
 from __future__ import annotations
 
 from functools import cache
+from statistics import fmean
 from typing import NamedTuple
 
 import pytest
@@ -18,24 +20,37 @@ from controller.program.modes import State
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.bench.twin import Twin
 
-CYLINDER_MS = 15 + 20 + 30
-SLIDE_MM_S = 142.6  # 0.7e-9 m3/(s Pa) x 1e5 Pa / 490.9 mm2 of the 25 mm bore
-LIFT_MS = CYLINDER_MS + 145 / 0.2  # from one end stop to 5 mm before the other
-BELT_MS = 50 + 184 / 0.2  # from one end to 3 mm before the other
+CYLINDER_MS = 15 + 4
+SLIDE_MM_S = 149.7  # 0.735e-9 m3/(s Pa) x 1e5 Pa / 490.9 mm2 of the 25 mm bore
+UP_MS = CYLINDER_MS + 145 / 0.2088  # 4.1e-9 x 1e5 / 1963.5 mm2; from one end stop to 5 mm before the other
+DOWN_MS = CYLINDER_MS + 145 / 0.2122  # 3.5e-9 x 1e5 / 1649.3 mm2
+BELT_MS = 184 / 0.2  # from one end to 3 mm before the other
 PICK_MM = {1: 192.5, 2: 235.5, 3: 278.5}  # 300 mm less 107.5, 64.5, 21.5
 BAND_MM = 5.0
 OVERSHOOT_MM = 1.0  # at least, past the middle of a row's switch
-RELEASE_DELAY_MS = 130  # 333 ms from the pulse to the cups under the claws, less 183 ms to land and 15 ms to be seen
+BUMPER_MM = 2.0  # what the bumper leaves of the way
+RELEASE_DELAY_MS = 60  # 333 ms from the pulse to the cups under the claws, less 254 to land and 15 to be seen
 LATE_MS = 45
-"""A scan to see, a scan to filter, a substep, and 2 mm of overshoot more than the least."""
+"""A scan to see, a scan to filter, and 2 mm of overshoot more than the least."""
+START_IN_MS = 720
+"""317 cm3 in front of the piston, from 5.9 to 5.2 bar (35 N on 491 mm2) through 0.735e-9: 0.4 s, then it gains speed."""
+START_OUT_MS = 350
+"""The same with 120 to 160 cm3."""
+START_UP_MS = 430
+"""339 cm3 under the piston, from 5.9 to 4 bar (147 N of arm, 60 N of friction), and the cushion."""
+START_DOWN_MS = 100
+"""The weight helps; the cushion."""
+BELT_START_MS = 60
+"""The motor runs up in 13 ms, the relay and the switch are seen by scans."""
 
 
 class Phase(NamedTuple):
-    """The time from one change of an output to another, as worked out by hand; it may come up to LATE_MS later."""
+    """The time from one change of an output to another, as worked out by hand, and how much later it may come."""
 
     start: str
     end: str
     due_ms: float
+    late_ms: int = LATE_MS
 
 
 FIRST_HALF = [
@@ -50,26 +65,26 @@ ORDER = {
 
 
 def phases(row: int) -> list[Phase]:
-    in_mm = PICK_MM[row] - BAND_MM
+    in_mm = PICK_MM[row] - BAND_MM - BUMPER_MM
     out_mm = PICK_MM[row] + OVERSHOOT_MM - BAND_MM
     return [
-        Phase("+slide_inward", "-slide_inward", CYLINDER_MS + in_mm / SLIDE_MM_S * 1000),
+        Phase("+slide_inward", "-slide_inward", CYLINDER_MS + in_mm / SLIDE_MM_S * 1000, START_IN_MS),
         Phase("-slide_inward", "+claws_close", 100),
         Phase("+claws_close", "+lift_retract", 200),
-        Phase("+lift_retract", "+slide_outward", LIFT_MS),
-        Phase("+slide_outward", "+spread", CYLINDER_MS + out_mm / SLIDE_MM_S * 1000 + 500),
-        Phase("+spread", "+lift_extend", BELT_MS),
-        Phase("+lift_extend", "-lift_extend", LIFT_MS),
+        Phase("+lift_retract", "+slide_outward", UP_MS, START_UP_MS),
+        Phase("+slide_outward", "+spread", CYLINDER_MS + out_mm / SLIDE_MM_S * 1000 + 500, START_OUT_MS),
+        Phase("+spread", "+lift_extend", BELT_MS, BELT_START_MS),
+        Phase("+lift_extend", "-lift_extend", DOWN_MS, START_DOWN_MS),
     ]
 
 
 AFTER_RELEASE = {
-    0: [Phase("+claws_open", "+converge", 200), Phase("+converge", "-converge", BELT_MS)],
+    0: [Phase("+claws_open", "+converge", 200), Phase("+converge", "-converge", BELT_MS, BELT_START_MS)],
     1: [
         Phase("+claws_open", "+lift_retract", 200),
-        Phase("+lift_retract", "+converge", LIFT_MS),
-        Phase("+converge", "+lift_extend", BELT_MS),
-        Phase("+lift_extend", "-lift_extend", LIFT_MS),
+        Phase("+lift_retract", "+converge", UP_MS, START_UP_MS),
+        Phase("+converge", "+lift_extend", BELT_MS, BELT_START_MS),
+        Phase("+lift_extend", "-lift_extend", DOWN_MS, START_DOWN_MS),
     ],
 }
 
@@ -147,7 +162,7 @@ def test_every_phase_takes_its_time(converge_at: int, side: Side, row: int) -> N
         times = signed(part)
         for phase in expected:
             took_ms = times[phase.end][0] - times[phase.start][0]
-            assert phase.due_ms <= took_ms <= phase.due_ms + LATE_MS, f"{phase}: {took_ms} ms"
+            assert phase.due_ms <= took_ms <= phase.due_ms + phase.late_ms, f"{phase}: {took_ms} ms"
 
 
 @every_cycle
@@ -179,18 +194,19 @@ def test_rows_are_taken_from_the_feed_inward_by_both_arms() -> None:
 
 
 @pytest.mark.parametrize(
-    ("row_spacing_m", "expected_ms"),
-    [(0.600, {1: 7_425, 2: 8_028, 3: 8_631}), (0.800, {1: 8_827, 2: 9_430, 3: 10_033})],
+    ("row_spacing_m", "expected_ms", "mean_ms"),
+    [(0.600, {1: 8_150, 2: 8_850, 3: 9_500}, 9_000), (0.800, {1: 9_550, 2: 10_250, 3: 10_900}, 10_400)],
 )
-def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: dict[int, int]) -> None:
-    """The sum of the phases, the release delay included; 100 mm more each way are 701 ms each."""
+def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: dict[int, int], mean_ms: int) -> None:
+    """As measured, to 0.15 s; the mean of the rows at 600 mm is at most 9 s. 100 mm more each way are 668 ms each."""
     parameters = MACHINE.with_values({"layout.row_spacing_m": row_spacing_m})
     twin = at_work({"trays_target": 1}, parameters=parameters)
     to_complete(twin)
     assert len(twin.cycles()) == 6
     for cycle in twin.cycles():
         moving_ms = cycle.cycle_ms - cycle.waiting_ms
-        assert expected_ms[cycle.row] <= moving_ms <= expected_ms[cycle.row] + 140, cycle
+        assert expected_ms[cycle.row] - 150 <= moving_ms <= expected_ms[cycle.row] + 150, cycle
+    assert fmean(cycle.cycle_ms - cycle.waiting_ms for cycle in twin.cycles()) <= mean_ms
 
 
 # cups
@@ -219,7 +235,7 @@ def test_going_down_late_can_cost_a_cup(side: Side, descend_at_count: int, relea
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
-    """At 100 cups/min twelve take 7.2 s, a cycle 7.5 s and more: every row misses cups, and is let go on an edge."""
+    """At 100 cups/min twelve take 7.2 s, a cycle 8 s and more: every row misses cups, and is let go on an edge."""
     run = tray_run(cups_per_min=100.0)
     missed = 0
     for row in ROWS:
@@ -255,12 +271,13 @@ def test_an_arm_that_is_done_stays_at_home_and_misses_no_cups() -> None:
 
 def in_step_cups(*, may_meet: bool) -> Twin:
     """Return a machine whose two rows of cups pass in the same instant, so that the arms do everything together."""
-    parameters = MACHINE.with_values({"layout.arms_may_meet_in_plant": may_meet})
+    parameters = MACHINE.with_values({"layout.arms_may_meet_in_plant": may_meet, "cups.pulse_jitter": 0.0})
     twin = Twin(parameters=parameters, trays=1, set_points={"trays_target": 1, "arms_may_meet": int(may_meet)})
     if not may_meet:
         guard(twin)
     left, right = twin.plant.left.cups, twin.plant.right.cups
-    right.chain_m = left.chain_m = 0.030
+    for cups in (left, right):
+        cups.place(0.030)
     twin.home()
     twin.start()
     return twin

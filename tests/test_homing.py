@@ -32,8 +32,8 @@ from controller.program.modes import State
 from controller.program.tags import FULL, ROWS, SIDES, TAKEN, Side
 from plant_sim.bench.twin import SCAN_MS, Twin
 
-LIFT_MS = range(750, 900)
-"""150 mm at 0.2 m/s, with valve, dead time and build-up; the switches are 5 mm before the ends."""
+LIFT_MS = range(700, 800)
+"""145 mm down at 0.21 m/s, with valve and tube, and cushions at both ends."""
 
 EMPTY_AT_FEED = ["claws_open", "lift_retract", "lift_extend"]
 """What homing does with an empty, converged arm at feed."""
@@ -181,7 +181,7 @@ def test_a_row_not_yet_lifted_is_put_back_and_stays_full(side: Side, step: str, 
 
 
 @pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("into_ms", [60, 250, 700])
+@pytest.mark.parametrize("into_ms", [420, 600, 900])
 def test_a_load_in_the_lift_goes_fully_up_and_then_out(side: Side, into_ms: int) -> None:
     twin = stopped_in(side, "lift from row", into_ms)
     rise_m = arm_of(twin, side).lift.rise_m
@@ -234,7 +234,7 @@ def test_an_empty_arm_that_is_down_goes_out_low_without_lifting(side: Side, step
 def test_an_empty_arm_in_between_heights_goes_up_and_then_out(side: Side) -> None:
     """Given an empty arm over the tray, raised half way by hand, it may not go out through what stands there."""
     twin = stopped_in(side, "approach row", 1_000)
-    by_hand(twin, f"{side}.lift_retract", for_ms=400)
+    by_hand(twin, f"{side}.lift_retract", for_ms=600)
     assert 0.03 < arm_of(twin, side).lift.rise_m < 0.12
     recorder = homed(twin)
     assert order(recorder, side) == ["lift_retract", "slide_outward", "claws_open", "lift_extend"]
@@ -305,7 +305,7 @@ def test_an_arm_pushed_away_from_home_by_hand_is_brought_back(side: Side) -> Non
     """Given a machine at rest, an arm pushed to the tray and up by its valves comes up, out, and home."""
     twin = stopped_after_row_1(side)
     by_hand(twin, f"{side}.slide_inward", for_ms=1_000)
-    by_hand(twin, f"{side}.lift_retract", for_ms=300)
+    by_hand(twin, f"{side}.lift_retract", for_ms=600)
     assert not arm_of(twin, side).sensors["slide_at_feed"].read()
     assert questions(twin) == set()
     assert order(homed(twin), side)[:2] == ["lift_retract", "slide_outward"]

@@ -24,9 +24,9 @@ from controller.program.tags import ROWS, SIDES, TAKEN
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 OFF_MS = 1_000
-ROW_IN_DOUBT = {("arm", "close claws"), ("homing", "put back"), ("homing", "decide")}
+ROW_IN_DOUBT = {("arm", "close claws"), ("arm", "lift from row"), ("homing", "put back"), ("homing", "decide")}
 """Steps between clamping and leaving the row (and the one that waits for the answer). In 'lift from row' the outputs
-stay on until the watchdog has acted, 100 ms: the arm has left the row by then."""
+stay on until the watchdog has acted, 100 ms: too short for the air above the piston to let the arm rise."""
 TRAY_IN_DOUBT = {"creep", "settle"}
 """Steps in which the tray may have come too far under its sensor before the watchdog acted."""
 

@@ -24,7 +24,7 @@ from controller.program.modes import State
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.bench.twin import Twin
 
-RELEASE_DELAY_MS = 130
+RELEASE_DELAY_MS = 60
 
 
 class Run(NamedTuple):
@@ -106,7 +106,7 @@ def test_a_tray_is_reported_when_its_last_row_is_lifted() -> None:
     (tray,) = [event for event in twin.events if isinstance(event, TrayEvent)]
     lifts_ms = [change.at_ms for side in SIDES for change in outputs.of(f"{side}.lift_retract") if change.on]
     assert tray.trays_done == 1
-    assert 60 <= tray.at_ms - max(lifts_ms) <= 150, "6 mm at 0.2 m/s, with 65 ms to begin with"
+    assert 60 <= tray.at_ms - max(lifts_ms) <= 400, "6 mm at 0.2 m/s, once the air under the piston has gone"
 
 
 # a new run and a loss of power

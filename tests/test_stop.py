@@ -171,7 +171,7 @@ def test_a_stop_over_standing_cups_parks_the_load_and_a_start_brings_it_back(
     assert twin.state == State.SUSPENDED
     held = twin.plant.counts().in_claw
     press_stop(twin)
-    twin.run_until_state(State.STOPPED, within_ms=1_000)
+    twin.run_until_state(State.STOPPED, within_ms=2_000)
     assert all(is_parked_loaded(twin, side) for side in SIDES)
     twin.run_for(20_000)
     assert (twin.state, twin.outputs(), twin.plant.counts().in_claw) == (State.STOPPED, set(), held)

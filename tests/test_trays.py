@@ -194,7 +194,7 @@ def test_a_stop_while_no_tray_comes() -> None:
 
 def test_a_beam_that_does_not_go_off_is_a_jam_after_its_limit() -> None:
     """Given X15 stuck on, when the empty tray is moved out, the alarm comes after 6 s and the loaded arms park."""
-    twin = at_work()
+    twin = at_work(parameters=MACHINE.with_values({"cups.planting_frequency_per_min": 35.0}))
     moving_ms = until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)
     twin.plant.conveyor.beam.stuck = True
     twin.run_for(TRAY_OUT_MS - TICK_MS - (moving_ms % TICK_MS))

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Final, Literal
 
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
 from controller.program.modes import State
-from controller.program.tags import ROWS, SIDES, Side
+from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
 from controller.program.texts import QUESTIONS, REASONS, STATES, Language
 from controller.program.texts import SIDES as SIDE_TEXTS
+
+GapCause = Literal["none", "tray", "centre", "row"]
+"""Why a row came late for its cups: it waited for a tray, or for the other arm to leave the centre, or its own way was
+too long."""
+
+_NOTABLE_MS: Final = 50
+"""An arm that may leave feed at once stands there for a scan or two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +65,7 @@ class CycleEvent:
         cycle_ms: From leaving feed to standing at feed again, down and converged.
         waiting_ms: Part of it spent waiting for cups.
         missed_cups: Missed cups of the row so far.
+        gap_cause: Why cups were missed since the cycle before.
     """
 
     at_ms: int
@@ -65,6 +74,7 @@ class CycleEvent:
     cycle_ms: int
     waiting_ms: int
     missed_cups: int
+    gap_cause: GapCause = "none"
     event: str = "cycle"
 
 
@@ -91,11 +101,14 @@ class _CycleWatch:
     def __init__(self, machine: Transplanter, side: Side) -> None:
         cycle, self._arm = machine.cycles[side], machine.tags.arms[side]
         self._start, self._end = cycle["approach row"], cycle["wait at feed"]
+        self._tray = machine.tags.tray
         self._waiting = (cycle["wait to lower"].number, cycle["wait for cups"].number)
         self._side = side
         self._row: int | None = None
         self._since_ms = 0
         self._waited_ms = 0
+        self._tray_ms = self._centre_ms = 0
+        self._missed = 0
         self._last_ms = 0
 
     def see(self, now_ms: int, plc: Plc) -> CycleEvent | None:
@@ -103,6 +116,8 @@ class _CycleWatch:
         states = plc.memory.S
         passed_ms, self._last_ms = now_ms - self._last_ms, now_ms
         if self._row is None:
+            if states[self._end.number]:
+                self._stand(passed_ms, plc)
             if states[self._start.number]:
                 self._row = next(row for row in ROWS if plc.read(self._arm.row_is[row]))
                 self._since_ms, self._waited_ms = now_ms, 0
@@ -112,12 +127,28 @@ class _CycleWatch:
         if not states[self._end.number] or states[self._start.number]:
             return None
         row, self._row = self._row, None
-        missed = plc.read(self._arm.missed_cups)
-        return CycleEvent(now_ms, self._side, row, now_ms - self._since_ms, self._waited_ms, missed)
+        missed, before = plc.read(self._arm.missed_cups), self._missed
+        self._missed = missed
+        cause = self._cause() if missed > before else "none"
+        self._tray_ms = self._centre_ms = 0
+        return CycleEvent(now_ms, self._side, row, now_ms - self._since_ms, self._waited_ms, missed, cause)
 
     def interrupt(self) -> None:
         """Forget a cycle that was broken off."""
         self._row = None
+        self._tray_ms = self._centre_ms = 0
+
+    def _stand(self, passed_ms: int, plc: Plc) -> None:
+        """Take note of what keeps the arm at feed."""
+        if plc.read(self._tray.phase) == IN_PLACE:
+            self._centre_ms += passed_ms
+        else:
+            self._tray_ms += passed_ms
+
+    def _cause(self) -> GapCause:
+        if self._tray_ms > _NOTABLE_MS:
+            return "tray"
+        return "centre" if self._centre_ms > _NOTABLE_MS else "row"
 
 
 class ProductionLog:

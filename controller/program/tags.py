@@ -26,10 +26,11 @@ TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
 NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
 """Phases of the tray: unknown or none, at the pick position, leaving it, on its way."""
 
-RELEASE_DELAY_X10_MS: Final = 13
+RELEASE_DELAY_X10_MS: Final = 6
 """From the releasing cup pulse to the open coil: the pulse comes 15 mm before the cup is under the claw, 333 ms at
-45 plants/(min row); from the coil to the landed plug take 15 ms valve, 40 ms fingers and 128 ms fall from 80 mm, and
-the input filter and half a scan 15 ms: 333 - 183 - 15 = 135 ms, in whole units of the timer (machine.yaml)."""
+45 plants/(min row); from the coil to the landed plug take 126 ms valve, air and fingers (simulated at 0.40 MPa) and
+128 ms fall from 80 mm, and the input filter and half a scan 15 ms: 333 - 254 - 15 = 64 ms, in whole units of the
+timer (machine.yaml)."""
 
 ROW_PITCH_MM: Final = 43.0
 FINGER_OVERHANG_MM: Final = 25.0

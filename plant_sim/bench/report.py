@@ -55,6 +55,8 @@ class TrialReport:
         cycle_times: Times by arm and row.
         missed_cups: Cups that passed empty after the twelfth, both rows.
         missed_cups_by_row: The same for each row.
+        missed_cups_by_cause: The same by what kept the arm: tray change, the other arm in the centre, or the
+            length of its own way to row 1, 2 or 3.
         alarms: Texts of the alarms that came on, in order.
         reason: Why the trial did not complete; empty if it did.
         simulated_s: Machine time from power-up to the end, s.
@@ -74,6 +76,7 @@ class TrialReport:
     cycle_times: dict[str, RowTimes]
     missed_cups: int
     missed_cups_by_row: dict[str, int]
+    missed_cups_by_cause: dict[str, int]
     alarms: list[str]
     reason: str
     simulated_s: float
@@ -105,8 +108,9 @@ class TrialReport:
         ]
         lines += [f"  {name:12} {times.text()}" for name, times in sorted(self.cycle_times.items())]
         gaps = ", ".join(f"{row} {count}" for row, count in self.missed_cups_by_row.items())
+        causes = ", ".join(f"{cause} {count}" for cause, count in self.missed_cups_by_cause.items())
         lines += [
-            f"missed cups {self.missed_cups} ({gaps})",
+            f"missed cups {self.missed_cups} ({gaps}){': ' + causes if causes else ''}",
             "alarms " + ("none" if not self.alarms else "; ".join(self.alarms)),
         ]
         if not self.completed:
@@ -155,12 +159,27 @@ def make_report(
         cycle_times=_row_times(cycles),
         missed_cups=sum(missed.values()),
         missed_cups_by_row=missed,
+        missed_cups_by_cause=_gap_causes(cycles),
         alarms=alarms,
         reason=reason,
         simulated_s=simulated_s,
         wall_s=wall_s,
         extrapolates=extrapolates,
     )
+
+
+def _gap_causes(cycles: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """Return how many cups were missed for which cause."""
+    names = {"tray": "tray change", "centre": "other arm in the centre"}
+    before = {"left": 0, "right": 0}
+    causes: dict[str, int] = defaultdict(int)
+    for event in cycles:
+        side = str(event["side"])
+        missed = event["missed_cups"] - before[side]
+        before[side] = event["missed_cups"]
+        if missed > 0:
+            causes[names.get(event["gap_cause"], f"way to row {event['row']}")] += missed
+    return dict(sorted(causes.items()))
 
 
 def _row_times(cycles: Sequence[Mapping[str, Any]]) -> dict[str, RowTimes]:

@@ -157,10 +157,10 @@ class Cups:
         make["pulse"]["bounce_s"] = bounce_s
         self.planting_frequency_per_min = spec.planting_frequency_per_min
         state["speed_m_s"] = make["wanted_m_s"]
-        state["chain_m"] = self._draw.uniform(0.0, spec.pitch_m)
-        make["off"] = [self._draw.uniform(-spec.pulse_jitter, spec.pulse_jitter) for _ in range(_FLAGS)]
         self.pulse = Sensor(state["pulse"], make["pulse"])
-        self.pulse.sense(_flag(state, make) >= 0.0)
+        chain_m = self._draw.uniform(0.0, spec.pitch_m)
+        make["off"] = [self._draw.uniform(-spec.pulse_jitter, spec.pulse_jitter) for _ in range(_FLAGS)]
+        self.place(chain_m)
 
     @property
     def chain_m(self) -> float:
@@ -192,6 +192,16 @@ class Cups:
             raise ValueError(f"planting frequency {per_min}/min: give 0 or more; cups never run backward")
         self._frequency_per_min = per_min
         self._make["wanted_m_s"] = float(self._make["pitch_m"]) * per_min / 60
+
+    def place(self, chain_m: float) -> None:
+        """Put the chain somewhere: a starting situation, not a motion.
+
+        Args:
+            chain_m: Way it has gone, m.
+        """
+        self._state["chain_m"] = chain_m
+        self.pulse.sense(on=False)
+        self.pulse.sense(_flag(self._state, self._make) >= 0.0)
 
     def spoil(self, kind: int, share: float) -> None:
         """Let part of the flags be missed or counted twice, or all of them sound again.

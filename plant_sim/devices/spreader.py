@@ -115,7 +115,8 @@ def _turn(s: Any, make: Any, drive: float, step_s: float) -> None:
     together_m_s = 0.0
     if make.blocked == 0:
         free_m_s = (common_m_s + step_s * push_n / both_kg) / (1.0 + step_s * brake / both_kg)
-        together_m_s = rubbed_m_s(make.friction, free_m_s, common_m_s, both_kg, step_s)
+        # the motor's own braking makes the mass seem larger to the friction
+        together_m_s = rubbed_m_s(make.friction, free_m_s, common_m_s, both_kg + step_s * brake, step_s)
     belt_n = push_n - brake * together_m_s - make.motor_kg * (together_m_s - s.motor_m_s) / step_s
     if abs(belt_n) <= make.slips_n:
         s.motor_m_s = together_m_s

@@ -189,7 +189,7 @@ def _bumper(c: Any, make: Any, step_s: float) -> tuple[float, float]:
     if into_m < 0.0:
         return 0.0, 0.0
     give = step_s * make.bumper_n_m
-    if sign * c.speed_m_s < 0.0:  # it damps what comes in and lets go of what leaves
+    if sign * c.speed_m_s * make.bumper_n_s_m < make.bumper_n_m * into_m:  # rubber pushes, it never pulls
         give += make.bumper_n_s_m
     return sign * make.bumper_n_m * into_m, give
 
