@@ -1,7 +1,5 @@
 """One arm with everything that belongs to its side: drives, claws, cups and what they hold."""
 
-from typing import Any
-
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.grip import Grip
 from plant_sim.crop.incident import Report
@@ -12,6 +10,7 @@ from plant_sim.crop.sweep import Sweep
 from plant_sim.devices.claws import Claws
 from plant_sim.devices.cups import Cups
 from plant_sim.devices.lift import Lift
+from plant_sim.devices.pneumatic import Records
 from plant_sim.devices.sensor import Sensor
 from plant_sim.devices.slide import Slide
 from plant_sim.devices.spreader import Spreader
@@ -52,9 +51,7 @@ class ArmPlant:
         self,
         side: str,
         machine: Machine,
-        state: Any,
-        make: Any,
-        gas: Any,
+        records: Records,
         seedlings: Seedlings,
         bed: Bed,
         report: Report,
@@ -66,9 +63,7 @@ class ArmPlant:
         Args:
             side: ``left`` or ``right``.
             machine: All parameters.
-            state: Record of the arm, `ARM`.
-            make: Record of the arm, `ARM_MAKE`.
-            gas: How air behaves, `GAS`.
+            records: Where it lies in the memory of the kernel.
             seedlings: All of them.
             bed: What lies under the arms.
             report: Takes note of incidents.
@@ -76,17 +71,18 @@ class ArmPlant:
         """
         common, bounce_s, main_pa = machine.pneumatics, machine.contact.bounce_s, machine.supply.pressure_pa
         self.slide = Slide(
-            machine.slide, machine.slide_port, machine.slide_friction, common, state, make, gas,
+            machine.slide, machine.slide_port, machine.slide_friction, common, records,
             picks_m=machine.picks_m, pressure_pa=main_pa, bounce_s=bounce_s,
         )  # fmt: skip
         self.lift = Lift(
-            machine.lift, machine.lift_port, machine.lift_friction, common, state, make, gas,
+            machine.lift, machine.lift_port, machine.lift_friction, common, records,
             pressure_pa=main_pa, bounce_s=bounce_s,
         )  # fmt: skip
         self.claws = Claws(
-            machine.claws, machine.claws_port, machine.claws_friction, common, state, make, gas,
+            machine.claws, machine.claws_port, machine.claws_friction, common, records,
             pressure_pa=machine.claw_pressure_pa,
         )  # fmt: skip
+        state, make = records.state, records.make
         make["frees_above_m"], make["grips_below_m"] = self.claws.frees_above_m, self.claws.grips_below_m
         self.spreader = Spreader(machine.spreader, state["spreader"], make["spreader"], bounce_s=bounce_s)
         self.cups = Cups(machine.cups, state["cups"], make["cups"], seed=seed, bounce_s=bounce_s)

@@ -168,10 +168,10 @@ def _step_arm(arm: Any, make: Any, coils: Any, supply: Any, at_s: float, gas: An
 @compiled
 def _any_busy(switches: Any) -> bool:
     """Whether a switch does not yet, or not steadily, say what it sees."""
+    busy = 0
     for switch in switches:
-        if switch.busy:
-            return True
-    return False
+        busy += switch.busy
+    return busy != 0
 
 
 @compiled_and_kept

@@ -266,7 +266,8 @@ class Machine:
             ("lift.retract_conductance_m3_s_pa", self.lift.retract_m_s, 0.0, rating.lift_m_s, "m/s", 1.0, "SC50 lift"),
         ]  # fmt: skip
         return [
-            f"{name}: {value / unit:.3g} {symbol} is outside the rating of the {part}, {low / unit:g} to {high / unit:.3g} {symbol}"
+            f"{name}: {value / unit:.3g} {symbol} is outside the rating of the {part}, "
+            f"{low / unit:g} to {high / unit:.3g} {symbol}"
             for name, value, low, high, symbol, unit, part in checks
             if not low <= value <= high
         ]

@@ -1,6 +1,6 @@
 """The whole machine: coil levels go in, terminal levels come out, seedlings are accounted for."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +12,10 @@ from plant_sim.crop.incident import Incident
 from plant_sim.crop.seedling import SeedlingCounts, Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.operator_box import OperatorBox
+from plant_sim.devices.pneumatic import Records
 from plant_sim.devices.sensor import Sensor
 from plant_sim.devices.supply import Supply
+from plant_sim.faults import Fault, FaultSchedule
 from plant_sim.kernel import ARM_COILS, MACHINE, MACHINE_MAKE, SENSORS, SIGHT, advance, look
 from plant_sim.parameters import Machine
 
@@ -55,9 +57,17 @@ class Plant:
         indicators: Horn and lamps by tag, so far as they are wired.
         events: Every incident so far.
         extrapolates: Whether the crop settings lie outside the trials of the paper.
+        warnings: What lies outside the makers' ratings, one line each.
+        state: One record `MACHINE`: everything that moves.
+        make: One record `MACHINE_MAKE`: everything that decides how; faults change it.
+        wired: Tags of the inputs that have a wire.
+        broken_wires: Tags of the inputs whose terminal is off whatever the sensor says.
+        faults: What breaks, and when.
     """
 
-    def __init__(self, io_map: IoMap, machine: Machine, *, seed: int, trays: int = 2) -> None:
+    def __init__(
+        self, io_map: IoMap, machine: Machine, *, seed: int, trays: int = 2, faults: Iterable[Fault] = ()
+    ) -> None:
         """Put a machine together; it is found as a normal stop leaves it.
 
         Args:
@@ -65,8 +75,10 @@ class Plant:
             machine: All parameters.
             seed: Decides the fate of every seedling and where the cups stand.
             trays: How many trays there are.
+            faults: What breaks, and when.
 
         Raises:
+            FaultError: the machine has no such part, or two faults change the same thing at the same time.
             KeyError: a coil of the machine has no wire.
             ValueError: a wired input is none of this machine, or there are fewer than no trays.
         """
@@ -86,15 +98,14 @@ class Plant:
         self.supply = Supply(machine.supply, state["air"], make["air"], gas, claw_pressure_pa=machine.claw_pressure_pa)
         self.conveyor = Conveyor(machine.conveyor, state["conveyor"], make["conveyor"], trays=trays)
         self.seedlings = Seedlings(trays=trays, failure_share=machine.crop.failure_share, seed=seed)
+        self._half_tray_m = machine.handling.tray_half_width_m
         self._bed = Bed(self.seedlings, pitch_m=machine.handling.cell_pitch_m)
         self._lay_bed()
         self.left, self.right = (
             ArmPlant(
                 side,
                 machine,
-                state["arms"][number],
-                make["arms"][number],
-                gas,
+                Records(state["arms"][number], make["arms"][number], gas),
                 self.seedlings,
                 self._bed,
                 self._note,
@@ -112,6 +123,7 @@ class Plant:
         self._steps_per_ms = machine.simulation.steps_per_ms
         self.broken_wires: set[str] = set()
         self._wire(io_map)
+        self.faults = FaultSchedule(self, faults)
 
     @property
     def x(self) -> list[bool]:
@@ -162,20 +174,25 @@ class Plant:
             raise ValueError(f"for_ms is {for_ms}: plant time never runs backward")
         if len(y) < self._output_count:
             raise ValueError(f"Y image has {len(y)} levels, the map {self._output_count}")
-        if y != self._y:
+        if y is not self._y and list(y) != self._y:
             self._take(y)
         fed = not self.box.emergency_stop
         coils = self._coils if fed else self._no_coils
         end_ms = self.time_ms + for_ms
+        faults = self.faults
         while self.time_ms < end_ms:
             chunk_ms = min(self._look_ms, end_ms - self.time_ms)
+            if faults.next_ms is not None:
+                chunk_ms = min(chunk_ms, faults.next_ms - self.time_ms)
             advance(self.state, self.make, coils, fed, self.time_ms / 1000, chunk_ms * self._steps_per_ms, self._sight)
             self.time_ms += chunk_ms
             self._follow()
+            if faults.next_ms is not None:
+                faults.advance(self.time_ms)
 
     def _take(self, y: Sequence[bool]) -> None:
         """Take note of new outputs."""
-        self._y = list(y)
+        self._y: list[bool] = list(y)
         for tag, number, inverted in self._indicator_wires:
             self.indicators[tag] = y[number] != inverted
         self._coils[:] = [y[number] != inverted for number, inverted in self._coil_wires]
@@ -200,6 +217,7 @@ class Plant:
             [(number, conveyor.offset_m(number)) for number in conveyor.front_m],
             belt_m=conveyor.belt_m,
             is_placed=conveyor.placed_tray is not None,
+            turned={number: lead_m / self._half_tray_m for number, lead_m in conveyor.skewed_m.items()},
         )
 
     def _note(self, kind: Incident, text: str) -> None:
@@ -223,6 +241,7 @@ class Plant:
         self._inverted = np.array([point is not None and point.inverted for point in points])
         self._image = np.zeros(io_map.input_count, np.bool_)
         self._number_of = {point.tag: point.number for point in io_map.inputs}
+        self.wired = tuple(self._number_of)
         self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in _BUTTON_TAGS if tag in io_map]
         self._coil_wires = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
         self._coils = np.zeros(len(_COIL_TAGS), np.bool_)
@@ -230,5 +249,4 @@ class Plant:
         self._indicator_wires = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in self.indicators]
         self._output_count = io_map.output_count
         self._sight = np.zeros(2 * len(SIGHT) + 1)
-        self._y: list[bool] = []
         self._take(io_map.safe_outputs())

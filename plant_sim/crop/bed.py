@@ -1,6 +1,6 @@
 """What lies under the arms: the trays near the pick position and what still stands in them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from plant_sim.crop.seedling import CELLS_ALONG, Place, Seedling, Seedlings
 
@@ -12,7 +12,7 @@ class Bed:
         belt_m: Way the belt has gone, m.
     """
 
-    __slots__ = ("_pitch_m", "_seedlings", "_trays", "belt_m", "is_placed")
+    __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "belt_m", "is_placed")
 
     def __init__(self, seedlings: Seedlings, *, pitch_m: float) -> None:
         """Start with nothing under the arms.
@@ -24,17 +24,27 @@ class Bed:
         self._seedlings = seedlings
         self._pitch_m = pitch_m
         self._trays: list[tuple[int, float]] = []
+        self._turned: Mapping[int, float] = {}
         self.belt_m = 0.0
         self.is_placed = False
 
-    def lay(self, trays: Iterable[tuple[int, float]], *, belt_m: float, is_placed: bool) -> None:
+    def lay(
+        self,
+        trays: Iterable[tuple[int, float]],
+        *,
+        belt_m: float,
+        is_placed: bool,
+        turned: Mapping[int, float],
+    ) -> None:
         """Take note that the trays have moved.
 
         Args:
             trays: Number of each tray, and how far past the pick position it is, m.
             belt_m: Way the belt has gone, m.
             is_placed: Whether one of them stands right for picking.
+            turned: By which angle a tray lies askew, rad, of those that do.
         """
+        self._turned = turned
         within_m = CELLS_ALONG * self._pitch_m
         self._trays = [tray for tray in trays if abs(tray[1]) < within_m]
         self.belt_m = belt_m
@@ -57,6 +67,11 @@ class Bed:
             for seedling in self._seedlings.column(number, column)
             if seedling.place is Place.STANDING and self._is_in_reach(seedling.along, offset_m)
         ]
+
+    def off_m(self, seedling: Seedling) -> float:
+        """How far a seedling stands off the line of its column because its tray lies askew, m."""
+        angle = self._turned.get(seedling.tray, 0.0)
+        return angle * (seedling.along - (CELLS_ALONG - 1) / 2) * self._pitch_m
 
     def _is_in_reach(self, along: int, offset_m: float) -> bool:
         """Whether a cell lies within the row of claws; a tray past its place brings it forward."""

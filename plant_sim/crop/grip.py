@@ -102,6 +102,7 @@ class Grip:
             return
         stems = self._bed.standing(self._reach.column(index))
         if stems and self._fits(pose, index):
+            stems = self._between_the_fingers(stems)
             self.held = stems
             self.extracted = self.delivered = self._loosened = False
             self._clamp_x_m, self._clamp_rise_m = pose.x_m, pose.rise_m
@@ -110,6 +111,15 @@ class Grip:
         elif stems:
             self._move(stems, Place.LOST_PICK)
             self._note(Incident.STEMS_CUT, f"claws closed wrongly on {len(stems)} stems")
+
+    def _between_the_fingers(self, stems: list[Seedling]) -> list[Seedling]:
+        """Those of the stems that stand where the claws grip, the tray being askew; the others are cut."""
+        gripped = [stem for stem in stems if abs(self._bed.off_m(stem)) <= self._spec.grip_tolerance_m]
+        cut = [stem for stem in stems if stem not in gripped]
+        if cut:
+            self._move(cut, Place.LOST_PICK)
+            self._note(Incident.STEMS_CUT, f"claws closed beside {len(cut)} stems of a tray that lies askew")
+        return gripped
 
     def _fits(self, pose: Pose, index: int) -> bool:
         """Whether the stems of a column stand where the claws grip."""

@@ -75,6 +75,10 @@ class Seedlings:
     """All seedlings of a run, in trays of 6 columns with 12 cells each.
 
     A seedling's fate depends on the seed, its tray and its cell, not on when or how it is handled.
+
+    Attributes:
+        total: How many there are.
+        moves: Every move since somebody began to record them, who also empties it; None: nobody does.
     """
 
     def __init__(self, *, trays: int, failure_share: float, seed: int) -> None:
@@ -85,12 +89,37 @@ class Seedlings:
             failure_share: Expected share of failures, 0 to 1.
             seed: Seed of the run.
         """
+        self._seed = seed
+        self.moves: list[tuple[Seedling, Place]] | None = None
         self._trays = [_sow(tray, failure_share, seed) for tray in range(trays)]
         self._at = [0] * len(Place)
         self._at[Place.STANDING] = self.total = trays * COLUMNS * CELLS_ALONG
 
     def __iter__(self) -> Iterator[Seedling]:
         return (plant for tray in self._trays for column in tray for plant in column)
+
+    @property
+    def trays(self) -> int:
+        """How many trays there are."""
+        return len(self._trays)
+
+    def empty_cells(self, tray: int) -> int:
+        """How many cells of a tray never held a seedling."""
+        return COLUMNS * CELLS_ALONG - sum(len(column) for column in self._trays[tray])
+
+    def leave_out(self, tray: int, cells: int) -> None:
+        """Let cells of a tray hold no seedling, drawn at random; the others keep their fate.
+
+        Args:
+            tray: The tray; nothing has touched it yet.
+            cells: How many more.
+        """
+        columns = self._trays[tray]
+        sown = [seedling for column in columns for seedling in column]
+        for seedling in random.Random(f"seed {self._seed}, tray {tray}, empty cells").sample(sown, cells):
+            columns[seedling.column].remove(seedling)
+        self._at[Place.STANDING] -= cells
+        self.total -= cells
 
     def column(self, tray: int, column: int) -> list[Seedling]:
         """The seedlings of one column, front edge first, wherever they are now."""
@@ -101,6 +130,8 @@ class Seedlings:
         self._at[seedling.place] -= 1
         self._at[place] += 1
         seedling.place = place
+        if self.moves is not None:
+            self.moves.append((seedling, place))
 
     def counts(self) -> SeedlingCounts:
         """Count them."""

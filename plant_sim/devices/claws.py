@@ -1,9 +1,8 @@
 """The twelve claws of an arm, opened and closed together by one latching valve."""
 
 from dataclasses import dataclass
-from typing import Any
 
-from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, vent_tubes
+from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
 from plant_sim.pneumatics.chamber import fill
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import piston_area_m2
@@ -83,9 +82,7 @@ class Claws(Cylinder):
         port: PortSpec,
         friction: FrictionSpec,
         common: Pneumatics,
-        arm: Any,
-        arm_make: Any,
-        gas: Any,
+        arm: Records,
         *,
         pressure_pa: float,
     ) -> None:
@@ -96,13 +93,11 @@ class Claws(Cylinder):
             port: The way to either chamber of all grippers.
             friction: Friction of one gripper.
             common: Valves and air.
-            arm: Record of the arm, `ARM`.
-            arm_make: Record of the arm, `ARM_MAKE`.
-            gas: How air behaves.
+            arm: Where the arm lies in the memory of the kernel.
             pressure_pa: Gauge pressure of the claws, Pa.
         """
-        make = arm_make["claws"]
-        super().__init__(arm["claws"], make, gas, port, friction, common, hold_pa=ATMOSPHERE_PA + pressure_pa)
+        make = arm.make["claws"]
+        super().__init__(arm.state["claws"], make, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + pressure_pa)
         self._spec = spec
         self._port = port
         self._pressure_pa = pressure_pa

@@ -121,7 +121,8 @@ def _flag(c: Any, make: Any) -> float:
         since = into - make.share
     if on == (c.pulse.seen != 0):
         return -1.0
-    return since * make.pitch_m
+    past_m: float = since * make.pitch_m
+    return past_m
 
 
 class Cups:

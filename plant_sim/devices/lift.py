@@ -1,9 +1,8 @@
 """The lift: a cushioned cylinder that lowers the arm by extending, and carries its weight."""
 
 from dataclasses import dataclass
-from typing import Any
 
-from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, vent_tubes
+from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import annulus_area_m2, meter_out_speed_m_s, piston_area_m2
 from plant_sim.spec import require, require_within
@@ -88,9 +87,7 @@ class Lift(Cylinder):
         port: PortSpec,
         friction: FrictionSpec,
         common: Pneumatics,
-        arm: Any,
-        arm_make: Any,
-        gas: Any,
+        arm: Records,
         *,
         pressure_pa: float,
         bounce_s: float,
@@ -102,14 +99,14 @@ class Lift(Cylinder):
             port: The way to either chamber.
             friction: Its friction.
             common: Valves, check valves and air.
-            arm: Record of the arm, `ARM`.
-            arm_make: Record of the arm, `ARM_MAKE`.
-            gas: How air behaves.
+            arm: Where the arm lies in the memory of the kernel.
             pressure_pa: Gauge pressure of the main line, Pa.
             bounce_s: For how long a closing contact bounces, s.
         """
-        make = arm_make["lift"]
-        super().__init__(arm["lift"], make, gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa)
+        make = arm.make["lift"]
+        super().__init__(
+            arm.state["lift"], make, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
+        )
         self._stroke_m = spec.stroke_m
         make["stroke_m"] = spec.stroke_m
         make["plus_area_m2"] = piston_area_m2(spec.bore_m)
@@ -120,7 +117,7 @@ class Lift(Cylinder):
         make["minus"]["throttle_m3_s_pa"] = spec.extend_conductance_m3_s_pa
         make["plus"]["throttle_m3_s_pa"] = spec.retract_conductance_m3_s_pa
         self.up, self.down = self._mount(
-            arm["lift_switches"], arm_make["lift_switches"], (0.0, spec.stroke_m), spec, bounce_s
+            arm.state["lift_switches"], arm.make["lift_switches"], (0.0, spec.stroke_m), spec, bounce_s
         )
         vent_tubes(self.state, make, gas)
         self.place(spec.stroke_m)

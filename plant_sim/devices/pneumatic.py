@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import astuple, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from plant_sim.devices.sensor import Sensor, place_switch
 from plant_sim.pneumatics.chamber import fill
@@ -162,6 +162,20 @@ class Pneumatics:
     air: AirSpec
     valve: ValveSpec
     check_valve: CheckValveSpec
+
+
+class Records(NamedTuple):
+    """Where an arm lies in the memory of the kernel.
+
+    Attributes:
+        state: Its record, `ARM`.
+        make: Its record, `ARM_MAKE`.
+        gas: How air behaves, `GAS`.
+    """
+
+    state: Any
+    make: Any
+    gas: Any
 
 
 @compiled_and_kept

@@ -1,9 +1,8 @@
 """The slide: a rodless cylinder, magnetically coupled, that carries an arm between the cups and the tray."""
 
 from dataclasses import dataclass
-from typing import Any
 
-from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, vent_tubes
+from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import meter_out_speed_m_s, piston_area_m2
 from plant_sim.spec import require, require_within
@@ -108,9 +107,7 @@ class Slide(Cylinder):
         port: PortSpec,
         friction: FrictionSpec,
         common: Pneumatics,
-        arm: Any,
-        arm_make: Any,
-        gas: Any,
+        arm: Records,
         *,
         picks_m: tuple[float, ...],
         pressure_pa: float,
@@ -123,15 +120,15 @@ class Slide(Cylinder):
             port: The way to either chamber.
             friction: Its friction.
             common: Valves, check valves and air.
-            arm: Record of the arm, `ARM`.
-            arm_make: Record of the arm, `ARM_MAKE`.
-            gas: How air behaves.
+            arm: Where the arm lies in the memory of the kernel.
             picks_m: Pick positions from the feed inward, m.
             pressure_pa: Gauge pressure of the main line, Pa.
             bounce_s: For how long a closing contact bounces, s.
         """
-        make = arm_make["slide"]
-        super().__init__(arm["slide"], make, gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa)
+        make = arm.make["slide"]
+        super().__init__(
+            arm.state["slide"], make, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
+        )
         make["stroke_m"] = spec.stroke_m
         make["plus_area_m2"] = make["minus_area_m2"] = spec.area_m2
         make["load_kg"], make["piston_kg"] = spec.carried_kg, spec.piston_kg
@@ -144,7 +141,7 @@ class Slide(Cylinder):
             line["throttle_m3_s_pa"] = spec.throttle_conductance_m3_s_pa
         places_m = (0.0, *picks_m)
         self.at_feed, *at_pick = self._mount(
-            arm["slide_switches"], arm_make["slide_switches"], places_m, spec, bounce_s
+            arm.state["slide_switches"], arm.make["slide_switches"], places_m, spec, bounce_s
         )
         self.at_pick = tuple(at_pick)
         vent_tubes(self.state, make, gas)

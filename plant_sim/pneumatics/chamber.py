@@ -77,7 +77,7 @@ def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_
 @compiled
 def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
-    mass_kg = step_s * kg_s / (1.0 + step_s * (grows * up.stiffness + falls * down.stiffness))
+    mass_kg: float = step_s * kg_s / (1.0 + step_s * (grows * up.stiffness + falls * down.stiffness))
     heat_j = HEAT_P * up.temperature_k * mass_kg
     up.mass_kg -= mass_kg
     up.pressure_pa -= up.stiffness * mass_kg

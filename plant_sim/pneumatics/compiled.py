@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
@@ -30,12 +30,13 @@ def compiled_and_kept(function: Callable[_Params, _Result]) -> Callable[_Params,
     numba looks only at the file of the function itself to tell whether the kept code is out of
     date. So the code is kept in a folder named after the content of every file it may come from.
     """
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_cache_folder())
+    config: Any = numba.config  # a module whose settings come from the environment, unknown to type checkers
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(_cache_folder())
     try:
         return cast("Callable[_Params, _Result]", numba.njit(error_model="numpy", cache=True)(function))
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 def _cache_folder() -> Path:

@@ -1,6 +1,5 @@
 """A double-acting cylinder with its valve and two lines, and the load it moves."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,8 @@ CYLINDER = np.dtype(
 #: What it is. `weight_n` pulls away from 0. `cushion_m` before each end leaves `cushion_share` of the
 #: throttle. `bumper_n_m` is a rubber bumper `bumper_m` thick, 0 for none. `magnet_holds_n` 0 means that
 #: load and piston are one body. `brake_n` is the force of a spring-applied brake on the load that either line
-#: lifts, through a shuttle valve, and that bites below `brake_bites_pa` (gauge). `blocked` 1 while the load stands dead (a fault).
+#: lifts, through a shuttle valve, and that bites below `brake_bites_pa` (gauge). `blocked` 1 while the load
+#: stands dead (a fault).
 CYLINDER_MAKE = np.dtype(
     [
         ("stroke_m", "f8"),

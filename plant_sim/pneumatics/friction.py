@@ -15,7 +15,8 @@ FRICTION = np.dtype([("coulomb_n", "f8"), ("static_n", "f8"), ("stribeck_m_s", "
 def dry_n(make: Any, speed_m_s: float) -> float:
     """Friction that does not depend on the direction, N: from static to Coulomb as speed grows."""
     share = speed_m_s / make.stribeck_m_s
-    return make.coulomb_n + (make.static_n - make.coulomb_n) / (1.0 + share * share)
+    dry: float = make.coulomb_n + (make.static_n - make.coulomb_n) / (1.0 + share * share)
+    return dry
 
 
 @compiled
@@ -37,4 +38,5 @@ def rubbed_m_s(
     left_m_s = abs(free_m_s) - step_s * (dry_n(make, speed_m_s) + brake_n) / mass_kg
     if left_m_s <= 0.0:
         return 0.0
-    return math.copysign(left_m_s, free_m_s) / (1.0 + step_s * make.viscous_n_s_m / mass_kg)
+    rubbed: float = math.copysign(left_m_s, free_m_s) / (1.0 + step_s * make.viscous_n_s_m / mass_kg)
+    return rubbed
