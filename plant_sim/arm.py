@@ -53,9 +53,9 @@ class ArmPlant:
         machine: Machine,
         records: Records,
         seedlings: Seedlings,
+        *,
         bed: Bed,
         report: Report,
-        *,
         seed: str,
     ) -> None:
         """Put an arm together.

@@ -107,8 +107,8 @@ class Plant:
                 machine,
                 Records(state["arms"][number], make["arms"][number], gas),
                 self.seedlings,
-                self._bed,
-                self._note,
+                bed=self._bed,
+                report=self._note,
                 seed=f"seed {seed}, {side} cups",
             )
             for number, side in enumerate(_SIDES)

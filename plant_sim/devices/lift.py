@@ -119,7 +119,7 @@ class Lift(Cylinder):
         self.up, self.down = self._mount(
             arm.state["lift_switches"], arm.make["lift_switches"], (0.0, spec.stroke_m), spec, bounce_s
         )
-        vent_tubes(self.state, make, gas)
+        vent_tubes(self.state, make, arm.gas)
         self.place(spec.stroke_m)
 
     @property

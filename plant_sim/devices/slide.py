@@ -144,7 +144,7 @@ class Slide(Cylinder):
             arm.state["slide_switches"], arm.make["slide_switches"], places_m, spec, bounce_s
         )
         self.at_pick = tuple(at_pick)
-        vent_tubes(self.state, make, gas)
+        vent_tubes(self.state, make, arm.gas)
         self.place(0.0)
 
     @property
