@@ -132,6 +132,8 @@ class Plant:
         image: list[bool] = self._image.tolist()
         for tag, number, inverted in self._buttons:
             image[number] = getattr(self.box, tag) != inverted
+        for sensor, number, inverted in self._lone_sensors:
+            image[number] = sensor.read() != inverted
         for tag in self.broken_wires:
             image[self._number_of[tag]] = False
         return image
@@ -243,6 +245,11 @@ class Plant:
         self._number_of = {point.tag: point.number for point in io_map.inputs}
         self.wired = tuple(self._number_of)
         self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in _BUTTON_TAGS if tag in io_map]
+        self._lone_sensors = [
+            (self.sensors[point.tag], point.number, point.inverted)
+            for point in io_map.inputs
+            if point.tag in self.sensors and point.tag not in SENSORS
+        ]
         self._coil_wires = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
         self._coils = np.zeros(len(_COIL_TAGS), np.bool_)
         self._no_coils = np.zeros(len(_COIL_TAGS), np.bool_)

@@ -30,7 +30,7 @@ SEEN_MS = 2 * SCAN_MS
 AT_SPEED_M_S = 0.05
 STARTS_MS = 2_000
 """Longest time until a cylinder moves: the air in front of its piston leaves through the throttle."""
-STOPS_M = {"slide": 0.008, "lift": 0.020, "belt": 0.004}
+STOPS_M = {"slide": 0.008, "lift": 0.012, "belt": 0.004}
 """How far each moves at most after the coil power has gone: valve, tube, then brake, check valves or motor.
 
 Stated in docs/physics.md; at 600 mm row spacing and 0.5 MPa.

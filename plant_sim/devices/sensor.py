@@ -86,6 +86,15 @@ class Sensor:
         self._state = state
         self._make = make
 
+    @classmethod
+    def alone(cls, *, on: bool = False) -> "Sensor":
+        """Return a sensor that nothing moves in front of; it sees what `sense` tells it."""
+        make = np.zeros(1, SENSOR_MAKE)
+        make["forced"] = -1
+        sensor = cls(np.zeros(1, SENSOR)[0], make[0])
+        sensor.sense(on)
+        return sensor
+
     def read(self) -> bool:
         """Whether the sensor says on."""
         forced = int(self._make["forced"])
