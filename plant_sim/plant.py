@@ -124,6 +124,7 @@ class Plant:
         self.broken_wires: set[str] = set()
         self._wire(io_map)
         self.faults = FaultSchedule(self, faults)
+        self._advance(0)  # whatever has to be compiled is compiled now, before anything waits for an answer
 
     @property
     def x(self) -> list[bool]:
@@ -178,19 +179,24 @@ class Plant:
             raise ValueError(f"Y image has {len(y)} levels, the map {self._output_count}")
         if y is not self._y and list(y) != self._y:
             self._take(y)
-        fed = not self.box.emergency_stop
-        coils = self._coils if fed else self._no_coils
         end_ms = self.time_ms + for_ms
         faults = self.faults
         while self.time_ms < end_ms:
             chunk_ms = min(self._look_ms, end_ms - self.time_ms)
             if faults.next_ms is not None:
                 chunk_ms = min(chunk_ms, faults.next_ms - self.time_ms)
-            advance(self.state, self.make, coils, fed, self.time_ms / 1000, chunk_ms * self._steps_per_ms, self._sight)
-            self.time_ms += chunk_ms
+            self._advance(chunk_ms)
             self._follow()
             if faults.next_ms is not None:
                 faults.advance(self.time_ms)
+
+    def _advance(self, for_ms: int) -> None:
+        """Let everything move; the relay of the emergency stop takes coil power and air, whatever the outputs say."""
+        fed = not self.box.emergency_stop
+        coils = self._coils if fed else self._no_coils
+        steps = for_ms * self._steps_per_ms
+        advance(self.state, self.make, coils, fed, self.time_ms / 1000, steps, self._sight)
+        self.time_ms += for_ms
 
     def _take(self, y: Sequence[bool]) -> None:
         """Take note of new outputs."""
