@@ -12,20 +12,29 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
+from plant_sim.bench.air import add_air_arguments, air_command
 from plant_sim.bench.live import ChildError, LiveError, LiveOptions, live_trial
 from plant_sim.bench.measure import measure
 from plant_sim.bench.progress import ProgressView
+from plant_sim.bench.recording import recorded
 from plant_sim.bench.report import TrialReport
+from plant_sim.bench.scenario import run_scenario
+from plant_sim.bench.scenario_cli import add_fault_arguments, add_scenario_arguments, faults_of, scenario_of
+from plant_sim.bench.scenario_section import ScenarioError
 from plant_sim.bench.trial import run_trial, show_progress
 from plant_sim.bench.twin import Twin
+from plant_sim.faults import FaultError
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import DEFAULT_PORT, PlantServer
 from plant_sim.links.reference import write_reference
 from plant_sim.links.serve import serve
-from plant_sim.parameters import DEFAULT_MACHINE, MachineError, load_machine
+from plant_sim.parameters import DEFAULT_MACHINE, Machine, MachineError, load_machine
 from plant_sim.plant import Plant
+from plant_sim.scope.cli import add_plot_arguments, add_record_argument, plot_command
+from plant_sim.scope.recorder import Recorder
+from plant_sim.scope.store import RecordingError
 
-COMMANDS = ("serve", "run", "trial", "bench", "docs")
+COMMANDS = ("serve", "run", "trial", "scenario", "plot", "air", "bench", "docs")
 INTERRUPTED = 130
 
 
@@ -43,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check(options)
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
-    except (UsageError, IoMapError, MachineError) as error:
+    except (UsageError, IoMapError, MachineError, FaultError, ScenarioError, RecordingError) as error:
         print(error, file=sys.stderr)
         return 2
     except (LiveError, ConnectionError) as error:
@@ -78,6 +87,14 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
     trial = _add(commands, "trial", _trial, "the paper's trial in lock step")
     trial.add_argument("--json", action="store_true", help="print one JSON object")
+    for breakable in (serve_, run, trial):
+        add_fault_arguments(breakable)
+        add_record_argument(breakable)
+    scenario = _bare(commands, "scenario", _scenario, "run a scenario file and check what comes of it")
+    add_scenario_arguments(scenario)
+    add_record_argument(scenario)
+    add_plot_arguments(_bare(commands, "plot", plot_command, "turn a recording into timing diagram and curves"))
+    add_air_arguments(_bare(commands, "air", air_command, "air consumption: Table 1 of the paper beside a run's own"))
     bench = _add(commands, "bench", _bench, "measure the speeds the project promises, as ratios in one run")
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     docs = _add(commands, "docs", _docs, "write the reference tables made from the plant")
@@ -92,12 +109,22 @@ def _add(
     command: Callable[[argparse.Namespace], int],
     text: str,
 ) -> argparse.ArgumentParser:
-    parser = commands.add_parser(name, help=text, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.set_defaults(command=command)
+    parser = _bare(commands, name, command, text)
     parser.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
     parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="the machine's parameters")
     parser.add_argument("--seed", type=int, default=1, help="seed of everything random")
     parser.add_argument("--trays", type=int, default=2, help="full trays of 72 in the magazine")
+    return parser
+
+
+def _bare(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    command: Callable[[argparse.Namespace], int],
+    text: str,
+) -> argparse.ArgumentParser:
+    parser = commands.add_parser(name, help=text, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.set_defaults(command=command)
     return parser
 
 
@@ -107,7 +134,7 @@ def _network(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    if not 1 <= options.trays <= 1000:
+    if not 1 <= getattr(options, "trays", 1) <= 1000:
         raise UsageError(f"--trays {options.trays}: give 1 to 1000")
     if not 0 <= getattr(options, "port", 0) <= 65535:
         raise UsageError(f"--port {options.port}: give 0 to 65535")
@@ -117,7 +144,8 @@ def _check(options: argparse.Namespace) -> None:
 
 def _serve(options: argparse.Namespace) -> int:
     io_map = load_io_map(options.io_map)
-    plant = Plant(io_map, load_machine(options.machine), seed=options.seed, trays=options.trays)
+    machine = _machine(options)
+    plant = Plant(io_map, machine, seed=options.seed, trays=options.trays, faults=faults_of(options))
     if options.planting_frequency is not None:
         plant.planting_frequency_per_min = options.planting_frequency
     try:
@@ -130,17 +158,32 @@ def _serve(options: argparse.Namespace) -> int:
     def listening(port: int) -> None:
         print(f"plant listening on {options.host}:{port}", flush=True)
 
-    try:
-        asyncio.run(serve(server, listening=listening))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise UsageError(f"cannot listen on {options.host}:{options.port}: {reason}; choose another --port") from error
+    with contextlib.ExitStack() as stack:
+        if options.record is not None:
+            recorder = Recorder(plant, options.record, io_map=io_map, machine=machine, seed=options.seed,
+                                outputs=lambda: module.outputs)  # fmt: skip
+            module.observers.append(stack.enter_context(recorder).sample)
+        try:
+            asyncio.run(serve(server, listening=listening))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            text = f"cannot listen on {options.host}:{options.port}: {reason}; choose another --port"
+            raise UsageError(text) from error
     return 0
 
 
+def _machine(options: argparse.Namespace) -> Machine:
+    """Return the machine; what lies outside its makers' ratings is warned about."""
+    machine = load_machine(options.machine)
+    for warning in machine.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return machine
+
+
 def _run(options: argparse.Namespace) -> int:
-    load_io_map(options.io_map)
-    load_machine(options.machine)
+    # whatever is wrong is told before anything is started
+    Plant(load_io_map(options.io_map), load_machine(options.machine), seed=options.seed, trays=options.trays,
+          faults=faults_of(options))  # fmt: skip
     if options.fast and options.keep:
         raise UsageError("--keep: there is nothing to keep serving with --fast; leave one of them out")
     if options.fast:
@@ -149,7 +192,7 @@ def _run(options: argparse.Namespace) -> int:
         raise UsageError("--port 0: the controller must know the port; name one")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends the children as Ctrl-C does
     live = LiveOptions(options.seed, options.trays, options.host, options.port, options.io_map, options.machine,
-                       options.language)  # fmt: skip
+                       options.language, tuple(options.fault), options.record)  # fmt: skip
     with ProgressView() as view, live_trial(live, view) as trial:
         report = trial.run()
         print(report.text(), flush=True)
@@ -178,9 +221,22 @@ def _trial_report(options: argparse.Namespace, progress: Callable[[Twin], None] 
         seed=options.seed,
         trays=options.trays,
         io_map=load_io_map(options.io_map),
-        parameters=load_machine(options.machine),
+        parameters=_machine(options),
+        faults=faults_of(options),
+        record=options.record,
         progress=progress,
     )
+
+
+def _scenario(options: argparse.Namespace) -> int:
+    scenario = scenario_of(options)
+    with contextlib.ExitStack() as stack:
+        report = run_scenario(
+            scenario,
+            prepare=lambda twin: stack.enter_context(recorded(twin, options.record, seed=scenario.seed)),
+        )
+    print(json.dumps(report.record(), default=str) if options.json else report.text())
+    return 0 if report.passed else 1
 
 
 def _exit_code(report: TrialReport) -> int:

@@ -22,39 +22,12 @@ from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, P
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
+from plant_sim.quantity import unit_of
 from plant_sim.spec import SpecError, require, require_within
 
 DEFAULT_MACHINE = Path(__file__).with_name("machine.yaml")
 
 Value = bool | int | float
-
-_UNITS = {
-    "_m3_s_pa": "m3/(s Pa)",
-    "_w_m2_k": "W/(m2 K)",
-    "_per_min": "1/min",
-    "_nm_pa": "N m/Pa",
-    "_n_s_m": "N s/m",
-    "_v_s_m": "V s/m",
-    "_kg_m2": "kg m2",
-    "_m3_s": "m3/s",
-    "_m_s2": "m/s2",
-    "_ohm": "ohm",
-    "_m_s": "m/s",
-    "_n_m": "N/m",
-    "_deg": "deg",
-    "_mpa": "MPa",
-    "_nm": "N m",
-    "_m3": "m3",
-    "_kg": "kg",
-    "_pa": "Pa",
-    "_ms": "ms",
-    "_mm": "mm",
-    "_m": "m",
-    "_n": "N",
-    "_s": "s",
-    "_v": "V",
-    "_d": "d",
-}
 
 _MPA = 1e6
 
@@ -401,7 +374,7 @@ class _Reader:
             raise SpecError(name, _complaint(error)) from None
         except (yaml.YAMLError, ValueError):
             raise SpecError(name, "holds something that is neither number, text nor true or false") from None
-        unit = _unit_of(name)
+        unit = unit_of(name)
         require(entry.unit == unit, name, f"must have unit {unit}, not {entry.unit}")
         return entry.value
 
@@ -474,11 +447,3 @@ def _no_such(what: str, name: str, known: Mapping[str, Any]) -> str:
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
     return f"is no {what} of the machine; {hint}"
-
-
-def _unit_of(name: str) -> str:
-    """Unit in which a name ends, by the longest ending."""
-    for ending, unit in _UNITS.items():
-        if name.endswith(ending):
-            return unit
-    return "-"

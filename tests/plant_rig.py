@@ -165,3 +165,10 @@ class Rig:
 
     def kinds(self) -> list[str]:
         return [event.kind.value for event in self.plant.events]
+
+
+def make_rig(values: dict[str, Value] | None = None, *, x_m: float = 0.0, y_m: float = 0.150, **place: Any) -> Rig:
+    """A rig without trays, its left arm somewhere."""
+    rig = Rig(values, trays=0)
+    rig.left.place(x_m=x_m, y_m=y_m, **place)
+    return rig

@@ -13,6 +13,7 @@ from controller.io_map import IoMap, Polarity
 from plant_sim.crop.seedling import Place
 from plant_sim.plant import Plant
 
+NETWORK = ("receiver", "header", "manifold", "claw_reservoir", "claw_manifold")
 OUTPUTS = [point.tag for point in IO_MAP.outputs]
 CONTRADICTIONS = [
     [f"{side}.{end}" for end in ends]
@@ -77,7 +78,7 @@ def test_each_coil_moves_its_own_part(side: str, coil: str, place: dict[str, flo
         arm.place(**place)  # type: ignore[arg-type]
     other = "right" if side == "left" else "left"
     assert rig.active(f"{side}.{leaves}")
-    rig.run(500, f"{side}.{coil}")
+    rig.run(1_000, f"{side}.{coil}")
     assert not rig.active(f"{side}.{leaves}")
     assert rig.active(f"{other}.{leaves}")
 
@@ -85,10 +86,10 @@ def test_each_coil_moves_its_own_part(side: str, coil: str, place: dict[str, flo
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_claw_coils_open_and_close_their_own_side(side: str) -> None:
     rig = Rig()
-    rig.run(200, f"{side}.claws_close")
+    rig.run(300, f"{side}.claws_close")
     assert rig.plant.arms[side].claws.angle_deg == -10
     assert [arm.claws.angle_deg for arm in rig.plant.arms.values()].count(30) == 1
-    rig.run(200, f"{side}.claws_open")
+    rig.run(300, f"{side}.claws_open")
     assert rig.plant.arms[side].claws.angle_deg == 30
 
 
@@ -110,9 +111,9 @@ def test_an_inverted_output_moves_when_its_terminal_is_off() -> None:
         for point in IO_MAP.outputs
     )
     rig = Rig(io_map=replace(IO_MAP, outputs=inverted))
-    rig.run(500)
-    assert rig.left.slide.x_m == 0.0
-    rig.run(500, "left.slide_inward")
+    rig.run(1_000)
+    assert rig.left.slide.x_m == 0.002
+    rig.run(1_000, "left.slide_inward")
     assert rig.left.slide.x_m > 0.05
 
 
@@ -134,8 +135,7 @@ def test_optional_points_appear_only_when_wired() -> None:
     assert len(rig.plant.x) == 25
     assert [rig.active(tag) for tag in ("reset", "air_pressure_ok", "magazine_empty")] == [False, True, False]
     rig.plant.box.reset = True
-    rig.plant.supply.pressure_pa = 0.39e6
-    assert [rig.active(tag) for tag in ("reset", "air_pressure_ok", "magazine_empty")] == [True, False, False]
+    assert [rig.active(tag) for tag in ("reset", "air_pressure_ok", "magazine_empty")] == [True, True, False]
     rig.run(4_000, "tray_run", "tray_forward", "lamp_green")
     assert rig.active("magazine_empty")
     assert rig.plant.indicators == {"horn": False, "lamp_green": True}
@@ -146,13 +146,24 @@ def test_a_terminal_without_a_wire_stays_off() -> None:
     assert rig.plant.x[22:] == [False, False, True]
 
 
-def test_air_pressure_is_ok_from_the_threshold_up() -> None:
+def test_a_broken_wire_reads_off_whatever_its_sensor_says() -> None:
     rig = Rig()
-    switch = rig.plant.supply.pressure_ok
-    rig.plant.supply.pressure_pa = 0.4e6
-    assert switch.read()
-    rig.plant.supply.pressure_pa = 0.4e6 - 1
-    assert not switch.read()
+    assert rig.active("left.lift_down")
+    rig.plant.broken_wires.add("left.lift_down")
+    assert not rig.active("left.lift_down")
+    assert rig.plant.sensors["left.lift_down"].read()
+    rig.plant.broken_wires.clear()
+    assert rig.active("left.lift_down")
+
+
+def test_the_y_image_can_be_read_back() -> None:
+    plant = Rig().plant
+    assert plant.y == IO_MAP.safe_outputs()
+    image = [number % 3 == 0 for number in range(IO_MAP.output_count)]
+    plant.step(1, image)
+    assert plant.y == image
+    plant.y[0] = False
+    assert plant.y == image
 
 
 def test_a_wired_input_that_no_machine_has_is_refused() -> None:
@@ -183,37 +194,9 @@ def test_the_image_belongs_to_the_caller() -> None:
     assert plant.x[0] is False
 
 
-def test_the_emergency_stop_takes_the_coil_power_whatever_the_outputs_say() -> None:
-    rig = Rig(trays=2)
-    rig.left.place(y_m=0.075)
-    everything = ("left.slide_inward", "left.lift_retract", "left.spread", "tray_run", "tray_forward")
-    rig.run(500, *everything)
-    moving = (rig.left.slide.x_m, rig.left.lift.y_m, rig.left.spreader.travel_m, rig.plant.conveyor.belt_m)
-    rig.plant.box.emergency_stop = True
-    rig.run(2_000, *everything)
-    stopped = (rig.left.slide.x_m, rig.left.lift.y_m, rig.left.spreader.travel_m, rig.plant.conveyor.belt_m)
-    # 20 ms of valve and the check valves; the ramps of the motors
-    for before_m, after_m, run_m in zip(moving, stopped, (0.0047, 0.0, 0.0026, 0.0051), strict=True):
-        assert abs(after_m - before_m) <= max(run_m, 0.0059)
-    rig.run(5_000, *everything)
-    assert stopped == (rig.left.slide.x_m, rig.left.lift.y_m, rig.left.spreader.travel_m, rig.plant.conveyor.belt_m)
-    rig.plant.box.emergency_stop = False
-    rig.run(500, *everything)
-    assert rig.left.slide.x_m > stopped[0] + 0.05
-
-
-@pytest.mark.parametrize("is_open", [False, True])
-def test_claws_keep_their_state_in_an_emergency_stop(is_open: bool) -> None:
-    rig = Rig()
-    rig.left.place(is_open=is_open)
-    rig.plant.box.emergency_stop = True
-    rig.run(5_000, "left.claws_open" if not is_open else "left.claws_close")
-    assert rig.left.claws.angle_deg == (30 if is_open else -10)
-
-
 @given(segments=SEGMENTS, seed=st.integers(0, 1_000))
-@settings(max_examples=60, deadline=None)
-def test_whatever_the_coils_do_positions_switches_and_seedlings_stay_possible(
+@settings(max_examples=40, deadline=None)
+def test_whatever_the_coils_do_positions_switches_pressures_and_seedlings_stay_possible(
     segments: list[tuple[int, frozenset[str], bool]], seed: int
 ) -> None:
     rig = Rig(seed=seed)
@@ -235,6 +218,29 @@ def assert_possible(rig: Rig) -> None:
         assert 0.0 <= arm.spreader.travel_m <= 0.187
     for tags in CONTRADICTIONS:
         assert sum(rig.active(tag) for tag in tags) <= 1
+    assert_pressures_possible(plant)
+    assert_seedlings_accounted_for(plant)
+
+
+def assert_pressures_possible(plant: Plant) -> None:
+    """No vacuum, and nothing above what the supply and a falling arm can do.
+
+    Receiver 0.75 MPa gauge and what the compressor gives in a step. The regulated 601 kPa are all that valves let in.
+    A lift driven down by 591 kPa and 147 N of weight presses (490 kPa * 1963.5 mm2 + 147 N) / 1649.3 mm2 + 101 kPa =
+    774 kPa against its rod side, and at most as much again as that is above 551 kPa when it swings: 997 kPa.
+    """
+    network = plant.state[0]["air"]["network"]
+    assert all(50e3 < float(network[name]["pressure_pa"]) < 860e3 for name in NETWORK)
+    for arm in plant.state[0]["arms"]:
+        for cylinder, highest_pa in (("slide", 997e3), ("lift", 997e3), ("claws", 620e3)):
+            for end in ("plus", "minus"):
+                line = arm[cylinder][end]
+                assert 20e3 < float(line["chamber"]["pressure_pa"]) < highest_pa
+                assert 50e3 < float(line["tube"]["pressure_pa"]) < highest_pa
+                assert line["chamber"]["mass_kg"] > 0.0
+
+
+def assert_seedlings_accounted_for(plant: Plant) -> None:
     counts = plant.counts()
     assert counts.in_tray + counts.in_claw + counts.in_cups + counts.P + counts.D + counts.T == counts.total == 144
     places = Counter(seedling.place for seedling in plant.seedlings)
@@ -297,14 +303,13 @@ def test_a_slow_run_loses_the_same_seedlings_as_a_fast_one() -> None:
 
 
 def test_odd_durations_add_up() -> None:
-    rig = Rig()
-    for for_ms in (1, 2, 3, 7, 13, 0, 274):
-        rig.run(for_ms, "left.slide_inward")
-    assert rig.plant.time_ms == 300
-    even = Rig()
-    even.run(300, "left.slide_inward")
-    late_m = even.left.slide.x_m - rig.left.slide.x_m
-    assert 0.0 <= late_m < 0.0015  # valve and dead time end with a step, so either up to 5 ms later
+    rig, even = Rig(), Rig()
+    for for_ms in (1, 2, 3, 7, 13, 0, 974):
+        rig.run(for_ms, "left.slide_inward", "right.lift_retract")
+    even.run(1_000, "left.slide_inward", "right.lift_retract")
+    assert rig.plant.time_ms == 1_000
+    assert snapshot(rig.plant) == snapshot(even.plant)
+    assert rig.left.slide.x_m > 0.05
 
 
 def test_crop_settings_beyond_the_trials_are_told() -> None:

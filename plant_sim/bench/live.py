@@ -152,6 +152,8 @@ class LiveOptions:
     io_map: Path
     machine: Path
     language: str
+    faults: tuple[str, ...] = ()
+    record: Path | None = None
 
 
 _BROKEN = (State.HELD, State.ABORTED)
@@ -167,6 +169,10 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
     o = options
     common = ["--io-map", str(o.io_map), "--port", str(o.port), "--host", o.host]
     serve = ["plant_sim", "serve", *common, "--machine", str(o.machine), "--seed", str(o.seed), "--trays", str(o.trays)]
+    for fault in o.faults:
+        serve += ["--fault", fault]
+    if o.record is not None:
+        serve += ["--record", str(o.record)]
     with ExitStack() as stack:
         memory = stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-"))
         plant = stack.enter_context(Process("plant", serve))

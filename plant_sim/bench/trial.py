@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
 from controller.hmi.production import as_record
 from controller.io_map import IoMap
 from controller.program.modes import State
 from controller.program.texts import STATES, Language
 from plant_sim.bench.progress import ProgressView, Situation
+from plant_sim.bench.recording import recorded
 from plant_sim.bench.report import TrialReport, make_report
 from plant_sim.bench.twin import NotReachedError, Twin
+from plant_sim.faults import Fault
 from plant_sim.parameters import Machine
 
 HOMING_LIMIT_MS = 60_000
@@ -26,6 +29,8 @@ def run_trial(
     trays: int = 2,
     io_map: IoMap | None = None,
     parameters: Machine | None = None,
+    faults: Iterable[Fault] = (),
+    record: Path | None = None,
     progress: Callable[[Twin], None] | None = None,
 ) -> TrialReport:
     """Transplant whole trays in simulated time.
@@ -35,20 +40,28 @@ def run_trial(
         trays: Trays in the magazine, 72 seedlings each.
         io_map: Wires; None = the map of the repository.
         parameters: Machine parameters; None = those of the repository.
+        faults: What breaks in the plant, and when.
+        record: Where a recording of the run is to lie; None = nowhere.
         progress: Called after every scan.
 
     Returns:
         The report, whether the trial completed or not.
+
+    Raises:
+        FaultError: the plant cannot be broken so.
+        RecordingError: the recording cannot be had.
     """
     began_s = time.perf_counter()
-    twin = Twin(seed=seed, trays=trays, io_map=io_map, parameters=parameters, set_points={"trays_target": trays})
+    set_points = {"trays_target": trays}
+    twin = Twin(seed=seed, trays=trays, io_map=io_map, parameters=parameters, set_points=set_points, faults=faults)
     if progress is not None:
         twin.watch(progress)
     reason = ""
     try:
-        twin.home(within_ms=HOMING_LIMIT_MS)
-        twin.start()
-        twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS * trays)
+        with recorded(twin, record, seed=seed):
+            twin.home(within_ms=HOMING_LIMIT_MS)
+            twin.start()
+            twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS * trays)
     except NotReachedError as error:
         reason = str(error)
     return make_report(

@@ -5,7 +5,7 @@ One tick order, written here: scan, then the plant up to the next scan, then the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from controller.core.clock import SimulatedClock
 from controller.core.retain import MemoryStore
@@ -16,6 +16,7 @@ from controller.io.runtime import Runtime
 from controller.io_map import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import Transplanter, build
 from controller.program.modes import State
+from plant_sim.faults import Fault
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
 from plant_sim.parameters import Machine, load_machine
@@ -48,6 +49,7 @@ class Twin:
         io_map: IoMap | None = None,
         parameters: Machine | None = None,
         set_points: Mapping[str, int] | None = None,
+        faults: Iterable[Fault] = (),
     ) -> None:
         """Switch a machine on; it stands as its builder left it, and the controller is in Stopped.
 
@@ -57,10 +59,14 @@ class Twin:
             io_map: Wires; None = the map of the repository.
             parameters: Machine parameters; None = those of the repository.
             set_points: First values of set-points, by name of `SetPoints`.
+            faults: What breaks in the plant, and when.
+
+        Raises:
+            FaultError: the plant cannot be broken so.
         """
         self.io_map = io_map or load_io_map(DEFAULT_IO_MAP)
         self.parameters = parameters or load_machine()
-        self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays)
+        self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays, faults=faults)
         self.module = IoModule(self.plant, self.io_map)
         self.machine: Transplanter = build(self.io_map)
         self.clock = SimulatedClock()

@@ -275,7 +275,7 @@ class Conveyor:
         self._next_number = 0
         self._seat_of: dict[int, int] = {}
         self._seen_m = 0.0
-        self._set_down()
+        self._set_down(0.0)
         self._hold_back()
 
     @property
@@ -329,7 +329,7 @@ class Conveyor:
             self.front_m[number] += way_m
         self._let_out()
         if way_m > 0.0:
-            self._set_down()
+            self._set_down(way_m)
         self._hold_back()
         return True
 
@@ -356,8 +356,8 @@ class Conveyor:
             self.skewed_m.pop(foremost, None)
             self._state["seats_m"][self._seat_of.pop(foremost)] = _GONE
 
-    def _set_down(self) -> None:
-        """Let the magazine set down a tray if it has one and there is room."""
+    def _set_down(self, way_m: float) -> None:
+        """Let the magazine set down a tray if it has one and there is room; the belt has just gone a way."""
         self.magazine_empty.sense(self.in_magazine == 0)
         if self.in_magazine == 0 or self.withheld:
             return
@@ -368,7 +368,7 @@ class Conveyor:
             behind_last_m = last_m - spec.tray_length_m - spec.gap_m
             if behind_last_m < front_m:
                 return
-            front_m = behind_last_m
+            front_m = min(behind_last_m, front_m + way_m)
         number = self._next_number
         seat = next(seat for seat in range(_SEATS) if seat not in self._seat_of.values())
         self.front_m[number] = front_m

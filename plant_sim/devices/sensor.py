@@ -118,7 +118,6 @@ class Sensor:
     @late_s.setter
     def late_s(self, late_s: float) -> None:
         self._make["late_s"] = late_s
-        self._state["busy"] = 1
 
     @property
     def edge_s(self) -> float:

@@ -7,7 +7,7 @@ with one difference: this watchdog cannot be switched off. Source: DESIGN.md, li
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from controller.io_map import IoMap
 from plant_sim.plant import Plant
@@ -41,6 +41,7 @@ class IoModule:
         last_write_ms: Plant time of the last accepted write, ms; None before the first.
         tripped_at_ms: Plant time of the last trip, ms; kept after re-arming; None before the first.
         block_writes: How often the complete Y block has been written, in one write or several.
+        observers: Called whenever plant time has passed.
     """
 
     def __init__(self, plant: Plant, io_map: IoMap, *, watchdog_ms: int = 100) -> None:
@@ -64,6 +65,7 @@ class IoModule:
         self.last_write_ms: int | None = None
         self.tripped_at_ms: int | None = None
         self.block_writes = 0
+        self.observers: list[Callable[[], None]] = []
         self._watchdog_ms = watchdog_ms
         self._safe = io_map.safe_outputs()
         self._outputs = list(self._safe)
@@ -145,6 +147,8 @@ class IoModule:
                 self._step_to(due_ms)
                 self._trip()
         self._step_to(end_ms)
+        for observe in self.observers:
+            observe()
 
     def _step_to(self, at_ms: int) -> None:
         for_ms = at_ms - self.plant.time_ms

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import yaml
 
+from plant_sim.faults import fault_table
 from plant_sim.links.box import BOX_COILS
 from plant_sim.links.telemetry import telemetry_table
 from plant_sim.parameters import DEFAULT_MACHINE
@@ -45,7 +46,12 @@ def parameter_table() -> str:
     return "\n".join(parts)
 
 
-REFERENCE = {"plant-modbus.md": plant_modbus_table, "parameters.md": parameter_table}
+def fault_reference() -> str:
+    """Return every kind of fault."""
+    return f"# Faults\n\n{GENERATED}\n\n{_table(fault_table())}"
+
+
+REFERENCE = {"plant-modbus.md": plant_modbus_table, "parameters.md": parameter_table, "faults.md": fault_reference}
 
 
 def write_reference(folder: Path) -> list[Path]:

@@ -1,0 +1,221 @@
+"""The reader of scenario files: everything in them is checked before anything starts."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from controller.core.expr import Word
+from controller.io_map import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.program.machine import Transplanter, build
+from controller.program.modes import State
+from controller.yaml_lines import YamlFileError, read_yaml
+from plant_sim.bench.scenario import Action, Scenario, Until, When
+from plant_sim.bench.scenario_actions import VERBS, Stage
+from plant_sim.bench.scenario_checks import read_checks
+from plant_sim.bench.scenario_section import ScenarioError, Section, one_of, whole
+from plant_sim.faults import Fault, FaultError, FaultSchedule, size_of
+from plant_sim.faults.kind import suggestion
+from plant_sim.parameters import Machine, MachineError, Value, load_machine
+from plant_sim.plant import Plant
+from plant_sim.quantity import parse_ms, parse_quantity, unit_of
+
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
+
+_KEYS = ("title", "seed", "trays", "machine", "set_points", "faults", "actions", "until", "expect")
+_FAULT_KEYS = ("kind", "at", "from", "until", "size")
+_WHEN_KEYS = ("at", "after")
+_USUAL = (("0.1 s", "start"), ("IDLE", "start"))
+"""What is pressed in a scenario without actions: home, then start."""
+
+
+def find_scenario(name: str) -> Path:
+    """Return the file of a scenario.
+
+    Args:
+        name: A path, or the name of one that comes with the package.
+
+    Raises:
+        ScenarioError: there is neither.
+    """
+    path = Path(name)
+    shipped = {file.stem: file for file in sorted(SCENARIOS.glob("*.yaml"))}
+    if name in shipped and not path.is_file():
+        return shipped[name]
+    if path.suffix or path.exists():
+        return path
+    raise ScenarioError(f"{name}: is no scenario; {suggestion(name, shipped)} (or give the path of a YAML file)")
+
+
+def load_scenario(
+    path: Path, *, io_map: IoMap | None = None, machine: Machine | None = None, seed: int | None = None
+) -> Scenario:
+    """Read a scenario and check all of it.
+
+    Args:
+        path: The file.
+        io_map: The wires; None = the map of the repository.
+        machine: The machine that the scenario changes; None = that of the repository.
+        seed: Seed in place of the scenario's.
+
+    Raises:
+        ScenarioError: the file cannot be read, or anything in it is wrong.
+    """
+    try:
+        root = read_yaml(path)
+    except YamlFileError as error:
+        raise ScenarioError(str(error)) from None
+    reader = _Reader(
+        Section(path, "", root, _KEYS),
+        io_map or load_io_map(DEFAULT_IO_MAP),
+        machine or load_machine(),
+    )
+    return reader.scenario(seed)
+
+
+@dataclass
+class _Reader:
+    """Reads one file for one machine."""
+
+    file: Section
+    io_map: IoMap
+    machine: Machine
+
+    def scenario(self, seed: int | None) -> Scenario:
+        """Read all of it."""
+        file, program = self.file, build(self.io_map)
+        own_seed = file.read_or("seed", whole(0, 2**31 - 1), 1)
+        seed = own_seed if seed is None else seed
+        trays = file.read_or("trays", whole(1, 1000), 1)
+        machine = self._machine()
+        set_points = {"trays_target": trays} | self._set_points(program)
+        plant = Plant(self.io_map, machine, seed=seed, trays=trays)
+        return Scenario(
+            path=file.path,
+            title=file.read("title", _text),
+            seed=seed,
+            trays=trays,
+            io_map=self.io_map,
+            machine=machine,
+            set_points=set_points,
+            faults=self._faults(plant),
+            actions=self._actions(Stage(program, plant)),
+            until=self._until(),
+            checks=read_checks(file, program),
+        )
+
+    def _machine(self) -> Machine:
+        """The machine with the scenario's values, which need only fit together."""
+        section = self.file.section("machine")
+        if section is None:
+            return self.machine
+        values = {name: section.read(name, partial(_parameter, self.machine, name)) for name in section}
+        try:
+            return self.machine.with_values(values)
+        except MachineError as error:
+            name, _, complaint = str(error).partition(": ")
+            raise section.error(name, complaint) from None
+
+    def _set_points(self, program: Transplanter) -> dict[str, int]:
+        section = self.file.section("set_points", program.tags.sp.names())
+        if section is None:
+            return {}
+        words = {name: getattr(program.tags.sp, name) for name in section}
+        limits = program.tags.sp.limits
+        return {name: section.read(name, partial(_set_point, word, limits[word])) for name, word in words.items()}
+
+    def _faults(self, plant: Plant) -> tuple[Fault, ...]:
+        """All faults, tried on a plant of their own."""
+        schedule, faults = FaultSchedule(plant), []
+        for section in self.file.sections("faults", _FAULT_KEYS):
+            kind = section.read("kind", _text)
+            try:
+                fault = Fault(
+                    kind,
+                    section.read("at", _text),
+                    start_ms=section.read_or("from", parse_ms, 0),
+                    end_ms=section.read("until", parse_ms) if "until" in section else None,
+                    size=section.read("size", partial(size_of, kind)) if "size" in section else None,
+                )
+                schedule.add(fault)
+            except FaultError as error:
+                raise section.error(None, str(error)) from None
+            faults.append(fault)
+        return tuple(faults)
+
+    def _actions(self, stage: Stage) -> tuple[Action, ...]:
+        if "actions" not in self.file:
+            press = VERBS["press"].make("start", 100, stage)
+            return tuple(Action(self._when(at, 0, stage.program), f"press: {button}", press) for at, button in _USUAL)
+        sections = self.file.sections("actions", (*_WHEN_KEYS, "for", *VERBS))
+        return tuple(self._action(section, stage) for section in sections)
+
+    def _action(self, section: Section, stage: Stage) -> Action:
+        given = [verb for verb in VERBS if verb in section]
+        if len(given) != 1:
+            raise section.error(None, f"must do one thing, not {len(given)}; {suggestion('', VERBS)}")
+        verb = VERBS[given[0]]
+        if "for" in section and verb.for_ms is None:
+            raise section.error("for", f"means nothing with {given[0]}; leave it out")
+        for_ms = section.read_or("for", parse_ms, verb.for_ms or 0)
+        what = section.read(given[0], _text)
+        do = section.read(given[0], lambda text: verb.make(text, for_ms, stage))
+        after_ms = section.read_or("after", parse_ms, 0)
+        when = section.read("at", lambda text: self._when(text, after_ms, stage.program))
+        if when.at_ms is not None and after_ms:
+            raise section.error("after", "means nothing after a time; write at: the time itself")
+        return Action(when, f"{given[0]}: {what}", do)
+
+    def _when(self, text: str, after_ms: int, program: Transplanter) -> When:
+        if text[:1].isdecimal():
+            return When(text, at_ms=parse_ms(text))
+        if text in State.__members__:
+            return When(text, state=State[text], after_ms=after_ms)
+        steps = [bit.name for sequence in program.program.sequences() for bit, _ in sequence]
+        one_of("time, state or step", [*steps, *State.__members__])(text)
+        return When(text, step=text, after_ms=after_ms)
+
+    def _until(self) -> Until:
+        section = self.file.section("until", ("state", "limit", "time"))
+        if section is None:
+            raise self.file.error("until", "is missing; add until: {state: COMPLETE, limit: 300 s} or {time: 60 s}")
+        if "time" in section:
+            if len(list(section)) > 1:
+                raise section.error("time", "needs neither state nor limit; leave them out")
+            return Until(section.read("time", parse_ms))
+        name = section.read("state", one_of("state", State.__members__))
+        return Until(section.read("limit", parse_ms), State[name])
+
+
+def _text(text: str) -> str:
+    if not text.strip():
+        raise ValueError("is empty; write what it is")
+    return text
+
+
+def _parameter(machine: Machine, name: str, text: str) -> Value:
+    """The value of a parameter, of the type it has in the machine."""
+    section, _, key = name.partition(".")
+    now = getattr(getattr(machine, section, None), key, None)
+    if now is None:
+        try:
+            machine.with_values({name: 0})
+        except MachineError as error:
+            raise ValueError(str(error).removeprefix(f"{name}: ")) from None
+    if isinstance(now, bool):
+        return one_of("switch", ("true", "false"))(text) == "true"
+    value = parse_quantity(text, unit_of(name))
+    return int(value) if isinstance(now, int) and value.is_integer() else value
+
+
+def _set_point(word: Word, limits: tuple[int, int], text: str) -> int:
+    """The number of a set-point; a time may be written with its unit."""
+    unit = re.search(r" x(\d+) ms$", word.name)
+    if unit is not None and not text.strip().isdecimal():
+        time_ms, unit_ms = parse_ms(text), int(unit[1])
+        if time_ms % unit_ms:
+            raise ValueError(f"{text!r}: must be a multiple of {unit_ms} ms")
+        text = str(time_ms // unit_ms)
+    return whole(*limits)(text)

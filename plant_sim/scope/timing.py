@@ -1,0 +1,219 @@
+"""The timing diagram: coils, sensors and steps as lanes above one time axis, like the chart of a logic analyser."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from plant_sim.scope.store import TIME, Recording
+from plant_sim.scope.style import COLOURS, QUIET, Mark, marks_of, seconds, shade, spans_of
+
+_WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 11.0, 1.6, 0.25, 0.42, 0.62
+_LANE_IN = 0.185
+_HEADING, _APART = 1.3, 0.4  # height of a group's heading and gap between kinds of lanes, in lanes
+_CHARACTER_IN = 0.062  # of the small text in a lane
+_TITLES = {"machine": "Machine", "left": "Left arm", "right": "Right arm"}
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """One line of the diagram.
+
+    Attributes:
+        label: What it shows.
+        colour: Its colour.
+        kind: ``coil``, ``sensor``, ``step`` (one step of a sequence), ``text`` or ``mark`` (an alarm or a fault).
+        spans: When it is on, s; the times of the texts, where there are texts.
+        texts: What to write into the spans of a ``text`` or ``mark``.
+    """
+
+    label: str
+    colour: str
+    kind: str
+    spans: list[Span]
+    texts: tuple[str, ...] = ()
+
+
+def default_tags(recording: Recording, side: str) -> list[str]:
+    """Return what one arm's timing diagram shows: the machine, the arm's steps and wires, the other arm's step."""
+    other = "right" if side == "left" else "left"
+    wanted = ["state", "alarms", "faults", "step.tray_feeder", f"step.{other}_arm", f"step.{side}_arm"]
+    wires = [name for name in recording.labels if name.partition(".")[2].partition(".")[0] != other]
+    return [name for name in wanted if name in recording.names] + wires
+
+
+def timing_diagram(data: Mapping[str, np.ndarray], labels: Mapping[str, str], title: str, *, full: bool) -> Figure:
+    """Draw the diagram.
+
+    Args:
+        data: Columns of bools and texts of a part of a recording, with `TIME`.
+        labels: Terminals by column.
+        title: What is shown.
+        full: Whether lanes that never change are drawn, too; else they are named below.
+    """
+    time_s = data[TIME] / 1000
+    constant = [] if full else [name for name in data if name not in (TIME, "state") and _constant(data[name])]
+    groups = _groups(time_s, {name: data[name] for name in data if name not in constant}, labels)
+    height_in = _TOP_IN + _BOTTOM_IN + _LANE_IN * sum(_height(lanes) for lanes in groups.values())
+    figure = Figure(figsize=(_WIDTH_IN, height_in))
+    wide_in, high_in = _WIDTH_IN - _LEFT_IN - _RIGHT_IN, height_in - _TOP_IN - _BOTTOM_IN
+    axes = figure.add_axes((_LEFT_IN / _WIDTH_IN, _BOTTOM_IN / height_in, wide_in / _WIDTH_IN, high_in / height_in))
+    axes.set_xlim(time_s[0], time_s[-1])
+    bottom = _draw_groups(axes, groups, (time_s[-1] - time_s[0]) / wide_in)
+    axes.set_ylim(bottom, 0.0)
+    _frame(axes, marks_of(time_s, data))
+    figure.text(_LEFT_IN / _WIDTH_IN, 1 - 0.2 / height_in, title, fontsize=10, fontweight="bold", va="center")
+    quiet = [_plain(name, labels) for name in constant if name not in ("alarms", "faults")]
+    if quiet:
+        note = _shortened(f"Unchanged: {', '.join(quiet)}", 170)
+        figure.text(_LEFT_IN / _WIDTH_IN, 0.09 / height_in, note, fontsize=6.5, color=QUIET)
+    return figure
+
+
+def _constant(values: np.ndarray) -> bool:
+    return bool(np.all(values == values[0]))
+
+
+def _groups(time_s: np.ndarray, data: Mapping[str, np.ndarray], labels: Mapping[str, str]) -> dict[str, list[Lane]]:
+    """Sort the columns to machine and arms, steps first, then coils, then sensors."""
+    # of several sequences the last one asked for is shown step by step
+    staircase = next((name for name in reversed(list(data)) if name.startswith("step.")), None)
+    groups: dict[str, list[Lane]] = {}
+    for name in sorted(data, key=_rank):
+        if name == TIME:
+            continue
+        owner = _owner(name)
+        lanes = groups.setdefault(owner, [])
+        colour = COLOURS.get(name, COLOURS[owner])
+        spans = spans_of(time_s, data[name])
+        if name in ("faults", "alarms"):
+            marks = [mark for mark in marks_of(time_s, data) if mark.kind == name]
+            lanes += [Lane(name[:-1], colour, "mark", [(mark.from_s, mark.to_s)], (mark.text,)) for mark in marks]
+        elif data[name].dtype == np.bool_:
+            kind = "coil" if name.startswith("y.") else "sensor"
+            lanes.append(Lane(_plain(name, labels), colour, kind, [(a, b) for a, b, on in spans if on]))
+        elif name == staircase:
+            lanes += _staircase(spans, colour)
+        else:
+            shown = [(a, b, str(text).lower()) for a, b, text in spans if text]
+            texts = tuple(text for _, _, text in shown)
+            lanes.append(Lane(_plain(name, labels), colour, "text", [(a, b) for a, b, _ in shown], texts))
+    return {owner: groups[owner] for owner in _TITLES if owner in groups}
+
+
+def _staircase(spans: list[tuple[float, float, object]], colour: str) -> list[Lane]:
+    """One lane for each step, in the order in which they come."""
+    steps: dict[str, list[Span]] = {}
+    # the step in which the window begins belongs to the cycle before: it has its place where it comes again
+    for from_s, to_s, title in [*spans[1:], *spans[:1]]:
+        if title:
+            steps.setdefault(str(title), []).append((from_s, to_s))
+    return [Lane(title, colour, "step", times) for title, times in steps.items()]
+
+
+def _rank(name: str) -> tuple[int, int]:
+    """Alarms and faults, state, steps, coils, sensors; within them as they come."""
+    heads = ("faults", "alarms", "state", "step", "y", "x")
+    head = name.partition(".")[0]
+    return (heads.index(head) if head in heads else len(heads), 0)
+
+
+def _owner(name: str) -> str:
+    words = name.replace("_", ".").split(".")
+    return next((side for side in ("left", "right") if side in words[:2]), "machine")
+
+
+def _plain(name: str, labels: Mapping[str, str]) -> str:
+    """A tag in words, with its terminal."""
+    words = [word for word in name.split(".") if word not in ("x", "y", "left", "right")]
+    text = " ".join(words).replace("_", " ").removeprefix("step ")
+    if text in ("left arm", "right arm"):
+        text = "step"
+    return f"{text}  {labels[name]}" if name in labels else text
+
+
+def _height(lanes: Sequence[Lane]) -> float:
+    """Height of a group with its heading, in lanes."""
+    kinds = [lane.kind for lane in lanes]
+    return _HEADING + len(lanes) + _APART * sum(one != other for one, other in pairwise(kinds))
+
+
+def _draw_groups(axes: Axes, groups: Mapping[str, Sequence[Lane]], inch_s: float) -> float:
+    """Draw the groups from the top; return how far down they reach, in lanes."""
+    places: list[tuple[float, str, dict[str, Any]]] = []
+    top = 0.0
+    for owner, lanes in groups.items():
+        heading = {"color": COLOURS[owner], "fontweight": "bold", "fontsize": 8.5}
+        places.append((top + _HEADING - 0.45, _TITLES[owner], heading))
+        top += _HEADING
+        before = lanes[0].kind
+        for lane in lanes:
+            top += _APART if lane.kind != before else 0.0
+            before = lane.kind
+            _draw_lane(axes, lane, top, inch_s)
+            places.append((top + 0.52, lane.label, {"color": QUIET if lane.kind == "step" else "black", "fontsize": 7}))
+            top += 1.0
+    axes.set_yticks([place for place, _, _ in places], [label for _, label, _ in places])
+    for text, (_, _, look) in zip(axes.get_yticklabels(), places, strict=True):
+        text.update(look)
+    return top
+
+
+def _draw_lane(axes: Axes, lane: Lane, top: float, inch_s: float) -> None:
+    low, high = top + 0.86, top + 0.16  # the axis points down
+    widths = [(from_s, to_s - from_s) for from_s, to_s in lane.spans]
+    if lane.kind == "step":
+        axes.broken_barh(widths, (top + 0.22, 0.56), facecolors=lane.colour, alpha=0.45, linewidth=0)
+    elif lane.kind in ("text", "mark"):
+        axes.broken_barh(
+            widths, (top + 0.12, 0.76), facecolors=lane.colour, alpha=0.16, edgecolors=lane.colour, linewidth=0.7
+        )
+        _write_texts(axes, lane, top + 0.52, inch_s)
+    else:
+        alpha = 0.55 if lane.kind == "coil" else 0.2
+        axes.broken_barh(widths, (high, low - high), facecolors=lane.colour, alpha=alpha, linewidth=0)
+        axes.plot(*_wave(lane.spans, *axes.get_xlim(), low, high), color=lane.colour, linewidth=0.8)
+
+
+def _write_texts(axes: Axes, lane: Lane, middle: float, inch_s: float) -> None:
+    """Write the texts into their spans: states and steps where they fit, alarms and faults from their beginning."""
+    for (from_s, to_s), text in zip(lane.spans, lane.texts, strict=True):
+        if lane.kind == "mark":
+            axes.text(from_s + 0.04 * inch_s, middle, text, va="center", fontsize=6, clip_on=True)
+        elif len(text) * _CHARACTER_IN <= (to_s - from_s) / inch_s:
+            axes.text((from_s + to_s) / 2, middle, text, ha="center", va="center", fontsize=6)
+
+
+def _wave(spans: list[Span], start_s: float, end_s: float, low: float, high: float) -> tuple[list[float], list[float]]:
+    """The corners of a square wave; what is on at an end of the window stays on there."""
+    times, levels = [start_s], [high if spans and spans[0][0] <= start_s else low]
+    for from_s, to_s in spans:
+        if from_s > start_s:
+            times += [from_s, from_s]
+            levels += [low, high]
+        if to_s < end_s:
+            times += [to_s, to_s]
+            levels += [high, low]
+    return [*times, end_s], [*levels, levels[-1]]
+
+
+def _shortened(text: str, characters: int) -> str:
+    return text if len(text) <= characters else f"{text[: characters - 2]} …"
+
+
+def _frame(axes: Axes, marks: list[Mark]) -> None:
+    shade(axes, marks)
+    axes.set_xlabel("plant time (s)")
+    axes.grid(axis="x")
+    axes.set_axisbelow(True)
+    axes.spines["left"].set_visible(False)
+    axes.tick_params(axis="y", length=0)
+    axes.xaxis.set_major_locator(seconds())

@@ -1,0 +1,143 @@
+"""How the slide stops: on its brake, within the paper's 2 mm, and in the band of every pick switch.
+
+Speed 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; see test_plant_slide_lift.py.
+"""
+
+import pytest
+from plant_rig import make_rig
+
+from plant_sim.devices.pneumatic import Cylinder
+
+SLIDE_M_S = 0.1497
+FILTER_MS, SCAN_MS, WRITE_MS = 10, 10, 10
+REACTIONS_MS = range(FILTER_MS + WRITE_MS, FILTER_MS + SCAN_MS + WRITE_MS + 1)
+"""From the edge of a switch until the coil drops: input filter, wait for the next scan, its outputs."""
+
+
+def both_closed(cylinder: Cylinder) -> bool:
+    return not cylinder.state["plus"]["piloted"] and not cylinder.state["minus"]["piloted"]
+
+
+@pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
+@pytest.mark.parametrize("for_ms", [1_700, 2_000, 2_300, 2_611])
+def test_the_slide_moves_less_than_2_mm_after_its_check_valves_have_closed(x_m: float, coil: str, for_ms: int) -> None:
+    """The paper's figure; read as MACHINE.md 4 does."""
+    rig = make_rig(x_m=x_m)
+    slide = rig.left.slide
+    rig.run(for_ms, coil)
+    assert abs(slide.speed_m_s) == pytest.approx(SLIDE_M_S, rel=0.03)
+    rig.run(20)
+    while not both_closed(slide):
+        rig.run(1)
+    closed_m = slide.x_m
+    assert abs(slide.speed_m_s) > 0.0
+    rig.run(2_000)
+    assert slide.speed_m_s == 0.0
+    assert abs(slide.x_m - closed_m) < 0.002
+
+
+@pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
+def test_the_slide_stops_about_6_mm_after_its_coil(x_m: float, coil: str) -> None:
+    """At 0.15 m/s: 24.2 ms valve, 2 ms until its spool opens the exhaust, then the driving tube.
+
+    The brake bites at 250 kPa gauge there. Tube 18.2 cm3 through valve and tube, 0.76e-8 m3/(s Pa), falls from
+    594 to 351 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 351) = 10.5 to 12.6 ms. So far 37 to 39 ms are
+    5.5 to 5.8 mm. Then 150 N and 35 N stop 10.4 kg within 0.6 mm, and 0.9 mm with the push still there.
+    """
+    rig = make_rig(x_m=x_m)
+    slide = rig.left.slide
+    rig.run(2_000, coil)
+    off_m = slide.x_m
+    rig.run(2_000)
+    assert 0.0058 <= abs(slide.x_m - off_m) <= 0.0070
+
+
+def test_the_slide_stands_within_60_ms() -> None:
+    rig = make_rig()
+    slide = rig.left.slide
+    rig.run(2_000, "left.slide_inward")
+    rig.run(36)
+    assert slide.speed_m_s > 0.10
+    rig.run(24)
+    assert slide.speed_m_s == 0.0
+    held_m = slide.x_m
+    rig.run(60_000)
+    assert slide.x_m == held_m
+
+
+def test_without_its_brake_the_slide_coasts_on_its_trapped_air() -> None:
+    """The check valves close 45 ms after the coil, 7 mm on; then the air between them is all that stops it.
+
+    Measured with this rig: 17.0 mm in all.
+    """
+    rig = make_rig({"slide.brake_n": 0.0})
+    slide = rig.left.slide
+    rig.run(2_000, "left.slide_inward")
+    off_m = slide.x_m
+    rig.run(3_000)
+    assert 0.015 < slide.x_m - off_m < 0.019
+    assert slide.speed_m_s == 0.0
+
+
+def test_a_reversed_slide_stops_before_it_comes_back() -> None:
+    """19 ms until the second coil has cancelled the first, then it bleeds what is now in front of it.
+
+    One tube or the other lifts the brake, so the air alone turns it round: at least the 2.9 mm of the valve, and
+    no more than without a brake.
+    """
+    rig = make_rig()
+    slide = rig.left.slide
+    rig.run(2_000, "left.slide_inward")
+    turned_m = slide.x_m
+    furthest_m = max(rig.trace(lambda: slide.x_m, 1_000, "left.slide_outward"))
+    assert 0.0029 < furthest_m - turned_m < 0.019
+    rig.run(4_000, "left.slide_outward")
+    assert slide.x_m < 0.002
+
+
+@pytest.mark.parametrize("spacing_m", [0.350, 0.600, 0.800])
+@pytest.mark.parametrize("pick", [1, 2, 3])
+def test_the_slide_rests_in_the_band_of_every_pick_whenever_the_controller_reacts(spacing_m: float, pick: int) -> None:
+    """On at -5 mm, off at +6 mm: from the edge it may go 11 mm.
+
+    20 to 30 ms at 0.15 m/s are 3.0 to 4.5 mm, the stop is 6.4 mm.
+    At 350 mm it comes to pick 1 still a little faster than that: 0.155 m/s.
+    """
+    rig = make_rig({"layout.row_spacing_m": spacing_m})
+    slide = rig.left.slide
+    switch = slide.at_pick[pick - 1]
+    while not switch.edge_s:
+        rig.run(1, "left.slide_inward")
+    at_edge = rig.save()
+    rests_m = []
+    for reaction_ms in REACTIONS_MS:
+        rig.restore(at_edge)
+        rig.run(reaction_ms, "left.slide_inward")
+        rig.run(500)
+        assert slide.speed_m_s == 0.0
+        assert switch.read()
+        rests_m.append(slide.x_m - rig.machine.picks_m[pick - 1])
+    assert rests_m == sorted(rests_m)
+    assert rests_m[0] > 0.003
+    assert rests_m[-1] < 0.006
+
+
+def test_a_slide_that_overran_its_row_by_2_mm_is_back_in_its_band_at_any_reaction() -> None:
+    """The coil dropped 45 ms after the edge: it rests 8 mm beyond; 3 mm on the way back it is still slow."""
+    rig = make_rig()
+    slide = rig.left.slide
+    switch = slide.at_pick[0]
+    rig.run_until(lambda: switch.edge_s > 0.0, "left.slide_inward")
+    rig.run(45, "left.slide_inward")
+    rig.run(500)
+    assert 0.007 < slide.x_m - 0.1925 < 0.009
+    assert not switch.read()
+    off_s = switch.edge_s
+    while switch.edge_s == off_s:
+        rig.run(1, "left.slide_outward")
+    at_edge = rig.save()
+    for reaction_ms in REACTIONS_MS:
+        rig.restore(at_edge)
+        rig.run(reaction_ms, "left.slide_outward")
+        rig.run(500)
+        assert switch.read()

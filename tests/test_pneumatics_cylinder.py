@@ -1,0 +1,339 @@
+"""Cylinders in the real kernel against textbook cases, closed forms and what can never happen."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from pneumatics_rig import (
+    CLAWS,
+    LIFT,
+    MACHINE,
+    MINUS,
+    NO_HEAT_S,
+    OFF,
+    PLUS,
+    SLIDE,
+    Bench,
+    machine_bench,
+    put,
+    textbook_bench,
+)
+
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+
+BAR_PA = 1e5
+
+
+def meter_out(gauge_pa: float, load_n: float) -> Any:
+    """V4: a 50/20 cylinder extends 1 m against a load, exhaust C = 0.54 dm3/(s bar), from a full rod side."""
+    bench = textbook_bench(0.050, 0.020, load_kg=1.0, throttle_m3_s_pa=0.54e-8)
+    bench.makes[0]["weight_n"] = -load_n
+    bench.feed(gauge_pa)
+    put(bench, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA + gauge_pa)
+    return bench.run(8.0, PLUS).cylinders[:, 0]
+
+
+def passes_ms(position_m: Any, at_m: float, step_s: float = 0.001) -> float:
+    """When it is first at or across a place, interpolated within the step, ms."""
+    beyond = (position_m >= at_m) != (position_m[0] >= at_m)
+    assert beyond.any(), f"never passes {at_m} m"
+    index = int(beyond.argmax())
+    share = (at_m - position_m[index - 1]) / (position_m[index] - position_m[index - 1])
+    return 1000 * step_s * (index + float(share))
+
+
+@pytest.mark.parametrize("gauge_bar", [4, 6, 8])
+def test_v4_speed_of_a_throttled_exhaust_knows_no_pressure(gauge_bar: int) -> None:
+    """V4: 50/20, C = 0.54, 400 N: 0.33 m/s +-3 % at 4, 6 and 8 bar. Source: handbook, PLANT.md 2. Here 0.326."""
+    position_m = meter_out(gauge_bar * BAR_PA, 400.0)["position_m"]
+    speed_m_s = 0.4 / (passes_ms(position_m, 0.9) - passes_ms(position_m, 0.5)) * 1000
+    assert speed_m_s == pytest.approx(0.33, rel=0.03)
+
+
+def test_v4_speed_knows_the_pressure_as_little_as_the_load() -> None:
+    """Choked at both, 400 N at 6 and at 8 bar run equally fast, to 0.2 %."""
+    way_ms = [passes_ms(x, 0.9) - passes_ms(x, 0.5) for x in (meter_out(p, 400.0)["position_m"] for p in (6e5, 8e5))]
+    assert way_ms[0] == pytest.approx(way_ms[1], rel=0.002)
+
+
+@pytest.mark.parametrize(("load_n", "back_bar", "choked"), [(400.0, 5.73, True), (900.0, 2.70, False)])
+def test_v6_back_pressure_of_a_throttled_exhaust(load_n: float, back_bar: float, choked: bool) -> None:
+    """V6: 50/20 at 6 bar: 5.73 bar abs under 400 N, choked; 2.70 under 900 N, not choked, +-5 %.
+
+    Choked means tube/chamber <= b = 0.3. Source: handbook, PLANT.md 2. Here 5.63 and 2.60: valve and line
+    take 0.08 bar of the 7.01 on the way in.
+    """
+    run = meter_out(6 * BAR_PA, load_n)
+    line = run[int((run["position_m"] >= 0.9).argmax())]["minus"]
+    assert line["chamber"]["pressure_pa"] / BAR_PA == pytest.approx(back_bar, rel=0.05)
+    assert (line["tube"]["pressure_pa"] / line["chamber"]["pressure_pa"] <= 0.3) is np.bool_(choked)
+
+
+@pytest.mark.parametrize(("coils", "sign", "force_n"), [(PLUS, -1, 1177.8), (MINUS, 1, 989.4)])
+def test_v8_force_of_a_cylinder(coils: tuple[bool, bool], sign: int, force_n: float) -> None:
+    """V8: 50/20 at 0.6 MPa pushes 1177.8 N and pulls 989.4 N, +-0.1 %: it lifts 0.1 % less, not 0.1 % more.
+
+    Source: AirTAC table, PLANT.md 2.
+    """
+    for share, moves in ((0.999, True), (1.001, False)):
+        bench = textbook_bench(0.050, 0.020, stroke_m=0.2, load_kg=10.0)
+        bench.feed(0.6e6)
+        put(bench, 0, 0.1, ATMOSPHERE_PA, ATMOSPHERE_PA)
+        bench.makes[0]["blocked"] = 1
+        bench.run(3.0, coils)
+        bench.makes[0]["blocked"] = 0
+        bench.makes[0]["weight_n"] = sign * share * force_n
+        bench.run(3.0, coils)
+        way_m = -sign * (float(bench.cylinders[0]["position_m"]) - 0.1)
+        assert (way_m > 0.0) is moves
+        assert abs(way_m) > 1e-5
+
+
+def test_v10_air_that_the_tubes_take_in_a_cycle() -> None:
+    """V10: tubes 2 m x 6 mm at 0.5 MPa take 0.56 L ANR a cycle, +-2 %. Source: SMC chart, PLANT.md 2.
+
+    Only tubes: nothing passes to the chambers. Both fill once a cycle.
+    """
+    bench = textbook_bench(0.025)
+    bench.feed(0.5e6)
+    for line in ("plus", "minus"):
+        make = bench.makes[0][line]
+        make["tube_m3"] = math.pi / 4 * 0.006**2 * 2.0
+        make["free_m3_s_pa"] = make["throttle_m3_s_pa"] = 0.0
+    bench.makes[0]["valve"]["conductance_m3_s_pa"] = 1e-8
+    put(bench, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    for coils in (PLUS, MINUS, PLUS, MINUS):
+        before_kg = bench.cylinders[0]["plus"]["drawn_kg"] + bench.cylinders[0]["minus"]["drawn_kg"]
+        bench.run(4.0, coils)
+        after_kg = bench.cylinders[0]["plus"]["drawn_kg"] + bench.cylinders[0]["minus"]["drawn_kg"]
+        assert 2 * (after_kg - before_kg) / 1.185 * 1000 == pytest.approx(0.56, rel=0.02)
+
+
+def trapped(speed_m_s: float = 0.0, friction_n: float = 0.0, *, wall_s: float = NO_HEAT_S) -> Bench:
+    """PLANT.md 1.9: 10 kg on a 25 mm piston at 0.3 m, 0.5 MPa abs either side, 40 cm3 dead volume, checks shut."""
+    bench = textbook_bench(0.025, stroke_m=0.6, load_kg=10.0)
+    bench.gas[0]["wall_s"] = wall_s
+    make = bench.makes[0]
+    make["friction"]["coulomb_n"] = make["friction"]["static_n"] = friction_n
+    for line in ("plus", "minus"):
+        make[line]["checked"], make[line]["crack_pa"] = 1, 1e4
+        make[line]["pilot_ratio"], make[line]["pilot_least_pa"] = 0.5, 1e5
+    put(bench, 0, 0.3, 5e5, 5e5)
+    bench.cylinders[0]["speed_m_s"] = speed_m_s
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "friction_n", "overrun_mm"),
+    [
+        (v, f, mm)
+        for v, row in {
+            0.05: (0.5, 0.2, 0.1),
+            0.10: (1.9, 1.0, 0.6),
+            0.20: (6.6, 3.8, 2.2),
+            0.30: (12.9, 8.0, 4.8),
+            0.40: (19.8, 13.3, 8.3),
+        }.items()
+        for f, mm in zip((25.0, 50.0, 90.0), row, strict=True)
+    ],
+)
+def test_overrun_between_closed_checks(speed_m_s: float, friction_n: float, overrun_mm: float) -> None:
+    """Table of PLANT.md 1.9, +-20 %; and the energy it is made of, to 2 % and half a step of way.
+
+    m v^2 / 2 = F x + k x^2 / 2 with k = 2 n p A^2 / V = 1544 N/m.
+    """
+    position_m = trapped(speed_m_s, friction_n).run(1.0).cylinders["position_m"][:, 0]
+    peak_mm = 1000 * (float(position_m.max()) - 0.3)
+    assert peak_mm == pytest.approx(overrun_mm, rel=0.20)
+    spring_n_m = 2 * 1.2 * 5e5 * (math.pi / 4 * 0.025**2) ** 2 / (40e-6 + math.pi / 4 * 0.025**2 * 0.3)
+    closed_m = (math.sqrt(friction_n**2 + spring_n_m * 10 * speed_m_s**2) - friction_n) / spring_n_m
+    assert peak_mm == pytest.approx(1000 * closed_m, rel=0.02, abs=0.55 * speed_m_s)
+
+
+def test_the_fastest_overrun_comes_back() -> None:
+    """0.4 m/s against 25 N: 19.8 mm at its peak, 12.5 mm in the end, +-5 %. Source: PLANT.md 1.9."""
+    position_m = trapped(0.4, 25.0).run(2.0).cylinders["position_m"][:, 0]
+    assert 1000 * (position_m.max() - 0.3) == pytest.approx(19.8, rel=0.05)
+    assert 1000 * (position_m[-1] - 0.3) == pytest.approx(12.5, rel=0.05)
+    assert (position_m[-500:] == position_m[-1]).all()
+
+
+def test_a_trapped_load_swings_for_ever_and_never_wider() -> None:
+    """Without friction and heat a minute at +-32 mm: no peak beyond the first by 1 um, none below by 1 %."""
+    position_m = trapped(0.4).run(60.0).cylinders["position_m"][:, 0] - 0.3
+    peaks_m = np.abs(position_m).reshape(120, 500).max(axis=1)
+    assert peaks_m[0] == pytest.approx(0.0321, rel=0.01)
+    assert peaks_m.max() <= peaks_m[0] + 1e-6
+    assert peaks_m.min() >= 0.99 * peaks_m[0]
+
+
+def test_walls_calm_a_trapped_load() -> None:
+    """With heat to the walls the same swing dies out: every half second narrower, a tenth after 15 s."""
+    position_m = trapped(0.4, wall_s=0.4).run(20.0).cylinders["position_m"][:, 0] - 0.3
+    peaks_m = np.abs(position_m).reshape(40, 500).max(axis=1)
+    assert (np.diff(peaks_m) < 0).all()
+    assert peaks_m[30] < 0.1 * peaks_m[0]
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
+def test_what_sticks_sticks_exactly(share: float, moves: bool) -> None:
+    """Just under static friction nothing moves by one bit in 20 s; just over it goes."""
+    bench = trapped(0.0, 90.0)
+    bench.makes[0]["friction"]["coulomb_n"] = 60.0
+    bench.makes[0]["weight_n"] = share * 90.0
+    position_m = bench.run(20.0).cylinders["position_m"][:, 0]
+    assert (position_m != 0.3).any() == moves
+
+
+@pytest.mark.parametrize("step_s", [0.001, 0.0002])
+def test_an_arm_at_rest_stands_bit_for_bit(step_s: float) -> None:
+    """A minute with all coils off and the air on: not one bit of any cylinder changes."""
+    bench = machine_bench(step_s=step_s)
+    bench.run(12.0)
+    before = bench.cylinders.tobytes()
+    bench.run(60.0)
+    assert bench.cylinders.tobytes() == before
+
+
+def test_a_stopped_arm_comes_to_rest_and_stands() -> None:
+    """Stopped half way, slide and lift are at rest within 2 s and then do not move by one bit for a minute."""
+    bench = machine_bench()
+    bench.run(1.5, [PLUS, OFF, OFF])
+    bench.run(0.4, [PLUS, MINUS, OFF])
+    bench.run(2.0)
+    places_m = bench.cylinders["position_m"].copy()
+    assert 0.05 < places_m[SLIDE] < 0.55
+    assert 0.02 < places_m[LIFT] < 0.13
+    trace = bench.run(60.0, every=100)
+    assert (trace.cylinders["position_m"] == places_m).all()
+
+
+def test_leaving_out_what_rests_changes_nothing_to_speak_of() -> None:
+    """The kernel skips cylinders at rest: under random coils places stay within 0.1 mm, pressures within 1 kPa."""
+    rng = np.random.default_rng(7)
+    coils = np.repeat(rng.random((12, 3, 2)) < 0.4, 3000, axis=0)
+    all_steps, some_steps = (machine_bench().run(36.0, coils, skip_rest=skip, every=10) for skip in (False, True))
+    apart_m = np.abs(all_steps.cylinders["position_m"] - some_steps.cylinders["position_m"])
+    assert apart_m.max() < 1e-4
+    for line in ("plus", "minus"):
+        pressures_pa = [trace.cylinders[line]["chamber"]["pressure_pa"] for trace in (all_steps, some_steps)]
+        assert np.abs(pressures_pa[0] - pressures_pa[1]).max() < 1e3
+    assert apart_m.max() > 0.0  # or nothing was skipped, and this would prove nothing
+
+
+def quasi_static(bench: Bench, from_pa: float, to_pa: float, for_s: float) -> Any:
+    """Drive plus while the manifold's pressure creeps; return the records of the slide."""
+    traces = []
+    for gauge_pa in np.linspace(from_pa, to_pa, round(for_s / 0.1)):
+        bench.feed(float(gauge_pa))
+        traces.append(bench.run(0.1, PLUS, every=10).cylinders[:, SLIDE])
+    return np.concatenate(traces)
+
+
+def test_the_magnet_lets_go_at_the_force_of_the_catalogue() -> None:
+    """A blocked carriage, pressure swept from 0.70 to 0.76 MPa in 12 s: decouples at 0.739 +- 0.01 MPa.
+
+    363 N on 490.9 mm2. Source: SMC, PLANT.md 0.2 and 1.8.
+    """
+    bench = machine_bench()
+    bench.ideal = True
+    put(bench, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    bench.makes[SLIDE]["blocked"] = 1
+    bench.makes[SLIDE]["plus"]["crack_pa"] = 0.0
+    bench.feed(0.70e6)
+    assert not bench.run(3.0, PLUS).cylinders["decoupled"][-1, SLIDE]
+    swept = quasi_static(bench, 0.70e6, 0.76e6, 12.0)
+    index = int(swept["decoupled"].argmax())
+    assert index > 0
+    across_pa = swept["plus"]["chamber"]["pressure_pa"] - swept["minus"]["chamber"]["pressure_pa"]
+    assert across_pa[index - 1] == pytest.approx(0.739e6, abs=0.01e6)
+    assert swept["magnet_n"][:index].max() == pytest.approx(363.0, rel=0.01)
+    assert swept["piston_m"][-1] == pytest.approx(0.605, abs=1e-9)
+    assert (swept["position_m"] == 0.3).all()
+
+
+@pytest.mark.parametrize(("throttle_m3_s_pa", "catches"), [(0.4e-9, True), (0.735e-9, False)])
+def test_the_piston_catches_the_carriage_again_when_it_comes_slowly(throttle_m3_s_pa: float, catches: bool) -> None:
+    """Driven back past a standing carriage at 0.08 m/s it couples, at 0.147 m/s it does not; the limit is 0.10."""
+    bench = machine_bench()
+    bench.ideal = True
+    bench.feed(0.5e6)
+    put(bench, SLIDE, 0.3, ATMOSPHERE_PA + 0.5e6, ATMOSPHERE_PA)
+    c, make = bench.cylinders[SLIDE], bench.makes[SLIDE]
+    c["piston_m"], c["decoupled"] = 0.605, 1
+    make["blocked"] = 1
+    bench.run(2.0, PLUS)
+    make["plus"]["throttle_m3_s_pa"] = throttle_m3_s_pa
+    assert c["decoupled"]
+    bench.run(12.0, MINUS)
+    assert bool(c["decoupled"]) is not catches
+    if catches:
+        assert c["piston_m"] - c["position_m"] == pytest.approx(-0.5e6 * make["plus_area_m2"] / 1e5, rel=0.05)
+        make["blocked"] = 0
+        bench.run(5.0, MINUS)
+        assert c["position_m"] < 0.002
+        assert not c["decoupled"]
+
+
+def edges_ms(step_s: float) -> dict[str, float]:
+    """When slide, lift and claws pass the edges of their switches, there and back, ms from the coils."""
+    bench, band_m = machine_bench(step_s=step_s), MACHINE.slide.switch_band_m
+    there = bench.run(5.0, [PLUS, MINUS, MINUS]).cylinders["position_m"]
+    back = bench.run(5.0, [MINUS, PLUS, PLUS]).cylinders["position_m"]
+    slide = {
+        f"pick {n}": passes_ms(there[:, SLIDE], at_m - band_m, step_s) for n, at_m in enumerate(MACHINE.picks_m, 1)
+    }
+    return slide | {
+        "feed": passes_ms(back[:, SLIDE], band_m, step_s),
+        "up": passes_ms(there[:, LIFT], MACHINE.lift.switch_band_m, step_s),
+        "down": passes_ms(back[:, LIFT], MACHINE.lift.stroke_m - MACHINE.lift.switch_band_m, step_s),
+        "closed": passes_ms(there[:, CLAWS], 0.00125, step_s),
+        "open": passes_ms(back[:, CLAWS], 0.005, step_s),
+    }
+
+
+def test_half_the_step_hardly_changes_when_slide_and_lift_arrive() -> None:
+    """Steps of 1 and 0.5 ms: slide edges within 5 ms, lift edges in the cushion within 10, claws within 1.2.
+
+    Here 4.7, 9.4 and 1.1: valve and throttle take their turns on the air of the tube, which in a steady flow
+    puts its pressure too high by what one step brings, in proportion to the step.
+    """
+    whole, half = edges_ms(0.001), edges_ms(0.0005)
+    bounds_ms = {"up": 10.0, "down": 10.0, "closed": 1.2, "open": 1.2}
+    for name, at_ms in whole.items():
+        assert at_ms == pytest.approx(half[name], abs=bounds_ms.get(name, 5.0)), name
+
+
+@pytest.mark.parametrize("step_s", [0.001, 0.005])
+def test_no_volume_of_the_machine_overshoots_or_swings_while_nothing_moves(step_s: float) -> None:
+    """Pistons held, valves opened wide either way: no pressure beyond supply or surroundings by more than
+    1 kPa, at steps of 1 and of 5 ms; and at 1 ms none turns by more than 1 kPa more than twice under the same coils."""
+    bench = machine_bench(step_s=step_s)
+    bench.makes["blocked"] = 1
+    highest_pa = ATMOSPHERE_PA + 0.5e6
+    for coils in (PLUS, MINUS, OFF, PLUS):
+        trace = bench.run(1.0, coils)
+        curves = [
+            trace.cylinders[:, n][line][part]
+            for n in range(3)
+            for line in ("plus", "minus")
+            for part in ("tube", "chamber")
+        ]
+        curves += [trace.supply[name] for name in ("header", "manifold", "claw_reservoir", "claw_manifold")]
+        for curve in curves:
+            pressure_pa = curve["pressure_pa"]
+            assert ATMOSPHERE_PA - 1e3 < pressure_pa.min()
+            assert pressure_pa.max() < highest_pa + 1e3
+            assert step_s > 0.001 or reversals(pressure_pa, 1e3) <= 2
+
+
+def reversals(values: Any, more_than: float) -> int:
+    """How often a curve turns by more than a given amount."""
+    count, way, extreme = 0, 0, values[0]
+    for value in values:
+        if abs(value - extreme) > more_than and np.sign(value - extreme) != way:
+            count, way, extreme = count + (way != 0), np.sign(value - extreme), value
+        elif way * (value - extreme) > 0:
+            extreme = value
+    return count
