@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +23,7 @@ from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, P
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.quantity import unit_of
 from plant_sim.spec import SpecError, require, require_within
 
@@ -177,6 +179,7 @@ class Machine:
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit together; the key in the error is dotted."""
+        main_pa = self.supply.pressure_pa
         require(
             self.columns_m[COLUMNS // 2 - 1] + self.handling.reach_m < self.slide.stroke_m,
             "slide.stroke_m",
@@ -187,6 +190,21 @@ class Machine:
             "slide.overtravel_m",
             "takes more than half of slide_port.dead_volume_m3",
         )
+        for section, area_m2, moved_kg, dead_m3, most_pa in (
+            ("slide", self.slide.area_m2, self.slide.piston_kg, self.slide_port.dead_volume_m3, main_pa),
+            ("lift", self.lift.area_m2, self.lift.carried_kg, self.lift_port.dead_volume_m3, main_pa),
+            ("claws", self.claws.area_m2, self.claws.grippers * self.claws.moved_kg, self.claws_port.dead_volume_m3,
+             self.claw_pressure_pa),
+        ):  # fmt: skip
+            # both chambers near an end: the stiffest spring that the air can be
+            spring_n_m = 2 * self.air.stiffness_exponent * (most_pa + ATMOSPHERE_PA) * area_m2**2 / dead_m3
+            turn = self.simulation.step_s * math.sqrt(spring_n_m / moved_kg)
+            require(
+                turn <= 1.5,
+                f"{section}_port.dead_volume_m3",
+                f"makes the air so stiff a spring that it swings by {turn:.3g} rad a step; at most 1.5: make the "
+                "volume or what moves larger, or simulation.step_s smaller",
+            )
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
         require(
             2 * switch_reach_m < self.handling.cell_pitch_m,

@@ -10,7 +10,7 @@ Source of the equations: PLANT.md 1 and 3.4, and the docstrings of `plant_sim.pn
 
 import math
 from dataclasses import dataclass, fields
-from functools import cache
+from types import SimpleNamespace
 from typing import Any, TypeVar, get_type_hints
 
 from plant_sim.pneumatics.flow import (
@@ -26,6 +26,14 @@ from plant_sim.pneumatics.flow import (
 T = TypeVar("T")
 
 
+def read_make(record: Any) -> Any:
+    """Make a plain object of what a part is: the fields of its compiled record, read only."""
+    fields_of = {name: record[name] for name in record.dtype.names}
+    return SimpleNamespace(
+        **{name: read_make(value) if value.dtype.names else value.item() for name, value in fields_of.items()}
+    )
+
+
 def read(kind: type[T], record: Any) -> T:
     """Make an object with the values of a compiled record.
 
@@ -33,7 +41,7 @@ def read(kind: type[T], record: Any) -> T:
         kind: One of the classes of this module.
         record: Structured scalar with the same field names.
     """
-    hints = _hints(kind)
+    hints = get_type_hints(kind)
     return kind(
         **{
             name: read(hints[name], record[name]) if record.dtype[name].names else record[name].item()
@@ -44,30 +52,8 @@ def read(kind: type[T], record: Any) -> T:
 
 def values(state: Any) -> list[float]:
     """All numbers of a state, depth first, in the order of its fields."""
-    flat: list[float] = []
-    for field in fields(state):
-        value = getattr(state, field.name)
-        if isinstance(value, int | float):
-            flat.append(value)
-        else:
-            flat.extend(values(value))
-    return flat
-
-
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
-
-
-@dataclass
-class Gas:
-    """How air behaves in every chamber, and the length of a step."""
-
-    exponent: float
-    wall_s: float
-    thermal: int
-    wall_w_m2_k: float
-    step_s: float
+    parts = (getattr(state, field.name) for field in fields(state))
+    return [number for part in parts for number in ([part] if isinstance(part, int | float) else values(part))]
 
 
 @dataclass
@@ -88,7 +74,7 @@ class Chamber:
         self.pressure_pa += mass_kg * self.stiffness
         self.energy_j += heat_j
 
-    def resize(self, volume_m3: float, gas: Gas) -> None:
+    def resize(self, volume_m3: float, gas: Any) -> None:
         """Move the piston: dp/dV = -n p/V by the trapezoidal rule, and the work that this takes."""
         n, before_pa, grown_m3 = gas.exponent, self.pressure_pa, volume_m3 - self.volume_m3
         if grown_m3 == 0.0:
@@ -99,7 +85,7 @@ class Chamber:
         self.volume_m3 = volume_m3
         self.stiffness = n * self.pressure_pa / self.mass_kg
 
-    def settle(self, gas: Gas) -> None:
+    def settle(self, gas: Any) -> None:
         """Close a step: what temperature the air has now, and hence what pressure."""
         density_kg_m3 = self.mass_kg / self.volume_m3
         if gas.thermal:
@@ -128,21 +114,41 @@ def shape(ratio: float, critical: float) -> tuple[float, float]:
     return part, -past / (part * (1 - critical))
 
 
-def transfer(up: Chamber, down: Chamber, up_pa: float, conductance: float, critical: float, step_s: float) -> float:
-    """Let air through a restriction (ISO 6358): one Newton step towards the pressures after it."""
+def tendency(
+    up: Chamber, down: Chamber, up_pa: float, conductance: float, critical: float
+) -> tuple[float, float, float]:
+    """Flow through a restriction (ISO 6358), kg/s, and its slopes over the pressures before and behind it."""
     gain = conductance * REFERENCE_KG_M3 * math.sqrt(REFERENCE_K / up.temperature_k)
     down_pa = down.pressure_pa
     ratio = down_pa / up_pa
     if ratio >= LAMINAR_RATIO:
         slope = gain * shape(LAMINAR_RATIO, critical)[0] / (1 - LAMINAR_RATIO)
-        kg_s, by_up, by_down = slope * (up_pa - down_pa), slope, -slope
-    else:
-        part, bend = (1.0, 0.0) if ratio <= critical else shape(ratio, critical)
-        kg_s, by_up, by_down = gain * up_pa * part, gain * (part - ratio * bend), gain * bend
+        return slope * (up_pa - down_pa), slope, -slope
+    part, bend = (1.0, 0.0) if ratio <= critical else shape(ratio, critical)
+    return gain * up_pa * part, gain * (part - ratio * bend), gain * bend
+
+
+def move(a: Chamber, b: Chamber, mass_kg: float) -> None:
+    """Carry air with its heat, or back if the mass is negative."""
+    heat_j = mass_kg * HEAT_P * (a if mass_kg > 0 else b).temperature_k
+    a.gain(-mass_kg, -heat_j)
+    b.gain(mass_kg, heat_j)
+
+
+def transfer(up: Chamber, down: Chamber, up_pa: float, conductance: float, critical: float, step_s: float) -> float:
+    """Let air through one restriction: one Newton step towards the pressures after it, and not past equal ones."""
+    kg_s, by_up, by_down = tendency(up, down, up_pa, conductance, critical)
     mass_kg = step_s * kg_s / (1 + step_s * (by_up * up.stiffness - by_down * down.stiffness))
-    heat_j = mass_kg * HEAT_P * up.temperature_k
-    up.gain(-mass_kg, -heat_j)
-    down.gain(mass_kg, heat_j)
+    levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down.stiffness)
+    if mass_kg > 0.2 * levels_kg:
+        most_kg = levels_kg
+        if down.stiffness > 0:
+            # what fills up to there along p ~ m^n
+            exponent = down.stiffness * down.mass_kg / down.pressure_pa
+            full = (down.pressure_pa + down.stiffness * levels_kg) / down.pressure_pa
+            most_kg = down.mass_kg * (full ** (1 / exponent) - 1)
+        mass_kg = min(mass_kg, most_kg)
+    move(up, down, mass_kg)
     return mass_kg
 
 
@@ -167,19 +173,6 @@ def series(one: float, other: float) -> float:
 
 
 @dataclass
-class ValveMake:
-    """What a valve is."""
-
-    on_delay_s: float
-    off_delay_s: float
-    spool_s: float
-    conductance_m3_s_pa: float
-    critical_ratio: float
-    latching: int
-    stuck: int
-
-
-@dataclass
 class Valve:
     """A valve with two coils."""
 
@@ -190,7 +183,7 @@ class Valve:
     spool: float
     target: float
 
-    def step(self, make: ValveMake, plus: bool, minus: bool, step_s: float) -> None:
+    def step(self, make: Any, plus: bool, minus: bool, step_s: float) -> None:
         """Let the pilots, then the spool, follow the coils."""
         self.plus_acts, self.plus_pending_s = self._pilot(make, plus, self.plus_acts, self.plus_pending_s, step_s)
         self.minus_acts, self.minus_pending_s = self._pilot(make, minus, self.minus_acts, self.minus_pending_s, step_s)
@@ -204,30 +197,12 @@ class Valve:
             self.spool += min(max(self.target - self.spool, -way), way)
 
     @staticmethod
-    def _pilot(make: ValveMake, coil: bool, acts: int, pending_s: float, step_s: float) -> tuple[int, float]:
+    def _pilot(make: Any, coil: bool, acts: int, pending_s: float, step_s: float) -> tuple[int, float]:
         if coil == bool(acts):
             return acts, 0.0
         pending_s += step_s
         delay_s = make.on_delay_s if coil else make.off_delay_s
         return (int(coil), 0.0) if pending_s > delay_s - 1e-9 else (acts, pending_s)
-
-
-@dataclass
-class LineMake:
-    """What a line is."""
-
-    tube_m3_s_pa: float
-    tube_m3: float
-    dead_m3: float
-    free_m3_s_pa: float
-    throttle_m3_s_pa: float
-    critical_ratio: float
-    checked: int
-    crack_pa: float
-    pilot_ratio: float
-    pilot_least_pa: float
-    slip_m3_s_pa: float
-    leak_m3_s_pa: float
 
 
 @dataclass
@@ -240,75 +215,78 @@ class Line:
     piloted: int
 
     def step(
-        self, make: LineMake, valve: ValveMake, spool: float, pilot_pa: float, out_share: float, volume_m3: float,
-        manifold: Chamber, outside: Chamber, gas: Gas,
+        self, make: Any, valve: Any, spool: float, pilot_pa: float, out_share: float, volume_m3: float,
+        manifold: Chamber, outside: Chamber, gas: Any,
     ) -> None:  # fmt: skip
         """Piston, valve, pilot, check valve and throttle, leak: in this order."""
         tube, chamber, step_s, critical = self.tube, self.chamber, gas.step_s, make.critical_ratio
         chamber.resize(volume_m3, gas)
-        # over the half of the spool's way from the middle the exhaust closes, then the supply opens
-        fed = valve.conductance_m3_s_pa * min(max(2 * spool - 1, 0.0), 1.0)
-        vented = valve.conductance_m3_s_pa * min(max(1 - 2 * spool, 0.0), 1.0)
-        if fed > 0:
-            self.drawn_kg += both_ways(manifold, tube, series(fed, make.tube_m3_s_pa), valve.critical_ratio, step_s)
-        if vented > 0:
-            both_ways(tube, outside, series(vented, make.tube_m3_s_pa), valve.critical_ratio, step_s)
         behind_pa = make.pilot_ratio * (chamber.pressure_pa - ATMOSPHERE_PA)
         opens_pa = ATMOSPHERE_PA + max(behind_pa, make.pilot_least_pa)
         self.piloted = int(not make.checked or pilot_pa >= opens_pa)
-        if tube.pressure_pa > chamber.pressure_pa:
-            crack_pa = 0.0 if self.piloted else make.crack_pa
-            one_way(tube, chamber, crack_pa, make.free_m3_s_pa, critical, step_s)
-        else:
-            out = make.throttle_m3_s_pa * out_share if self.piloted else make.slip_m3_s_pa
-            one_way(chamber, tube, 0.0, out, critical, step_s)
+        # over the half of the spool's way from the middle the exhaust closes, then the supply opens
+        feeds = spool > 0.5
+        opening = min(abs(2 * spool - 1), 1.0)
+        valve_c = series(valve.conductance_m3_s_pa * opening, make.tube_m3_s_pa) if opening > 0 else 0.0
+        given_kg = self._pass(make, manifold if feeds else outside, valve_c, valve.critical_ratio, out_share, step_s)
+        self.drawn_kg += given_kg if feeds else 0.0
         both_ways(chamber, outside, make.leak_m3_s_pa, critical, step_s)
         tube.settle(gas)
         chamber.settle(gas)
 
+    def _pass(
+        self, make: Any, source: Chamber, valve_c: float, valve_b: float, out_share: float, step_s: float
+    ) -> float:
+        """Valve and throttle at once: one Newton step for both flows; return what the source gave."""
+        tube, chamber, critical = self.tube, self.chamber, make.critical_ratio
+        (q1, up1, down1), ends1 = _between(source, tube, 0.0, valve_c, valve_b)
+        if tube.pressure_pa > chamber.pressure_pa:
+            onward = make.free_m3_s_pa
+            crack_pa = 0.0 if self.piloted else make.crack_pa
+        else:
+            onward = make.throttle_m3_s_pa * out_share if self.piloted else make.slip_m3_s_pa
+            crack_pa = 0.0
+        (q2, up2, down2), ends2 = _between(tube, chamber, crack_pa, onward, critical)
+        # m1 = dt (q1 + up1 dp_source + down1 dp_tube), m2 = dt (q2 + up2 dp_tube + down2 dp_chamber)
+        own1 = 1 / step_s + up1 * source.stiffness - down1 * tube.stiffness
+        own2 = 1 / step_s + up2 * tube.stiffness - down2 * chamber.stiffness
+        mixed1, mixed2 = down1 * tube.stiffness, up2 * tube.stiffness
+        common = own1 * own2 + mixed1 * mixed2
+        m1, m2 = (q1 * own2 - mixed1 * q2) / common, (q2 * own1 + mixed2 * q1) / common
+        tube_pa = tube.pressure_pa + tube.stiffness * (m1 - m2)
+        after1_pa = source.pressure_pa - source.stiffness * m1 - tube_pa
+        after2_pa = tube_pa - chamber.pressure_pa - chamber.stiffness * m2
+        crosses1 = ends1 * after1_pa < 0 and min(abs(ends1), abs(after1_pa)) > 0.01 * source.pressure_pa
+        crosses2 = ends2 * after2_pa < 0 and min(abs(ends2), abs(after2_pa)) > 0.01 * tube.pressure_pa
+        if not crosses1 and not crosses2 and m2 * q2 >= 0:
+            move(source, tube, m1)
+            move(tube, chamber, m2)
+            return m1
+        m1 = both_ways(source, tube, valve_c, valve_b, step_s)
+        if q2 > 0:
+            one_way(tube, chamber, crack_pa, onward, critical, step_s)
+        elif q2 < 0:
+            one_way(chamber, tube, 0.0, onward, critical, step_s)
+        return m1
 
-@dataclass
-class Friction:
-    """Friction of a seal."""
 
-    coulomb_n: float
-    static_n: float
-    stribeck_m_s: float
-    viscous_n_s_m: float
+def _between(
+    a: Chamber, b: Chamber, crack_pa: float, conductance: float, critical: float
+) -> tuple[tuple[float, float, float], float]:
+    """Signed flow from `a` to `b` with its slopes over both pressures, and the difference of these."""
+    apart_pa = a.pressure_pa - b.pressure_pa
+    if conductance <= 0 or 0 <= apart_pa <= crack_pa:
+        return (0.0, 0.0, 0.0), apart_pa
+    if apart_pa > 0:
+        return tendency(a, b, a.pressure_pa - crack_pa, conductance, critical), apart_pa
+    kg_s, by_up, by_down = tendency(b, a, b.pressure_pa, conductance, critical)
+    return (-kg_s, -by_down, -by_up), apart_pa
 
-    def dry_n(self, speed_m_s: float) -> float:
-        """The part that does not grow with speed."""
-        extra_n = self.static_n - self.coulomb_n
-        return self.coulomb_n + extra_n / (1 + (speed_m_s / self.stribeck_m_s) ** 2)
 
-
-@dataclass
-class CylinderMake:
-    """What a cylinder is."""
-
-    stroke_m: float
-    plus_area_m2: float
-    minus_area_m2: float
-    load_kg: float
-    piston_kg: float
-    weight_n: float
-    cushion_m: float
-    cushion_share: float
-    bumper_m: float
-    bumper_n_m: float
-    bumper_n_s_m: float
-    magnet_holds_n: float
-    magnet_n_m: float
-    magnet_n_s_m: float
-    recouples_m_s: float
-    overtravel_m: float
-    brake_n: float
-    brake_bites_pa: float
-    blocked: int
-    friction: Friction
-    valve: ValveMake
-    plus: LineMake
-    minus: LineMake
+def dry_n(friction: Any, speed_m_s: float) -> float:
+    """Friction but for the part that grows with speed."""
+    more: float = 1 / (1 + (speed_m_s / friction.stribeck_m_s) ** 2)
+    return float(more * friction.static_n + (1 - more) * friction.coulomb_n)
 
 
 @dataclass
@@ -325,7 +303,7 @@ class Cylinder:
     plus: Line
     minus: Line
 
-    def step(self, make: CylinderMake, plus: bool, minus: bool, manifold: Chamber, outside: Chamber, gas: Gas) -> None:
+    def step(self, make: Any, plus: bool, minus: bool, manifold: Chamber, outside: Chamber, gas: Any) -> None:
         """Valve, then motion under the pressures of before, then the air."""
         self.valve.step(make.valve, plus, minus, gas.step_s)
         push_n = make.plus_area_m2 * (self.plus.chamber.pressure_pa - ATMOSPHERE_PA)
@@ -343,7 +321,7 @@ class Cylinder:
         self.plus.step(make.plus, make.valve, spool, pilot_plus_pa, plus_share, plus_m3, manifold, outside, gas)
         self.minus.step(make.minus, make.valve, -spool, pilot_minus_pa, minus_share, minus_m3, manifold, outside, gas)
 
-    def _move_one(self, make: CylinderMake, force_n: float, step_s: float) -> None:
+    def _move_one(self, make: Any, force_n: float, step_s: float) -> None:
         """Load and piston are one body, which friction slows and at most stops."""
         mass_kg = make.load_kg + make.piston_kg
         speed_m_s = 0.0
@@ -356,7 +334,7 @@ class Cylinder:
         self.position_m, self.speed_m_s = _stop(place_m, speed_m_s, 0.0, make.stroke_m)
         self.piston_m, self.piston_m_s = self.position_m, self.speed_m_s
 
-    def _move_two(self, make: CylinderMake, push_n: float, step_s: float) -> None:
+    def _move_two(self, make: Any, push_n: float, step_s: float) -> None:
         """Piston and load are two, with a magnet between: both speeds at the end of the step."""
         self._couple(make)
         coupled = not self.decoupled
@@ -383,13 +361,13 @@ class Cylinder:
         self.position_m, self.speed_m_s = _stop(place_m, load_m_s, 0.0, make.stroke_m)
         self.piston_m, self.piston_m_s = _stop(piston_m, piston_m_s, -over_m, make.stroke_m + over_m)
 
-    def _resists_n(self, make: CylinderMake) -> float:
+    def _resists_n(self, make: Any) -> float:
         """Seal and brake; a brake that neither tube lifts bites."""
         lifts_pa = max(self.plus.tube.pressure_pa, self.minus.tube.pressure_pa) - ATMOSPHERE_PA
-        brake_n = 0.0 if lifts_pa >= make.brake_bites_pa else make.brake_n
-        return make.friction.dry_n(self.speed_m_s) + brake_n
+        brake_n: float = make.brake_n if lifts_pa < make.brake_bites_pa else 0.0
+        return brake_n + dry_n(make.friction, self.speed_m_s)
 
-    def _couple(self, make: CylinderMake) -> None:
+    def _couple(self, make: Any) -> None:
         """The magnet lets go beyond its force, and catches what passes slowly within reach."""
         in_reach = abs(self.piston_m - self.position_m) * make.magnet_n_m <= make.magnet_holds_n
         if not self.decoupled:
@@ -397,7 +375,7 @@ class Cylinder:
         elif in_reach and abs(self.piston_m_s - self.speed_m_s) <= make.recouples_m_s:
             self.decoupled = 0
 
-    def _bumper(self, make: CylinderMake, step_s: float) -> tuple[float, float]:
+    def _bumper(self, make: Any, step_s: float) -> tuple[float, float]:
         """Force of the rubber at the start of the step, and what speed takes from it."""
         for way, depth_m in (
             (1, make.bumper_m - self.position_m),
@@ -420,30 +398,6 @@ def _stop(place_m: float, speed_m_s: float, low_m: float, high_m: float) -> tupl
 
 
 @dataclass
-class SupplyMake:
-    """What a supply is."""
-
-    compressor_kg_s: float
-    starts_below_pa: float
-    stops_above_pa: float
-    regulated_pa: float
-    band_pa: float
-    regulator_m3_s_pa: float
-    claw_regulated_pa: float
-    claw_regulator_m3_s_pa: float
-    dump_delay_s: float
-    main_m3_s_pa: float
-    soft_m3_s_pa: float
-    soft_until: float
-    vent_m3_s_pa: float
-    check_m3_s_pa: float
-    crack_pa: float
-    critical_ratio: float
-    slip_m3_s_pa: float
-    leak_m3_s_pa: float
-
-
-@dataclass
 class Supply:
     """Compressor, receiver, regulators, dump valve, claw reservoir."""
 
@@ -458,7 +412,7 @@ class Supply:
     fed_s: float
     taken_in_kg: float
 
-    def step(self, make: SupplyMake, fed: bool, gas: Gas) -> None:
+    def step(self, make: Any, fed: bool, gas: Any) -> None:
         """From the compressor to the manifolds."""
         step_s, critical = gas.step_s, make.critical_ratio
         self._compress(make, step_s)
@@ -478,12 +432,12 @@ class Supply:
             both_ways(self.manifold, self.outside, make.vent_m3_s_pa, critical, step_s)
         both_ways(self.manifold, self.outside, make.leak_m3_s_pa, critical, step_s)
 
-    def settle(self, gas: Gas) -> None:
+    def settle(self, gas: Any) -> None:
         """Close a step, after the cylinders have taken their air."""
         for chamber in (self.receiver, self.header, self.manifold, self.claw_reservoir, self.claw_manifold):
             chamber.settle(gas)
 
-    def _compress(self, make: SupplyMake, step_s: float) -> None:
+    def _compress(self, make: Any, step_s: float) -> None:
         gauge_pa = self.receiver.pressure_pa - ATMOSPHERE_PA
         if gauge_pa < make.starts_below_pa:
             self.compressor_runs = 1
@@ -495,7 +449,7 @@ class Supply:
         self.receiver.gain(mass_kg, mass_kg * HEAT_P * REFERENCE_K)
 
 
-def _regulate(a: Chamber, b: Chamber, wanted_pa: float, conductance: float, make: SupplyMake, step_s: float) -> None:
+def _regulate(a: Chamber, b: Chamber, wanted_pa: float, conductance: float, make: Any, step_s: float) -> None:
     """Open in proportion to what is lacking, but let no more choked air in than that within a step."""
     lacking_pa = wanted_pa - b.pressure_pa
     if lacking_pa > 0:

@@ -151,29 +151,40 @@ def test_the_claws_reach_what_lies_under_them(offset_m: float, count: int) -> No
     """A tray that is off by half a cell and a little has one cell less under the claws, and so on."""
     seedlings = Seedlings(trays=1, failure_share=0.0, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
-    bed.lay([(0, offset_m)], belt_m=0.0, is_placed=True)
+    bed.lay([(0, offset_m)], belt_m=0.0, is_placed=True, turned={})
     standing = bed.standing(2)
     assert len(standing) == count
     assert all(plant.column == 2 for plant in standing)
     assert bed.is_empty is (count == 0)
 
 
+def test_a_tray_askew_has_its_seedlings_off_their_line_by_the_way_along() -> None:
+    """10 mrad about the middle: cells 0 and 11 are 5.5 pitches of 43 mm from it, 2.365 mm off, one each way."""
+    seedlings = Seedlings(trays=2, failure_share=0.0, seed=1)
+    bed = Bed(seedlings, pitch_m=0.043)
+    bed.lay([(0, 0.0)], belt_m=0.0, is_placed=True, turned={0: 0.010})
+    column = seedlings.column(0, 0)
+    assert [bed.off_m(column[along]) for along in (0, 11)] == pytest.approx([-0.002365, 0.002365])
+    assert bed.off_m(column[5]) == pytest.approx(-0.000215)
+    assert bed.off_m(seedlings.column(1, 0)[0]) == 0.0
+
+
 @pytest.mark.parametrize(
     ("pose", "is_placed", "place"),
     [
-        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0049), True, Place.CLAMPED),
-        (Pose(0.1986, 0.004, gripping=True, free=False, travel_m=0.0049), True, Place.LOST_PICK),
-        (Pose(0.1984, 0.0051, gripping=True, free=False, travel_m=0.0049), True, Place.LOST_PICK),
-        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0051), True, Place.LOST_PICK),
-        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0049), False, Place.LOST_PICK),
-        (Pose(0.1984, 0.131, gripping=True, free=False, travel_m=0.0049), True, Place.STANDING),
+        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0049, freed_s=0.0), True, Place.CLAMPED),
+        (Pose(0.1986, 0.004, gripping=True, free=False, travel_m=0.0049, freed_s=0.0), True, Place.LOST_PICK),
+        (Pose(0.1984, 0.0051, gripping=True, free=False, travel_m=0.0049, freed_s=0.0), True, Place.LOST_PICK),
+        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0051, freed_s=0.0), True, Place.LOST_PICK),
+        (Pose(0.1984, 0.004, gripping=True, free=False, travel_m=0.0049, freed_s=0.0), False, Place.LOST_PICK),
+        (Pose(0.1984, 0.131, gripping=True, free=False, travel_m=0.0049, freed_s=0.0), True, Place.STANDING),
     ],
 )
 def test_claws_clamp_only_where_everything_is_right(pose: Pose, is_placed: bool, place: Place) -> None:
     machine = load_machine()
     row = Row()
     bed = Bed(row.seedlings, pitch_m=0.043)
-    bed.lay([(0, 0.0)], belt_m=0.0, is_placed=is_placed)
+    bed.lay([(0, 0.0)], belt_m=0.0, is_placed=is_placed, turned={})
     reach = Reach("left", machine.columns_m, tray_edge_m=0.16, mirrored=False, spread_m=0.187, reach_m=0.015)
     grip = Grip(machine.handling, reach, row.seedlings, bed, row=row.row, report=lambda *_: None)
     grip.step(dataclasses.replace(pose, gripping=False, free=True))
@@ -194,9 +205,9 @@ class Row:
 
     def fall(self, position_m: float, chain_m: float) -> Seedling:
         seedling = next(self.waiting)
-        self.row.let_fall(seedling, position_m=position_m, for_s=0.005)
+        self.row.let_fall(seedling, position_m=position_m, lands_s=0.005)
         assert seedling.place is Place.FALLING
-        self.row.step(0.005, chain_m=chain_m)
+        self.row.step(0.005, chain_m=chain_m, chain_m_s=0.0)
         return seedling
 
 
@@ -214,13 +225,25 @@ def test_a_plug_must_hit_a_cup_within_16_mm(off_m: float, side: int, claw: int, 
 def test_a_plug_falls_for_its_time() -> None:
     row = Row()
     seedling = next(row.waiting)
-    row.row.let_fall(seedling, position_m=0.0, for_s=0.1277)
+    row.row.let_fall(seedling, position_m=0.0, lands_s=0.1277)
     places = []
-    for _ in range(27):
-        row.row.step(0.005, chain_m=0.0)
+    for number in range(1, 28):
+        assert row.row.falling is (seedling.place is Place.FALLING)
+        row.row.step(0.005 * number, chain_m=0.0, chain_m_s=0.0)
         places.append(seedling.place)
     assert places == [Place.FALLING] * 25 + [Place.IN_CUP] * 2
     assert not row.row.falling
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.010, 0.100])
+def test_a_plug_meets_the_cups_where_they_were_when_it_came_down(late_s: float) -> None:
+    """45 mm/s: looked at 100 ms late they are 4.5 mm further; the plug was 0.1 mm inside, or outside, of 16 mm."""
+    for off_m, place in ((0.0159, Place.IN_CUP), (0.0161, Place.LOST_THROW)):
+        row = Row()
+        seedling = next(row.waiting)
+        row.row.let_fall(seedling, position_m=0.0, lands_s=0.200)
+        row.row.step(0.200 + late_s, chain_m=off_m + 0.045 * late_s, chain_m_s=0.045)
+        assert seedling.place is place
 
 
 def test_a_fall_of_80_mm_takes_128_ms() -> None:
@@ -244,7 +267,7 @@ def test_missed_cups_are_those_between_the_first_and_the_last_filled_one() -> No
         row.fall(0.0, cup * 0.060)
     missed = []
     for cup in range(12):
-        row.row.step(0.005, chain_m=(cup + 11.5) * 0.060 + 1e-6)  # cup has just left the last claw
+        row.row.step(0.010, chain_m=(cup + 11.5) * 0.060 + 1e-6, chain_m_s=0.0)  # cup has just left the last claw
         missed.append(row.row.missed_cups)
     assert missed == [0, 0, 0, 2, 2, 2, 2, 2, 2, 2, 2, 2]
 

@@ -15,6 +15,7 @@ from plant_sim.plant import Plant
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 SLIDE_INWARD = IO_MAP["left.slide_inward"].number
+SPREAD = IO_MAP["left.spread"].number
 
 
 def make_module(io_map: IoMap = IO_MAP, *, watchdog_ms: int = 100) -> IoModule:
@@ -101,20 +102,20 @@ def test_the_watchdog_cannot_be_switched_off(watchdog_ms: int) -> None:
 
 
 def test_one_long_silence_moves_the_machine_for_exactly_its_limit() -> None:
-    """The slide stands where 101 ms of coil put it: not 100, not 102."""
+    """The spreader, which starts at once, stands where 101 ms of coil put it: not 100, not 102."""
     module = make_module()
-    module.write_outputs(0, one_on(SLIDE_INWARD))
+    module.write_outputs(0, one_on(SPREAD))
     module.advance(300)
 
-    def slide_after_coil_of(for_ms: int) -> float:
+    def travel_after_coil_of(for_ms: int) -> float:
         plant = make_plant()
-        plant.step(for_ms, one_on(SLIDE_INWARD))
+        plant.step(for_ms, one_on(SPREAD))
         plant.step(300 - for_ms, ALL_OFF)
-        return plant.arms["left"].slide.position_m
+        return plant.left.spreader.travel_m
 
-    slide_m = module.plant.arms["left"].slide.position_m
-    assert slide_m == slide_after_coil_of(101)
-    assert slide_m not in (slide_after_coil_of(100), slide_after_coil_of(102))
+    travel_m = module.plant.left.spreader.travel_m
+    assert travel_m == travel_after_coil_of(101)
+    assert travel_m not in (travel_after_coil_of(100), travel_after_coil_of(102))
 
 
 def test_the_operator_box_and_reading_do_not_feed_the_watchdog() -> None:

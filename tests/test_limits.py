@@ -30,7 +30,7 @@ from controller.program.modes import State
 from controller.program.tags import SIDES, Side
 from plant_sim.bench.twin import Twin
 from plant_sim.devices.conveyor import Conveyor
-from plant_sim.devices.cylinder import Cylinder
+from plant_sim.devices.pneumatic import Cylinder
 from plant_sim.devices.spreader import Spreader
 
 TICK_MS = 100
@@ -61,6 +61,13 @@ def actuator(twin: Twin, stop: Stop) -> Device:
         "spread": arm.spreader, "converge": arm.spreader,
     }  # fmt: skip
     return devices[request.name.removeprefix(f"{stop.side}.want ")]
+
+
+def free(device: Device) -> None:
+    """Free a jam as an operator must: with the trapped air let out, or the part would leap."""
+    if isinstance(device, Cylinder):
+        device.place(device.position_m)
+    device.jammed = False
 
 
 def coils_of(twin: Twin, side: Side | None) -> set[str]:
@@ -104,7 +111,7 @@ def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: 
     assert (twin.state, twin.plc.annunciators(), twin.outputs()) == (end, [alarm.number], set())
     for side in SIDES:
         assert side == stop.side or stands_at_feed(twin, side), twin.situation()
-    device.jammed = False
+    free(device)
     route.mend(twin)
     assert home_again(twin) == set()
     assert twin.alarms() == []
@@ -116,7 +123,7 @@ def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: 
 
 @pytest.mark.parametrize(
     ("left_late_until", "step", "never"),
-    [("lift from row", "slide to feed", "spread"), ("pause at feed", "wait to lower", "lift_extend")],
+    [("lift from row", "slide to feed", "spread"), ("slide to feed", "wait to lower", "lift_extend")],
 )
 def test_while_holding_no_arm_begins_to_throw(left_late_until: str, step: str, never: str) -> None:
     """Given an alarm while the left arm is on its way, a load that comes to feed stays converged, or waits up."""
@@ -125,7 +132,7 @@ def test_while_holding_no_arm_begins_to_throw(left_late_until: str, step: str, n
     slide = arm_of(twin, "left").slide
     slide.jammed = True
     until_step(twin, "right arm", left_late_until)
-    slide.jammed = False
+    free(slide)
     until_step(twin, "right arm", step)
     beam = twin.plant.conveyor.beam
     beam.stuck = False
@@ -163,7 +170,8 @@ def test_a_slide_past_its_row_is_brought_back_and_picks_in_every_row_anew(side: 
         until_step(twin, f"{side} arm", "settle at row")
         push(twin, side)
         returning_ms = until_step(twin, f"{side} arm", "return to row", within_ms=100)
-        assert 60 <= until_step(twin, f"{side} arm", "settle at row", within_ms=1_000) - returning_ms <= 200
+        # 12 mm less its band of 5 mm: the air before it leaves, and it is still gathering speed
+        assert 200 <= until_step(twin, f"{side} arm", "settle at row", within_ms=1_000) - returning_ms <= 500
         until_step(twin, f"{side} arm", "close claws", within_ms=200)
     assert to_complete(twin) == undisturbed()
     assert twin.alarm_events() == []
@@ -186,8 +194,8 @@ def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
 
 
 def test_a_slide_that_cannot_stop_in_its_row_overruns_it_twice() -> None:
-    """With 80 ms instead of 12 ms to stop it runs 8 to 12 mm past the row, inward first, then outward."""
-    twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.stop_s": 0.080}))
+    """Without its brake it coasts 17 mm instead of 6 mm: past the row inward first, then outward."""
+    twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.brake_n": 0.0}))
     twin.run_until(lambda: twin.alarms() != [], within_ms=30_000)
     assert twin.alarms() == ["right: overrun"]
     assert twin.plant.counts() == switched_on().plant.counts(), "not a seedling was touched"

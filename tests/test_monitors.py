@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import monitors
 import pytest
-from monitors import Check, UnsafeError, centre_from_m, guard
+from monitors import CREEP_M, Check, UnsafeError, centre_from_m, guard
 
 from plant_sim.bench.twin import Twin
 from plant_sim.crop.incident import Incident
@@ -32,24 +32,25 @@ def a_coil_in_emergency_stop(twin: Twin) -> None:
     switch_on(twin, "left.spread")
 
 
-def inward_half_way_up(twin: Twin) -> None:
-    twin.plant.left.place(y_m=0.07)
-    twin.plant.left.slide.speed_m_s = 0.1
+def half_way_up(twin: Twin) -> None:
+    twin.plant.left.place(x_m=0.02, y_m=0.07)
 
 
-def inward_closed(twin: Twin) -> None:
-    twin.plant.right.place(is_open=False)
-    twin.plant.right.slide.speed_m_s = 0.1
+def closed(twin: Twin) -> None:
+    twin.plant.left.place(x_m=0.02, is_open=False)
 
 
-def inward_spread(twin: Twin) -> None:
-    twin.plant.right.place(travel_m=0.1)
-    twin.plant.right.slide.speed_m_s = 0.1
+def spread(twin: Twin) -> None:
+    twin.plant.left.place(x_m=0.02, travel_m=0.1)
+
+
+def further_inward(twin: Twin) -> None:
+    twin.plant.left.place(x_m=0.02 + CREEP_M + 0.0001)
 
 
 def tray_under_an_arm(twin: Twin) -> None:
     twin.plant.right.place(x_m=0.05)
-    twin.plant.conveyor.speed_m_s = 0.1
+    twin.plant.state[0]["conveyor"]["belt_m_s"] = 0.1
 
 
 def both_in_the_centre(twin: Twin) -> None:
@@ -66,33 +67,54 @@ def one_seedling_gone(twin: Twin) -> None:
     twin.plant.counts = lambda: replace(counts, in_tray=counts.in_tray - 1)  # type: ignore[method-assign]
 
 
-SPOILT: list[tuple[Callable[[Twin], Check], Spoil]] = [
-    (monitors.opposite_coils, both_coils_of_a_lift),
-    (monitors.dead_in_emergency_stop, a_coil_in_emergency_stop),
-    (monitors.gentle_inward, inward_half_way_up),
-    (monitors.gentle_inward, inward_closed),
-    (monitors.gentle_inward, inward_spread),
-    (monitors.tray_between_arms_at_feed, tray_under_an_arm),
-    (monitors.one_in_the_centre, both_in_the_centre),
-    (monitors.no_incident, an_incident),
-    (monitors.every_seedling_somewhere, one_seedling_gone),
+SPOILT: list[tuple[Callable[[Twin], Check], list[Spoil]]] = [
+    (monitors.opposite_coils, [both_coils_of_a_lift]),
+    (monitors.dead_in_emergency_stop, [a_coil_in_emergency_stop]),
+    (monitors.gentle_inward, [half_way_up, further_inward]),
+    (monitors.gentle_inward, [closed, further_inward]),
+    (monitors.gentle_inward, [spread, further_inward]),
+    (monitors.tray_between_arms_at_feed, [tray_under_an_arm]),
+    (monitors.one_in_the_centre, [both_in_the_centre]),
+    (monitors.no_incident, [an_incident]),
+    (monitors.every_seedling_somewhere, [one_seedling_gone]),
 ]
+"""What each monitor watches for; it speaks after the last of several."""
 
 
 def test_every_monitor_is_tried() -> None:
     assert {monitor for monitor, _ in SPOILT} == set(monitors.MONITORS)
 
 
-@pytest.mark.parametrize(("monitor", "spoil"), SPOILT, ids=lambda each: each.__name__)
+@pytest.mark.parametrize(("monitor", "spoils"), SPOILT, ids=lambda each: getattr(each, "__name__", ""))
 def test_a_monitor_speaks_of_what_it_watches_and_of_nothing_else(
-    monitor: Callable[[Twin], Check], spoil: Spoil
+    monitor: Callable[[Twin], Check], spoils: list[Spoil]
 ) -> None:
     twin = Twin(trays=1)
     checks = {each: each(twin) for each in monitors.MONITORS}
     twin.scan()
-    assert [check() for check in checks.values()] == [None] * len(checks)
-    spoil(twin)
+    for spoil in spoils:
+        assert [check() for check in checks.values()] == [None] * len(checks)
+        spoil(twin)
     assert {each for each, check in checks.items() if check() is not None} == {monitor}
+
+
+@pytest.mark.parametrize(("from_m", "to_m"), [(0.020, 0.020 + CREEP_M - 0.0001), (0.002, 0.0059)])
+def test_trapped_air_and_a_rebound_at_feed_are_no_inward_motion(from_m: float, to_m: float) -> None:
+    twin = Twin(trays=1)
+    check = monitors.gentle_inward(twin)
+    for x_m in (from_m, to_m):
+        twin.plant.left.place(x_m=x_m, y_m=0.07)
+        assert check() is None
+
+
+def test_what_went_inward_while_it_might_is_not_held_against_it() -> None:
+    twin = Twin(trays=1)
+    check = monitors.gentle_inward(twin)
+    for x_m, y_m in ((0.02, 0.15), (0.20, 0.15), (0.20, 0.07), (0.10, 0.07)):
+        twin.plant.left.place(x_m=x_m, y_m=y_m)
+        assert check() is None
+    twin.plant.left.place(x_m=0.11)
+    assert check() == "left slide goes inward 80.0 mm above the lower limit"
 
 
 def test_a_guarded_machine_fails_in_the_scan_in_which_a_monitor_speaks() -> None:

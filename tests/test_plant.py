@@ -195,7 +195,7 @@ def test_the_image_belongs_to_the_caller() -> None:
 
 
 @given(segments=SEGMENTS, seed=st.integers(0, 1_000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_whatever_the_coils_do_positions_switches_pressures_and_seedlings_stay_possible(
     segments: list[tuple[int, frozenset[str], bool]], seed: int
 ) -> None:

@@ -54,7 +54,7 @@ def test_they_open_while_the_air_leaves() -> None:
     assert 70 <= begins_ms <= 80
     assert 165 <= ends_ms <= 180
     assert angles_deg == sorted(angles_deg)
-    assert float(rig.left._state["freed_s"]) == pytest.approx(0.1226, abs=0.003)
+    assert float(rig.left._state["freed_s"]) == pytest.approx(0.121, abs=0.003)
 
 
 def test_they_are_free_above_10_degrees_and_grip_below_minus_5() -> None:

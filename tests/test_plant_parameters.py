@@ -1,12 +1,16 @@
 """machine.yaml: what it holds, and how a bad one is refused."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import pytest
 
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from plant_sim.parameters import DEFAULT_MACHINE, MachineError, Value, load_machine
+from plant_sim.plant import Plant
 
+MACHINE = load_machine()
 TEXT = DEFAULT_MACHINE.read_text(encoding="utf-8")
 BORE = 'bore_m: {value: 0.025, unit: m, source: paper, note: "CY1S, Table 1"}'
 BORE_LINE = 1 + TEXT[: TEXT.index(BORE)].count("\n")
@@ -27,10 +31,9 @@ def test_the_machine_is_the_one_of_the_papers() -> None:
     machine = load_machine()
     assert machine.slide.stroke_m == 0.600
     assert machine.lift.stroke_m == 0.150
-    assert machine.slide.speed_m_s == pytest.approx(0.1426, abs=0.0001)
-    assert machine.slide.speed_m_s * machine.slide.stop_s < 0.002
-    assert machine.lift.extend_m_s == pytest.approx(0.200, abs=0.0005)
-    assert machine.lift.retract_m_s == pytest.approx(0.200, abs=0.0005)
+    assert (machine.slide.bore_m, machine.lift.bore_m, machine.claws.bore_m) == (0.025, 0.050, 0.016)
+    assert machine.supply.pressure_pa == 0.50e6
+    assert machine.spreader.speed_m_s == pytest.approx(0.200)
     assert machine.cups.planting_frequency_per_min == 45
     assert machine.layout.row_spacing_m == 0.600
     assert (machine.crop.foam_thickness_mm, machine.crop.seedling_age_d, machine.crop.claw_pressure_mpa) == (
@@ -38,6 +41,13 @@ def test_the_machine_is_the_one_of_the_papers() -> None:
         51,
         0.40,
     )
+
+
+def test_speeds_are_the_throttle_times_a_bar_over_the_area_that_is_emptied() -> None:
+    """0.735e-9 * 1e5 / 490.87e-6 = 0.1497; 3.5e-9 * 1e5 / 1649.3e-6 = 0.2122; 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088."""
+    machine = load_machine()
+    speeds_m_s = (machine.slide.speed_m_s, machine.lift.extend_m_s, machine.lift.retract_m_s)
+    assert speeds_m_s == pytest.approx((0.1497, 0.2122, 0.2088), abs=0.0001)
 
 
 def test_a_machine_cannot_be_changed() -> None:
@@ -82,7 +92,7 @@ def test_a_bad_line_is_refused_with_its_number_and_its_key(tmp_path: Path, line:
     [
         (f"  {BORE}\n", "", "slide.bore_m: is missing; add it"),
         ("\nslide:", "\nslid:", "slid: is no section of the machine; did you mean slide?"),
-        ("value: 5, unit: ms", "value: 5.0, unit: ms", "simulation.substep_ms: must be a whole number, not 5.0"),
+        ("value: 10, unit: ms", "value: 10.0, unit: ms", "simulation.look_ms: must be a whole number, not 10.0"),
         ("value: false", "value: 0", "layout.arms_may_meet_in_plant: must be true or false, not 0"),
         (
             "0.187",
@@ -129,9 +139,9 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
 
 def test_values_can_be_changed_by_name() -> None:
     machine = load_machine()
-    changed = machine.with_values({"cups.planting_frequency_per_min": 60, "slide.dead_time_s": 0.05})
+    changed = machine.with_values({"cups.planting_frequency_per_min": 60, "slide.brake_n": 0.0})
     assert changed.cups.planting_frequency_per_min == 60.0
-    assert changed.slide == dataclasses.replace(machine.slide, dead_time_s=0.05)
+    assert changed.slide == dataclasses.replace(machine.slide, brake_n=0.0)
     assert machine.cups.planting_frequency_per_min == 45.0
     assert machine.with_values({}) == machine
 
@@ -145,19 +155,31 @@ def test_values_can_be_changed_by_name() -> None:
         ("cups.pitch_m", True, "cups.pitch_m: must be a number, not True"),
         ("cups.pitch_m", -1, "cups.pitch_m: must lie within 0.02 to 0.5, not -1"),
         ("cups.pitch_m", 0.055, "spreader.travel_m: spreads the claws to 0.06 m"),
-        ("simulation.substep_ms", 2.5, "simulation.substep_ms: must be a whole number"),
+        ("simulation.look_ms", 2.5, "simulation.look_ms: must be a whole number"),
+        ("simulation.step_s", 0.3e-3, "simulation.step_s: must divide a millisecond: 1.0e-3, 0.5e-3"),
+        ("slide.throttle_conductance_m3_s_pa", 4e-11, "slide.throttle_conductance_m3_s_pa: gives 0.00815 m/s; it must"),
+        ("slide_port.dead_volume_m3", 4e-6, "slide.overtravel_m: takes more than half of slide_port.dead_volume_m3"),
+        ("slide_friction.static_n", 19.0, "slide_friction.static_n: must be at least coulomb_n"),
+        ("lift.rod_m", 0.05, "lift.rod_m: must be thinner than the bore"),
+        ("lift.retract_conductance_m3_s_pa", 2e-8, "lift.retract_conductance_m3_s_pa: gives 1.02 m/s; it must give"),
+        ("supply.compressor_off_pa", 0.6e6, "supply.compressor_off_pa: must exceed compressor_on_pa"),
+        ("supply.pressure_pa", 0.65e6, "supply.pressure_pa: must be less than compressor_on_pa"),
+        ("spreader.friction_n", 481.0, "spreader.friction_n: holds the motor, which gives 480 N at most"),
+        ("conveyor.acceleration_m_s2", 12.0, "conveyor.torque_nm: gives 162 N at full speed and 192 N are needed"),
+        ("conveyor.outlet_past_beam_m", 5.0, "conveyor.outlet_past_beam_m: makes room for 11 trays on the belt"),
+        ("cups.plug_m", 0.07, "cups.plug_m: must be narrower than the mouth of a cup"),
     ],
 )
 def test_a_bad_change_is_refused(name: str, value: Value, said: str) -> None:
     with pytest.raises(MachineError) as caught:
-        load_machine().with_values({name: value})
+        MACHINE.with_values({name: value})
     assert str(caught.value).startswith(said)
 
 
 NUMBERS = [
     f"{section.name}.{field.name}"
-    for section in dataclasses.fields(load_machine())
-    for field in dataclasses.fields(getattr(load_machine(), section.name))
+    for section in dataclasses.fields(MACHINE)
+    for field in dataclasses.fields(getattr(MACHINE, section.name))
     if field.type is not bool
 ]
 
@@ -166,17 +188,93 @@ NUMBERS = [
 @pytest.mark.parametrize("value", [-1_000_000, 1_000_000_000])
 def test_no_parameter_takes_just_any_number(name: str, value: int) -> None:
     with pytest.raises(MachineError):
-        load_machine().with_values({name: value})
+        MACHINE.with_values({name: value})
+
+
+PARAMETER = re.compile(r"^  (\w+): \{value: [^,]+, unit: ([^,]+),", re.MULTILINE)
+ONE_OF_EACH_UNIT = {found[2].strip('"'): found for found in PARAMETER.finditer(TEXT)}
+
+
+@pytest.mark.parametrize("unit", ONE_OF_EACH_UNIT)
+def test_a_unit_is_what_the_name_ends_in(tmp_path: Path, unit: str) -> None:
+    found = ONE_OF_EACH_UNIT[unit]
+    spoilt = TEXT[: found.start(2)] + "furlong" + TEXT[found.end(2) :]
+    line = 1 + TEXT[: found.start(1)].count("\n")
+    said = complaint(tmp_path, spoilt)
+    assert said.startswith(f"{line}: ")
+    assert said.endswith(f".{found[1]}: must have unit {unit}, not furlong")
+
+
+def test_there_are_parameters_in_many_units() -> None:
+    assert {"m3/(s Pa)", "N s/m", "N m/Pa", "W/(m2 K)", "kg m2", "V s/m", "-"} < set(ONE_OF_EACH_UNIT)
+
+
+def test_the_machine_of_the_repository_is_within_its_ratings() -> None:
+    assert MACHINE.warnings == []
+
+
+@pytest.mark.parametrize(
+    ("values", "warning"),
+    [
+        (
+            {"supply.pressure_pa": 0.72e6, "supply.compressor_on_pa": 0.8e6, "supply.compressor_off_pa": 0.9e6},
+            "supply.pressure_pa: 0.72 MPa is outside the rating of the CY1S slide, 0.18 to 0.7 MPa",
+        ),
+        (
+            {"supply.pressure_pa": 0.15e6},
+            "supply.pressure_pa: 0.15 MPa is outside the rating of the CY1S slide, 0.18 to 0.7 MPa",
+        ),
+        (
+            {"slide.magnet_holds_n": 200.0},  # 200 N / 490.87 mm2
+            "supply.pressure_pa: 0.5 MPa is outside the rating of the CY1S slide, 0.18 to 0.407 MPa",
+        ),
+        (
+            {"rating.lift_pa": 0.45e6},
+            "supply.pressure_pa: 0.5 MPa is outside the rating of the SC50 lift, 0 to 0.45 MPa",
+        ),
+        (
+            {"crop.claw_pressure_mpa": 0.75},
+            "crop.claw_pressure_mpa: 0.75 MPa is outside the rating of the MHC2 claws, 0.1 to 0.6 MPa",
+        ),
+        (
+            {"slide.throttle_conductance_m3_s_pa": 2.5e-9},
+            "slide.throttle_conductance_m3_s_pa: 0.509 m/s is outside the rating of the CY1S slide, 0.05 to 0.4 m/s",
+        ),
+        (
+            {"slide.throttle_conductance_m3_s_pa": 0.2e-9},
+            "slide.throttle_conductance_m3_s_pa: 0.0407 m/s is outside the rating of the CY1S slide, 0.05 to 0.4 m/s",
+        ),
+        (
+            {"lift.extend_conductance_m3_s_pa": 1.4e-8},
+            "lift.extend_conductance_m3_s_pa: 0.849 m/s is outside the rating of the SC50 lift, 0 to 0.8 m/s",
+        ),
+        (
+            {"lift.retract_conductance_m3_s_pa": 1.6e-8},
+            "lift.retract_conductance_m3_s_pa: 0.815 m/s is outside the rating of the SC50 lift, 0 to 0.8 m/s",
+        ),
+    ],
+)
+def test_what_lies_outside_a_rating_is_warned_about_by_name_and_not_refused(
+    values: dict[str, Value], warning: str
+) -> None:
+    machine = MACHINE.with_values(values)
+    assert machine.warnings == [warning]
+    assert Plant(load_io_map(DEFAULT_IO_MAP), machine, seed=1).warnings == [warning]
+
+
+@pytest.mark.parametrize("claw_pressure_mpa", [0.1, 0.6])
+def test_the_ends_of_a_rating_are_within_it(claw_pressure_mpa: float) -> None:
+    assert MACHINE.with_values({"crop.claw_pressure_mpa": claw_pressure_mpa}).warnings == []
 
 
 def test_switches_that_could_contradict_each_other_are_refused() -> None:
     with pytest.raises(MachineError, match=r"slide.switch_band_m: lets the switches of two pick positions be on"):
-        load_machine().with_values(
+        MACHINE.with_values(
             {"slide.switch_band_m": 0.015, "slide.switch_hysteresis_m": 0.003, "handling.cell_pitch_m": 0.035}
         )
     for section in ("lift", "spreader"):
         stroke = "stroke_m" if section == "lift" else "travel_m"
         with pytest.raises(MachineError, match=rf"{section}.switch_band_m: lets both end switches be on at once"):
-            load_machine().with_values(
+            MACHINE.with_values(
                 {f"{section}.switch_band_m": 0.016, f"{section}.switch_hysteresis_m": 0.0, f"{section}.{stroke}": 0.03}
             )

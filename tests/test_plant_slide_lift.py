@@ -145,10 +145,13 @@ class TestSpeed:
         ("y_m", "coil", "at_m_s"), [(0.0, "lift_extend", 0.2122), (0.150, "lift_retract", -0.2088)]
     )
     def test_the_lift_runs_at_about_200_mm_s(self, y_m: float, coil: str, at_m_s: float) -> None:
-        """Its stroke is too short to settle, and its throttle, half as wide as the tube, is not quite choked."""
+        """Its stroke is too short to settle, and its throttle, half as wide as the tube, is not quite choked.
+
+        Measured over the middle of the stroke: 0.229 m/s down, still swinging on its air, 0.199 m/s up.
+        """
         rig = make_rig(y_m=y_m)
         lift = rig.left.lift
-        assert crossing_m_s(rig, lambda: lift.y_m, 0.040, 0.110, coil) == pytest.approx(at_m_s, rel=0.10)
+        assert crossing_m_s(rig, lambda: lift.y_m, 0.040, 0.130, coil) == pytest.approx(at_m_s, rel=0.10)
 
     def test_the_weight_of_the_arm_speeds_it_down_at_first(self) -> None:
         """15 kg at rest load the rod side; let go, it falls onto the air there before that can leave."""

@@ -40,9 +40,9 @@ def test_the_slide_moves_less_than_2_mm_after_its_check_valves_have_closed(x_m: 
 def test_the_slide_stops_about_6_mm_after_its_coil(x_m: float, coil: str) -> None:
     """At 0.15 m/s: 24.2 ms valve, 2 ms until its spool opens the exhaust, then the driving tube.
 
-    The brake bites at 250 kPa gauge there. Tube 18.2 cm3 through valve and tube, 0.76e-8 m3/(s Pa), falls from
-    594 to 351 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 351) = 10.5 to 12.6 ms. So far 37 to 39 ms are
-    5.5 to 5.8 mm. Then 150 N and 35 N stop 10.4 kg within 0.6 mm, and 0.9 mm with the push still there.
+    The brake bites at 300 kPa gauge there. Tube 18.2 cm3 through valve and tube, 0.76e-8 m3/(s Pa), falls from
+    594 to 401 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 401) = 7.8 to 9.4 ms. So far 34 to 36 ms are
+    5.1 to 5.4 mm. Then 150 N and 35 N stop 10.4 kg within 0.6 mm, and 0.9 mm with the push still there.
     """
     rig = make_rig(x_m=x_m)
     slide = rig.left.slide

@@ -82,7 +82,7 @@ def test_a_late_switch_tells_its_edges_later() -> None:
     rig.run_until(lambda: switch.edge_s > 0.0, "left.slide_inward")
     edge_ms, now_ms = 1000 * switch.edge_s, rig.plant.time_ms
     assert not switch.read()
-    ((told_ms, on),) = rig.changes(switch, 49, "left.slide_inward")[:1]
+    ((told_ms, on),) = rig.changes(switch, 52, "left.slide_inward")[:1]
     assert on
     assert 50 <= now_ms + told_ms - edge_ms <= 51
 

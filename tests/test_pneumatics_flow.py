@@ -77,6 +77,7 @@ def test_restrictions_in_series() -> None:
     assert in_series(0.0, 1.0) == in_series(1.0, 0.0) == 0.0
 
 
+@settings(deadline=None, derandomize=True)
 @given(
     up_pa=st.floats(5e4, 1e6),
     ratio=st.floats(0.0, 1.0),
@@ -201,25 +202,25 @@ def test_air_that_leaves_one_chamber_enters_the_other() -> None:
     assert chambers[0]["pressure_pa"] == pytest.approx(chambers[1]["pressure_pa"], rel=1e-3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(
-    volume_m3=st.floats(9e-6, 1e-3),
-    wait_ms=st.sampled_from([0.2, 1.0]),
+    volume_m3=st.floats(1e-6, 1e-3),
+    conductance_m3_s_pa=st.sampled_from([1e-9, 1e-8, 1e-7, 1e-6]),
+    step_ms=st.sampled_from([0.2, 1.0, 5.0]),
     gauge_pa=st.floats(0.1e6, 0.8e6),
     thermal=st.booleans(),
 )
-def test_a_volume_of_the_machine_fills_and_empties_without_overshooting(
-    volume_m3: float, wait_ms: float, gauge_pa: float, thermal: bool
+def test_however_small_a_volume_it_fills_and_empties_without_overshooting(
+    volume_m3: float, conductance_m3_s_pa: float, step_ms: float, gauge_pa: float, thermal: bool
 ) -> None:
-    """From the smallest volume (tube of the claws, 9.3 cm3) up, through the widest way to a small one, 1e-8:
-    never more than 0.1 % past the main, and no swing. Source of the bound: measured 0.03 %, kink at ratio 0.99.
-    """
-    gas = make_gas(KAPPA if thermal else 1.2, 0.4, thermal=thermal, wall_w_m2_k=50.0, step_s=wait_ms / 1000)
+    """Any volume and way that the parameters allow, at steps up to 5 ms: never 0.5 % past the main."""
+    gas = make_gas(KAPPA if thermal else 1.2, 0.4, thermal=thermal, wall_w_m2_k=50.0, step_s=step_ms / 1000)
     full_pa = ATMOSPHERE_PA + gauge_pa
     for main_pa, start_pa in ((full_pa, ATMOSPHERE_PA), (ATMOSPHERE_PA, full_pa)):
         chambers = make_chambers(gas, (1.0, main_pa), (volume_m3, start_pa))
-        past_pa = (fill_up(chambers, gas, 1e-8, 0.4)[:, 1] - main_pa) * math.copysign(1.0, main_pa - start_pa)
-        assert past_pa.max() < 1e-3 * main_pa
+        seen_pa = fill_up(chambers, gas, conductance_m3_s_pa, 0.4)[:, 1]
+        past_pa = (seen_pa - main_pa) * math.copysign(1.0, main_pa - start_pa)
+        assert past_pa.max() < 5e-3 * main_pa
 
 
 def test_air_that_nothing_drives_stands_bit_for_bit() -> None:

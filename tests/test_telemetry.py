@@ -35,10 +35,10 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
 
 
 def test_telemetry_of_a_machine_as_found(client: Client) -> None:
-    """Two full trays, arms at feed, down and open; nothing written yet."""
+    """Two full trays, arms at feed against their bumpers, down and open; nothing written yet."""
     telemetry = read_registers(client)
     assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms"))
-    arm = {"slide_mm": 0.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "missed_cups": 0}
+    arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "missed_cups": 0}
     assert telemetry == {
         **{f"{side}.{name}": value for side in ("left", "right") for name, value in arm.items()},
         "in_tray": 144,

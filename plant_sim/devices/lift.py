@@ -60,6 +60,11 @@ class LiftSpec:
             require(possible, key, f"gives {speed_m_s:.3g} m/s; it must give 0.01 to 1 m/s")
 
     @property
+    def area_m2(self) -> float:
+        """Area of the full piston, m2."""
+        return piston_area_m2(self.bore_m)
+
+    @property
     def extend_m_s(self) -> float:
         """Steady speed of the arm going down, m/s; the rod side is emptied."""
         area_m2 = annulus_area_m2(self.bore_m, self.rod_m)

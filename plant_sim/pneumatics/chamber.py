@@ -56,8 +56,8 @@ def surroundings(c: Any) -> None:
 def exchange(a: Any, b: Any, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
     """Let air flow through a restriction between two chambers for a step; return the mass that left `a`, kg.
 
-    The flow is linearly implicit in both pressures: however small the volumes, it settles instead of
-    overshooting, and what leaves one chamber enters the other. Source: PLANT.md 3.3, 3.4.
+    The flow is linearly implicit in both pressures and ends where they are equal: however small the volumes,
+    it settles instead of overshooting, and what leaves one enters the other. Source: PLANT.md 3.3, 3.4.
     """
     if conductance_m3_s_pa <= 0.0:
         return 0.0
@@ -78,14 +78,51 @@ def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_
 def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
     mass_kg: float = step_s * kg_s / (1.0 + step_s * (grows * up.stiffness + falls * down.stiffness))
-    heat_j = HEAT_P * up.temperature_k * mass_kg
-    up.mass_kg -= mass_kg
-    up.pressure_pa -= up.stiffness * mass_kg
-    up.energy_j -= heat_j
-    down.mass_kg += mass_kg
-    down.pressure_pa += down.stiffness * mass_kg
-    down.energy_j += heat_j
+    levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down.stiffness)
+    if mass_kg > 0.2 * levels_kg:
+        mass_kg = min(mass_kg, levels_kg * _softer(down, levels_kg))
+    move(up, down, mass_kg)
     return mass_kg
+
+
+@compiled
+def _softer(c: Any, mass_kg: float) -> float:
+    """Share of a mass that brings a chamber to where its stiffness says the whole would: filling, it stiffens."""
+    grows = c.stiffness * mass_kg / c.pressure_pa
+    if grows <= 0.0:
+        return 1.0
+    exponent = c.stiffness * c.mass_kg / c.pressure_pa
+    share: float = ((1.0 + grows) ** (1.0 / exponent) - 1.0) * exponent / grows
+    return share
+
+
+@compiled
+def move(a: Any, b: Any, mass_kg: float) -> None:
+    """Take air with its heat from one chamber to the other; a negative mass goes back."""
+    heat_j = HEAT_P * mass_kg * (a.temperature_k if mass_kg > 0.0 else b.temperature_k)
+    a.mass_kg -= mass_kg
+    a.pressure_pa -= a.stiffness * mass_kg
+    a.energy_j -= heat_j
+    b.mass_kg += mass_kg
+    b.pressure_pa += b.stiffness * mass_kg
+    b.energy_j += heat_j
+
+
+@compiled
+def tendency(
+    a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float
+) -> tuple[float, float, float]:
+    """Flow from `a` to `b`, kg/s, and how it grows with the pressure of `a` and falls with that of `b`, kg/(s Pa).
+
+    It is negative if it goes back. Towards `b` it opens at a cracking pressure.
+    """
+    up_pa = a.pressure_pa - crack_pa
+    if conductance_m3_s_pa <= 0.0 or (up_pa <= b.pressure_pa and a.pressure_pa >= b.pressure_pa):
+        return 0.0, 0.0, 0.0
+    if up_pa > b.pressure_pa:
+        return flow(up_pa, b.pressure_pa, conductance_m3_s_pa, critical_ratio, a.temperature_k)
+    kg_s, grows, falls = flow(b.pressure_pa, a.pressure_pa, conductance_m3_s_pa, critical_ratio, b.temperature_k)
+    return -kg_s, falls, grows
 
 
 @compiled

@@ -10,7 +10,7 @@ from plant_sim.pneumatics.friction import FRICTION, rubbed_m_s
 from plant_sim.pneumatics.line import LINE, LINE_MAKE, line_rests, step_line
 from plant_sim.pneumatics.valve import VALVE, VALVE_MAKE, step_valve
 
-_STILL_M_S = 1e-6
+_STILL_M_S, _STILL_N = 1e-6, 1.0
 
 #: State. The load stands at `position_m` from the end stop at 0 and moves at `speed_m_s`; the piston
 #: has its own place and speed where a magnet couples it to the load, else it has the load's. `plus`
@@ -77,12 +77,7 @@ def step_cylinder(c: Any, make: Any, plus: bool, minus: bool, manifold: Any, out
         gas: How air behaves.
     """
     step_valve(c.valve, make.valve, plus, minus, gas.step_s)
-    rod_m2 = make.plus_area_m2 - make.minus_area_m2
-    push_n = (
-        c.plus.chamber.pressure_pa * make.plus_area_m2
-        - c.minus.chamber.pressure_pa * make.minus_area_m2
-        - ATMOSPHERE_PA * rod_m2
-    )
+    push_n = _push_n(c, make)
     if make.magnet_holds_n > 0.0:
         _move_coupled(c, make, push_n, gas.step_s)
     else:
@@ -99,15 +94,45 @@ def step_cylinder(c: Any, make: Any, plus: bool, minus: bool, manifold: Any, out
 
 @compiled
 def rests(c: Any, make: Any, plus: bool, minus: bool, manifold: Any) -> bool:
-    """Whether a step would change nothing worth the name: no motion, no flow, air as warm as the walls."""
+    """Whether a step would change nothing worth the name: nothing about to move, no flow, air as warm as the walls."""
     valve = c.valve
     if abs(c.piston_m_s) > _STILL_M_S or c.speed_m_s != 0.0 or valve.spool != valve.target:
         return False
-    if plus != (valve.plus_acts != 0) or minus != (valve.minus_acts != 0):
+    if plus != (valve.plus_acts != 0) or minus != (valve.minus_acts != 0) or not _holds(c, make):
         return False
     return line_rests(c.plus, make.plus, valve.spool, manifold) and line_rests(
         c.minus, make.minus, -valve.spool, manifold
     )
+
+
+@compiled
+def _push_n(c: Any, make: Any) -> float:
+    """Force of the air on the piston, N, positive away from 0."""
+    rod_m2 = make.plus_area_m2 - make.minus_area_m2
+    push_n: float = (
+        c.plus.chamber.pressure_pa * make.plus_area_m2
+        - c.minus.chamber.pressure_pa * make.minus_area_m2
+        - ATMOSPHERE_PA * rod_m2
+    )
+    return push_n
+
+
+@compiled
+def _holds(c: Any, make: Any) -> bool:
+    """Whether a load that stands goes on standing: held by its friction, its brake, a fault or an end stop."""
+    push_n = _push_n(c, make)
+    if make.magnet_holds_n > 0.0:
+        pull_n = 0.0 if c.decoupled else make.magnet_n_m * (c.piston_m - c.position_m)
+        if abs(push_n - pull_n) > _STILL_N:
+            return False
+        push_n = pull_n + _bumper(c, make, 0.0)[0]
+    else:
+        push_n += make.weight_n
+    if make.blocked:
+        return True
+    if (c.position_m <= 0.0 and push_n <= 0.0) or (c.position_m >= make.stroke_m and push_n >= 0.0):
+        return True
+    return bool(abs(push_n) <= make.friction.static_n + _brake_n(c, make))
 
 
 @compiled

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, resize, settle
+from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, move, resize, settle, tendency
 from plant_sim.pneumatics.compiled import compiled
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K, in_series
 from plant_sim.pneumatics.valve import exhaust_opening, supply_opening
@@ -85,22 +85,67 @@ def step_line(
     step_s = gas.step_s
     tube, chamber, critical = n.tube, n.chamber, make.critical_ratio
     resize(chamber, volume_m3, gas)
-    through = valve_make.conductance_m3_s_pa * supply_opening(spool)
-    if through > 0.0:
-        through = in_series(through, make.tube_m3_s_pa)
-        n.drawn_kg += exchange(manifold, tube, through, valve_make.critical_ratio, step_s)
-    through = valve_make.conductance_m3_s_pa * exhaust_opening(spool)
-    if through > 0.0:
-        exchange(tube, outside, in_series(through, make.tube_m3_s_pa), valve_make.critical_ratio, step_s)
     gauge_pa = chamber.pressure_pa - ATMOSPHERE_PA
     least_pa = max(make.pilot_ratio * gauge_pa, make.pilot_least_pa)
     n.piloted = 1 if make.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
-    if tube.pressure_pa > chamber.pressure_pa:
-        check(tube, chamber, 0.0 if n.piloted else make.crack_pa, make.free_m3_s_pa, critical, step_s)
-    elif n.piloted:
-        check(chamber, tube, 0.0, make.throttle_m3_s_pa * out_share, critical, step_s)
+    crack_pa, onward = 0.0 if n.piloted else make.crack_pa, make.free_m3_s_pa
+    if tube.pressure_pa <= chamber.pressure_pa:
+        crack_pa, onward = 0.0, make.throttle_m3_s_pa * out_share if n.piloted else make.slip_m3_s_pa
+    opening = supply_opening(spool)
+    if opening > 0.0:
+        through = in_series(valve_make.conductance_m3_s_pa * opening, make.tube_m3_s_pa)
+        n.drawn_kg += _through(n, manifold, through, valve_make.critical_ratio, crack_pa, onward, critical, step_s)
     else:
-        check(chamber, tube, 0.0, make.slip_m3_s_pa, critical, step_s)
+        through = in_series(valve_make.conductance_m3_s_pa * exhaust_opening(spool), make.tube_m3_s_pa)
+        _through(n, outside, through, valve_make.critical_ratio, crack_pa, onward, critical, step_s)
     exchange(chamber, outside, make.leak_m3_s_pa, critical, step_s)
     settle(tube, gas)
     settle(chamber, gas)
+
+
+@compiled
+def _through(
+    n: Any, source: Any, valve_m3_s_pa: float, valve_critical: float, crack_pa: float, onward_m3_s_pa: float,
+    onward_critical: float, step_s: float,
+) -> float:  # fmt: skip
+    """Let air through the valve and on to the chamber (or back) at once; return what the source gave, kg.
+
+    Both flows are linearly implicit in all three pressures together. One after the other, the tube's pressure would
+    stand too high, or too low, by what one of them brings in a step.
+    """
+    tube, chamber = n.tube, n.chamber
+    in_kg_s, in_grows, in_falls = tendency(source, tube, 0.0, valve_m3_s_pa, valve_critical)
+    on_kg_s, on_grows, on_falls = tendency(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical)
+    a11 = 1.0 + step_s * (in_grows * source.stiffness + in_falls * tube.stiffness)
+    a12 = -step_s * in_falls * tube.stiffness
+    a21 = -step_s * on_grows * tube.stiffness
+    a22 = 1.0 + step_s * (on_grows * tube.stiffness + on_falls * chamber.stiffness)
+    by = step_s / (a11 * a22 - a12 * a21)
+    in_kg: float = by * (a22 * in_kg_s - a12 * on_kg_s)
+    on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)
+    tube_pa = tube.pressure_pa + tube.stiffness * (in_kg - on_kg)
+    source_pa, chamber_pa = (
+        source.pressure_pa - source.stiffness * in_kg,
+        chamber.pressure_pa + chamber.stiffness * on_kg,
+    )
+    settles = _settles(source.pressure_pa, tube.pressure_pa, source_pa, tube_pa)
+    settles = settles and _settles(tube.pressure_pa, chamber.pressure_pa, tube_pa, chamber_pa)
+    if settles and on_kg * on_kg_s >= 0.0:
+        move(source, tube, in_kg)
+        move(tube, chamber, on_kg)
+        return in_kg
+    # a pressure would run past another: one after the other, each up to where both are equal
+    in_kg = exchange(source, tube, valve_m3_s_pa, valve_critical, step_s)
+    if on_kg_s > 0.0:
+        check(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical, step_s)
+    elif on_kg_s < 0.0:
+        check(chamber, tube, 0.0, onward_m3_s_pa, onward_critical, step_s)
+    return in_kg
+
+
+@compiled
+def _settles(one_pa: float, other_pa: float, one_after_pa: float, other_after_pa: float) -> bool:
+    """Whether two pressures do not run past one another, unless one of the differences is slight."""
+    slight_pa = 0.01 * one_pa
+    apart_pa, after_pa = one_pa - other_pa, one_after_pa - other_after_pa
+    return apart_pa * after_pa >= 0.0 or abs(apart_pa) <= slight_pa or abs(after_pa) <= slight_pa

@@ -44,7 +44,8 @@ def plot(recording: Recording, out: Path, window: Window, *, side: str, tags: Se
         mpl.rcParams.update(STYLE)
         if lanes:
             data = recording.read(list(dict.fromkeys([*lanes, *trouble])), window)
-            figure = timing_diagram(data, recording.labels, f"{name}: timing, {span}", full=tags is not None)
+            asked = () if tags is None else lanes
+            figure = timing_diagram(data, recording.labels, f"{name}: timing, {span}", asked=asked)
             written += save(figure, out / f"{name}-timing")
         if panels:
             columns = [trace.column for panel in panels for trace in panel.traces]

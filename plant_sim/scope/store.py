@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -45,26 +47,31 @@ class Writer:
         if path.exists():
             raise RecordingError(f"{path}: is already there; delete it or give another name")
         try:
-            self._file = self._part.open("xb")
+            self._part.open("xb").close()
+            self._file = pa.OSFile(str(self._part), "wb")
         except FileExistsError:
             reason = "another run writes it or was killed; delete it or give another name"
             raise RecordingError(f"{self._part}: is already there: {reason}") from None
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be written ({error.strerror}); give another place") from None
+            raise RecordingError(f"{path}: cannot be written ({_reason(error)}); give another place") from None
         self._table: pq.ParquetWriter | None = None
+        self._failed = False
 
     def write(self, rows: pa.Table) -> None:
         """Append rows as a group of their own; the first ones decide on the columns.
 
         Raises:
-            RecordingError: the disk refuses.
+            RecordingError: the disk refuses. Nothing can be read without its end, so nothing is left.
         """
+        if self._failed:
+            return
         try:
             if self._table is None:
                 self._table = _parquet(self._file, rows.schema)
             self._table.write_table(rows)
         except OSError as error:
-            raise RecordingError(f"{self._part}: cannot be written ({error.strerror or error}); make room") from None
+            self._abandon()
+            raise RecordingError(f"{self.path}: cannot be written ({_reason(error)}); make room") from None
 
     def finish(self) -> None:
         """Complete the file and give it its name; of a recording without rows nothing is left.
@@ -72,16 +79,26 @@ class Writer:
         Raises:
             RecordingError: the disk refuses.
         """
+        if self._failed:
+            return
+        if self._table is None:
+            self._abandon()
+            return
         try:
-            if self._table is not None:
-                self._table.close()
+            self._table.close()
             self._file.close()
-            if self._table is None:
-                self._part.unlink()
-            else:
-                self._part.replace(self.path)
+            self._part.replace(self.path)
         except OSError as error:
-            raise RecordingError(f"{self._part}: cannot be completed ({error.strerror or error})") from None
+            self._abandon()
+            raise RecordingError(f"{self.path}: cannot be completed ({_reason(error)}); make room") from None
+
+    def _abandon(self) -> None:
+        self._failed = True
+        for file in (self._table, self._file):
+            with contextlib.suppress(OSError):
+                if file is not None:
+                    file.close()
+        self._part.unlink(missing_ok=True)
 
 
 def described(schema: pa.Schema, about: Mapping[str, Any]) -> pa.Schema:
@@ -206,9 +223,14 @@ def _opened(path: Path) -> pq.ParquetFile:
     try:
         return pq.ParquetFile(path)
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror or 'damaged'}); give another file") from None
+        raise RecordingError(f"{path}: cannot be read ({_reason(error)}); give another file") from None
     except pa.ArrowInvalid:
         raise RecordingError(f"{path}: is no recording of the plant; make one with --record") from None
+
+
+def _reason(error: OSError) -> str:
+    """Why the system refuses, in a line; Arrow tells it at the end of a longer text."""
+    return os.strerror(error.errno) if error.errno else str(error).splitlines()[0]
 
 
 def _noted(schema: pa.Schema, key: bytes) -> dict[str, str]:

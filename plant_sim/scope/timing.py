@@ -50,18 +50,20 @@ def default_tags(recording: Recording, side: str) -> list[str]:
     return [name for name in wanted if name in recording.names] + wires
 
 
-def timing_diagram(data: Mapping[str, np.ndarray], labels: Mapping[str, str], title: str, *, full: bool) -> Figure:
+def timing_diagram(
+    data: Mapping[str, np.ndarray], labels: Mapping[str, str], title: str, *, asked: Sequence[str] = ()
+) -> Figure:
     """Draw the diagram.
 
     Args:
         data: Columns of bools and texts of a part of a recording, with `TIME`.
         labels: Terminals by column.
         title: What is shown.
-        full: Whether lanes that never change are drawn, too; else they are named below.
+        asked: Columns to draw even if they never change; without any, what never changes is named below.
     """
     time_s = data[TIME] / 1000
-    constant = [] if full else [name for name in data if name not in (TIME, "state") and _constant(data[name])]
-    groups = _groups(time_s, {name: data[name] for name in data if name not in constant}, labels)
+    constant = [] if asked else [name for name in data if name not in (TIME, "state") and _constant(data[name])]
+    groups = _groups(time_s, {name: data[name] for name in data if name not in constant}, labels, asked)
     height_in = _TOP_IN + _BOTTOM_IN + _LANE_IN * sum(_height(lanes) for lanes in groups.values())
     figure = Figure(figsize=(_WIDTH_IN, height_in))
     wide_in, high_in = _WIDTH_IN - _LEFT_IN - _RIGHT_IN, height_in - _TOP_IN - _BOTTOM_IN
@@ -82,31 +84,35 @@ def _constant(values: np.ndarray) -> bool:
     return bool(np.all(values == values[0]))
 
 
-def _groups(time_s: np.ndarray, data: Mapping[str, np.ndarray], labels: Mapping[str, str]) -> dict[str, list[Lane]]:
-    """Sort the columns to machine and arms, steps first, then coils, then sensors."""
+def _groups(
+    time_s: np.ndarray, data: Mapping[str, np.ndarray], labels: Mapping[str, str], asked: Sequence[str]
+) -> dict[str, list[Lane]]:
+    """Sort the columns to machine and arms, alarms and faults first, then steps, coils, sensors."""
     # of several sequences the last one asked for is shown step by step
     staircase = next((name for name in reversed(list(data)) if name.startswith("step.")), None)
-    groups: dict[str, list[Lane]] = {}
+    groups: dict[str, list[Lane]] = {owner: [] for owner in _TITLES}
     for name in sorted(data, key=_rank):
         if name == TIME:
             continue
         owner = _owner(name)
-        lanes = groups.setdefault(owner, [])
-        colour = COLOURS.get(name, COLOURS[owner])
+        label, colour = _plain(name, labels), COLOURS.get(name, COLOURS[owner])
         spans = spans_of(time_s, data[name])
         if name in ("faults", "alarms"):
             marks = [mark for mark in marks_of(time_s, data) if mark.kind == name]
-            lanes += [Lane(name[:-1], colour, "mark", [(mark.from_s, mark.to_s)], (mark.text,)) for mark in marks]
+            lanes = [Lane(name[:-1], colour, "mark", [(mark.from_s, mark.to_s)], (mark.text,)) for mark in marks]
         elif data[name].dtype == np.bool_:
             kind = "coil" if name.startswith("y.") else "sensor"
-            lanes.append(Lane(_plain(name, labels), colour, kind, [(a, b) for a, b, on in spans if on]))
+            lanes = [Lane(label, colour, kind, [(from_s, to_s) for from_s, to_s, on in spans if on])]
         elif name == staircase:
-            lanes += _staircase(spans, colour)
+            lanes = _staircase(spans, colour)
         else:
-            shown = [(a, b, str(text).lower()) for a, b, text in spans if text]
+            shown = [(from_s, to_s, str(text).lower()) for from_s, to_s, text in spans if text]
             texts = tuple(text for _, _, text in shown)
-            lanes.append(Lane(_plain(name, labels), colour, "text", [(a, b) for a, b, _ in shown], texts))
-    return {owner: groups[owner] for owner in _TITLES if owner in groups}
+            lanes = [Lane(label, colour, "text", [(from_s, to_s) for from_s, to_s, _ in shown], texts)]
+        if not lanes and name in asked:
+            lanes = [Lane(label, colour, "text", [])]
+        groups[owner] += lanes
+    return {owner: lanes for owner, lanes in groups.items() if lanes}
 
 
 def _staircase(spans: list[tuple[float, float, object]], colour: str) -> list[Lane]:
