@@ -31,7 +31,7 @@ from plant_sim.links.serve import serve
 from plant_sim.parameters import DEFAULT_MACHINE, Machine, MachineError, load_machine
 from plant_sim.plant import Plant
 from plant_sim.scope.cli import add_plot_arguments, add_record_argument, plot_command
-from plant_sim.scope.recorder import Recorder
+from plant_sim.scope.recorder import LIVE_ROWS_A_GROUP, Recorder
 from plant_sim.scope.store import RecordingError
 
 COMMANDS = ("serve", "run", "trial", "scenario", "plot", "air", "bench", "docs")
@@ -161,7 +161,7 @@ def _serve(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         if options.record is not None:
             recorder = Recorder(plant, options.record, io_map=io_map, machine=machine, seed=options.seed,
-                                outputs=lambda: module.outputs)  # fmt: skip
+                                outputs=lambda: module.outputs, rows_a_group=LIVE_ROWS_A_GROUP)  # fmt: skip
             module.observers.append(stack.enter_context(recorder).sample)
         try:
             asyncio.run(serve(server, listening=listening))

@@ -60,9 +60,7 @@ class Rig:
     def run(self, for_ms: int, *tags: str) -> None:
         self.plant.step(for_ms, self.outputs(*tags))
 
-    def run_until(
-        self, reached: Callable[[], bool], *tags: str, within_ms: int = 20_000, every_ms: int = 5
-    ) -> int:
+    def run_until(self, reached: Callable[[], bool], *tags: str, within_ms: int = 20_000, every_ms: int = 5) -> int:
         """Drive coils until something holds; returns how long it took, ms."""
         start_ms = self.plant.time_ms
         image = self.outputs(*tags)

@@ -35,7 +35,7 @@ from plant_sim.devices.spreader import Spreader
 
 TICK_MS = 100
 """A limit timer counts ticks of 100 ms: it may be up to one short."""
-PUSH_M = 0.012
+PUSH_M = 0.008
 """Out of a row's switch, 5 mm and 1 mm of hysteresis, and not yet at the next row, 43 mm on."""
 
 Device = Conveyor | Cylinder | Spreader

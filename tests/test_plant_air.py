@@ -149,10 +149,11 @@ def edges_of_a_cycle(step_s: float) -> list[dict[str, float]]:
     return seen
 
 
-def test_a_finer_step_moves_no_edge_by_a_scan() -> None:
-    """Motors and cups do not notice half the step; air is taken in turns from part to part, which costs a little.
+def test_a_finer_step_moves_no_edge_by_what_a_controller_could_see() -> None:
+    """Half the step: 0.1 ms for motors, nothing for cups.
 
-    Measured: slide 5.1 ms of 1.73 s, lift 8.4 ms of 0.88 s at its end behind the cushion, and 0.6 ms when it sets out.
+    Measured: slides 1.2 ms in their start, the wait for the air before them, and less than 0.3 ms later; the lift
+    0.5 ms, and 1.0 ms at its end behind the cushion.
     """
     coarse, fine = edges_of_a_cycle(1e-3), edges_of_a_cycle(0.5e-3)
     assert [set(part) for part in coarse] == [set(part) for part in fine]
@@ -160,7 +161,14 @@ def test_a_finer_step_moves_no_edge_by_a_scan() -> None:
     for part, finer in zip(coarse, fine, strict=True):
         for tag, edge_s in part.items():
             shifts_ms[tag] = max(shifts_ms.get(tag, 0.0), 1000 * abs(finer[tag] - edge_s))
-    limits_ms = {"cup_pulse": 0.001, "claws_converged": 0.1, "claws_spread": 0.1}
-    assert shifts_ms.keys() == limits_ms.keys() | {"lift_up", "lift_down", "slide_at_feed", "slide_at_pick_1"}
-    for tag, shift_ms in shifts_ms.items():
-        assert shift_ms < limits_ms.get(tag, 10.0), tag
+    limits_ms = {
+        "cup_pulse": 0.001,
+        "claws_converged": 0.1,
+        "claws_spread": 0.1,
+        "slide_at_feed": 1.5,
+        "slide_at_pick_1": 1.0,
+        "lift_up": 2.0,
+        "lift_down": 2.0,
+    }
+    assert shifts_ms.keys() == limits_ms.keys()
+    assert {tag: shift_ms for tag, shift_ms in shifts_ms.items() if shift_ms >= limits_ms[tag]} == {}

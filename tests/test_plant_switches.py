@@ -84,7 +84,7 @@ def test_a_late_switch_tells_its_edges_later() -> None:
     assert not switch.read()
     ((told_ms, on),) = rig.changes(switch, 52, "left.slide_inward")[:1]
     assert on
-    assert 50 <= now_ms + told_ms - edge_ms <= 51
+    assert 50 <= now_ms + told_ms - edge_ms <= 54  # first told while the contact bounces
 
 
 def test_every_switch_of_the_slide_is_where_it_belongs() -> None:

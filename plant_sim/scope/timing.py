@@ -118,8 +118,9 @@ def _groups(
 def _staircase(spans: list[tuple[float, float, object]], colour: str) -> list[Lane]:
     """One lane for each step, in the order in which they come."""
     steps: dict[str, list[Span]] = {}
-    # the step in which the window begins belongs to the cycle before: it has its place where it comes again
-    for from_s, to_s, title in [*spans[1:], *spans[:1]]:
+    # a step in which the window begins and that comes again belongs to the cycle before: it has its place there
+    comes_again = any(title == spans[0][2] for _, _, title in spans[1:])
+    for from_s, to_s, title in [*spans[1:], spans[0]] if comes_again else spans:
         if title:
             steps.setdefault(str(title), []).append((from_s, to_s))
     return [Lane(title, colour, "step", times) for title, times in steps.items()]

@@ -16,7 +16,9 @@ from plant_sim.scope.columns import SIDES, bands_of
 from plant_sim.scope.store import TIME, Recording
 from plant_sim.scope.style import COLOURS, QUIET, SERIES, Mark, marks_of, seconds, shade
 
-_WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 11.0, 0.85, 1.25, 0.9, 0.5
+_WIDTH_IN, _LEFT_IN, _BOTTOM_IN = 11.0, 0.85, 0.5
+_TITLE_IN, _LEGEND_IN, _MARKS_IN = 0.4, 0.15, 0.35
+_CHARACTER_IN = 0.052  # of a name beside a panel
 _PANEL_IN, _GAP_IN = 1.22, 0.14
 
 _SUPPLY = {
@@ -129,17 +131,17 @@ def trend_plot(panels: list[Panel], data: Mapping[str, np.ndarray], title: str) 
     """
     time_s = data[TIME] / 1000
     marks = marks_of(time_s, data)
-    height_in = _TOP_IN + _BOTTOM_IN + len(panels) * (_PANEL_IN + _GAP_IN) - _GAP_IN
+    by_arm = any(not trace.label for panel in panels for trace in panel.traces)
+    top_in = _TITLE_IN + (_LEGEND_IN if by_arm else 0.0) + (_MARKS_IN if marks else 0.0)
+    height_in = top_in + _BOTTOM_IN + len(panels) * (_PANEL_IN + _GAP_IN) - _GAP_IN
+    names = [trace.label for panel in panels for trace in panel.traces]
+    names += [level.label for panel in panels for level in panel.levels]
+    wide_in = _WIDTH_IN - _LEFT_IN - 0.2 - _CHARACTER_IN * max(map(len, names))
     figure = Figure(figsize=(_WIDTH_IN, height_in))
     first: Axes | None = None
     for number, panel in enumerate(panels):
         low_in = _BOTTOM_IN + (len(panels) - 1 - number) * (_PANEL_IN + _GAP_IN)
-        box = (
-            _LEFT_IN / _WIDTH_IN,
-            low_in / height_in,
-            1 - (_LEFT_IN + _RIGHT_IN) / _WIDTH_IN,
-            _PANEL_IN / height_in,
-        )
+        box = (_LEFT_IN / _WIDTH_IN, low_in / height_in, wide_in / _WIDTH_IN, _PANEL_IN / height_in)
         axes = figure.add_axes(box, sharex=first)
         first = first or axes
         _draw_panel(axes, panel, time_s, data)
@@ -149,7 +151,9 @@ def trend_plot(panels: list[Panel], data: Mapping[str, np.ndarray], title: str) 
         first.set_xlim(time_s[0], time_s[-1])
         _note_marks(first, marks)
     figure.axes[-1].set_xlabel("plant time (s)")
-    _head(figure, title, height_in, panels)
+    figure.text(_LEFT_IN / _WIDTH_IN, 1 - 0.2 / height_in, title, fontsize=10, fontweight="bold", va="center")
+    if by_arm:
+        _explain(figure, height_in)
     return figure
 
 
@@ -220,10 +224,8 @@ def _note_marks(axes: Axes, marks: list[Mark]) -> None:
         )
 
 
-def _head(figure: Figure, title: str, height_in: float, panels: list[Panel]) -> None:
-    figure.text(_LEFT_IN / _WIDTH_IN, 1 - 0.2 / height_in, title, fontsize=10, fontweight="bold", va="center")
-    if not any(trace.colour == COLOURS["left"] for panel in panels for trace in panel.traces if not trace.label):
-        return
+def _explain(figure: Figure, height_in: float) -> None:
+    """Say what the colours and lines of both arms mean."""
     handles = [Line2D([], [], color=COLOURS[side], label=f"{side} arm") for side in SIDES]
     handles += [
         Line2D([], [], color="black", label="chamber that drives in, down, open"),
