@@ -157,8 +157,10 @@ class ArmPlant:
             now_s: Time, s.
             sight: Where everything of the arm is, as the kernel's `SIGHT`.
         """
-        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s = sight
+        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, clamps_pa = sight
         self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
+        if clamps_pa < self.claws.holds_above_pa and self.grip.held:
+            self.grip.let_slip(self._pose, now_s)
         if stirred != self._stirred or self._bed.belt_m != self._belt_m:
             self._stirred = stirred
             self._belt_m = self._bed.belt_m

@@ -1,5 +1,6 @@
 """The whole machine's motion, compiled: one call advances everything that moves by a number of steps."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,8 @@ ARM_MAKE = np.dtype(
     ]
 )
 
-#: What `advance` tells of each arm, then of the belt: its way, m.
+#: What `advance` tells of each arm, then of the belt: its way, m. `clamps_pa` is the pressure that presses closed
+#: fingers together; endless while they move or their valve opens them.
 SIGHT = (
     "slide_m",
     "lift_m",
@@ -87,6 +89,7 @@ SIGHT = (
     "chain_m_s",
     "stirred",
     "freed_s",
+    "clamps_pa",
 )
 
 #: Everything that moves, and everything that decides how.
@@ -116,9 +119,9 @@ def advance(machine: Any, make: Any, coils: Any, fed: bool, start_s: float, step
         step_conveyor(m.conveyor, make[0].conveyor, coils[16], coils[17], at_s, gas.step_s)
         for side in range(2):
             _step_arm(m.arms[side], make[0].arms[side], coils[8 * side : 8 * side + 8], air.network, at_s, gas)
-        settle_air(air, air_make, gas)
+        settle_air(air, air_make, at_s + gas.step_s, gas)
     for side in range(2):
-        arm, first = m.arms[side], 8 * side
+        arm, first = m.arms[side], 9 * side
         sight[first] = arm.slide.position_m
         sight[first + 1] = arm.lift.position_m
         sight[first + 2] = arm.claws.position_m
@@ -127,7 +130,10 @@ def advance(machine: Any, make: Any, coils: Any, fed: bool, start_s: float, step
         sight[first + 5] = arm.cups.speed_m_s
         sight[first + 6] = arm.stirred
         sight[first + 7] = arm.freed_s
-    sight[16] = m.conveyor.belt_m
+        sight[first + 8] = math.inf
+        if arm.claws.valve.target < 0.0 and arm.claws.speed_m_s == 0.0:
+            sight[first + 8] = arm.claws.minus.chamber.pressure_pa - arm.claws.plus.chamber.pressure_pa
+    sight[18] = m.conveyor.belt_m
 
 
 @compiled

@@ -256,12 +256,18 @@ class Machine:
             ("lift.extend_conductance_m3_s_pa", self.lift.extend_m_s, 0.0, rating.lift_m_s, "m/s", 1.0, "SC50 lift"),
             ("lift.retract_conductance_m3_s_pa", self.lift.retract_m_s, 0.0, rating.lift_m_s, "m/s", 1.0, "SC50 lift"),
         ]  # fmt: skip
-        return [
+        beyond = [
             f"{name}: {value / unit:.3g} {symbol} is outside the rating of the {part}, "
             f"{low / unit:g} to {high / unit:.3g} {symbol}"
             for name, value, low, high, symbol, unit, part in checks
             if not low <= value <= high
         ]
+        if self.slide.recouples_m_s < self.slide.speed_m_s:
+            beyond.append(
+                f"slide.recouples_m_s: {self.slide.recouples_m_s:.3g} m/s is less than the speed of the piston, "
+                f"{self.slide.speed_m_s:.3g} m/s: a carriage that is lost is never caught again"
+            )
+        return beyond
 
     @property
     def picks_m(self) -> tuple[float, ...]:

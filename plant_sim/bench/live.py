@@ -61,6 +61,7 @@ class Process:
             text=True,
             start_new_session=True,
         )
+        self._has_spoken = False
         self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, name=f"{name} output", daemon=True)
         self._reader.start()
@@ -94,8 +95,13 @@ class Process:
         self._process.kill()
 
     def stop(self) -> int:
-        """End it cleanly, by force if it will not; return its exit code."""
-        if self._process.poll() is None:
+        """End it cleanly, by force if it will not; return its exit code.
+
+        One that has not said anything yet has not begun either and is ended at once.
+        """
+        if self._process.poll() is None and not self._has_spoken:
+            self._process.kill()
+        elif self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
             try:
                 self._process.wait(STOP_S)
@@ -109,6 +115,7 @@ class Process:
 
     def _read(self) -> None:
         for line in self._process.stdout or ():
+            self._has_spoken = True
             self.lines.put(line.rstrip("\n"))
         self.lines.put(None)
 

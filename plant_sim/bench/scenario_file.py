@@ -92,6 +92,11 @@ class _Reader:
         machine = self._machine()
         set_points = {"trays_target": trays} | self._set_points(program)
         plant = Plant(self.io_map, machine, seed=seed, trays=trays)
+        actions, until = self._actions(Stage(program, plant)), self._until()
+        for action in actions:
+            if action.when.at_ms is not None and action.when.at_ms + action.when.after_ms >= until.limit_ms:
+                complaint = f"{action.text} at {action.when.text} comes after the end; let it come earlier or end later"
+                raise file.error("actions", complaint)
         return Scenario(
             path=file.path,
             title=file.read("title", _text),
@@ -101,8 +106,8 @@ class _Reader:
             machine=machine,
             set_points=set_points,
             faults=self._faults(plant),
-            actions=self._actions(Stage(program, plant)),
-            until=self._until(),
+            actions=actions,
+            until=until,
             checks=read_checks(file, program),
         )
 
@@ -184,9 +189,16 @@ class _Reader:
         if "time" in section:
             if len(list(section)) > 1:
                 raise section.error("time", "needs neither state nor limit; leave them out")
-            return Until(section.read("time", parse_ms))
+            return Until(section.read("time", _later))
         name = section.read("state", one_of("state", State.__members__))
-        return Until(section.read("limit", parse_ms), State[name])
+        return Until(section.read("limit", _later), State[name])
+
+
+def _later(text: str) -> int:
+    at_ms = parse_ms(text)
+    if at_ms <= 0:
+        raise ValueError(f"must be later than the start, not {text}")
+    return at_ms
 
 
 def _text(text: str) -> str:

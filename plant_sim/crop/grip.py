@@ -112,6 +112,17 @@ class Grip:
             self._move(stems, Place.LOST_PICK)
             self._note(Incident.STEMS_CUT, f"claws closed wrongly on {len(stems)} stems")
 
+    def let_slip(self, pose: Pose, now_s: float) -> None:
+        """Let go of everything because the closed fingers have lost their force.
+
+        Args:
+            pose: Where the arm is.
+            now_s: Time, s.
+        """
+        self._note(Incident.DROPPED, f"{len(self.held)} seedlings slipped out of claws without air")
+        pose.freed_s = now_s
+        self._open(pose, slipped=True)
+
     def _between_the_fingers(self, stems: list[Seedling]) -> list[Seedling]:
         """Those of the stems that stand where the claws grip, the tray being askew; the others are cut."""
         gripped = [stem for stem in stems if abs(self._bed.off_m(stem)) <= self._spec.grip_tolerance_m]
@@ -157,8 +168,8 @@ class Grip:
             self.delivered = True
             self._lose(Fate.FAILS_CARRY, Place.LOST_CARRY)
 
-    def _open(self, pose: Pose) -> None:
-        """Let go of everything."""
+    def _open(self, pose: Pose, *, slipped: bool = False) -> None:
+        """Let go of everything; what has slipped has been told already."""
         released, self.held = self.held, []
         if not released:
             return
@@ -172,7 +183,8 @@ class Grip:
                 self._row.let_fall(seedling, position_m=position_m, lands_s=lands_s)
         else:
             self._move(released, Place.LOST_THROW if self.delivered else Place.LOST_CARRY)
-            self._note(Incident.DROPPED, f"{len(released)} seedlings dropped beside the cups")
+            if not slipped:
+                self._note(Incident.DROPPED, f"{len(released)} seedlings dropped beside the cups")
             if self._is_over_tray(pose):
                 self._note(Incident.DROP_OVER_TRAY, f"{len(released)} seedlings dropped on a tray")
 

@@ -89,10 +89,6 @@ class PlantingRow:
         while chain_m >= self._leaves_at_m:
             self._leave()
 
-    def held_by(self, cup: int) -> Seedling | None:
-        """What a cup that has not left yet holds."""
-        return self._holds.get(cup)
-
     def _fall(self, now_s: float, chain_m: float, chain_m_s: float) -> None:
         still: list[_Fall] = []
         for fall in self._falls:

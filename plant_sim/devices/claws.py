@@ -25,6 +25,7 @@ class ClawsSpec:
         open_deg: Finger angle at the open end, degrees.
         grips_below_deg: At this angle or less a stem is gripped, degrees.
         frees_above_deg: At this angle or more a stem is free, degrees.
+        holds_above_n: Closed fingers with less force let slip what they hold, N.
     """
 
     bore_m: float
@@ -38,6 +39,7 @@ class ClawsSpec:
     open_deg: float
     grips_below_deg: float
     frees_above_deg: float
+    holds_above_n: float
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
@@ -48,6 +50,7 @@ class ClawsSpec:
         require_within(self, 1e-11, 1e-7, "throttle_conductance_m3_s_pa")
         require_within(self, 1e-8, 1e-4, "moment_nm_pa")
         require_within(self, 0.005, 0.5, "finger_m")
+        require_within(self, 0.0, 100.0, "holds_above_n")
         require_within(self, -45.0, 90.0, "closed_deg", "open_deg")
         require(
             self.closed_deg < self.grips_below_deg,
@@ -72,9 +75,10 @@ class Claws(Cylinder):
     Attributes:
         grips_below_m: Position at which a stem is gripped, m.
         frees_above_m: Position at which a stem is free, m.
+        holds_above_pa: Pressure across the pistons with which closed fingers just hold, Pa.
     """
 
-    __slots__ = ("_deg_m", "_port", "_pressure_pa", "_spec", "frees_above_m", "grips_below_m")
+    __slots__ = ("_deg_m", "_port", "_pressure_pa", "_spec", "frees_above_m", "grips_below_m", "holds_above_pa")
 
     def __init__(
         self,
@@ -102,6 +106,7 @@ class Claws(Cylinder):
         self._port = port
         self._pressure_pa = pressure_pa
         self._deg_m = (spec.open_deg - spec.closed_deg) / spec.stroke_m
+        self.holds_above_pa = spec.holds_above_n * spec.finger_m / spec.moment_nm_pa
         self.grips_below_m = (spec.grips_below_deg - spec.closed_deg) / self._deg_m
         self.frees_above_m = (spec.frees_above_deg - spec.closed_deg) / self._deg_m
         make["stroke_m"] = spec.stroke_m

@@ -172,10 +172,6 @@ def step_conveyor(c: Any, make: Any, run: bool, forward: bool, at_s: float, step
         damp = step_s * make.damping_n_s_m / make.moved_kg
         free_m_s = (c.belt_m_s + step_s * pull_n / make.moved_kg + damp * c.asked_m_s) / (1.0 + damp)
         seeming_kg = make.moved_kg * (1.0 + damp)  # to the friction
-        most_m_s = step_s * make.holds_n / (1.0 + share * share) / make.moved_kg
-        if abs(free_m_s - c.belt_m_s) > most_m_s:  # what damps is the motor's too: all in all it gives no more
-            free_m_s = c.belt_m_s + math.copysign(most_m_s, free_m_s - c.belt_m_s)
-            seeming_kg = make.moved_kg
         speed_m_s = rubbed_m_s(make.friction, free_m_s, c.belt_m_s, seeming_kg, step_s)
     c.belt_m = max(before_m + step_s * speed_m_s, make.stop_m)
     c.belt_m_s = speed_m_s if c.belt_m > make.stop_m else max(speed_m_s, 0.0)

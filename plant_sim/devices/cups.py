@@ -67,6 +67,11 @@ class CupsSpec:
         require_within(self, 0.05, 0.45, "pulse_share")
         require_within(self, 0.0, 0.1, "pulse_jitter")
         require_within(self, 0.005, 0.2, "mouth_m", "plug_m")
+        require(
+            0.5 + self.pulse_share + 2 * self.pulse_jitter < 1.0,
+            "pulse_share",
+            "leaves no gap between flags, with pulse_jitter, when one is seen twice; make one of them smaller",
+        )
         require(0.0 <= self.sensor_lead_m < self.pitch_m, "sensor_lead_m", "must be less than one pitch")
         require(self.plug_m < self.mouth_m, "plug_m", "must be narrower than the mouth of a cup")
 

@@ -99,7 +99,7 @@ def step_spreader(s: Any, make: Any, spread: bool, converge: bool, at_s: float, 
         _turn(s, make, drive, step_s)
         travel_m = before_m + step_s * s.speed_m_s
         s.travel_m = min(max(travel_m, 0.0), make.full_m)
-        if s.travel_m != travel_m:
+        if s.travel_m != travel_m:  # the end stop takes the speed of the claws, and of the motor unless the belt slips
             s.speed_m_s = 0.0
     for number in range(2):
         step_switch(s.switches[number], make.switches[number], before_m, s.travel_m, at_s, step_s)
@@ -113,7 +113,10 @@ def _turn(s: Any, make: Any, drive: float, step_s: float) -> None:
     both_kg = make.motor_kg + make.load_kg
     common_m_s = (make.motor_kg * s.motor_m_s + make.load_kg * s.speed_m_s) / both_kg
     together_m_s = 0.0
-    if make.blocked == 0:
+    push_out = common_m_s + step_s * push_n / both_kg
+    at_end = (s.travel_m >= make.full_m and push_out > 0.0) or (s.travel_m <= 0.0 and push_out < 0.0)
+    stands = make.blocked != 0 or at_end
+    if not stands:
         free_m_s = (common_m_s + step_s * push_n / both_kg) / (1.0 + step_s * brake / both_kg)
         # the motor's own braking makes the mass seem larger to the friction
         together_m_s = rubbed_m_s(make.friction, free_m_s, common_m_s, both_kg + step_s * brake, step_s)
@@ -124,7 +127,7 @@ def _turn(s: Any, make: Any, drive: float, step_s: float) -> None:
         return
     pull_n = math.copysign(make.slips_n, belt_n)
     s.motor_m_s = (s.motor_m_s + step_s * (push_n - pull_n) / make.motor_kg) / (1.0 + step_s * brake / make.motor_kg)
-    if make.blocked:
+    if stands:
         s.speed_m_s = 0.0
     else:
         free_m_s = s.speed_m_s + step_s * pull_n / make.load_kg

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor
+from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, note_edge, speak
 from plant_sim.pneumatics.chamber import fill, surroundings
 from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_KG_M3
@@ -95,13 +95,15 @@ def step_air(a: Any, make: Any, fed: bool, gas: Any) -> None:
 
 
 @compiled
-def settle_air(a: Any, make: Any, gas: Any) -> None:
+def settle_air(a: Any, make: Any, now_s: float, gas: Any) -> None:
     """Close a step, and let the pressure switch look."""
     settle_supply(a.network, gas)
     gauge_pa = a.network.manifold.pressure_pa - ATMOSPHERE_PA
     least_pa = make.ok_above_pa - make.ok_gap_pa if a.pressure_ok.seen else make.ok_above_pa
-    a.pressure_ok.seen = 1 if gauge_pa >= least_pa else 0
-    a.pressure_ok.says = a.pressure_ok.seen
+    if (gauge_pa >= least_pa) != (a.pressure_ok.seen != 0):
+        note_edge(a.pressure_ok, now_s)
+    if a.pressure_ok.busy:
+        speak(a.pressure_ok, make.pressure_ok, now_s)
 
 
 @compiled_and_kept
@@ -118,7 +120,8 @@ def charge(a: Any, make: Any, volumes_m3: Any, gas: Any) -> None:
     fill(network.claw_manifold, volumes_m3[4], ATMOSPHERE_PA + supply.claw_regulated_pa, gas)
     network.fed_s = 1e3
     network.soft_started = 1
-    settle_air(a, make, gas)
+    settle_supply(network, gas)
+    a.pressure_ok.seen = a.pressure_ok.says = 1 if supply.regulated_pa >= make.ok_above_pa else 0
 
 
 class Supply:

@@ -57,7 +57,7 @@ _KINDS = (
     FaultKind("stuck_off", _SENSOR, "it says off, whatever it sees", parts.sensors, ("stuck",), _no, "left.lift_up"),
     FaultKind(
         "late_sensor", _SENSOR, "it tells every edge later; what lasts no longer than the delay is not told at all",
-        parts.sensors, ("late_s",), _as_big, "left.slide_at_feed", _DELAY,
+        parts.moved_sensors, ("late_s",), _as_big, "left.slide_at_feed", _DELAY,
     ),
     FaultKind(
         "broken_wire", "wired input", "the terminal is off: a normally closed contact reads as active",

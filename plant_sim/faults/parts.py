@@ -74,6 +74,11 @@ class Tray:
         self._seedlings.leave_out(self._number, cells - self.empty_cells)
 
 
+def moved_sensors(machine: Breakable) -> Mapping[str, Sensor]:
+    """Every sensor that sees something move or change, by the tag of its wire."""
+    return {tag: sensor for tag, sensor in machine.sensors.items() if tag != "magazine_empty"}
+
+
 def sensors(machine: Breakable) -> Mapping[str, Sensor]:
     """Every sensor, by the tag of its wire."""
     return machine.sensors

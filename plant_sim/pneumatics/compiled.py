@@ -2,7 +2,9 @@
 
 import hashlib
 import os
+import shutil
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -12,6 +14,8 @@ _Params = ParamSpec("_Params")
 _Result = TypeVar("_Result")
 
 _PACKAGE = Path(__file__).parents[1]
+_PREFIX = "kernel-"
+_VERSIONS_KEPT = 4
 _SOURCES = ("pneumatics/*.py", "devices/*.py", "kernel.py")
 
 
@@ -28,24 +32,46 @@ def compiled_and_kept(function: Callable[_Params, _Result]) -> Callable[_Params,
     """Compile a function that Python calls, and keep the machine code for the next process.
 
     numba looks only at the file of the function itself to tell whether the kept code is out of
-    date. So the code is kept in a folder named after the content of every file it may come from.
+    date. So the code is kept in a folder named after the content of every file it may come from: in
+    ``NUMBA_CACHE_DIR`` if that is set, else beside the source, else in the user's cache. Where
+    nothing can be written it is compiled anew by every process.
     """
+    folder = _cache_folder()
+    if folder is None:
+        return compiled(function)
     config: Any = numba.config  # a module whose settings come from the environment, unknown to type checkers
     before = config.CACHE_DIR
-    config.CACHE_DIR = str(_cache_folder())
+    config.CACHE_DIR = str(folder)
     try:
         return cast("Callable[_Params, _Result]", numba.njit(error_model="numpy", cache=True)(function))
     finally:
         config.CACHE_DIR = before
 
 
-def _cache_folder() -> Path:
+@cache
+def _cache_folder() -> Path | None:
     digest = hashlib.sha256()
     for pattern in _SOURCES:
         for path in sorted(_PACKAGE.glob(pattern)):
             digest.update(path.read_bytes())
-    name = f"kernel-{digest.hexdigest()[:16]}"
-    beside = _PACKAGE / "__pycache__"
-    if os.access(beside if beside.exists() else _PACKAGE, os.W_OK):
-        return beside / name
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "seedling-transplanter" / name
+    name = f"{_PREFIX}{digest.hexdigest()[:16]}"
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    own = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "seedling-transplanter"
+    for parent in [Path(given)] if given else [_PACKAGE / "__pycache__", own]:
+        folder = parent / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (OSError, RuntimeError):  # RuntimeError: the user has no home
+            continue
+        if os.access(folder, os.W_OK):
+            _tidy(parent, folder)
+            return folder
+    return None
+
+
+def _tidy(parent: Path, folder: Path) -> None:
+    """Delete the machine code of sources that are long gone."""
+    folders = sorted(parent.glob(f"{_PREFIX}*"), key=lambda each: each.stat().st_mtime, reverse=True)
+    for old in folders[_VERSIONS_KEPT:]:
+        if old != folder:
+            shutil.rmtree(old, ignore_errors=True)

@@ -98,7 +98,9 @@ def rests(c: Any, make: Any, plus: bool, minus: bool, manifold: Any) -> bool:
     valve = c.valve
     if abs(c.piston_m_s) > _STILL_M_S or c.speed_m_s != 0.0 or valve.spool != valve.target:
         return False
-    if plus != (valve.plus_acts != 0) or minus != (valve.minus_acts != 0) or not _holds(c, make):
+    if plus != (valve.plus_acts != 0) or minus != (valve.minus_acts != 0):
+        return False
+    if valve.plus_pending_s != 0.0 or valve.minus_pending_s != 0.0 or not _holds(c, make):
         return False
     return line_rests(c.plus, make.plus, valve.spool, manifold) and line_rests(
         c.minus, make.minus, -valve.spool, manifold
@@ -123,7 +125,7 @@ def _holds(c: Any, make: Any) -> bool:
     push_n = _push_n(c, make)
     if make.magnet_holds_n > 0.0:
         pull_n = 0.0 if c.decoupled else make.magnet_n_m * (c.piston_m - c.position_m)
-        if abs(push_n - pull_n) > _STILL_N:
+        if abs(push_n - pull_n) > _STILL_N or abs(pull_n) > make.magnet_holds_n:
             return False
         push_n = pull_n + _bumper(c, make, 0.0)[0]
     else:

@@ -43,6 +43,8 @@ class Writer:
             RecordingError: there is something, or nothing can be written there.
         """
         self.path = path
+        if not path.name:
+            raise RecordingError(f"{str(path)!r}: is no name for a file; give one, as run.parquet")
         self._part = path.with_name(f"{path.name}.part")
         if path.exists():
             raise RecordingError(f"{path}: is already there; delete it or give another name")

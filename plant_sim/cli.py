@@ -1,0 +1,270 @@
+"""Command line of the plant: ``python -m plant_sim`` serves it; trials and benchmarks have commands of their own."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
+from plant_sim.bench.air import add_air_arguments, air_command
+from plant_sim.bench.live import ChildError, LiveError, LiveOptions, live_trial
+from plant_sim.bench.measure import measure
+from plant_sim.bench.progress import ProgressView
+from plant_sim.bench.recording import recorded
+from plant_sim.bench.report import TrialReport
+from plant_sim.bench.scenario import run_scenario
+from plant_sim.bench.scenario_cli import add_fault_arguments, add_scenario_arguments, faults_of, scenario_of
+from plant_sim.bench.scenario_section import ScenarioError
+from plant_sim.bench.trial import run_trial, show_progress
+from plant_sim.bench.twin import Twin
+from plant_sim.faults import FaultError
+from plant_sim.links.io_module import IoModule
+from plant_sim.links.modbus_server import DEFAULT_PORT, PlantServer
+from plant_sim.links.reference import write_reference
+from plant_sim.links.serve import serve
+from plant_sim.parameters import DEFAULT_MACHINE, Machine, MachineError, load_machine
+from plant_sim.plant import Plant
+from plant_sim.scope.cli import add_plot_arguments, add_record_argument, plot_command
+from plant_sim.scope.recorder import LIVE_ROWS_A_GROUP, Recorder
+from plant_sim.scope.store import RecordingError
+
+COMMANDS = ("serve", "run", "trial", "scenario", "plot", "air", "bench", "docs")
+INTERRUPTED = 130
+MAX_PLANTING_FREQUENCY_PER_MIN = 300.0
+
+
+class UsageError(ValueError):
+    """A wrong option; one line that names it and the remedy."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; return its exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] not in (*COMMANDS, "-h", "--help"):
+        given.insert(0, "serve")
+    options = _parser().parse_args(given)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it ends everything as Ctrl-C does
+    try:
+        _check(options)
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
+    except (UsageError, IoMapError, MachineError, FaultError, ScenarioError, RecordingError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    except (LiveError, ConnectionError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    except ChildError as error:
+        return error.exit_code or 1
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m plant_sim", description="The seedling transplanter in software.",
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    serve_ = _add(commands, "serve", _serve, "serve the plant as a Modbus TCP device (default)")
+    _network(serve_)
+    serve_.add_argument("--watchdog-ms", type=int, default=100, help="outputs go safe after this time without a write")
+    serve_.add_argument("--lock-step-ms", type=int, default=None,
+                        help="plant time per write of the outputs, instead of real time")  # fmt: skip
+    serve_.add_argument("--allow-remote", action="store_true",
+                        help="permit a --host that other computers reach; Modbus has no password")  # fmt: skip
+    serve_.add_argument(
+        "--planting-frequency", type=float, default=None, help="cups a minute and row; 0 = tractor stands"
+    )
+    run = _add(
+        commands, "run", _run, "plant and controller in two processes: the paper's trial, with progress and report"
+    )
+    _network(run)
+    run.add_argument("--fast", action="store_true", help="in lock step in simulated time, without Modbus")
+    run.add_argument("--keep", action="store_true", help="go on serving after the report, until Ctrl-C")
+    run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
+    trial = _add(commands, "trial", _trial, "the paper's trial in lock step")
+    trial.add_argument("--json", action="store_true", help="print one JSON object")
+    for breakable in (serve_, run, trial):
+        add_fault_arguments(breakable)
+        add_record_argument(breakable)
+    scenario = _bare(commands, "scenario", _scenario, "run a scenario file and check what comes of it")
+    add_scenario_arguments(scenario)
+    add_record_argument(scenario)
+    add_plot_arguments(_bare(commands, "plot", plot_command, "turn a recording into timing diagram and curves"))
+    add_air_arguments(_bare(commands, "air", _air, "air consumption: Table 1 of the paper beside a run's own"))
+    bench = _add(commands, "bench", _bench, "measure the speeds the project promises, as ratios in one run")
+    bench.add_argument("--json", action="store_true", help="print one JSON object")
+    docs = _add(commands, "docs", _docs, "write the reference tables made from the plant")
+    docs.add_argument("--out", type=Path, required=True, help="folder for the tables")
+    parser.epilog = f"Without a command:\n\n{serve_.format_help()}"
+    return parser
+
+
+def _add(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    command: Callable[[argparse.Namespace], int],
+    text: str,
+) -> argparse.ArgumentParser:
+    parser = _bare(commands, name, command, text)
+    parser.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
+    parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="the machine's parameters")
+    parser.add_argument("--seed", type=int, default=1, help="seed of everything random")
+    parser.add_argument("--trays", type=int, default=2, help="full trays of 72 in the magazine")
+    return parser
+
+
+def _bare(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    command: Callable[[argparse.Namespace], int],
+    text: str,
+) -> argparse.ArgumentParser:
+    parser = commands.add_parser(name, help=text, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.set_defaults(command=command)
+    return parser
+
+
+def _network(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--host", default="127.0.0.1", help="address of the Modbus TCP server")
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="port of the Modbus TCP server; 0 = a free one")
+
+
+def _check(options: argparse.Namespace) -> None:
+    if not 1 <= getattr(options, "trays", 1) <= 1000:
+        raise UsageError(f"--trays {options.trays}: give 1 to 1000")
+    if (getattr(options, "seed", None) or 0) < 0:
+        raise UsageError(f"--seed {options.seed}: give 0 or more")
+    if not 0 <= getattr(options, "port", 0) <= 65535:
+        raise UsageError(f"--port {options.port}: give 0 to 65535")
+    if not 0 <= (getattr(options, "planting_frequency", None) or 0) <= MAX_PLANTING_FREQUENCY_PER_MIN:
+        raise UsageError(
+            f"--planting-frequency {options.planting_frequency}: give 0 to {MAX_PLANTING_FREQUENCY_PER_MIN:g}"
+        )
+
+
+def _serve(options: argparse.Namespace) -> int:
+    io_map = load_io_map(options.io_map)
+    machine = _machine(options)
+    plant = Plant(io_map, machine, seed=options.seed, trays=options.trays, faults=faults_of(options))
+    if options.planting_frequency is not None:
+        plant.planting_frequency_per_min = options.planting_frequency
+    try:
+        module = IoModule(plant, io_map, watchdog_ms=options.watchdog_ms)
+        server = PlantServer(module, host=options.host, port=options.port, lock_step_ms=options.lock_step_ms,
+                             allow_remote=options.allow_remote)  # fmt: skip
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+    def listening(port: int) -> None:
+        print(f"plant listening on {options.host}:{port}", flush=True)
+
+    with contextlib.ExitStack() as stack:
+        if options.record is not None:
+            recorder = Recorder(plant, options.record, io_map=io_map, machine=machine, seed=options.seed,
+                                outputs=lambda: module.outputs, rows_a_group=LIVE_ROWS_A_GROUP)  # fmt: skip
+            module.observers.append(stack.enter_context(recorder).sample)
+        try:
+            asyncio.run(serve(server, listening=listening))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            text = f"cannot listen on {options.host}:{options.port}: {reason}; choose another --port"
+            raise UsageError(text) from error
+    return 0
+
+
+def _machine(options: argparse.Namespace) -> Machine:
+    """Return the machine; what lies outside its makers' ratings is warned about."""
+    return _warned(load_machine(options.machine))
+
+
+def _warned(machine: Machine) -> Machine:
+    for warning in machine.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    return machine
+
+
+def _run(options: argparse.Namespace) -> int:
+    # whatever is wrong is told before anything is started
+    Plant(load_io_map(options.io_map), load_machine(options.machine), seed=options.seed, trays=options.trays,
+          faults=faults_of(options))  # fmt: skip
+    if options.fast and options.keep:
+        raise UsageError("--keep: there is nothing to keep serving with --fast; leave one of them out")
+    if options.fast:
+        return _fast(options)
+    if options.port == 0:
+        raise UsageError("--port 0: the controller must know the port; name one")
+    live = LiveOptions(options.seed, options.trays, options.host, options.port, options.io_map, options.machine,
+                       options.language, tuple(options.fault), options.record)  # fmt: skip
+    with ProgressView() as view, live_trial(live, view) as trial:
+        report = trial.run()
+        print(report.text(), flush=True)
+        if options.keep:
+            print("serving until Ctrl-C", file=sys.stderr, flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                trial.keep()
+    return _exit_code(report)
+
+
+def _fast(options: argparse.Namespace) -> int:
+    with ProgressView() as view:
+        report = _trial_report(options, show_progress(view, options.trays, options.language))
+    print(report.text())
+    return _exit_code(report)
+
+
+def _trial(options: argparse.Namespace) -> int:
+    report = _trial_report(options, None)
+    print(json.dumps(report.record()) if options.json else report.text())
+    return _exit_code(report)
+
+
+def _trial_report(options: argparse.Namespace, progress: Callable[[Twin], None] | None) -> TrialReport:
+    return run_trial(
+        seed=options.seed,
+        trays=options.trays,
+        io_map=load_io_map(options.io_map),
+        parameters=_machine(options),
+        faults=faults_of(options),
+        record=options.record,
+        progress=progress,
+    )
+
+
+def _air(options: argparse.Namespace) -> int:
+    if options.recording is None:
+        _machine(options)
+    return air_command(options)
+
+
+def _scenario(options: argparse.Namespace) -> int:
+    scenario = scenario_of(options)
+    _warned(scenario.machine)
+    with contextlib.ExitStack() as stack:
+        report = run_scenario(
+            scenario,
+            prepare=lambda twin: stack.enter_context(recorded(twin, options.record, seed=scenario.seed)),
+        )
+    print(json.dumps(report.record(), default=str) if options.json else report.text())
+    return 0 if report.passed else 1
+
+
+def _exit_code(report: TrialReport) -> int:
+    return 0 if report.completed and report.accounted else 1
+
+
+def _bench(options: argparse.Namespace) -> int:
+    figures = measure(seed=options.seed)
+    print(json.dumps(figures.record()) if options.json else figures.text())
+    return 0
+
+
+def _docs(options: argparse.Namespace) -> int:
+    for path in write_reference(options.out):
+        print(path)
+    return 0
