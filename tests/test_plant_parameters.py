@@ -237,12 +237,17 @@ def test_the_machine_of_the_repository_is_within_its_ratings() -> None:
             "crop.claw_pressure_mpa: 0.75 MPa is outside the rating of the MHC2 claws, 0.1 to 0.6 MPa",
         ),
         (
-            {"slide.throttle_conductance_m3_s_pa": 2.5e-9},
+            {"slide.throttle_conductance_m3_s_pa": 2.5e-9, "slide.recouples_m_s": 0.6},
             "slide.throttle_conductance_m3_s_pa: 0.509 m/s is outside the rating of the CY1S slide, 0.05 to 0.4 m/s",
         ),
         (
             {"slide.throttle_conductance_m3_s_pa": 0.2e-9},
             "slide.throttle_conductance_m3_s_pa: 0.0407 m/s is outside the rating of the CY1S slide, 0.05 to 0.4 m/s",
+        ),
+        (
+            {"slide.recouples_m_s": 0.1},
+            "slide.recouples_m_s: 0.1 m/s is less than the speed of the piston, 0.15 m/s: "
+            "a carriage that is lost is never caught again",
         ),
         (
             {"lift.extend_conductance_m3_s_pa": 1.4e-8},

@@ -53,3 +53,83 @@ def test_resting_claws_follow_their_supply() -> None:
     rig.plant.make[0]["air"]["network"]["claw_regulated_pa"] = 0.55e6
     rig.run(2_000)
     assert rig.left.claws.clamp_n > 1.3 * clamped_n
+
+
+def test_short_pulses_with_long_rests_do_not_add_up() -> None:
+    """10 ms are less than the 19 ms of valve and tube; what a pulse has begun is forgotten when it ends."""
+    rig = Rig()
+    rig.run(20_000)
+    stood_m = rig.left.slide.x_m
+    for _ in range(4):
+        rig.run(10, "left.slide_inward")
+        rig.run(5_000)
+    assert rig.left.slide.x_m == stood_m
+    rig.close()
+    rig.run(5_000)
+    for _ in range(4):
+        rig.run(10, "left.claws_open")
+        rig.run(5_000)
+    assert rig.left.claws.angle_deg == -10.0
+
+
+def run_to_row(rig: Rig) -> None:
+    """Drive inward to row 2 and let the slide stop there, with what is trapped in its chambers."""
+    rig.go_to_pick(2)
+    rig.run(10_000)
+
+
+def test_a_resting_slide_loses_its_piston_when_the_magnet_weakens() -> None:
+    rig = Rig()
+    run_to_row(rig)
+    slide = rig.left.slide
+    assert not slide.decoupled
+    rig.plant.faults.add(parse_fault("decoupled_magnet:left.slide=5N"))
+    rig.run(20)
+    assert slide.decoupled
+
+
+def test_a_lost_carriage_is_caught_by_the_piston_that_comes_past() -> None:
+    """At the default the magnets catch at 0.25 m/s, more than the 0.15 m/s of the piston."""
+    rig = Rig()
+    run_to_row(rig)
+    slide = rig.left.slide
+    rig.plant.faults.add(
+        parse_fault(f"decoupled_magnet:left.slide=5N@{rig.plant.time_ms}ms..{rig.plant.time_ms + 10}ms")
+    )
+    rig.run(2_000, "left.slide_inward")
+    assert slide.decoupled
+    rig.run(6_000, "left.slide_outward")
+    assert not slide.decoupled
+    assert slide.at_feed.read()
+
+
+def test_claws_without_air_drop_what_they_hold() -> None:
+    """With the store of the claws leaking empty after an emergency stop, the fingers lose their force: twelve fall."""
+    rig = Rig()
+    rig.bring_tray()
+    rig.go_to_pick(1)
+    rig.close()
+    rig.raise_arm()
+    assert len(rig.left.grip.held) == 12
+    rig.plant.box.emergency_stop = True
+    rig.run(60_000)
+    assert len(rig.left.grip.held) == 12
+    rig.plant.faults.add(parse_fault("leak:left.claws.minus=1e-7"))
+    rig.plant.faults.add(parse_fault("failing_supply:compressor=0"))
+    rig.run(60_000)
+    assert rig.left.grip.held == []
+    assert rig.kinds() == ["dropped", "drop_over_tray"]
+    counts = rig.plant.counts()
+    assert (counts.D, counts.in_claw) == (12, 0)
+
+
+def test_a_late_pressure_switch_is_late() -> None:
+    rig = Rig()
+    switch = rig.plant.sensors["air_pressure_ok"]
+    rig.plant.faults.add(parse_fault("late_sensor:air_pressure_ok=2s"))
+    rig.plant.box.emergency_stop = True
+    rig.run(1_500)
+    assert rig.plant.supply.pressure_pa < 10_000
+    assert switch.read()
+    rig.run(1_000)
+    assert not switch.read()
