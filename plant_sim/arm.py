@@ -32,12 +32,12 @@ class ArmPlant:
 
     __slots__ = (
         "_bed",
-        "_belt_m",
         "_down_m",
         "_pose",
         "_state",
         "_stirred",
         "_sweep",
+        "_trays_m",
         "claws",
         "cups",
         "grip",
@@ -84,6 +84,7 @@ class ArmPlant:
         )  # fmt: skip
         state, make = records.state, records.make
         make["frees_above_m"], make["grips_below_m"] = self.claws.frees_above_m, self.claws.grips_below_m
+        make["holds_above_pa"] = self.claws.holds_above_pa
         self.spreader = Spreader(machine.spreader, state["spreader"], make["spreader"], bounce_s=bounce_s)
         self.cups = Cups(machine.cups, state["cups"], make["cups"], seed=seed, bounce_s=bounce_s)
         self._state = state
@@ -107,7 +108,7 @@ class ArmPlant:
         self.grip = Grip(machine.handling, reach, seedlings, bed, row=self.row, report=report)
         self._sweep = Sweep(machine.handling, reach, seedlings, bed, report)
         self._bed = bed
-        self._belt_m = bed.belt_m
+        self._trays_m = bed.trays_m
         self._pose = Pose(0.0, 0.0, gripping=False, free=False, travel_m=0.0, freed_s=0.0)
         self._sync()
 
@@ -157,13 +158,13 @@ class ArmPlant:
             now_s: Time, s.
             sight: Where everything of the arm is, as the kernel's `SIGHT`.
         """
-        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, clamps_pa = sight
+        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, slips = sight
         self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
-        if clamps_pa < self.claws.holds_above_pa and self.grip.held:
+        if slips and self.grip.held:
             self.grip.let_slip(self._pose, now_s)
-        if stirred != self._stirred or self._bed.belt_m != self._belt_m:
+        if stirred != self._stirred or self._bed.trays_m != self._trays_m:
             self._stirred = stirred
-            self._belt_m = self._bed.belt_m
+            self._trays_m = self._bed.trays_m
             self._pose.take(x_m, self._down_m - y_m, travel_m, freed_s)
             self._pose.gripping = claws_m <= self.claws.grips_below_m
             self._pose.free = claws_m >= self.claws.frees_above_m

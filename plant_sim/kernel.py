@@ -1,6 +1,5 @@
 """The whole machine's motion, compiled: one call advances everything that moves by a number of steps."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -48,7 +47,8 @@ SENSORS = (
 )
 
 #: State of an arm. `stirred` counts the steps in which anything moved; `freed_s` and `gripped_s` are when
-#: the claws last opened so far that they touch nothing, and closed so far that they grip.
+#: the claws last opened so far that they touch nothing, and closed so far that they grip. `clamped` is 1 from when
+#: closing fingers first had the force to hold.
 ARM = np.dtype(
     [
         ("slide", CYLINDER),
@@ -61,6 +61,8 @@ ARM = np.dtype(
         ("stirred", "i8"),
         ("freed_s", "f8"),
         ("gripped_s", "f8"),
+        ("clamped", "i8"),
+        ("slips", "i8"),
     ]
 )
 
@@ -75,11 +77,12 @@ ARM_MAKE = np.dtype(
         ("lift_switches", SENSOR_MAKE, (2,)),
         ("frees_above_m", "f8"),
         ("grips_below_m", "f8"),
+        ("holds_above_pa", "f8"),
     ]
 )
 
-#: What `advance` tells of each arm, then of the belt: its way, m. `clamps_pa` is the pressure that presses closed
-#: fingers together; endless while they move or their valve opens them.
+#: What `advance` tells of each arm, then of the trays: their way, m. `slips` is 1 while fingers that have clamped
+#: lack the force to hold.
 SIGHT = (
     "slide_m",
     "lift_m",
@@ -89,7 +92,7 @@ SIGHT = (
     "chain_m_s",
     "stirred",
     "freed_s",
-    "clamps_pa",
+    "slips",
 )
 
 #: Everything that moves, and everything that decides how.
@@ -98,7 +101,7 @@ MACHINE_MAKE = np.dtype([("gas", GAS), ("arms", ARM_MAKE, (2,)), ("conveyor", CO
 
 
 @compiled_and_kept
-def advance(machine: Any, make: Any, coils: Any, fed: bool, start_s: float, steps: int, sight: Any) -> None:
+def advance(machine: Any, make: Any, coils: Any, fed: bool, first: int, steps: int, sight: Any) -> None:
     """Let time pass under constant coils.
 
     Args:
@@ -107,33 +110,31 @@ def advance(machine: Any, make: Any, coils: Any, fed: bool, start_s: float, step
         coils: True where energised: those of the left arm and of the right as `ARM_COILS`, then run and
             direction of the conveyor.
         fed: Whether the safety relay holds the dump valve.
-        start_s: Plant time at the start, s.
+        first: Number of the first step; that of plant time 0 is 0.
         steps: How many steps of the length in `make`.
         sight: Filled: where everything is at the end, as `SIGHT`.
     """
     m, gas, air_make = machine[0], make[0].gas, make[0].air
     air = m.air
     for step in range(steps):
-        at_s = start_s + step * gas.step_s
+        at_s = (first + step) * gas.step_s
         step_air(air, air_make, fed, gas)
         step_conveyor(m.conveyor, make[0].conveyor, coils[16], coils[17], at_s, gas.step_s)
         for side in range(2):
             _step_arm(m.arms[side], make[0].arms[side], coils[8 * side : 8 * side + 8], air.network, at_s, gas)
         settle_air(air, air_make, at_s + gas.step_s, gas)
     for side in range(2):
-        arm, first = m.arms[side], 9 * side
-        sight[first] = arm.slide.position_m
-        sight[first + 1] = arm.lift.position_m
-        sight[first + 2] = arm.claws.position_m
-        sight[first + 3] = arm.spreader.travel_m
-        sight[first + 4] = arm.cups.chain_m
-        sight[first + 5] = arm.cups.speed_m_s
-        sight[first + 6] = arm.stirred
-        sight[first + 7] = arm.freed_s
-        sight[first + 8] = math.inf
-        if arm.claws.valve.target < 0.0 and arm.claws.speed_m_s == 0.0:
-            sight[first + 8] = arm.claws.minus.chamber.pressure_pa - arm.claws.plus.chamber.pressure_pa
-    sight[18] = m.conveyor.belt_m
+        arm, place = m.arms[side], len(SIGHT) * side
+        sight[place] = arm.slide.position_m
+        sight[place + 1] = arm.lift.position_m
+        sight[place + 2] = arm.claws.position_m
+        sight[place + 3] = arm.spreader.travel_m
+        sight[place + 4] = arm.cups.chain_m
+        sight[place + 5] = arm.cups.speed_m_s
+        sight[place + 6] = arm.stirred
+        sight[place + 7] = arm.freed_s
+        sight[place + 8] = arm.slips
+    sight[2 * len(SIGHT)] = m.conveyor.trays_m
 
 
 @compiled
@@ -166,9 +167,21 @@ def _step_arm(arm: Any, make: Any, coils: Any, supply: Any, at_s: float, gas: An
         arm.freed_s = at_s + step_s * (make.frees_above_m - opening_m) / (now_m - opening_m)
     if opening_m > make.grips_below_m >= now_m:
         arm.gripped_s = at_s + step_s * (opening_m - make.grips_below_m) / (opening_m - now_m)
+    _feel(arm, make)
     stirs = x_m != arm.slide.position_m or y_m != arm.lift.position_m
     if stirs or opening_m != now_m or travel_m != arm.spreader.travel_m:
         arm.stirred += 1
+
+
+@compiled
+def _feel(arm: Any, make: Any) -> None:
+    """Whether the fingers hold, or have lost the force they had."""
+    across_pa = arm.claws.minus.chamber.pressure_pa - arm.claws.plus.chamber.pressure_pa
+    if arm.claws.valve.target > 0.0 or arm.claws.position_m > make.grips_below_m:
+        arm.clamped = 0
+    elif across_pa >= make.holds_above_pa:
+        arm.clamped = 1
+    arm.slips = 1 if arm.clamped and across_pa < make.holds_above_pa else 0
 
 
 @compiled

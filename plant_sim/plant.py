@@ -194,8 +194,8 @@ class Plant:
         """Let everything move; the relay of the emergency stop takes coil power and air, whatever the outputs say."""
         fed = not self.box.emergency_stop
         coils = self._coils if fed else self._no_coils
-        steps = for_ms * self._steps_per_ms
-        advance(self.state, self.make, coils, fed, self.time_ms / 1000, steps, self._sight)
+        first, steps = self.time_ms * self._steps_per_ms, for_ms * self._steps_per_ms
+        advance(self.state, self.make, coils, fed, first, steps, self._sight)
         self.time_ms += for_ms
 
     def _take(self, y: Sequence[bool]) -> None:
@@ -223,7 +223,7 @@ class Plant:
         conveyor = self.conveyor
         self._bed.lay(
             [(number, conveyor.offset_m(number)) for number in conveyor.front_m],
-            belt_m=conveyor.belt_m,
+            trays_m=conveyor.trays_m,
             is_placed=conveyor.placed_tray is not None,
             turned={number: lead_m / self._half_tray_m for number, lead_m in conveyor.skewed_m.items()},
         )

@@ -151,7 +151,7 @@ def test_the_claws_reach_what_lies_under_them(offset_m: float, count: int) -> No
     """A tray that is off by half a cell and a little has one cell less under the claws, and so on."""
     seedlings = Seedlings(trays=1, failure_share=0.0, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
-    bed.lay([(0, offset_m)], belt_m=0.0, is_placed=True, turned={})
+    bed.lay([(0, offset_m)], trays_m=0.0, is_placed=True, turned={})
     standing = bed.standing(2)
     assert len(standing) == count
     assert all(plant.column == 2 for plant in standing)
@@ -162,7 +162,7 @@ def test_a_tray_askew_has_its_seedlings_off_their_line_by_the_way_along() -> Non
     """10 mrad about the middle: cells 0 and 11 are 5.5 pitches of 43 mm from it, 2.365 mm off, one each way."""
     seedlings = Seedlings(trays=2, failure_share=0.0, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
-    bed.lay([(0, 0.0)], belt_m=0.0, is_placed=True, turned={0: 0.010})
+    bed.lay([(0, 0.0)], trays_m=0.0, is_placed=True, turned={0: 0.010})
     column = seedlings.column(0, 0)
     assert [bed.off_m(column[along]) for along in (0, 11)] == pytest.approx([-0.002365, 0.002365])
     assert bed.off_m(column[5]) == pytest.approx(-0.000215)
@@ -184,7 +184,7 @@ def test_claws_clamp_only_where_everything_is_right(pose: Pose, is_placed: bool,
     machine = load_machine()
     row = Row()
     bed = Bed(row.seedlings, pitch_m=0.043)
-    bed.lay([(0, 0.0)], belt_m=0.0, is_placed=is_placed, turned={})
+    bed.lay([(0, 0.0)], trays_m=0.0, is_placed=is_placed, turned={})
     reach = Reach("left", machine.columns_m, tray_edge_m=0.16, mirrored=False, spread_m=0.187, reach_m=0.015)
     grip = Grip(machine.handling, reach, row.seedlings, bed, row=row.row, report=lambda *_: None)
     grip.step(dataclasses.replace(pose, gripping=False, free=True))

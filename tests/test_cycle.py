@@ -33,7 +33,7 @@ RELEASE_DELAY_MS = 60  # 333 ms from the pulse to the cups under the claws, less
 LATE_MS = 45
 """A scan to see, a scan to filter, and 2 mm of overshoot more than the least."""
 START_IN_MS = 720
-"""317 cm3 in front of the piston, from 5.9 to 5.2 bar (35 N on 491 mm2) through 0.735e-9: 0.4 s, then it gains speed."""
+"""317 cm3 in front of the piston, from 5.9 to 5.2 bar (35 N on 491 mm2) through 0.735e-9: 0.4 s, and then some."""
 START_OUT_MS = 350
 """The same with 120 to 160 cm3."""
 START_UP_MS = 430

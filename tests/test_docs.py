@@ -18,9 +18,9 @@ from controller.hmi import reference as controller_reference
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.tags import SIDES
+from plant_sim.bench.measure import Figures
 from plant_sim.cli import _parser as plant_parser
 from plant_sim.cli import main as plant_main
-from plant_sim.bench.measure import Figures
 from plant_sim.links import reference as plant_reference
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer

@@ -123,6 +123,7 @@ def test_the_magnet_lets_go_and_catches_again_the_same_way() -> None:
         {"supply.pressure_pa": 0.8e6, "supply.compressor_on_pa": 0.9e6, "supply.compressor_off_pa": 1e6}
     )
     put(bench, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    bench.makes[SLIDE]["recouples_m_s"] = 0.10
     bench.makes[SLIDE]["blocked"] = 1
     twin = Twin(bench)
     twin.run(2000, (True, False) * 3)

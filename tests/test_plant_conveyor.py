@@ -54,7 +54,7 @@ def test_the_belt_ramps_up_and_down_and_stops_within_5_mm() -> None:
 
 
 def test_the_beam_tells_tray_gap_tray_and_then_nothing() -> None:
-    """300 mm at 0.2 m/s and 25 ms for the ramp; then 540 mm tray, 45 mm gap, 540 mm tray; to a step."""
+    """2 mm of play and 300 mm at 0.2 m/s, 25 ms for the ramp; then 540 mm tray, 45 mm gap, 540 mm tray; to a step."""
     rig, conveyor = make_conveyor()
     edges_s: list[float] = []
     told = []
@@ -64,7 +64,7 @@ def test_the_beam_tells_tray_gap_tray_and_then_nothing() -> None:
             edges_s.append(conveyor.beam.edge_s)
             told.append(conveyor.beam.read())
     assert told == [True, False, True, False]
-    assert edges_s == pytest.approx([1.525, 4.225, 4.450, 7.150], abs=0.001)
+    assert edges_s == pytest.approx([1.535, 4.235, 4.460, 7.160], abs=0.001)
 
 
 @pytest.mark.parametrize("gap_m", [0.040, 0.100])
@@ -206,3 +206,17 @@ class TestLostSteps:
 def test_fewer_than_no_trays_are_refused() -> None:
     with pytest.raises(ValueError, match="trays is -1"):
         Plant(Rig().io_map, MACHINE, seed=1, trays=-1)
+
+
+def test_the_pushers_take_up_their_play_before_a_tray_moves() -> None:
+    """Forward and back again, the trays follow 2 mm later; in between friction holds them."""
+    rig, conveyor = make_conveyor()
+    rig.run(2_000, *FORWARD)
+    rig.run(500)
+    at_m = conveyor.trays_m
+    assert conveyor.belt_m - at_m == pytest.approx(0.002, abs=1e-9)
+    while conveyor.belt_m > at_m:
+        assert conveyor.trays_m == at_m
+        rig.run(1, "tray_run")
+    rig.run(100, "tray_run")
+    assert conveyor.trays_m == conveyor.belt_m < at_m

@@ -261,6 +261,7 @@ def test_the_piston_catches_the_carriage_again_when_it_comes_slowly(throttle_m3_
     bench.feed(0.5e6)
     put(bench, SLIDE, 0.3, ATMOSPHERE_PA + 0.5e6, ATMOSPHERE_PA)
     c, make = bench.cylinders[SLIDE], bench.makes[SLIDE]
+    make["recouples_m_s"] = 0.10
     c["piston_m"], c["decoupled"] = 0.605, 1
     make["blocked"] = 1
     bench.run(2.0, PLUS)

@@ -92,7 +92,8 @@ class _Reader:
         machine = self._machine()
         set_points = {"trays_target": trays} | self._set_points(program)
         plant = Plant(self.io_map, machine, seed=seed, trays=trays)
-        actions, until = self._actions(Stage(program, plant)), self._until()
+        faults, actions = self._faults(plant), self._actions(Stage(program, plant))
+        until = self._until()
         for action in actions:
             if action.when.at_ms is not None and action.when.at_ms + action.when.after_ms >= until.limit_ms:
                 complaint = f"{action.text} at {action.when.text} comes after the end; let it come earlier or end later"
@@ -105,7 +106,7 @@ class _Reader:
             io_map=self.io_map,
             machine=machine,
             set_points=set_points,
-            faults=self._faults(plant),
+            faults=faults,
             actions=actions,
             until=until,
             checks=read_checks(file, program),

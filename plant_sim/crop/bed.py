@@ -9,10 +9,10 @@ class Bed:
     """Trays within reach of the claws, and how far from the pick position they are.
 
     Attributes:
-        belt_m: Way the belt has gone, m.
+        trays_m: Way the trays have gone, m.
     """
 
-    __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "belt_m", "is_placed")
+    __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "is_placed", "trays_m")
 
     def __init__(self, seedlings: Seedlings, *, pitch_m: float) -> None:
         """Start with nothing under the arms.
@@ -25,14 +25,14 @@ class Bed:
         self._pitch_m = pitch_m
         self._trays: list[tuple[int, float]] = []
         self._turned: Mapping[int, float] = {}
-        self.belt_m = 0.0
+        self.trays_m = 0.0
         self.is_placed = False
 
     def lay(
         self,
         trays: Iterable[tuple[int, float]],
         *,
-        belt_m: float,
+        trays_m: float,
         is_placed: bool,
         turned: Mapping[int, float],
     ) -> None:
@@ -40,14 +40,14 @@ class Bed:
 
         Args:
             trays: Number of each tray, and how far past the pick position it is, m.
-            belt_m: Way the belt has gone, m.
+            trays_m: Way the trays have gone, m.
             is_placed: Whether one of them stands right for picking.
             turned: By which angle a tray lies askew, rad, of those that do.
         """
         self._turned = turned
         within_m = CELLS_ALONG * self._pitch_m
         self._trays = [tray for tray in trays if abs(tray[1]) < within_m]
-        self.belt_m = belt_m
+        self.trays_m = trays_m
         self.is_placed = is_placed
 
     @property

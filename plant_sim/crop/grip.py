@@ -20,8 +20,8 @@ class Grip:
 
     __slots__ = (
         "_bed",
-        "_clamp_belt_m",
         "_clamp_rise_m",
+        "_clamp_trays_m",
         "_clamp_x_m",
         "_closed",
         "_loosened",
@@ -63,7 +63,7 @@ class Grip:
         self._report = report
         self._closed = False
         self._loosened = False
-        self._clamp_x_m = self._clamp_rise_m = self._clamp_belt_m = 0.0
+        self._clamp_x_m = self._clamp_rise_m = self._clamp_trays_m = 0.0
         self.held: list[Seedling] = []
         self.extracted = False
         self.delivered = False
@@ -106,7 +106,7 @@ class Grip:
             self.held = stems
             self.extracted = self.delivered = self._loosened = False
             self._clamp_x_m, self._clamp_rise_m = pose.x_m, pose.rise_m
-            self._clamp_belt_m = self._bed.belt_m
+            self._clamp_trays_m = self._bed.trays_m
             self._move(stems, Place.CLAMPED)
         elif stems:
             self._move(stems, Place.LOST_PICK)
@@ -144,7 +144,7 @@ class Grip:
     def _pull(self, pose: Pose) -> None:
         """Pull the plugs out of their cells, or tear what is moved sideways before that."""
         spec = self._spec
-        shift_m = max(abs(pose.x_m - self._clamp_x_m), abs(self._bed.belt_m - self._clamp_belt_m))
+        shift_m = max(abs(pose.x_m - self._clamp_x_m), abs(self._bed.trays_m - self._clamp_trays_m))
         risen_m = pose.rise_m - self._clamp_rise_m
         if shift_m > spec.grip_tolerance_m or pose.travel_m > spec.pitch_tolerance_m:
             self._note(Incident.TORN, f"{len(self.held)} clamped seedlings were torn sideways")

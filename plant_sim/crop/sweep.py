@@ -20,7 +20,6 @@ class Sweep:
 
     __slots__ = (
         "_bed",
-        "_belt_m",
         "_gentle_x_m",
         "_passed",
         "_reach",
@@ -28,6 +27,7 @@ class Sweep:
         "_seedlings",
         "_spec",
         "_tray_has_moved",
+        "_trays_m",
         "low",
     )
 
@@ -48,7 +48,7 @@ class Sweep:
         self._report = report
         self._passed = 0  # columns the claw row is inward of
         self._gentle_x_m = 0.0  # where the claws last were open and converged
-        self._belt_m = 0.0  # where the belt was when the arm came to the tray
+        self._trays_m = 0.0  # where the trays were when the arm came to the tray
         self._tray_has_moved = False
         self.low = False
 
@@ -61,7 +61,7 @@ class Sweep:
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m
         self._passed = sum(pose.x_m > inward_m for inward_m in self._far_sides_m())
         self._gentle_x_m = pose.x_m
-        self._belt_m = self._bed.belt_m
+        self._trays_m = self._bed.trays_m
 
     def step(self, pose: Pose) -> None:
         """See what the last movement of arm or tray ran into.
@@ -105,10 +105,10 @@ class Sweep:
         """Notice a tray that moves while the arm is low in it."""
         in_tray = self.low and pose.x_m > self._reach.tray_edge_m
         if not in_tray or self._bed.is_empty:
-            self._belt_m = self._bed.belt_m
+            self._trays_m = self._bed.trays_m
             self._tray_has_moved = False
             return
-        moved_m = abs(self._bed.belt_m - self._belt_m)
+        moved_m = abs(self._bed.trays_m - self._trays_m)
         if self._tray_has_moved or moved_m <= self._spec.grip_tolerance_m:
             return
         self._tray_has_moved = True

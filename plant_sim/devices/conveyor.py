@@ -14,14 +14,15 @@ from plant_sim.spec import require, require_within
 _SEATS = 8  # trays the belt has room for
 _GONE = -1e9
 
-#: State: way asked for by the drive and gone by the belt; `seats_m` where the front edge of each tray lies
-#: on the belt, m before the point that was at the beam at the start.
+#: State: way asked for by the drive, gone by the belt with its pushers, and gone by the trays; `seats_m` where the
+#: front edge of each tray lies, m before the point that was at the beam at the start.
 CONVEYOR = np.dtype(
     [
         ("asked_m", "f8"),
         ("asked_m_s", "f8"),
         ("belt_m", "f8"),
         ("belt_m_s", "f8"),
+        ("trays_m", "f8"),
         ("seats_m", "f8", (_SEATS,)),
         ("beam", SENSOR),
         ("magazine_empty", SENSOR),
@@ -40,6 +41,7 @@ CONVEYOR_MAKE = np.dtype(
         ("damping_n_s_m", "f8"),
         ("moved_kg", "f8"),
         ("tray_m", "f8"),
+        ("play_m", "f8"),
         ("stop_m", "f8"),
         ("blocked", "i8"),
         ("friction", FRICTION),
@@ -65,6 +67,7 @@ class ConveyorSpec:
         load_kg: Belt and trays, kg.
         friction_n: Friction of belt and trays, N.
         damping: Share of critical damping that drive and gear give the rotor.
+        pusher_play_m: Play of the pushers between the rows of cells, m.
         tray_length_m: Length of a tray along the belt, m.
         gap_m: Gap the magazine leaves between two trays, m.
         magazine_before_beam_m: The magazine sets a tray down with its front edge this far before
@@ -85,6 +88,7 @@ class ConveyorSpec:
     load_kg: float
     friction_n: float
     damping: float
+    pusher_play_m: float
     tray_length_m: float
     gap_m: float
     magazine_before_beam_m: float
@@ -105,6 +109,7 @@ class ConveyorSpec:
         require_within(self, 0.1, 500.0, "load_kg")
         require_within(self, 0.0, 1000.0, "friction_n")
         require_within(self, 0.01, 2.0, "damping")
+        require_within(self, 0.0, 0.02, "pusher_play_m")
         require_within(self, 0.1, 2.0, "tray_length_m")
         require_within(self, 0.04, 1.0, "gap_m")
         require_within(self, 0.05, 5.0, "magazine_before_beam_m")
@@ -172,10 +177,17 @@ def step_conveyor(c: Any, make: Any, run: bool, forward: bool, at_s: float, step
         damp = step_s * make.damping_n_s_m / make.moved_kg
         free_m_s = (c.belt_m_s + step_s * pull_n / make.moved_kg + damp * c.asked_m_s) / (1.0 + damp)
         seeming_kg = make.moved_kg * (1.0 + damp)  # to the friction
+        most_m_s = step_s * make.holds_n / (1.0 + share * share) / make.moved_kg
+        if abs(free_m_s - c.belt_m_s) > most_m_s:  # what damps is the motor's too: all in all it gives no more
+            free_m_s = c.belt_m_s + math.copysign(most_m_s, free_m_s - c.belt_m_s)
+            seeming_kg = make.moved_kg
         speed_m_s = rubbed_m_s(make.friction, free_m_s, c.belt_m_s, seeming_kg, step_s)
     c.belt_m = max(before_m + step_s * speed_m_s, make.stop_m)
     c.belt_m_s = speed_m_s if c.belt_m > make.stop_m else max(speed_m_s, 0.0)
-    if c.belt_m != before_m:
+    before_m = c.trays_m
+    # the pushers reach between the rows of cells with some play: friction holds the trays until one touches
+    c.trays_m = min(max(c.trays_m, c.belt_m - make.play_m), c.belt_m)
+    if c.trays_m != before_m:
         _watch_beam(c, make, before_m, at_s, step_s)
     if c.beam.busy:
         speak(c.beam, make.beam, at_s + step_s)
@@ -184,11 +196,11 @@ def step_conveyor(c: Any, make: Any, run: bool, forward: bool, at_s: float, step
 @compiled
 def _watch_beam(c: Any, make: Any, before_m: float, at_s: float, step_s: float) -> None:
     """Let the beam see the trays after the belt has moved."""
-    way_m = c.belt_m - before_m
+    way_m = c.trays_m - before_m
     on = False
     share = 1.0
     for seat in range(_SEATS):
-        front_m = c.belt_m + c.seats_m[seat]
+        front_m = c.trays_m + c.seats_m[seat]
         if 0.0 <= front_m < make.tray_m:
             on = True
         for edge_m in (front_m, front_m - make.tray_m):
@@ -259,6 +271,7 @@ class Conveyor:
             "damping_n_s_m": 2 * spec.damping * math.sqrt(spring_n_m * spec.moved_kg),
             "moved_kg": spec.moved_kg,
             "tray_m": spec.tray_length_m,
+            "play_m": spec.pusher_play_m,
         }
         for name, value in values.items():
             make[name] = value
@@ -282,6 +295,11 @@ class Conveyor:
     def belt_m(self) -> float:
         """Way the belt has gone, m, forward positive."""
         return float(self._state["belt_m"])
+
+    @property
+    def trays_m(self) -> float:
+        """Way the trays have gone, m; behind the belt by up to the play of its pushers."""
+        return float(self._state["trays_m"])
 
     @property
     def speed_m_s(self) -> float:
@@ -312,19 +330,19 @@ class Conveyor:
     def torque_share(self, share: float) -> None:
         self._make["holds_n"] = share * self._spec.holds_n
 
-    def follow(self, belt_m: float) -> bool:
-        """Bring the trays up to date with the belt.
+    def follow(self, trays_m: float) -> bool:
+        """Bring the trays up to date.
 
         Args:
-            belt_m: Way the belt has gone, m.
+            trays_m: Way they have gone, m.
 
         Returns:
-            Whether it has moved.
+            Whether they have moved.
         """
-        way_m = belt_m - self._seen_m
+        way_m = trays_m - self._seen_m
         if way_m == 0.0:
             return False
-        self._seen_m = belt_m
+        self._seen_m = trays_m
         for number in self.front_m:
             self.front_m[number] += way_m
         self._let_out()

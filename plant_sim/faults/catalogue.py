@@ -117,7 +117,7 @@ _KINDS = (
     ),
     FaultKind(
         "stalled_stepper", "conveyor", "its motor has less torque and loses steps", parts.stepper,
-        ("holds_n", "damping_n_s_m"), _part,
+        ("holds_n",), _part,
         "conveyor", Size("-", 0.0, 1.0, "share of the torque left", "10 %"),
     ),
     # --- trays and seedlings
