@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, note_edge, speak
+from plant_sim.devices.view import View
 from plant_sim.pneumatics.compiled import compiled
 from plant_sim.pneumatics.friction import FRICTION, rubbed_m_s
 from plant_sim.spec import require, require_within
@@ -210,7 +211,7 @@ def _watch_beam(c: Any, make: Any, before_m: float, at_s: float, step_s: float) 
         note_edge(c.beam, at_s + share * step_s)
 
 
-class Conveyor:
+class Conveyor(View):
     """A view of the conveyor, and its magazine.
 
     The magazine sets the next tray behind the last one as soon as there is room, while the belt
@@ -229,12 +230,10 @@ class Conveyor:
     """
 
     __slots__ = (
-        "_make",
         "_next_number",
         "_seat_of",
         "_seen_m",
         "_spec",
-        "_state",
         "beam",
         "front_m",
         "in_magazine",
@@ -259,8 +258,7 @@ class Conveyor:
         if trays < 0:
             raise ValueError(f"trays is {trays}: there cannot be fewer than none")
         self._spec = spec
-        self._state = state
-        self._make = make
+        super().__init__(state, make)
         spring_n_m = 2 * math.pi * spec.holds_n / spec.cycle_m
         values = {
             "speed_m_s": spec.speed_m_s,
@@ -294,41 +292,32 @@ class Conveyor:
     @property
     def belt_m(self) -> float:
         """Way the belt has gone, m, forward positive."""
-        return float(self._state["belt_m"])
+        return float(self.state["belt_m"])
 
     @property
     def trays_m(self) -> float:
         """Way the trays have gone, m; behind the belt by up to the play of its pushers."""
-        return float(self._state["trays_m"])
+        return float(self.state["trays_m"])
 
     @property
     def speed_m_s(self) -> float:
         """Belt speed, m/s."""
-        return float(self._state["belt_m_s"])
+        return float(self.state["belt_m_s"])
 
     @property
     def lost_steps(self) -> int:
         """Full steps the motor is behind what its drive has asked for."""
-        lag_m = float(self._state["asked_m"]) - float(self._state["belt_m"])
-        return 4 * round(lag_m / float(self._make["cycle_m"]))
-
-    @property
-    def jammed(self) -> bool:
-        """While True the belt stands dead; the drive goes on and steps are lost."""
-        return bool(self._make["blocked"])
-
-    @jammed.setter
-    def jammed(self, jammed: bool) -> None:
-        self._make["blocked"] = int(jammed)
+        lag_m = float(self.state["asked_m"]) - float(self.state["belt_m"])
+        return 4 * round(lag_m / float(self.make["cycle_m"]))
 
     @property
     def torque_share(self) -> float:
         """Which part of its torque the motor gives; may be set any time."""
-        return float(self._make["holds_n"]) / self._spec.holds_n
+        return float(self.make["holds_n"]) / self._spec.holds_n
 
     @torque_share.setter
     def torque_share(self, share: float) -> None:
-        self._make["holds_n"] = share * self._spec.holds_n
+        self.make["holds_n"] = share * self._spec.holds_n
 
     def follow(self, trays_m: float) -> bool:
         """Bring the trays up to date.
@@ -372,7 +361,7 @@ class Conveyor:
         if foremost is not None and self.front_m[foremost] - self._spec.tray_length_m > self._spec.outlet_past_beam_m:
             del self.front_m[foremost]
             self.skewed_m.pop(foremost, None)
-            self._state["seats_m"][self._seat_of.pop(foremost)] = _GONE
+            self.state["seats_m"][self._seat_of.pop(foremost)] = _GONE
 
     def _set_down(self, way_m: float) -> None:
         """Let the magazine set down a tray if it has one and there is room; the belt has just gone a way."""
@@ -393,7 +382,7 @@ class Conveyor:
         if self.skew_m:
             self.skewed_m[number] = self.skew_m
         self._seat_of[number] = seat
-        self._state["seats_m"][seat] = front_m + self.skew_m - self._seen_m
+        self.state["seats_m"][seat] = front_m + self.skew_m - self._seen_m
         self._next_number += 1
         self.in_magazine -= 1
         self.magazine_empty.sense(self.in_magazine == 0)
@@ -404,4 +393,4 @@ class Conveyor:
         stop_m = _GONE
         if last_m is not None:
             stop_m = self._seen_m - max(last_m + self._spec.magazine_before_beam_m, 0.0)
-        self._make["stop_m"] = stop_m
+        self.make["stop_m"] = stop_m

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, note_edge, speak
+from plant_sim.devices.view import View
 from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
 from plant_sim.spec import require, require_within
 
@@ -130,7 +131,7 @@ def _flag(c: Any, make: Any) -> float:
     return past_m
 
 
-class Cups:
+class Cups(View):
     """A view of one carousel: an endless chain of cups; cup n stands at ``chain_m`` minus n pitches, claw 0 at 0.
 
     So a cup is under every claw whenever the chain has gone a whole number of pitches.
@@ -139,7 +140,7 @@ class Cups:
         pulse: The cup counter.
     """
 
-    __slots__ = ("_draw", "_frequency_per_min", "_make", "_state", "pulse")
+    __slots__ = ("_draw", "_frequency_per_min", "pulse")
 
     def __init__(self, spec: CupsSpec, state: Any, make: Any, *, seed: str, bounce_s: float) -> None:
         """Build it, at the speed of the spec: the tractor is already on its way.
@@ -151,8 +152,7 @@ class Cups:
             seed: Decides where the chain stands and how far each flag is out of its place.
             bounce_s: For how long a closing contact bounces, s.
         """
-        self._state = state
-        self._make = make
+        super().__init__(state, make)
         self._draw = random.Random(seed)
         make["pitch_m"] = spec.pitch_m
         make["acceleration_m_s2"] = spec.acceleration_m_s2
@@ -171,21 +171,12 @@ class Cups:
     @property
     def chain_m(self) -> float:
         """Way the chain has gone, m."""
-        return float(self._state["chain_m"])
+        return float(self.state["chain_m"])
 
     @property
     def speed_m_s(self) -> float:
         """Chain speed, m/s."""
-        return float(self._state["speed_m_s"])
-
-    @property
-    def jammed(self) -> bool:
-        """While True the chain stands dead."""
-        return bool(self._make["blocked"])
-
-    @jammed.setter
-    def jammed(self, jammed: bool) -> None:
-        self._make["blocked"] = int(jammed)
+        return float(self.state["speed_m_s"])
 
     @property
     def planting_frequency_per_min(self) -> float:
@@ -197,7 +188,7 @@ class Cups:
         if not 0.0 <= per_min < math.inf:
             raise ValueError(f"planting frequency {per_min}/min: give 0 or more; cups never run backward")
         self._frequency_per_min = per_min
-        self._make["wanted_m_s"] = float(self._make["pitch_m"]) * per_min / 60
+        self.make["wanted_m_s"] = float(self.make["pitch_m"]) * per_min / 60
 
     def place(self, chain_m: float) -> None:
         """Put the chain somewhere: a starting situation, not a motion.
@@ -205,9 +196,9 @@ class Cups:
         Args:
             chain_m: Way it has gone, m.
         """
-        self._state["chain_m"] = chain_m
+        self.state["chain_m"] = chain_m
         self.pulse.sense(on=False)
-        self.pulse.sense(_flag(self._state, self._make) >= 0.0)
+        self.pulse.sense(_flag(self.state, self.make) >= 0.0)
 
     def spoil(self, kind: int, share: float) -> None:
         """Let part of the flags be missed or counted twice, or all of them sound again.
@@ -217,6 +208,6 @@ class Cups:
             share: Which part of them, 0 to 1; drawn at random.
         """
         spoilt = self._draw.sample(range(_FLAGS), round(share * _FLAGS)) if kind != SOUND else []
-        self._make["kind"] = SOUND
+        self.make["kind"] = SOUND
         for number in spoilt:
-            self._make["kind"][number] = kind
+            self.make["kind"][number] = kind

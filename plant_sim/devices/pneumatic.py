@@ -5,6 +5,7 @@ from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
 from plant_sim.devices.sensor import Sensor, place_switch
+from plant_sim.devices.view import View
 from plant_sim.pneumatics.chamber import fill
 from plant_sim.pneumatics.compiled import compiled_and_kept
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, tube_conductance_m3_s_pa
@@ -199,7 +200,7 @@ def vent_tubes(c: Any, make: Any, gas: Any) -> None:
     fill(c.minus.tube, make.minus.tube_m3, ATMOSPHERE_PA, gas)
 
 
-class Cylinder:
+class Cylinder(View):
     """A view of a cylinder with its valve and switches.
 
     Attributes:
@@ -207,7 +208,7 @@ class Cylinder:
         make: Its record, `CYLINDER_MAKE`; what can break is changed here.
     """
 
-    __slots__ = ("_gas", "_hold_pa", "_switches", "make", "state")
+    __slots__ = ("_gas", "_hold_pa", "_switches")
 
     def __init__(
         self,
@@ -231,8 +232,7 @@ class Cylinder:
             common: Valves, check valves and air.
             hold_pa: Absolute pressure that its chambers keep at rest, Pa.
         """
-        self.state = state
-        self.make = make
+        super().__init__(state, make)
         self._gas = gas
         self._hold_pa = hold_pa
         self._switches: tuple[tuple[Any, Any], ...] = ()
@@ -263,15 +263,6 @@ class Cylinder:
     def speed_m_s(self) -> float:
         """Positive away from 0, m/s."""
         return float(self.state["speed_m_s"])
-
-    @property
-    def jammed(self) -> bool:
-        """While True the load stands dead; valve and air go on."""
-        return bool(self.make["blocked"])
-
-    @jammed.setter
-    def jammed(self, jammed: bool) -> None:
-        self.make["blocked"] = int(jammed)
 
     def place(self, position_m: float) -> None:
         """Put it somewhere, at rest: a starting situation, not a motion.

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, place_switch, step_switch
+from plant_sim.devices.view import View
 from plant_sim.pneumatics.compiled import compiled
 from plant_sim.pneumatics.friction import FRICTION, rubbed_m_s
 from plant_sim.spec import require, require_within
@@ -134,7 +135,7 @@ def _turn(s: Any, make: Any, drive: float, step_s: float) -> None:
         s.speed_m_s = rubbed_m_s(make.friction, free_m_s, s.speed_m_s, make.load_kg, step_s)
 
 
-class Spreader:
+class Spreader(View):
     """A view of one spreader. Inputs: the two directions of the motor; both at once brake it.
 
     Attributes:
@@ -142,7 +143,7 @@ class Spreader:
         spread_switch: End switch at cup pitch.
     """
 
-    __slots__ = ("_make", "_state", "converged_switch", "spread_switch")
+    __slots__ = ("converged_switch", "spread_switch")
 
     def __init__(self, spec: SpreaderSpec, state: Any, make: Any, *, bounce_s: float) -> None:
         """Build it, converged, at rest.
@@ -153,8 +154,7 @@ class Spreader:
             make: Its record, `SPREADER_MAKE`.
             bounce_s: For how long a closing contact bounces, s.
         """
-        self._state = state
-        self._make = make
+        super().__init__(state, make)
         values = {
             "full_m": spec.travel_m,
             "voltage_v": spec.voltage_v,
@@ -179,30 +179,21 @@ class Spreader:
     @property
     def travel_m(self) -> float:
         """Belt travel, m: 0 is converged (tray pitch), the full travel is spread (cup pitch)."""
-        return float(self._state["travel_m"])
+        return float(self.state["travel_m"])
 
     @property
     def speed_m_s(self) -> float:
         """Speed of the claws at the belt, m/s, positive while spreading."""
-        return float(self._state["speed_m_s"])
-
-    @property
-    def jammed(self) -> bool:
-        """While True the claws stand dead."""
-        return bool(self._make["blocked"])
-
-    @jammed.setter
-    def jammed(self, jammed: bool) -> None:
-        self._make["blocked"] = int(jammed)
+        return float(self.state["speed_m_s"])
 
     @property
     def slips_n(self) -> float:
         """Force at which the belt slips, N; may be set any time."""
-        return float(self._make["slips_n"])
+        return float(self.make["slips_n"])
 
     @slips_n.setter
     def slips_n(self, slips_n: float) -> None:
-        self._make["slips_n"] = slips_n
+        self.make["slips_n"] = slips_n
 
     def place(self, travel_m: float) -> None:
         """Put the claws somewhere, at rest: a starting situation, not a motion.
@@ -210,7 +201,7 @@ class Spreader:
         Args:
             travel_m: Where, m; clipped to the travel.
         """
-        state, make = self._state, self._make
+        state, make = self.state, self.make
         state["travel_m"] = min(max(travel_m, 0.0), float(make["full_m"]))
         state["speed_m_s"] = state["motor_m_s"] = 0.0
         for number in range(2):
