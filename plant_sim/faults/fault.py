@@ -1,5 +1,6 @@
 """A fault: a kind, a target, from when to when, and how badly; and how it is written on a command line."""
 
+import math
 from dataclasses import dataclass
 
 from plant_sim.faults.catalogue import FAULTS
@@ -118,5 +119,7 @@ def size_of(kind: str, text: str) -> float:
     Raises:
         QuantityError: it is no number, or has another kind of unit.
     """
-    size = FAULTS[kind].size if kind in FAULTS else None
+    if kind not in FAULTS:
+        return math.nan
+    size = FAULTS[kind].size
     return parse_quantity(text, size.unit if size is not None else "-")
