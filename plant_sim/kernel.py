@@ -47,8 +47,8 @@ SENSORS = (
 )
 
 #: State of an arm. `stirred` counts the steps in which anything moved; `freed_s` and `gripped_s` are when
-#: the claws last opened so far that they touch nothing, and closed so far that they grip. `clamped` is 1 from when
-#: closing fingers first had the force to hold.
+#: the claws last opened so far that they touch nothing, and closed so far that they grip. `clamp_pa` presses the fingers
+#: together; `clamped` is 1 from when closing fingers first had the force to hold.
 ARM = np.dtype(
     [
         ("slide", CYLINDER),
@@ -61,6 +61,7 @@ ARM = np.dtype(
         ("stirred", "i8"),
         ("freed_s", "f8"),
         ("gripped_s", "f8"),
+        ("clamp_pa", "f8"),
         ("clamped", "i8"),
         ("slips", "i8"),
     ]
@@ -176,12 +177,12 @@ def _step_arm(arm: Any, make: Any, coils: Any, supply: Any, at_s: float, gas: An
 @compiled
 def _feel(arm: Any, make: Any) -> None:
     """Whether the fingers hold, or have lost the force they had."""
-    across_pa = arm.claws.minus.chamber.pressure_pa - arm.claws.plus.chamber.pressure_pa
+    arm.clamp_pa = arm.claws.minus.chamber.pressure_pa - arm.claws.plus.chamber.pressure_pa
     if arm.claws.valve.target > 0.0 or arm.claws.position_m > make.grips_below_m:
         arm.clamped = 0
-    elif across_pa >= make.holds_above_pa:
+    elif arm.clamp_pa >= make.holds_above_pa:
         arm.clamped = 1
-    arm.slips = 1 if arm.clamped and across_pa < make.holds_above_pa else 0
+    arm.slips = 1 if arm.clamped and arm.clamp_pa < make.holds_above_pa else 0
 
 
 @compiled

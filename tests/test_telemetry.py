@@ -30,7 +30,7 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
     for point in TELEMETRY:
         assert point.offset == offset, point.name
         offset += point.words
-    assert offset == TELEMETRY_REGISTERS == 30
+    assert offset == TELEMETRY_REGISTERS == 34
     assert len({point.name for point in TELEMETRY}) == len(TELEMETRY)
 
 
@@ -38,7 +38,7 @@ def test_telemetry_of_a_machine_as_found(client: Client) -> None:
     """Two full trays, arms at feed against their bumpers, down and open; nothing written yet."""
     telemetry = read_registers(client)
     assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms"))
-    arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "missed_cups": 0}
+    arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "clamp_n": -7.8, "missed_cups": 0}
     assert telemetry == {
         **{f"{side}.{name}": value for side in ("left", "right") for name, value in arm.items()},
         "in_tray": 144,
@@ -53,6 +53,8 @@ def test_telemetry_of_a_machine_as_found(client: Client) -> None:
         "y_image": 0,
         "incidents": 0,
         "planting_frequency_per_min": 45.0,
+        "main_pressure_kpa": 500.0,
+        "claw_pressure_kpa": 400.0,
     }
 
 
@@ -77,8 +79,22 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
 
     rig.thread.call(change)
     telemetry = read_registers(client)
-    left = {"slide_mm": 123.4, "lift_mm": 45.6, "spreader_mm": 78.9, "claw_deg": -10.0, "missed_cups": 7}
-    right = {"slide_mm": 234.5, "lift_mm": 56.7, "spreader_mm": 89.1, "claw_deg": 30.0, "missed_cups": 8}
+    left = {
+        "slide_mm": 123.4,
+        "lift_mm": 45.6,
+        "spreader_mm": 78.9,
+        "claw_deg": -10.0,
+        "clamp_n": 7.8,
+        "missed_cups": 7,
+    }
+    right = {
+        "slide_mm": 234.5,
+        "lift_mm": 56.7,
+        "spreader_mm": 89.1,
+        "claw_deg": 30.0,
+        "clamp_n": -7.8,
+        "missed_cups": 8,
+    }
     assert telemetry == {
         **{f"left.{name}": value for name, value in left.items()},
         **{f"right.{name}": value for name, value in right.items()},
@@ -97,6 +113,8 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         "incidents": 9,
         "tray_at_pick": 1,
         "planting_frequency_per_min": 60.5,
+        "main_pressure_kpa": 500.0,
+        "claw_pressure_kpa": 400.0,
     }
     registers = read_raw_registers(client)
     assert registers[:2] == (1, 4_464), "high word first"
@@ -118,7 +136,7 @@ def test_never_is_all_bits_and_too_much_is_the_most_there_is(rig: Rig, client: C
 
 @pytest.mark.parametrize("count", [0, TELEMETRY_REGISTERS - 1, TELEMETRY_REGISTERS + 1])
 def test_decoding_takes_all_registers_or_none(count: int) -> None:
-    with pytest.raises(ValueError, match=f"30 registers, not {count}"):
+    with pytest.raises(ValueError, match=f"34 registers, not {count}"):
         read_telemetry([0] * count)
 
 

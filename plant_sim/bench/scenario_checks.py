@@ -27,6 +27,7 @@ def _gauges(side: str) -> dict[str, tuple[str, Gauge]]:
         f"{side}.slide.position": ("m", lambda plant: plant.arms[side].slide.position_m),
         f"{side}.lift.rise": ("m", lambda plant: plant.arms[side].lift.rise_m),
         f"{side}.claws.angle": ("deg", lambda plant: plant.arms[side].claws.angle_deg),
+        f"{side}.claws.clamp": ("N", lambda plant: plant.arms[side].claws.clamp_n),
         f"{side}.spreader.travel": ("m", lambda plant: plant.arms[side].spreader.travel_m),
     }
 

@@ -129,6 +129,13 @@ def _arm_points(side: str, first: int) -> tuple[TelemetryPoint, ...]:
     )
 
 
+def _clamp_point(side: str, offset: int) -> TelemetryPoint:
+    meaning = f"force of a {side} finger, clamping is positive"
+    return TelemetryPoint(
+        f"{side}.clamp_n", offset, 1, 0.1, meaning, lambda module: module.plant.arms[side].claws.clamp_n, signed=True
+    )
+
+
 TELEMETRY = (
     TelemetryPoint("time_ms", 0, 2, 1, "plant time", lambda m: m.plant.time_ms),
     TelemetryPoint(
@@ -162,6 +169,19 @@ TELEMETRY = (
     TelemetryPoint("y_image", 26, 2, 1, "raw levels, bit n is Y n (octal value), to Y37", _y_bits),
     TelemetryPoint(
         "incidents", 28, 2, 1, "incidents so far: what must not happen, and did", lambda m: len(m.plant.events)
+    ),
+    _clamp_point("left", 30),
+    _clamp_point("right", 31),
+    TelemetryPoint(
+        "main_pressure_kpa",
+        32,
+        1,
+        0.1,
+        "gauge pressure of slides and lifts",
+        lambda m: m.plant.supply.pressure_pa / 1e3,
+    ),
+    TelemetryPoint(
+        "claw_pressure_kpa", 33, 1, 0.1, "gauge pressure of the claws", lambda m: m.plant.supply.claw_pressure_pa / 1e3
     ),
 )
 
