@@ -47,8 +47,8 @@ SENSORS = (
 )
 
 #: State of an arm. `stirred` counts the steps in which anything moved; `freed_s` and `gripped_s` are when
-#: the claws last opened so far that they touch nothing, and closed so far that they grip. `clamp_pa` presses the fingers
-#: together; `clamped` is 1 from when closing fingers first had the force to hold.
+#: the claws last opened so far that they touch nothing, and closed so far that they grip. `clamp_pa` presses the
+#: fingers together; `clamped` is 1 from when closing fingers first had the force to hold.
 ARM = np.dtype(
     [
         ("slide", CYLINDER),
