@@ -143,3 +143,12 @@ def test_placing_clips_to_the_travel_and_takes_the_speed() -> None:
     assert spreader.travel_m == 0.0
     rig.run(100)
     assert spreader.travel_m == 0.0
+
+
+def test_the_motor_stands_when_the_claws_are_against_their_end_stop() -> None:
+    """Its 480 N at standstill are less than the 600 N at which the belt slips."""
+    rig = Rig()
+    rig.run(2_000, "left.spread")
+    state = rig.left.spreader.state
+    assert float(state["travel_m"]) == rig.machine.spreader.travel_m
+    assert (float(state["speed_m_s"]), float(state["motor_m_s"])) == (0.0, 0.0)
