@@ -403,3 +403,16 @@ def test_a_later_row_is_missed_cup_by_cup() -> None:
     rig.run(20_000)
     assert rig.plant.missed_cups == {"left": between, "right": 0}
     assert dataclasses.asdict(rig.plant.counts())["in_cups"] == 24
+
+
+def test_a_tray_askew_is_gripped_in_the_middle_and_cut_at_its_ends() -> None:
+    """A lead of 8 mm over 140 mm turns it by 57 mrad: cells 0.5 and 1.5 pitches from the middle are 1.2 and 3.7 mm off
+    their line, those 2.5 pitches off already 6.1 mm, more than the 6 mm that the claws grip."""
+    rig = Rig()
+    rig.plant.conveyor.skewed_m[0] = 0.008
+    rig.bring_tray()
+    rig.go_to_pick(1)
+    rig.close()
+    assert [seedling.along for seedling in rig.left.grip.held] == [4, 5, 6, 7]
+    assert rig.kinds() == ["stems_cut"]
+    assert rig.plant.counts().P == 8
