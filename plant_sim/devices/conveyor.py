@@ -167,13 +167,14 @@ def step_conveyor(c: Any, make: Any, run: bool, forward: bool, at_s: float, step
         wanted_m_s = make.speed_m_s if forward else -make.speed_m_s
     change_m_s = make.acceleration_m_s2 * step_s
     before_m_s = c.asked_m_s
+    ahead_m = c.asked_m - c.belt_m
     c.asked_m_s = min(max(wanted_m_s, before_m_s - change_m_s), before_m_s + change_m_s)
     c.asked_m += 0.5 * (before_m_s + c.asked_m_s) * step_s
     before_m = c.belt_m
     speed_m_s = 0.0
     if make.blocked == 0:
         share = c.asked_m_s / make.half_m_s
-        turn = 2.0 * math.pi * (c.asked_m - c.belt_m) / make.cycle_m
+        turn = 2.0 * math.pi * ahead_m / make.cycle_m
         pull_n = make.holds_n / (1.0 + share * share) * math.sin(turn)
         damp = step_s * make.damping_n_s_m / make.moved_kg
         free_m_s = (c.belt_m_s + step_s * pull_n / make.moved_kg + damp * c.asked_m_s) / (1.0 + damp)
