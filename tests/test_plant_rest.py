@@ -126,6 +126,7 @@ def test_a_late_pressure_switch_is_late() -> None:
     rig = Rig()
     switch = rig.plant.sensors["air_pressure_ok"]
     rig.plant.faults.add(parse_fault("late_sensor:air_pressure_ok=2s"))
+    rig.run(10_000)
     rig.plant.box.emergency_stop = True
     rig.run(1_500)
     assert rig.plant.supply.pressure_pa < 10_000
