@@ -8,10 +8,11 @@ from plant_sim.devices.conveyor import CONVEYOR, CONVEYOR_MAKE, step_conveyor
 from plant_sim.devices.cups import CUPS, CUPS_MAKE, step_cups
 from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, step_switch
 from plant_sim.devices.spreader import SPREADER, SPREADER_MAKE, step_spreader
-from plant_sim.devices.supply import AIR, AIR_MAKE, settle_air, step_air
+from plant_sim.devices.supply import AIR, AIR_MAKE, settle_air
 from plant_sim.pneumatics.chamber import GAS
 from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
 from plant_sim.pneumatics.cylinder import CYLINDER, CYLINDER_MAKE, rests, step_cylinder
+from plant_sim.pneumatics.supply import step_supply
 
 #: The coils of an arm in the order in which the kernel takes them.
 ARM_COILS = (
@@ -45,6 +46,9 @@ SENSORS = (
     "air_pressure_ok",
     "magazine_empty",
 )
+
+_BELT = 2 * len(ARM_COILS)  # first coil, and first sensor, of what both arms share
+_COMMON = 2 * len(ARM_SENSORS)
 
 #: State of an arm. `stirred` counts the steps in which anything moved; `freed_s` and `gripped_s` are when
 #: the claws last opened so far that they touch nothing, and closed so far that they grip. `clamp_pa` presses the
@@ -119,10 +123,17 @@ def advance(machine: Any, make: Any, coils: Any, fed: bool, first: int, steps: i
     air = m.air
     for step in range(steps):
         at_s = (first + step) * gas.step_s
-        step_air(air, air_make, fed, gas)
-        step_conveyor(m.conveyor, make[0].conveyor, coils[16], coils[17], at_s, gas.step_s)
+        step_supply(air.network, air_make.network, fed, gas)
+        step_conveyor(m.conveyor, make[0].conveyor, coils[_BELT], coils[_BELT + 1], at_s, gas.step_s)
         for side in range(2):
-            _step_arm(m.arms[side], make[0].arms[side], coils[8 * side : 8 * side + 8], air.network, at_s, gas)
+            _step_arm(
+                m.arms[side],
+                make[0].arms[side],
+                coils[len(ARM_COILS) * side : len(ARM_COILS) * (side + 1)],
+                air.network,
+                at_s,
+                gas,
+            )
         settle_air(air, air_make, at_s + gas.step_s, gas)
     for side in range(2):
         arm, place = m.arms[side], len(SIGHT) * side
@@ -208,7 +219,7 @@ def look(machine: Any, make: Any, terminals: Any, inverted: Any, image: Any) -> 
     m, made = machine[0], make[0]
     for side in range(2):
         arm, arm_make = m.arms[side], made.arms[side]
-        first = 9 * side
+        first = len(ARM_SENSORS) * side
         for number in range(2):
             _tell(arm.lift_switches[number], arm_make.lift_switches[number], first + number, terminals, inverted, image)
             _tell(
@@ -229,9 +240,9 @@ def look(machine: Any, make: Any, terminals: Any, inverted: Any, image: Any) -> 
                 image,
             )
         _tell(arm.cups.pulse, arm_make.cups.pulse, first + 8, terminals, inverted, image)
-    _tell(m.conveyor.beam, made.conveyor.beam, 18, terminals, inverted, image)
-    _tell(m.air.pressure_ok, made.air.pressure_ok, 19, terminals, inverted, image)
-    _tell(m.conveyor.magazine_empty, made.conveyor.magazine_empty, 20, terminals, inverted, image)
+    _tell(m.conveyor.beam, made.conveyor.beam, _COMMON, terminals, inverted, image)
+    _tell(m.air.pressure_ok, made.air.pressure_ok, _COMMON + 1, terminals, inverted, image)
+    _tell(m.conveyor.magazine_empty, made.conveyor.magazine_empty, _COMMON + 2, terminals, inverted, image)
 
 
 @compiled

@@ -20,12 +20,14 @@ from plant_sim.devices.conveyor import ConveyorSpec
 from plant_sim.devices.cups import CupsSpec
 from plant_sim.devices.lift import LiftSpec
 from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, Pneumatics, PortSpec, ValveSpec
+from plant_sim.devices.sensor import ContactSpec
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.quantity import unit_of
-from plant_sim.spec import SpecError, require, require_within
+from plant_sim.spec import SpecError, require
+from plant_sim.whole import LayoutSpec, RatingSpec, SimulationSpec
 
 DEFAULT_MACHINE = Path(__file__).with_name("machine.yaml")
 
@@ -36,93 +38,6 @@ _MPA = 1e6
 
 class MachineError(ValueError):
     """The parameters cannot be used; the text is one line: where, which key, what is wrong."""
-
-
-@dataclass(frozen=True, slots=True)
-class LayoutSpec:
-    """How the machine is put together.
-
-    Attributes:
-        row_spacing_m: From planting row to planting row, m.
-        arms_may_meet_in_plant: Whether both arms fit inward of pick 2 at once.
-    """
-
-    row_spacing_m: float
-    arms_may_meet_in_plant: bool
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        require_within(self, 0.350, 0.800, "row_spacing_m")
-
-
-@dataclass(frozen=True, slots=True)
-class SimulationSpec:
-    """How finely the plant looks at itself.
-
-    Attributes:
-        step_s: Step of air and motion, s; a millisecond holds a whole number of them.
-        look_ms: Longest time until it is seen what a motion did to the seedlings, ms.
-    """
-
-    step_s: float
-    look_ms: int
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        require_within(self, 1e-5, 1e-3, "step_s")
-        whole = abs(self.steps_per_ms * self.step_s - 1e-3) < 1e-12
-        require(whole, "step_s", "must divide a millisecond: 1.0e-3, 0.5e-3, 0.2e-3, 0.1e-3")
-        require_within(self, 1, 20, "look_ms")
-
-    @property
-    def steps_per_ms(self) -> int:
-        """Steps in a millisecond."""
-        return round(1e-3 / self.step_s)
-
-
-@dataclass(frozen=True, slots=True)
-class ContactSpec:
-    """The contacts of every switch.
-
-    Attributes:
-        bounce_s: For how long a closing contact bounces, s.
-    """
-
-    bounce_s: float
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        require_within(self, 0.0, 0.05, "bounce_s")
-
-
-@dataclass(frozen=True, slots=True)
-class RatingSpec:
-    """Up to where the makers vouch for their parts; beyond it the machine is warned about, not refused.
-
-    Attributes:
-        slide_pa: Highest gauge pressure of the slide, Pa.
-        slide_least_pa: Lowest, Pa.
-        slide_m_s: Highest piston speed of the slide, m/s.
-        slide_least_m_s: Lowest, m/s.
-        lift_pa: Highest gauge pressure of the lift, Pa.
-        lift_m_s: Highest piston speed of the lift, m/s.
-        claws_pa: Highest gauge pressure of the claws, Pa.
-        claws_least_pa: Lowest, Pa.
-    """
-
-    slide_pa: float
-    slide_least_pa: float
-    slide_m_s: float
-    slide_least_m_s: float
-    lift_pa: float
-    lift_m_s: float
-    claws_pa: float
-    claws_least_pa: float
-
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        require_within(self, 0.0, 2e6, "slide_pa", "slide_least_pa", "lift_pa", "claws_pa", "claws_least_pa")
-        require_within(self, 0.0, 10.0, "slide_m_s", "slide_least_m_s", "lift_m_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +94,6 @@ class Machine:
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit together; the key in the error is dotted."""
-        main_pa = self.supply.pressure_pa
         require(
             self.columns_m[COLUMNS // 2 - 1] + self.handling.reach_m < self.slide.stroke_m,
             "slide.stroke_m",
@@ -190,21 +104,7 @@ class Machine:
             "slide.overtravel_m",
             "takes more than half of slide_port.dead_volume_m3",
         )
-        for section, area_m2, moved_kg, dead_m3, most_pa in (
-            ("slide", self.slide.area_m2, self.slide.piston_kg, self.slide_port.dead_volume_m3, main_pa),
-            ("lift", self.lift.area_m2, self.lift.carried_kg, self.lift_port.dead_volume_m3, main_pa),
-            ("claws", self.claws.area_m2, self.claws.grippers * self.claws.moved_kg, self.claws_port.dead_volume_m3,
-             self.claw_pressure_pa),
-        ):  # fmt: skip
-            # both chambers near an end: the stiffest spring that the air can be
-            spring_n_m = 2 * self.air.stiffness_exponent * (most_pa + ATMOSPHERE_PA) * area_m2**2 / dead_m3
-            turn = self.simulation.step_s * math.sqrt(spring_n_m / moved_kg)
-            require(
-                turn <= 1.5,
-                f"{section}_port.dead_volume_m3",
-                f"makes the air so stiff a spring that it swings by {turn:.3g} rad a step; at most 1.5: make the "
-                "volume or what moves larger, or simulation.step_s smaller",
-            )
+        self._require_soft_air()
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
         require(
             2 * switch_reach_m < self.handling.cell_pitch_m,
@@ -222,6 +122,25 @@ class Machine:
             "spreader.travel_m",
             f"spreads the claws to {claw_pitch_m:.4g} m; it must be cups.pitch_m to a millimetre",
         )
+
+    def _require_soft_air(self) -> None:
+        """Refuse a cylinder that would swing on its air by too much of a turn in one step."""
+        main_pa = self.supply.pressure_pa
+        for section, area_m2, moved_kg, dead_m3, most_pa in (
+            ("slide", self.slide.area_m2, self.slide.piston_kg, self.slide_port.dead_volume_m3, main_pa),
+            ("lift", self.lift.area_m2, self.lift.carried_kg, self.lift_port.dead_volume_m3, main_pa),
+            ("claws", self.claws.area_m2, self.claws.grippers * self.claws.moved_kg, self.claws_port.dead_volume_m3,
+             self.claw_pressure_pa),
+        ):  # fmt: skip
+            # both chambers near an end: the stiffest spring that the air can be
+            spring_n_m = 2 * self.air.stiffness_exponent * (most_pa + ATMOSPHERE_PA) * area_m2**2 / dead_m3
+            turn = self.simulation.step_s * math.sqrt(spring_n_m / moved_kg)
+            require(
+                turn <= 1.5,
+                f"{section}_port.dead_volume_m3",
+                f"makes the air so stiff a spring that it swings by {turn:.3g} rad a step; at most 1.5: make the "
+                "volume or what moves larger, or simulation.step_s smaller",
+            )
 
     @property
     def columns_m(self) -> tuple[float, ...]:

@@ -57,7 +57,6 @@ class Plant:
         indicators: Horn and lamps by tag, so far as they are wired.
         events: Every incident so far.
         extrapolates: Whether the crop settings lie outside the trials of the paper.
-        warnings: What lies outside the makers' ratings, one line each.
         state: One record `MACHINE`: everything that moves.
         make: One record `MACHINE_MAKE`: everything that decides how; faults change it.
         wired: Tags of the inputs that have a wire.
@@ -86,7 +85,6 @@ class Plant:
         self.box = OperatorBox()
         self.events: list[Event] = []
         self.extrapolates = machine.crop.extrapolates
-        self.warnings = machine.warnings
         self.state = np.zeros(1, MACHINE)
         self.make = np.zeros(1, MACHINE_MAKE)
         state, make = self.state[0], self.make[0]

@@ -118,7 +118,7 @@ def test_the_pressure_switch_has_a_gap() -> None:
 
 def test_the_regulator_can_be_set_lower_and_the_machine_draws_it_down() -> None:
     rig = Rig(trays=0)
-    rig.plant.supply.regulated_pa = 0.35e6
+    rig.plant.make[0]["air"]["network"]["regulated_pa"] = 0.35e6
     for _ in range(4):
         rig.run(1_500, "left.lift_retract", "right.lift_retract")
         rig.run(1_500, "left.lift_extend", "right.lift_extend")

@@ -189,18 +189,12 @@ class TestLostSteps:
     def test_a_weak_motor_loses_steps_in_its_ramp_and_then_runs_with_the_drive(self, share: float, loses: bool) -> None:
         """The ramp needs 14.75 kg * 4 m/s2 + 15 N = 74 N; at 0.2 m/s there are 180 N / (1 + (0.2 / 0.6)^2) = 162 N."""
         rig, conveyor = make_conveyor()
-        conveyor.torque_share = share
+        conveyor.make["holds_n"] *= share
         rig.run(2_000, *FORWARD)
         assert (conveyor.lost_steps > 0) is loses
         assert conveyor.lost_steps % 4 == 0
         assert conveyor.speed_m_s == pytest.approx(0.200, abs=0.002)
         assert conveyor.belt_m == pytest.approx(0.395 - conveyor.lost_steps * STEP_M, abs=STEP_M)
-
-    def test_torque_share_can_be_read_back(self) -> None:
-        _, conveyor = make_conveyor()
-        assert conveyor.torque_share == 1.0
-        conveyor.torque_share = 0.25
-        assert conveyor.torque_share == 0.25
 
 
 def test_fewer_than_no_trays_are_refused() -> None:

@@ -118,7 +118,7 @@ def test_a_belt_that_slips_hauls_with_its_force_only() -> None:
     speeds_m_s = []
     for slips_n in (120.0, 190.0):
         rig, spreader = make_spreader()
-        spreader.slips_n = slips_n
+        spreader.make["slips_n"] = slips_n
         rig.run(5, "left.spread")
         speeds_m_s.append(spreader.speed_m_s)
     assert speeds_m_s == pytest.approx([7.5 * 0.005, 0.200 * (1 - math.exp(-0.005 / TIME_S))], rel=0.04)
@@ -126,10 +126,10 @@ def test_a_belt_that_slips_hauls_with_its_force_only() -> None:
 
 def test_a_belt_that_holds_less_than_the_friction_moves_nothing() -> None:
     rig, spreader = make_spreader()
-    spreader.slips_n = 55.0
+    spreader.make["slips_n"] = 55.0
     rig.run(2_000, "left.spread")
     assert spreader.travel_m == 0.0
-    spreader.slips_n = 65.0  # 5 N on 8 kg: 0.625 m/s2, 31 mm after 316 ms
+    spreader.make["slips_n"] = 65.0  # 5 N on 8 kg: 0.625 m/s2, 31 mm after 316 ms
     rig.run(316, "left.spread")
     assert spreader.travel_m == pytest.approx(0.031, abs=0.003)
 

@@ -311,15 +311,6 @@ class Conveyor(View):
         lag_m = float(self.state["asked_m"]) - float(self.state["belt_m"])
         return 4 * round(lag_m / float(self.make["cycle_m"]))
 
-    @property
-    def torque_share(self) -> float:
-        """Which part of its torque the motor gives; may be set any time."""
-        return float(self.make["holds_n"]) / self._spec.holds_n
-
-    @torque_share.setter
-    def torque_share(self, share: float) -> None:
-        self.make["holds_n"] = share * self._spec.holds_n
-
     def follow(self, trays_m: float) -> bool:
         """Bring the trays up to date.
 

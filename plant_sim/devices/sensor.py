@@ -1,11 +1,13 @@
 """Binary sensors: position switches with band, hysteresis and bouncing contacts; each can be forced as a fault."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
+from plant_sim.spec import require_within
 
 #: State: what there is to be seen, since when (interpolated within a step), and what the sensor says.
 #: `busy` 1 while it does not yet, or not steadily, say what it sees.
@@ -25,6 +27,21 @@ SENSOR_MAKE = np.dtype(
 )
 
 _BOUNCES = 5.0  # closed and open in turn, so many times in the time of bouncing; closed at first and at last
+
+
+@dataclass(frozen=True, slots=True)
+class ContactSpec:
+    """The contacts of every switch.
+
+    Attributes:
+        bounce_s: For how long a closing contact bounces, s.
+    """
+
+    bounce_s: float
+
+    def __post_init__(self) -> None:
+        """Refuse impossible values."""
+        require_within(self, 0.0, 0.05, "bounce_s")
 
 
 @compiled

@@ -186,15 +186,6 @@ class Spreader(View):
         """Speed of the claws at the belt, m/s, positive while spreading."""
         return float(self.state["speed_m_s"])
 
-    @property
-    def slips_n(self) -> float:
-        """Force at which the belt slips, N; may be set any time."""
-        return float(self.make["slips_n"])
-
-    @slips_n.setter
-    def slips_n(self, slips_n: float) -> None:
-        self.make["slips_n"] = slips_n
-
     def place(self, travel_m: float) -> None:
         """Put the claws somewhere, at rest: a starting situation, not a motion.
 

@@ -9,7 +9,7 @@ from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, note_edge, spe
 from plant_sim.pneumatics.chamber import fill, surroundings
 from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_KG_M3
-from plant_sim.pneumatics.supply import SUPPLY, SUPPLY_MAKE, settle_supply, step_supply
+from plant_sim.pneumatics.supply import SUPPLY, SUPPLY_MAKE, settle_supply
 from plant_sim.spec import require, require_within
 
 AIR = np.dtype([("network", SUPPLY), ("pressure_ok", SENSOR)])
@@ -86,12 +86,6 @@ class SupplySpec:
         require_within(self, 0.05, 0.6, "critical_ratio")
         require(self.compressor_on_pa < self.compressor_off_pa, "compressor_off_pa", "must exceed compressor_on_pa")
         require(self.pressure_pa < self.compressor_on_pa, "pressure_pa", "must be less than compressor_on_pa")
-
-
-@compiled
-def step_air(a: Any, make: Any, fed: bool, gas: Any) -> None:
-    """Let time pass in the supply; see `step_supply`."""
-    step_supply(a.network, make.network, fed, gas)
 
 
 @compiled
@@ -183,12 +177,3 @@ class Supply:
     def claw_pressure_pa(self) -> float:
         """Gauge pressure of the manifold that feeds the claws, Pa."""
         return float(self._state["claw_manifold"]["pressure_pa"]) - ATMOSPHERE_PA
-
-    @property
-    def regulated_pa(self) -> float:
-        """Gauge pressure at which the main regulator is set, Pa; may be set any time."""
-        return float(self._make["regulated_pa"])
-
-    @regulated_pa.setter
-    def regulated_pa(self, pressure_pa: float) -> None:
-        self._make["regulated_pa"] = pressure_pa
