@@ -116,7 +116,7 @@ class IoModule:
             ModuleFault: tripped, and a level is not safe.
             ValueError: beyond the Y image.
         """
-        if not all(0 <= number < len(self._outputs) for number in levels):
+        if levels and not 0 <= min(levels) <= max(levels) < len(self._outputs):
             raise ValueError(f"outputs {sorted(levels)} exceed the {len(self._outputs)} of the map")
         wired = self._block & levels.keys()
         if self.tripped and any(levels[number] != self._safe[number] for number in wired):
