@@ -393,3 +393,30 @@ def test_any_two_sequences_follow_the_rules_of_the_step_ladder(
             oracle.on -= oracle.on if AWAY_AFTER in buttons else set()
             oracle.end()
         assert bench.states() == {first + n for first, oracle in oracles.items() for n in oracle.on}
+
+
+def test_a_press_is_spent_by_the_first_transfer() -> None:
+    """Given steps whose exits are all true, when transfers are spent, a press moves the sequence on by one step."""
+    armed = m(1)
+    rows = [step("a", To("b", x(0))), step("b", To("c", x(0))), step("c", To("a", x(0)))]
+    bench = Bench(STARTED, Sequence("stepped", FIRST, rows, enable=armed, spends=armed))
+    bench.scan(0)
+    assert bench.states() == {FIRST}
+    for expected in (FIRST + 1, FIRST + 2, FIRST):
+        bench.plc.write(armed, 1)
+        bench.scan(0)
+        bench.scan(0)
+        assert bench.states() == {expected}
+        assert not bench.plc.read(armed)
+
+
+def test_a_limit_runs_only_while_a_gated_step_has_not_reached_its_end() -> None:
+    """Given a step that has reached its end and is withheld, it is not late; one that is on its way is."""
+    armed, alarm = m(1), s(900)
+    row = Step("a", hold=[m(0)], go=[To("b", when=x(0))], watch=Timeout(200, alarm, Timer(0)))
+    sequence = Sequence("gated", FIRST, [row, step("b")], enable=armed)
+    for reached in (True, False):
+        bench = Bench(STARTED, sequence, *sequence.limits())
+        for _ in range(40):
+            bench.scan(*([0] if reached else []))
+        assert (900 in bench.states()) is not reached

@@ -165,10 +165,9 @@ class _Source:
             if dwell is not None:
                 self.rung(dwell, 2)
             for n, transfer in enumerate(transfers):
-                self.add(
-                    2,
-                    f"{'el' if n else ''}if {expression(transfer.when)}: {trigger(index, bit, n)}()",
-                )
+                self.add(2, f"{'el' if n else ''}if {expression(transfer.when)}:", f"    {trigger(index, bit, n)}()")
+                if sequence.spends is not None:
+                    self.add(3, f"{expression(sequence.spends)} = False")
             if dwell is not None:
                 n = dwell.timer.number
                 self.add(1, f"elif TS[{n}] >= 0: TS[{n}] = -1; TV[{n}] = 0; T[{n}] = False")

@@ -93,6 +93,8 @@ class Program:
             yield from read_devices(rung)
             yield from written_devices(rung)
         for sequence in self.sequences():
+            if sequence.spends is not None:
+                yield sequence.spends
             for bit, step in sequence:
                 yield bit
                 for transfer in sequence.transfers[step.title]:

@@ -17,7 +17,7 @@ from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 
 from controller.core.devices import is_retentive
-from controller.core.expr import TRUE, Bit, Expr, Timer, Word
+from controller.core.expr import TRUE, Bit, Expr, Timer, Word, any_of
 from controller.core.rungs import Annunciate, OnDelay
 
 
@@ -109,7 +109,14 @@ class Transfer:
 class Sequence:
     """Steps in S bits from ``first_state`` on, in declaration order."""
 
-    def __init__(self, name: str, first_state: int, steps: Rows[Step], enable: Expr | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        first_state: int,
+        steps: Rows[Step],
+        enable: Expr | None = None,
+        spends: Bit | None = None,
+    ) -> None:
         """Number the steps and resolve the transitions.
 
         Args:
@@ -117,11 +124,14 @@ class Sequence:
             first_state: Number of the first step's S bit.
             steps: The rows.
             enable: Condition without which no transfer fires (the FX's M8040, per sequence); None = always.
+            spends: Bit that every transfer resets (RST in the step): one press, one transfer.
 
         Raises:
             SequenceError: Two steps of one title, or a transition to a step that does not exist.
         """
         self.name = name
+        self.spends = spends
+        self._enable = enable
         self.steps = tuple(steps)
         self.bits = {
             step.title: Bit("S", first_state + n, f"{name}: {step.title}", step.waits_for)
@@ -154,12 +164,18 @@ class Sequence:
         return [bit for bit, step in self if request in step.hold]
 
     def limits(self) -> list[Annunciate]:
-        """Return the alarm rungs of all watched steps."""
+        """Return the alarm rungs of all watched steps.
+
+        Where transfers can be withheld, a step that has reached its end and may not go on is not late.
+        """
         return [
-            Annunciate(step.watch.timer, step.watch.ms, step.watch.alarm, when=bit)
+            Annunciate(step.watch.timer, step.watch.ms, step.watch.alarm, when=bit & self._unreached(step))
             for bit, step in self
             if step.watch is not None
         ]
+
+    def _unreached(self, step: Step) -> Expr:
+        return TRUE if self._enable is None else ~any_of(*(to.when for to in step.go))
 
     def dwell_rung(self, step: Step) -> OnDelay | None:
         """Return the step's dwell timer as a rung of the step."""
