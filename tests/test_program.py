@@ -14,7 +14,7 @@ from controller.core.expr import Bit, Word, leaves
 from controller.core.rungs import Annunciate, OnDelay
 from controller.io_map import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
 from controller.program.machine import build
-from controller.program.modes import MOVING, State
+from controller.program.states import MOVING, State
 from controller.program.tags import Tags
 from controller.program.texts import ALARMS, QUESTIONS, STATES, Text
 from plant_sim.bench.twin import NotReachedError, Twin
@@ -89,7 +89,7 @@ def test_what_is_retentive_lies_where_no_parameter_can_make_it_otherwise() -> No
 def test_what_must_outlive_a_loss_of_power_is_retentive() -> None:
     kept = set(MACHINE.program.retentive())
     tags = MACHINE.tags
-    wanted: list[Bit | Word] = [tags.tray.phase, tags.machine.trays_done, tags.machine.batch_complete]
+    wanted: list[Bit | Word] = [tags.machine.mode, tags.tray.phase, tags.machine.trays_done, tags.machine.batch_complete]
     wanted += [word for word, _ in tags.sp.defaults]
     for arm in tags.arms.values():
         wanted += [arm.loaded, arm.claws_closed, arm.claws_known, arm.clamped, *arm.rows.values()]

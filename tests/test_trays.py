@@ -23,7 +23,7 @@ from twin_rig import (
 
 from controller.core.retain import MemoryStore
 from controller.hmi.production import TrayEvent
-from controller.program.modes import State
+from controller.program.states import Mode, State
 from controller.program.tags import IN_PLACE, MOVING_OUT, SIDES, Side
 from plant_sim.bench.twin import Twin
 
@@ -223,7 +223,7 @@ def test_a_jammed_tray_is_run_out_after_homing() -> None:
 
 def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
     """Each X0, X0 throws one row a side, across the change of the tray; the first one only what may be held."""
-    twin = at_work({"mode": 2, "trays_target": 2}, trays=2)
+    twin = at_work({"trays_target": 2}, trays=2, mode=Mode.ONE_CYCLE)
     to_complete(twin)
     assert twin.cycles() == []
     for number in range(1, 7):
@@ -239,7 +239,7 @@ def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
 def test_one_cycle_mode_is_complete_when_the_tray_has_come_to_rest_too() -> None:
     """Given a slow belt and fast cups, the arms are home before the next tray is there; Complete waits for it."""
     parameters = MACHINE.with_values({"conveyor.speed_m_s": 0.12, "cups.planting_frequency_per_min": 80.0})
-    twin = at_work({"mode": 2}, trays=2, parameters=parameters)
+    twin = at_work(trays=2, parameters=parameters, mode=Mode.ONE_CYCLE)
     to_complete(twin)
     for _ in range(2):
         go_on(twin)
@@ -254,7 +254,7 @@ def test_one_cycle_mode_is_complete_when_the_tray_has_come_to_rest_too() -> None
 
 
 def test_leaving_one_cycle_mode_in_the_middle_of_a_cycle_lets_both_arms_go_on() -> None:
-    twin = at_work({"mode": 2, "trays_target": 1})
+    twin = at_work({"trays_target": 1}, mode=Mode.ONE_CYCLE)
     done = tags_of(twin, "right").cycle_done
     twin.run_until(lambda: bool(twin.plc.read(done)), within_ms=TRAY_MS)
     twin.plc.write(twin.machine.tags.sp.mode, 1)

@@ -6,12 +6,11 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import NamedTuple
 
-from monitors import guard
-
 from controller.io_map import IoMap
-from controller.program.modes import State
+from controller.program.states import Mode, State
 from controller.program.tags import ArmTags, Side
 from plant_sim.arm import ArmPlant
+from plant_sim.bench.monitors import guard
 from plant_sim.bench.twin import Twin
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.parameters import Machine, load_machine
@@ -33,9 +32,12 @@ def switched_on(
     trays: int = 1,
     parameters: Machine = MACHINE,
     io_map: IoMap | None = None,
+    mode: Mode = Mode.CONTINUOUS,
 ) -> Twin:
     """Return a machine in Stopped, guarded by every monitor."""
     twin = guard(Twin(seed=seed, trays=trays, io_map=io_map, parameters=parameters, set_points=set_points))
+    twin.scan()
+    twin.command(f"mode_{mode.name.lower()}")
     twin.scan()
     return twin
 
@@ -47,9 +49,10 @@ def at_work(
     trays: int = 1,
     parameters: Machine = MACHINE,
     io_map: IoMap | None = None,
+    mode: Mode = Mode.CONTINUOUS,
 ) -> Twin:
     """Return a machine in Execute; both arms still hold the load that a first start assumes."""
-    twin = switched_on(set_points, seed=seed, trays=trays, parameters=parameters, io_map=io_map)
+    twin = switched_on(set_points, seed=seed, trays=trays, parameters=parameters, io_map=io_map, mode=mode)
     twin.home()
     twin.start()
     return twin

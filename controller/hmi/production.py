@@ -8,9 +8,10 @@ from typing import Final, Literal
 
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
-from controller.program.modes import State
+from controller.program.refusals import Refusal, refusal_text
+from controller.program.states import HOLDS, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
-from controller.program.texts import QUESTIONS, REASONS, STATES, Language
+from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Language
 from controller.program.texts import SIDES as SIDE_TEXTS
 
 GapCause = Literal["none", "tray", "centre", "row"]
@@ -23,7 +24,7 @@ _NOTABLE_MS: Final = 50
 
 @dataclass(frozen=True, slots=True)
 class StateEvent:
-    """The machine entered a PackML state; Suspended comes with its reason."""
+    """The machine entered a PackML state; Suspended and Held come with their reason."""
 
     at_ms: int
     state: int
@@ -87,7 +88,28 @@ class TrayEvent:
     event: str = "tray"
 
 
-Event = StateEvent | AlarmEvent | QuestionEvent | CycleEvent | TrayEvent
+@dataclass(frozen=True, slots=True)
+class ModeEvent:
+    """The operating mode is another."""
+
+    at_ms: int
+    mode: int
+    text: str
+    event: str = "mode"
+
+
+@dataclass(frozen=True, slots=True)
+class RefusalEvent:
+    """A command was refused and changed nothing."""
+
+    at_ms: int
+    command: str
+    reason: int
+    text: str
+    event: str = "refusal"
+
+
+Event = StateEvent | AlarmEvent | QuestionEvent | CycleEvent | TrayEvent | ModeEvent | RefusalEvent
 
 
 def as_record(event: Event) -> dict[str, object]:
@@ -167,11 +189,17 @@ class ProductionLog:
         self._language: Language = language
         self._state = 0
         self._trays: int | None = None
+        self._mode: int | None = None
+        self._refusals = 0
         self._alarms: set[int] = set()
         self._questions: set[str] = set()
         self._cycles = [_CycleWatch(machine, side) for side in SIDES]
         tags = machine.tags
-        self._asking = {f"{side}_loaded": tags.arms[side].ask for side in SIDES} | {"tray": tags.tray.ask}
+        self._asking = {
+            **{f"{side}_loaded": tags.arms[side].ask for side in SIDES},
+            **{f"{side}_cups": tags.arms[side].ask_cups for side in SIDES},
+            "tray": tags.tray.ask,
+        }
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
         """Look at the memory after a scan."""
@@ -183,6 +211,7 @@ class ProductionLog:
             if not plc.read(tags.machine.motion):
                 for watch in self._cycles:
                     watch.interrupt()
+        self._see_operator(now_ms, plc)
         self._see_alarms(now_ms, plc)
         self._see_questions(now_ms, plc)
         for watch in self._cycles:
@@ -194,9 +223,23 @@ class ProductionLog:
             self._tell(TrayEvent(now_ms, trays))
         self._trays = trays
 
+    def _see_operator(self, now_ms: int, plc: Plc) -> None:
+        """Tell a change of mode and a refusal."""
+        machine = self._machine.tags.machine
+        mode, refusals = plc.read(machine.mode), plc.read(machine.refusals)
+        if mode != self._mode:
+            if self._mode is not None:
+                self._tell(ModeEvent(now_ms, mode, getattr(MODES[mode], self._language)))
+            self._mode = mode
+        if refusals != self._refusals:
+            self._refusals = refusals
+            command = self._machine.tags.commands.numbered(plc.read(machine.refused))
+            reason = Refusal(plc.read(machine.refusal))
+            self._tell(RefusalEvent(now_ms, command.name, reason, refusal_text(command, reason, self._language)))
+
     def _state_event(self, now_ms: int, plc: Plc, state: int) -> StateEvent:
         reason = ""
-        if state in (State.SUSPENDING, State.SUSPENDED):
+        if state in (State.SUSPENDING, State.SUSPENDED, *HOLDS):
             reason = getattr(REASONS[plc.read(self._machine.tags.machine.reason)], self._language)
         return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason)
 

@@ -7,6 +7,8 @@ from controller.core.program import Block
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
+from controller.program.places import places
+from controller.program.states import Mode, State
 from controller.program.tags import (
     CUPS,
     FIRST_SCAN,
@@ -51,8 +53,7 @@ def cycle(tags: Tags, side: Side, limit: Limits) -> Sequence:
         Step(
             "close claws",
             hold=[want["claws_close"]],
-            dwell=Dwell(a.t_clamp, sp.clamp, when=a.coils["claws_close"] & ~tags.system.outputs_held),
-            go=[To("lift from row", when=a.t_clamp.done & a.at_wanted_row)],
+            go=[To("lift from row", when=a.t_closing.done & a.at_wanted_row)],
             watch=limit("close claws", CLAW_LIMIT_MS),
         ),
         Step(
@@ -74,7 +75,8 @@ def cycle(tags: Tags, side: Side, limit: Limits) -> Sequence:
         ),
         *_throw_steps(tags, side, limit),
     ]
-    return Sequence(f"{a.side} arm", a.first_step, steps)
+    armed = machine.step_armed[f"{a.side} arm"]
+    return Sequence(f"{a.side} arm", a.first_step, steps, enable=~machine.stepping | armed, spends=armed)
 
 
 def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
@@ -118,10 +120,9 @@ def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
         Step(
             "open claws",
             hold=[want["claws_open"]],
-            dwell=Dwell(a.t_release, sp.release, when=a.coils["claws_open"] & ~tags.system.outputs_held),
             go=[
-                To("raise empty", when=a.t_release.done & sp.converge_at.differs(0)),
-                To("converge", when=a.t_release.done),
+                To("raise empty", when=a.t_opening.done & sp.converge_at.differs(0)),
+                To("converge", when=a.t_opening.done),
             ],
             watch=limit("open claws", CLAW_LIMIT_MS),
         ),
@@ -155,7 +156,23 @@ def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> lis
     """
     a = tags.arms[side]
     real = ~tags.system.link_lost
-    return [*_power_up(a, real), *_cup_count(tags, a, steps), *_rows(a, steps, home, real), *_permit(tags, a, steps)]
+    return [
+        *places(tags, a),
+        *_claws(tags, a),
+        *_power_up(a, real),
+        *_cup_count(tags, a, steps),
+        *_rows(tags, a, steps, home),
+        *_permit(tags, a, steps),
+    ]
+
+
+def _claws(tags: Tags, a: ArmTags) -> list[Rung]:
+    """Time what the claws' coils have really done: they have no sensor, and a coil held back does nothing."""
+    out = ~tags.system.outputs_held
+    return [
+        OnDelay(a.t_closing, tags.sp.clamp, when=a.coils["claws_close"] & out),
+        OnDelay(a.t_opening, tags.sp.release, when=a.coils["claws_open"] & out),
+    ]
 
 
 def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
@@ -197,9 +214,11 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     ]
 
 
-def _rows(a: ArmTags, steps: Sequence, home: Sequence, real: Expr) -> list[Rung]:
+def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]:
     """The next row is the first that is not taken; a row is taken once the lift takes it off its lower limit."""
-    lifted = all_of(real, ~a.down, steps["lift from row"] | home["raise loaded"])
+    real = ~tags.system.link_lost
+    by_hand = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
+    lifted = all_of(real, ~a.down, any_of(steps["lift from row"], home["raise loaded"], by_hand))
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE
@@ -213,7 +232,13 @@ def _rows(a: ArmTags, steps: Sequence, home: Sequence, real: Expr) -> list[Rung]
         Out(a.row_in_progress, when=any_of(*(a.rows[row].equals(IN_PROGRESS) for row in ROWS))),
         Out(a.row_in_doubt, when=any_of(*(a.rows[row].equals(IN_DOUBT) for row in ROWS))),
         Out(a.at_wanted_row, when=any_of(*(a.row_is[row] & a.at_pick[row] for row in ROWS))),
+        Set(a.passed, when=any_of(FIRST_SCAN, *(a.row_is[row] & _at_or_beyond(a, row) for row in ROWS))),
+        Rst(a.passed, when=a.at_feed),
     ]
+
+
+def _at_or_beyond(a: ArmTags, row: int) -> Expr:
+    return any_of(*(a.at_pick[pick] for pick in ROWS if pick >= row))
 
 
 def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
@@ -230,49 +255,67 @@ def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
         Out(
             a.permit,
             when=all_of(machine.executing, home, a.row_full, tray.phase.equals(IN_PLACE), tray.edge, ~a.cycle_done)
+            & ~machine.complete_ordered
             & (~a.row_is[3] | may_meet | (other_known & ~other_goes)),
         )
     ]
 
 
 def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Block:
-    """Return the rungs after the sequences that remember what the steps have done to claws, rows and cups."""
-    a, machine, sp = tags.arms[side], tags.machine, tags.sp
-    thrown = steps["open claws"] & a.t_release.done
-    put_back = home["put back"] & a.t_put_back.done
-    opened = thrown | put_back | (home["open at feed"] & a.t_home_open.done)
+    """Return the rungs after the sequences that remember what has been done to claws, rows and cups."""
+    a, machine = tags.arms[side], tags.machine
     released = steps["release delay"] & a.release_edge
-    discarded = home["open at feed"] & a.loaded
+    thrown = steps["open claws"] & a.t_opening.done
     settling_again = steps["settle at row"] & a.retried & ~steps["return to row"]
     off_row = ~a.at_wanted_row & (steps["close claws"] | settling_again)
+    going_in = steps["approach row"] | machine.jogs[f"{side}.slide_inward"]
     rungs: list[Rung] = [
-        *(
-            Mov(IN_PROGRESS, a.rows[row], when=steps["close claws"] & a.row_is[row] & a.rows[row].equals(FULL))
-            for row in ROWS
-        ),
-        Set(a.loaded, when=steps["close claws"]),
-        Set(a.claws_closed, when=steps["close claws"]),
-        Set(a.claws_known, when=steps["close claws"] | opened),
-        Set(a.clamped, when=steps["close claws"] & a.t_clamp.done),
-        *(Mov(FULL, a.rows[row], when=put_back & a.rows[row].equals(IN_PROGRESS)) for row in ROWS),
-        Rst(a.loaded, when=opened),
-        Rst(a.claws_closed, when=opened),
-        Rst(a.clamped, when=opened),
-        Rst(a.discard, when=~a.loaded),
-        Rst(a.cup_counter, when=released | discarded),
-        Rst(a.cups_confirmed, when=released | discarded),
+        *_claws_memory(tags, a, steps, home, released),
         Set(a.count_valid, when=released),
         Set(a.row_running, when=released),
         Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
         Pulse(a.thrown, when=thrown),
         Inc(a.cycles, when=a.thrown),
         Rst(a.cycles, when=tags.commands.count_reset),
-        Set(a.cycle_done, when=a.thrown & sp.mode.equals(2)),
-        Rst(a.cycle_done, when=machine.entered_starting | sp.mode.differs(2)),
+        Set(a.cycle_done, when=a.thrown & machine.mode.equals(Mode.ONE_CYCLE)),
+        Rst(a.cycle_done, when=machine.state.equals(State.STARTING) | machine.mode.differs(Mode.ONE_CYCLE)),
         Set(a.retried, when=steps["return to row"]),
         Rst(a.retried, when=steps["wait at feed"] | steps["lift from row"]),
         Out(a.over_row, when=off_row),
-        Set(a.in_centre, when=(steps["approach row"] & a.row_is[3]) | a.at_pick[3]),
-        Rst(a.in_centre, when=(a.at_feed & ~steps["approach row"]) | (steps["slide to feed"] & a.at_pick[2])),
+        Set(a.in_centre, when=(going_in & a.row_is[3]) | a.at_pick[3]),
+        Rst(a.in_centre, when=(a.at_feed & ~going_in) | (steps["slide to feed"] & a.at_pick[2])),
+        Out(
+            a.ask_cups,
+            when=~a.count_valid & ~a.cups_confirmed & a.loaded & (steps["wait for cups"] | steps["wait to lower"]),
+        ),
     ]
     return Block(f"{a.side} arm memory", tuple(rungs))
+
+
+def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, released: Expr) -> list[Rung]:
+    """Remember what the claws hold, and which row it comes from, whether a step or a hand has worked them.
+
+    Closing counts from the request on, opening from the end of its dwell: in between the claws count as closed.
+    """
+    jogs = tags.machine.jogs
+    close_by_hand, open_by_hand = jogs[f"{a.side}.claws_close"], jogs[f"{a.side}.claws_open"]
+    gripping = steps["close claws"] | all_of(close_by_hand, a.at_wanted_row, a.down, ~tags.system.link_lost)
+    closing = steps["close claws"] | close_by_hand
+    opened = a.t_opening.done
+    put_back = all_of(opened, home["put back"] | (open_by_hand & a.at_wanted_row))
+    discarded = a.loaded & a.at_feed & (home["open at feed"] | open_by_hand)
+    return [
+        *(Mov(FULL, a.rows[row], when=put_back & a.rows[row].equals(IN_PROGRESS)) for row in ROWS),
+        Rst(a.cup_counter, when=released | discarded),
+        Rst(a.cups_confirmed, when=released | discarded),
+        Rst(a.loaded, when=opened),
+        Rst(a.claws_closed, when=opened),
+        Rst(a.clamped, when=opened),
+        Set(a.claws_known, when=opened),
+        *(Mov(IN_PROGRESS, a.rows[row], when=gripping & a.row_is[row] & a.rows[row].equals(FULL)) for row in ROWS),
+        Set(a.loaded, when=gripping),
+        Set(a.claws_closed, when=closing),
+        Set(a.claws_known, when=closing),
+        Set(a.clamped, when=a.t_closing.done & a.claws_closed),
+        Rst(a.discard, when=~a.loaded),
+    ]

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from controller.core.expr import Bit
 from controller.core.rungs import ZoneReset
 from controller.program.areas import Area
+from controller.program.states import Mode
+
+ANSWER: Final = "answer"
+JOG_LEASE_MS: Final = 300
+"""A jog command that has not been renewed for so long is let go."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,42 +22,74 @@ class Command:
 
     Attributes:
         name: Name for panels, Modbus tag lists and tests.
+        number: Number by which a refusal names it.
         bit: M bit that is on for one scan when the order is given.
-        meaning: What it does, and when it is listened to.
+        meaning: What it does.
+        group: Key of its name in refusals, `texts.ORDERS`.
+        packml: Number of the PackML command (FX.md 5), if it is one.
     """
 
     name: str
+    number: int
     bit: Bit
     meaning: str
+    group: str
+    packml: int | None = None
 
 
 class Commands:
     """All commands, by attribute and by name."""
 
     def __init__(self) -> None:
-        self._area = Area("M", 10, 49, "command")
+        self._area = Area("M", 400, 469, "command")
         self._table: list[Command] = []
-        self.reset = self._add("reset", "reset alarms and home (Stopped, Held, Complete)")
-        self.start = self._add("start", "start (Idle); look for a tray again (Suspended)")
-        self.stop = self._add("stop", "finish the running cycle, go home, Stopped")
-        self.clear = self._add("clear", "leave Aborted once the emergency stop is released")
+        self.reset = self._add("reset", "reset alarms, and home unless the mode is manual", 1)
+        self.start = self._add("start", "start; look for a tray again (Suspended)", 2)
+        self.stop = self._add("stop", "finish the running cycle, go home, Stopped", 3)
+        self.hold = self._add("hold", "finish the running cycle as far as feed, then hold", 4)
+        self.unhold = self._add("unhold", "go on after a hold", 5)
+        self.suspend = self._add("suspend", "begin no new row until unsuspended", 6)
+        self.unsuspend = self._add("unsuspend", "go on after suspend", 7)
+        self.abort = self._add("abort", "all outputs off, as after an emergency stop; it does not replace one", 8)
+        self.clear = self._add("clear", "leave Aborted once the emergency stop is released", 9)
+        self.complete = self._add("complete", "begin no new row, throw what is held, then Complete", 10)
+        self.modes: dict[Mode, Bit] = {
+            mode: self._add(
+                f"mode_{mode.name.lower()}", f"change the mode to {mode.name.lower().replace('_', ' ')}", group="mode"
+            )
+            for mode in Mode
+        }
+        self.step = self._add("step", "step mode: the next transfer of the chosen sequence")
         self.acknowledge = self._add("acknowledge", "silence the horn")
-        self.cups_empty = self._add("cups_empty", "confirm: the cups under the claws are empty")
-        self.tray_same = self._add("tray_same", "answer: the tray remembered stands at the pick position")
-        self.tray_full = self._add("tray_full", "answer: a full tray stands at the pick position")
-        self.tray_none = self._add("tray_none", "answer: no usable tray; run it out and bring the next")
-        self.count_reset = self._add("count_reset", "clear trays, cycles and missed cups")
+        self.cups_empty = self._add("cups_empty", "answer: the cups under the claws are empty", group=ANSWER)
+        self.tray_same = self._add(
+            "tray_same", "answer: the remembered tray stands at the pick position", group="answer"
+        )
+        self.tray_full = self._add("tray_full", "answer: a full tray stands at the pick position", group=ANSWER)
+        self.tray_none = self._add("tray_none", "answer: no usable tray; run it out and bring the next", group=ANSWER)
+        self.count_reset = self._add("count_reset", "clear trays, cycles and missed cups", group="count")
         self.loaded_yes: dict[str, Bit] = {}
         self.loaded_no: dict[str, Bit] = {}
         self.discard: dict[str, Bit] = {}
         for side in ("left", "right"):
-            self.loaded_yes[side] = self._add(f"{side}_loaded_yes", "answer: the arm holds the row's seedlings")
-            self.loaded_no[side] = self._add(f"{side}_loaded_no", "answer: it does not; open and leave the row full")
-            self.discard[side] = self._add(f"{side}_discard", "open over the cups at the next homing")
+            self.loaded_yes[side] = self._add(f"{side}_loaded_yes", "answer: the arm holds seedlings", group="answer")
+            self.loaded_no[side] = self._add(
+                f"{side}_loaded_no", "answer: it does not; its row is full", group="answer"
+            )
+            self.discard[side] = self._add(f"{side}_discard", "let the load be opened over the cups", group="discard")
+        self.jog_release = self._add("jog_release", "let go the output that is held by hand", group="jog")
+        self.jog: dict[str, Bit] = {
+            output: self._add(
+                f"jog_{output.replace('.', '_')}",
+                f"manual: hold {output.replace('.', ' ').replace('_', ' ')} on; renew it within {JOG_LEASE_MS} ms",
+                group="jog",
+            )
+            for output in JOGGED
+        }
 
-    def _add(self, name: str, meaning: str) -> Bit:
+    def _add(self, name: str, meaning: str, packml: int | None = None, *, group: str = "") -> Bit:
         bit = self._area.bit(name, meaning)
-        self._table.append(Command(name, bit, meaning))
+        self._table.append(Command(name, 1 + len(self._table), bit, meaning, group or name, packml))
         return bit
 
     def __iter__(self) -> Iterator[Command]:
@@ -69,6 +107,24 @@ class Commands:
         known = ", ".join(command.name for command in self._table)
         raise KeyError(f"no command {name!r}; known: {known}")
 
+    def numbered(self, number: int) -> Command:
+        """Return the command of a number."""
+        return self._table[number - 1]
+
     def consumed(self) -> ZoneReset:
         """Return the rung that ends every press after its scan."""
         return ZoneReset(self._table[0].bit, self._table[-1].bit)
+
+
+ARM_OUTPUTS: Final = (
+    "lift_extend",
+    "lift_retract",
+    "slide_inward",
+    "slide_outward",
+    "converge",
+    "spread",
+    "claws_open",
+    "claws_close",
+)
+JOGGED: Final = (*(f"{side}.{output}" for side in ("left", "right") for output in ARM_OUTPUTS), "tray_run")
+"""Outputs that can be held by hand, by the value of the jog register from 1 on."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from controller.core.expr import all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, Out, Rst, Rung, Set, ZoneReset
-from controller.core.sequence import Dwell, Sequence, Step, To
+from controller.core.sequence import Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
 from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, Side, Tags
 
@@ -42,15 +42,13 @@ def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
 
 def _to_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     """Return the steps that bring the arm to feed."""
-    a, sp = tags.arms[side], tags.sp
+    a = tags.arms[side]
     want = a.want
-    opening = a.coils["claws_open"] & ~tags.system.outputs_held
     return [
         Step(
             "put back",
             hold=[want["claws_open"]],
-            dwell=Dwell(a.t_put_back, sp.release, when=opening),
-            go=[To("out low", when=a.t_put_back.done)],
+            go=[To("out low", when=a.t_opening.done)],
             watch=limit("home: put back", CLAW_LIMIT_MS),
         ),
         Step(
@@ -82,9 +80,8 @@ def _to_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
 
 def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     """Return the steps at feed, up to the initial state or loaded-ready."""
-    a, sp = tags.arms[side], tags.sp
+    a = tags.arms[side]
     want = a.want
-    opening = a.coils["claws_open"] & ~tags.system.outputs_held
     return [
         Step(
             "raise at feed",
@@ -107,8 +104,7 @@ def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
         Step(
             "open at feed",
             hold=[want["claws_open"]],
-            dwell=Dwell(a.t_home_open, sp.release, when=opening),
-            go=[To("raise to converge", when=a.t_home_open.done)],
+            go=[To("raise to converge", when=a.t_opening.done)],
             watch=limit("home: open at feed", CLAW_LIMIT_MS),
         ),
         Step(
@@ -139,9 +135,9 @@ def questions(tags: Tags, side: Side) -> list[Rung]:
     It is asked where memory and sensors do not agree: a row in doubt after a power loss, or a row in progress
     while the arm stands at feed, where it can only have come by hand.
     """
-    a, commands = tags.arms[side], tags.commands
+    a, commands, machine = tags.arms[side], tags.commands, tags.machine
     open_row = a.row_in_doubt | (a.row_in_progress & a.at_feed)
-    discard = commands.discard[side] & ~tags.machine.motion
+    discard = commands.discard[side] & (~machine.motion | machine.jogging)
     yes, no = commands.loaded_yes[side] | discard, commands.loaded_no[side]
     rows: list[Rung] = []
     for row in a.rows.values():
@@ -164,14 +160,15 @@ def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Bloc
     a, machine = tags.arms[side], tags.machine
     resting = cycle["wait at feed"] | cycle["parked"]
     held = machine.holding & (cycle["pause at feed"] | cycle["wait to lower"])
+    begins = machine.entered_starting & ~machine.manual
     return Block(
         f"{a.side} supervision",
         (
             ZoneReset(home.first, home.last, when=~machine.resetting),
             ZoneReset(cycle.first, cycle.last, when=~machine.motion | machine.resetting),
-            Set(home.first, when=machine.entered_resetting),
-            Set(cycle["spread"], when=machine.entered_starting & a.loaded),
-            Set(cycle.first, when=machine.entered_starting & ~a.loaded),
+            Set(home.first, when=machine.entered_resetting & ~machine.manual),
+            Set(cycle["spread"], when=begins & a.loaded),
+            Set(cycle.first, when=begins & ~a.loaded),
             Out(a.active, when=any_of(*(bit for bit, _ in cycle))),
             Out(a.cycling, when=a.active & ~resting),
             Out(a.at_rest, when=a.fault | ~a.cycling | held),

@@ -5,16 +5,18 @@ Sequences request; a coil is granted while every rule about it holds, in every s
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from controller.core.devices import CLOCK_1_S
-from controller.core.expr import Bit, Expr, all_of, any_of
+from controller.core.expr import Bit, Expr, Word, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Out, Rung
+from controller.core.rungs import Mov, Out, Rung
 from controller.core.sequence import Sequence
 from controller.io_map import IoMap
-from controller.program.modes import State
-from controller.program.tags import ARM_OUTPUTS, IN_PLACE, Side, Tags
+from controller.program.commands import ARM_OUTPUTS
+from controller.program.states import State
+from controller.program.tags import IN_PLACE, Side, Tags
 
 SLIDE = ("slide_inward", "slide_outward")
 LIFT = ("lift_extend", "lift_retract")
@@ -27,12 +29,14 @@ class Rule:
     """One interlock.
 
     Attributes:
+        number: What the register "blocked by" names it by, the same for both arms.
         name: What it is called in tables and refusals.
         reason: Why it is there.
         outputs: Outputs of one arm, or of the tray, that it governs.
         allow: They may be on only while this holds.
     """
 
+    number: int
     name: str
     reason: str
     outputs: tuple[str, ...]
@@ -44,45 +48,52 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
     x, sp, machine, tray = tags.x, tags.sp, tags.machine, tags.tray
     a, other = tags.arms[side], tags.other(side)
     want = a.want
-    opposite = [
-        Rule(
-            "one coil of a pair", "two coils of one valve or motor must not work against each other", (one,), ~want[two]
-        )
-        for pair in (SLIDE, LIFT, BELT, CLAWS)
-        for one, two in (pair, pair[::-1])
-    ]
     clamping_place = (a.at_wanted_row & a.down) | a.at_feed
+    by_hand = machine.jogs[f"{side}.claws_open"]
     opening_place = any_of(
         all_of(a.at_feed, a.down, a.is_spread, cycle["open claws"]),
         all_of(home["put back"], a.down, ~a.at_feed),
         all_of(home["open at feed"], a.at_feed, a.down, a.is_spread),
+        all_of(by_hand, a.row_in_progress, a.at_wanted_row, a.down),
+        all_of(by_hand, a.discard, a.at_feed, a.down, a.is_spread),
     )
-    return [
-        *opposite,
-        Rule("motion allowed", "nothing moves in an emergency stop or in a state of rest", ARM_OUTPUTS,
-             machine.motion & ~x.emergency_stop),
-        Rule("no fault of the arm", "a jammed actuator is not driven on", ARM_OUTPUTS, ~a.fault),
-        Rule("belt at rest", "the slide and lift stand while the claws spread or converge", (*SLIDE, *LIFT),
-             ~want["spread"] & ~want["converge"]),
-        Rule("inward ready", "going in low with claws closed or spread tears the seedlings", ("slide_inward",),
-             all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged)),
-        Rule("tray in place", "the arm goes in only over a tray at rest", ("slide_inward",),
-             tray.phase.equals(IN_PLACE) & tray.edge & ~tray.want_run & ~tray.want_creep),
-        Rule("stop at the row", "the wanted row is the inner end of the motion", ("slide_inward",), ~a.at_wanted_row),
-        Rule("centre is free", "the arms' fingers overlap inward of pick 2", ("slide_inward",),
-             ~a.row_is[3] | sp.arms_may_meet.differs(0) | (~other.in_centre & (other.at_feed | other.cycling))),
-        Rule("outward clear", "a load goes out only up, an empty arm up or low with open claws", ("slide_outward",),
-             a.up | all_of(a.down, ~a.loaded, ~a.claws_closed)),
-        Rule("lift clear", "over the tray the lift goes up clamped or open, never half closed", ("lift_retract",),
-             any_of(a.at_feed, ~a.claws_closed, a.clamped)),
-        Rule("down at feed only", "elsewhere the arm would go down into the tray", ("lift_extend",), a.at_feed),
-        Rule("spread up at feed", "spread claws fit only over the cups", ("spread",), all_of(a.up, a.at_feed)),
-        Rule("converge empty at feed", "a load would be torn; the cups must be below", ("converge",),
-             all_of(a.at_feed, ~a.loaded)),
-        Rule("clamp at a place", "claws close only at a row or at feed", ("claws_close",), clamping_place),
-        Rule("open at a place", "a load opens only over the cups or at the row it came from", ("claws_open",),
-             ~a.loaded | opening_place),
+    table = [
+        *_one_of_a_pair(want),
+        ("motion allowed", "nothing moves in an emergency stop or in a state of rest", ARM_OUTPUTS,
+         machine.motion & ~x.emergency_stop),
+        ("no fault of the arm", "a jammed actuator is not driven on", ARM_OUTPUTS, ~a.fault),
+        ("belt at rest", "the slide and lift stand while the claws spread or converge", (*SLIDE, *LIFT),
+         ~want["spread"] & ~want["converge"]),
+        ("inward ready", "going in low with claws closed or spread tears the seedlings", ("slide_inward",),
+         all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged)),
+        ("tray in place", "the arm goes in only over a tray at rest", ("slide_inward",),
+         all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.want_run, ~tray.want_creep)),
+        ("stop at the row", "the wanted row is the inner end of the motion; beyond it stand seedlings",
+         ("slide_inward",), ~a.passed & any_of(*a.row_is.values())),
+        ("centre is free", "the arms' fingers overlap inward of pick 2", ("slide_inward",),
+         any_of(~a.row_is[3], sp.arms_may_meet.differs(0), ~other.in_centre & (other.at_feed | other.cycling))),
+        ("outward clear", "a load goes out only up, an empty arm up or low with open claws", ("slide_outward",),
+         a.up | all_of(a.down, ~a.loaded, ~a.claws_closed)),
+        ("lift clear", "over the tray the lift goes up clamped or open, never half closed", ("lift_retract",),
+         any_of(a.at_feed, ~a.claws_closed, a.clamped)),
+        ("down at feed only", "elsewhere the arm would go down into the tray", ("lift_extend",), a.at_feed),
+        ("spread up at feed", "spread claws fit only over the cups", ("spread",), all_of(a.up, a.at_feed)),
+        ("converge empty at feed", "a load would be torn; the cups must be below", ("converge",),
+         all_of(a.at_feed, ~a.loaded)),
+        ("spread as far as it goes", "the motor would work against its end stop", ("spread",), ~a.sensed_spread),
+        ("converge as far as it goes", "the motor would work against its end stop", ("converge",),
+         ~a.sensed_converged),
+        ("clamp at a place", "claws close only at a row or at feed", ("claws_close",), clamping_place),
+        ("open at a place", "a load opens only over the cups or at the row it came from", ("claws_open",),
+         ~a.loaded | opening_place),
     ]  # fmt: skip
+    return [Rule(number, *row) for number, row in enumerate(table, 1)]
+
+
+def _one_of_a_pair(want: Mapping[str, Bit]) -> list[tuple[str, str, tuple[str, ...], Expr]]:
+    reason = "two coils of one valve or motor must not work against each other"
+    pairs = [order for pair in (SLIDE, LIFT, BELT, CLAWS) for order in (pair, pair[::-1])]
+    return [(f"not with {two.replace('_', ' ')}", reason, (one,), ~want[two]) for one, two in pairs]
 
 
 def tray_rules(tags: Tags) -> list[Rule]:
@@ -92,10 +103,10 @@ def tray_rules(tags: Tags) -> list[Rule]:
     inward = any_of(*(arm.want["slide_inward"] for arm in arms.values()))
     both = ("tray_run", "tray_forward")
     return [
-        Rule("motion allowed", "nothing moves in an emergency stop or in a state of rest", both,
+        Rule(1, "motion allowed", "nothing moves in an emergency stop or in a state of rest", both,
              machine.motion & ~x.emergency_stop),
-        Rule("arms at feed", "a tray would shear an arm that is in it", both, at_feed & ~inward),
-        Rule("no fault of the feeder", "a jammed tray is not driven on", both, ~tray.fault),
+        Rule(2, "arms at feed", "a tray would shear an arm that is in it", both, at_feed & ~inward),
+        Rule(3, "no fault of the feeder", "a jammed tray is not driven on", both, ~tray.fault),
     ]  # fmt: skip
 
 
@@ -104,9 +115,18 @@ def granted(request: Expr, output: str, rules: list[Rule]) -> Expr:
     return all_of(request, *(rule.allow for rule in rules if output in rule.outputs))
 
 
+def tray_requests(tags: Tags) -> dict[str, Expr]:
+    """Return what the conveyor's outputs are asked for."""
+    tray = tags.tray
+    return {
+        "tray_run": tray.want_run | (tray.want_creep & ~tray.t_on.done),
+        "tray_forward": tray.want_run | tray.want_creep,
+    }
+
+
 def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules_tray: list[Rule]) -> Block:
     """Return the last block of the scan: every Y, once."""
-    arms, tray, machine = tags.arms, tags.tray, tags.machine
+    arms, machine = tags.arms, tags.machine
     rungs: list[Rung] = []
 
     def coil(tag: str, when: Expr) -> None:
@@ -118,9 +138,8 @@ def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules
     for side, arm in arms.items():
         for output in ARM_OUTPUTS:
             coil(f"{side}.{output}", granted(arm.want[output], output, rules[side]))
-    moving = tray.want_run | (tray.want_creep & ~tray.t_on.done)
-    coil("tray_run", granted(moving, "tray_run", rules_tray))
-    coil("tray_forward", granted(tray.want_run | tray.want_creep, "tray_forward", rules_tray))
+    for output, request in tray_requests(tags).items():
+        coil(output, granted(request, output, rules_tray))
     state = machine.state
     blink = Bit("M", CLOCK_1_S, "1 s clock", "on for the first half of every second")
     resting = any_of(*(state.equals(s) for s in (State.ABORTED, State.ABORTING, State.HELD, State.HOLDING)))
@@ -129,3 +148,24 @@ def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules
     coil("lamp_amber", any_of(*(state.equals(s) for s in (State.SUSPENDED, State.RESETTING, State.STOPPING))) & blink)
     coil("lamp_green", machine.executing)
     return Block("interlocks and outputs", tuple(rungs))
+
+
+def block_register(tags: Tags, rules: dict[Side, list[Rule]], rules_tray: list[Rule]) -> Block:
+    """Return the block that names, for each arm and the tray, the rule that refuses what is wanted; 0 = none."""
+    rungs: list[Rung] = []
+    for side, arm in tags.arms.items():
+        ungranted = any_of(*(arm.want[output] & ~arm.coils[output] for output in ARM_OUTPUTS))
+        rungs += _named(arm.ungranted, ungranted, arm.blocked_by, rules[side], arm.want)
+    belt = dict.fromkeys(("tray_run", "tray_forward"), tags.tray.want_run | tags.tray.want_creep)
+    forward = tags.tray.driven["tray_forward"]
+    rungs += _named(tags.tray.ungranted, belt["tray_forward"] & ~forward, tags.tray.blocked_by, rules_tray, belt)
+    return Block("what interlocks refuse", tuple(rungs))
+
+
+def _named(bit: Bit, ungranted: Expr, register: Word, rules: list[Rule], wanted: Mapping[str, Expr]) -> Iterator[Rung]:
+    """Yield the rungs of one register; of several rules the first of the table is named."""
+    yield Out(bit, when=ungranted)
+    yield Mov(0, register, when=~bit)
+    for rule in reversed(rules):
+        wants = any_of(*dict.fromkeys(wanted[output] for output in rule.outputs))
+        yield Mov(rule.number, register, when=all_of(bit, wants, ~rule.allow))

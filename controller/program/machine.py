@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from controller.core.expr import any_of
+from controller.core.expr import FALSE, any_of
 from controller.core.program import Block, Program, requests
 from controller.core.rungs import Out
 from controller.core.sequence import Sequence
 from controller.io_map import IoMap
 from controller.program import arm, home, modes, tray
-from controller.program.alarms import OFF_HOME_MS, Annunciators, Limits, alarm_block
-from controller.program.interlocks import Rule, arm_rules, output_block, tray_rules
+from controller.program.alarms import Annunciators, ArmAlarms, Limits, alarm_block
+from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
 from controller.program.tags import SIDES, Side, Tags
 
 OUTPUTS = "interlocks and outputs"
@@ -42,12 +42,12 @@ def build(io_map: IoMap) -> Transplanter:
     Returns:
         The program and its parts.
     """
-    tags, alarms = Tags.of(io_map), Annunciators()
-    overruns = {side: alarms.add("overrun", side) for side in SIDES}
+    tags = Tags.of(io_map)
+    alarms = Annunciators(tags)
     limits = {side: Limits(tags.arms[side], alarms) for side in SIDES}
     cycles = {side: arm.cycle(tags, side, limits[side]) for side in SIDES}
     homings = {side: home.homing(tags, side, limits[side]) for side in SIDES}
-    off_homes = {side: limits[side]("off home", OFF_HOME_MS) for side in SIDES}
+    arm_alarms = {side: ArmAlarms(tags.arms[side], alarms, limits[side]) for side in SIDES}
     feeder = tray.feeder(tags, alarms)
     sequences = [*cycles.values(), *homings.values(), feeder]
     states = modes.state_table(tags)
@@ -69,9 +69,10 @@ def build(io_map: IoMap) -> Transplanter:
         *(Block(sequence.name, (sequence,)) for sequence in sequences),
         *(arm.bookkeeping(tags, side, cycles[side], homings[side]) for side in SIDES),
         tray.bookkeeping(tags, feeder),
-        Block("requests", tuple(Out(bit, when=any_of(*steps)) for bit, steps in requests(sequences).items())),
-        alarm_block(tags, alarms, overruns, off_homes, sequences),
+        _requests(tags, sequences),
+        alarm_block(tags, alarms, arm_alarms, sequences),
         output_block(tags, io_map, rules, rules_tray),
+        block_register(tags, rules, rules_tray),
         Block("commands consumed", (tags.commands.consumed(),)),
     )
     program = Program(
@@ -82,3 +83,16 @@ def build(io_map: IoMap) -> Transplanter:
         set_points=tuple(tags.sp.defaults),
     )
     return Transplanter(io_map, program, tags, alarms, cycles, homings, feeder, states, rules, rules_tray)
+
+
+def _requests(tags: Tags, sequences: list[Sequence]) -> Block:
+    """Return the block that gathers what steps ask for, and hands in manual mode."""
+    jogs = tags.machine.jogs
+    by_hand = {arm.want[name]: jogs[f"{side}.{name}"] for side, arm in tags.arms.items() for name in arm.want}
+    by_hand[tags.tray.want_run] = jogs["tray_run"]
+    steps = requests(sequences)
+    wanted = dict.fromkeys((*steps, *by_hand))
+    return Block(
+        "requests",
+        tuple(Out(bit, when=any_of(*steps.get(bit, ()), by_hand.get(bit, FALSE))) for bit in wanted),
+    )

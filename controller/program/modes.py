@@ -3,52 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
-from controller.core.expr import FALSE, TRUE, Bit, Expr, all_of, any_of
+from controller.core.expr import FALSE, TRUE, Expr, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set
-from controller.program.tags import FIRST_SCAN, Tags
+from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
+from controller.program.commands import JOG_LEASE_MS
+from controller.program.refusals import Orders
+from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
+from controller.program.tags import FIRST_SCAN, STEPPED, Tags
 
 CLEAR_HOLD_MS = 3_000
-
-
-class State(IntEnum):
-    """PackML state numbers (FX.md 5)."""
-
-    CLEARING = 1
-    STOPPED = 2
-    STARTING = 3
-    IDLE = 4
-    SUSPENDED = 5
-    EXECUTE = 6
-    STOPPING = 7
-    ABORTING = 8
-    ABORTED = 9
-    HOLDING = 10
-    HELD = 11
-    SUSPENDING = 13
-    UNSUSPENDING = 14
-    RESETTING = 15
-    COMPLETING = 16
-    COMPLETE = 17
-
-
-class Reason(IntEnum):
-    """Why the machine is Suspended."""
-
-    NONE = 0
-    NO_TRAY = 1
-    NO_CUPS_LEFT = 2
-    NO_CUPS_RIGHT = 3
-    NO_CUPS = 4
-
-
-RUNNING = (State.STARTING, State.EXECUTE, State.SUSPENDING, State.SUSPENDED, State.UNSUSPENDING)
-MOVING = (*RUNNING, State.RESETTING, State.STOPPING, State.HOLDING, State.COMPLETING)
-"""States in which actuators may move."""
-STOPPABLE = (*RUNNING, State.RESETTING, State.IDLE, State.HOLDING, State.HELD, State.COMPLETING,
-             State.COMPLETE)  # fmt: skip
+STEP_PRESS_MS = 2_000
+"""A press in step mode waits so long for its transfer (a cup to come by), and not longer: nothing moves late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,45 +30,52 @@ class StateChange:
 def state_table(tags: Tags) -> list[StateChange]:
     """Return the PackML table of this machine, in rising order of priority."""
     machine, arms, tray = tags.machine, tags.arms, tags.tray
+    manual, at_once = machine.manual, machine.stops_at_once
     at_rest = all_of(*(arm.at_rest for arm in arms.values()))
     empty = all_of(*(~arm.loaded for arm in arms.values()))
     homed = all_of(*(arm.homed for arm in arms.values()))
     asking = any_of(tray.ask, *(arm.ask for arm in arms.values()))
     settled = all_of(*(arm.homed | arm.fault | arm.ask for arm in arms.values()))
-    one_cycle = tags.sp.mode.equals(2) & all_of(*(arm.cycle_done for arm in arms.values()))
+    one_cycle = machine.mode.equals(Mode.ONE_CYCLE) & all_of(*(arm.cycle_done for arm in arms.values()))
+    done = machine.target_reached | one_cycle | machine.complete_ordered
+    rest = at_rest & tray.at_rest
     s = State
     return [
         StateChange((s.STOPPED, s.HELD, s.COMPLETE), s.RESETTING, machine.home_requested, "reset and home"),
-        StateChange((s.RESETTING,), s.IDLE, homed & tray.ready & ~asking, "homed"),
-        StateChange((s.RESETTING,), s.HOLDING, (asking | machine.fault) & settled, "cannot go on: question or alarm"),
+        StateChange((s.RESETTING,), s.IDLE, manual | (homed & tray.ready & ~asking), "homed, or mode is manual"),
+        StateChange((s.RESETTING,), s.HOLDING, all_of(~manual, asking | machine.fault, settled),
+                    "cannot go on: question or alarm"),
         StateChange((s.IDLE,), s.STARTING, machine.start_requested, "start"),
         StateChange((s.STARTING,), s.EXECUTE, TRUE, "started"),
-        StateChange((s.EXECUTE,), s.SUSPENDING, machine.suspend, "no tray or no cups"),
+        StateChange((s.HELD,), s.UNHOLDING, machine.unhold_requested, "go on after a hold"),
+        StateChange((s.UNHOLDING,), s.EXECUTE, TRUE, "going on"),
+        StateChange((s.EXECUTE,), s.SUSPENDING, machine.suspend, "no tray or no cups, or ordered"),
         StateChange((s.SUSPENDING,), s.SUSPENDED, TRUE, "suspended"),
         StateChange((s.SUSPENDED,), s.UNSUSPENDING, ~machine.suspend, "tray and cups are there"),
         StateChange((s.UNSUSPENDING,), s.EXECUTE, TRUE, "goes on"),
-        StateChange((s.EXECUTE,), s.COMPLETING, at_rest & empty & (machine.target_reached | one_cycle), "work done"),
-        StateChange((s.COMPLETING,), s.COMPLETE, at_rest & tray.at_rest, "arms home"),
-        StateChange((*RUNNING, s.COMPLETING), s.HOLDING, machine.fault, "alarm"),
-        StateChange((s.HOLDING,), s.HELD, at_rest & tray.at_rest, "other arm at feed"),
+        StateChange((s.EXECUTE,), s.COMPLETING, all_of(~manual, at_rest, empty, done), "work done"),
+        StateChange((s.COMPLETING,), s.COMPLETE, rest, "arms home"),
+        StateChange((*RUNNING, s.COMPLETING), s.HOLDING, machine.fault | machine.hold_requested, "alarm, or ordered"),
+        StateChange((s.HOLDING,), s.HELD, at_once | rest, "arms at feed"),
         StateChange(STOPPABLE, s.STOPPING, machine.stop_pressed, "stop"),
-        StateChange((s.STOPPING,), s.STOPPED, at_rest & tray.at_rest, "arms home or parked"),
+        StateChange((s.STOPPING,), s.STOPPED, at_once | rest, "arms home or parked"),
         StateChange((s.CLEARING,), s.STOPPED, TRUE, "cleared"),
         StateChange((s.ABORTED,), s.CLEARING, machine.clear_requested, "clear"),
         StateChange((s.ABORTING,), s.ABORTED, TRUE, "outputs off"),
         StateChange(tuple(state for state in s if state not in {s.ABORTING, s.ABORTED}), s.ABORTING, machine.abort,
-                    "emergency stop, link or scan fault"),
+                    "emergency stop, abort, link, scan or store fault"),
     ]  # fmt: skip
 
 
 def conditioning(tags: Tags) -> list[Rung]:
-    """Return the rungs that turn buttons and command bits into requests."""
+    """Return the rungs that turn buttons and command bits into requests; `refusals` says which are heard when."""
     x, system, machine, commands = tags.x, tags.system, tags.machine, tags.commands
     state = machine.state
-    rest = any_of(*(state.equals(s) for s in (State.STOPPED, State.HELD, State.COMPLETE)))
-    ready = state.equals(State.IDLE) | state.equals(State.SUSPENDED)
     button = x.optional("reset")
     reset = FALSE if button is None else button
+    faults = any_of(system.link_lost, system.scan_fault, system.store_fault)
+    orders = Orders(tags)
+    heard = orders.heard
     return [
         # A button held while the power comes gives its edge in the first scan, where it counts for nothing.
         Pulse(machine.start_pressed, when=x.start),
@@ -112,57 +85,104 @@ def conditioning(tags: Tags) -> list[Rung]:
             Rst(button, when=FIRST_SCAN)
             for button in (machine.start_pressed, machine.stop_pressed, machine.reset_pressed)
         ),
-        Out(machine.abort, when=any_of(x.emergency_stop, system.link_lost, system.scan_fault, system.store_fault)),
+        Out(machine.abort, when=any_of(x.emergency_stop, commands.abort, faults)),
         Set(machine.clear_armed, when=machine.stop_pressed & state.equals(State.ABORTED)),
         Rst(machine.clear_armed, when=~x.stop | machine.abort | state.differs(State.ABORTED)),
         OnDelay(machine.stop_held, CLEAR_HOLD_MS, when=machine.clear_armed),
-        Out(
-            machine.clear_requested,
-            when=all_of(
-                state.equals(State.ABORTED),
-                ~machine.abort,
-                machine.stop_held.done | commands.clear | machine.reset_pressed,
-            ),
-        ),
-        Out(
-            machine.home_requested,
-            when=all_of(rest, ~x.stop, machine.start_pressed | commands.reset | machine.reset_pressed),
-        ),
-        Out(machine.start_requested, when=all_of(ready, ~x.stop, machine.start_pressed | commands.start)),
+        Out(machine.clear_requested, when=heard(commands.clear)),
+        Out(machine.home_requested, when=heard(commands.reset)),
+        Out(machine.start_requested, when=heard(commands.start)),
+        Out(machine.unhold_requested, when=heard(commands.unhold)),
+        *_holds(tags, orders),
+        *_jog(tags, orders),
+        *_step_presses(tags, orders),
+        *orders.rungs(),
+        *(Mov(mode, machine.mode, when=heard(bit)) for mode, bit in commands.modes.items()),
+        Mov(Mode.CONTINUOUS, machine.mode, when=FIRST_SCAN & machine.mode.equals(0)),
+    ]
+
+
+def _holds(tags: Tags, orders: Orders) -> list[Rung]:
+    """Holds and suspensions that the operator orders, or that follow from a panel gone silent."""
+    system, machine, commands, state = tags.system, tags.machine, tags.commands, tags.machine.state
+    ends = any_of(*(state.equals(s) for s in (State.STOPPED, State.RESETTING, State.COMPLETE, State.ABORTED)))
+    return [
+        Pulse(machine.panel_lost, when=system.panel_silent),
+        Set(machine.held_by_panel, when=machine.panel_lost & machine.running),
+        Set(machine.held_by_operator, when=orders.heard(commands.hold)),
+        Out(machine.hold_requested, when=orders.heard(commands.hold) | machine.panel_lost),
+        Rst(machine.suspended_by_operator, when=ends | orders.heard(commands.unsuspend)),
+        Set(machine.suspended_by_operator, when=orders.heard(commands.suspend)),
+        Rst(machine.complete_ordered, when=ends),
+        Set(machine.complete_ordered, when=orders.heard(commands.complete)),
+    ]
+
+
+def _jog(tags: Tags, orders: Orders) -> list[Rung]:
+    """One output at a time is held by hand, while the command is renewed."""
+    machine, commands = tags.machine, tags.commands
+    return [
+        Out(machine.jog_renewed, when=any_of(*(orders.heard(bit) for bit in commands.jog.values()))),
+        *(Mov(1 + n, machine.jog, when=machine.jog_renewed & bit) for n, bit in enumerate(commands.jog.values())),
+        OnDelay(machine.t_jog_lease, JOG_LEASE_MS, when=machine.jog.differs(0) & ~machine.jog_renewed),
+        Mov(0, machine.jog, when=any_of(machine.t_jog_lease.done, commands.jog_release, ~machine.jogging)),
+    ]
+
+
+def _step_presses(tags: Tags, orders: Orders) -> list[Rung]:
+    """A press in step mode arms the next transfer of the chosen sequence, for a time."""
+    machine, armed = tags.machine, tags.machine.step_armed
+    press = orders.heard(tags.commands.step)
+    first, *_, last = armed.values()
+    return [
+        OnDelay(machine.t_step_press, STEP_PRESS_MS, when=any_of(*armed.values()) & ~press),
+        ZoneReset(first, last, when=any_of(press, machine.t_step_press.done, ~machine.stepping)),
+        *(Set(armed[name], when=press & tags.sp.step_sequence.equals(1 + n)) for n, name in enumerate(STEPPED)),
     ]
 
 
 def _reason(tags: Tags) -> list[Rung]:
-    """Say in one register why the machine cannot work on: no tray before no cups."""
-    reason = tags.machine.reason
+    """Say in one register why the machine cannot work on: of several reasons the one to see to first."""
+    machine, reason = tags.machine, tags.machine.reason
+    held = any_of(*(machine.state.equals(s) for s in HOLDS))
     left, right = tags.arms["left"].no_cups, tags.arms["right"].no_cups
+    asking = any_of(tags.tray.ask, *(arm.ask for arm in tags.arms.values()))
     return [
         Mov(Reason.NONE, reason),
         Mov(Reason.NO_CUPS_LEFT, reason, when=left),
         Mov(Reason.NO_CUPS_RIGHT, reason, when=right),
         Mov(Reason.NO_CUPS, reason, when=left & right),
         Mov(Reason.NO_TRAY, reason, when=tags.tray.missing),
+        Mov(Reason.SUSPENDED_BY_OPERATOR, reason, when=machine.suspended_by_operator),
+        Mov(Reason.HELD_BY_OPERATOR, reason, when=held & machine.held_by_operator),
+        Mov(Reason.PANEL_SILENT, reason, when=held & machine.held_by_panel),
+        Mov(Reason.QUESTION, reason, when=held & asking),
+        Mov(Reason.ALARM, reason, when=held & machine.fault),
+        ZoneReset(machine.held_by_operator, machine.held_by_panel, when=~held),
     ]
 
 
 def mode_block(tags: Tags, table: list[StateChange]) -> Block:
     """Return the block that finds this scan's state and what follows from it."""
     machine, arms, tray = tags.machine, tags.arms, tags.tray
-    state, before = machine.state, machine.state_before
+    state, before, mode = machine.state, machine.state_before, machine.mode
+    no_cups = any_of(*(arm.no_cups for arm in arms.values())) & ~machine.stepping
 
-    def entered(bit: Bit, target: State) -> Out:
-        return Out(bit, when=state.equals(target) & before.differs(target))
+    def entered(target: State) -> Expr:
+        return state.equals(target) & before.differs(target)
 
     rungs: list[Rung] = [
-        Out(machine.suspend, when=any_of(tray.missing, *(arm.no_cups for arm in arms.values()))),
-        *_reason(tags),
+        Out(machine.manual, when=mode.equals(Mode.MANUAL)),
+        Out(machine.stops_at_once, when=machine.manual | mode.equals(Mode.STEP)),
+        Out(machine.suspend, when=any_of(tray.missing, no_cups, machine.suspended_by_operator)),
         Mov(state, before),
         Mov(State.STOPPED, state, when=FIRST_SCAN),
     ]
     rungs += [Mov(row.target, state, when=any_of(*(before.equals(s) for s in row.sources)) & row.when) for row in table]
     rungs += [
-        entered(machine.entered_resetting, State.RESETTING),
-        entered(machine.entered_starting, State.STARTING),
+        *_reason(tags),
+        Out(machine.entered_resetting, when=entered(State.RESETTING)),
+        Out(machine.entered_starting, when=entered(State.STARTING) | entered(State.UNHOLDING)),
         Set(machine.batch_complete, when=state.equals(State.COMPLETE) & machine.target_reached),
         Rst(machine.trays_done, when=machine.entered_resetting & machine.batch_complete),
         Rst(machine.batch_complete, when=machine.entered_resetting),
@@ -171,6 +191,8 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
         Out(machine.stopping, when=state.equals(State.STOPPING)),
         Out(machine.holding, when=state.equals(State.HOLDING)),
         Out(machine.running, when=any_of(*(state.equals(s) for s in RUNNING))),
+        Out(machine.stepping, when=mode.equals(Mode.STEP) & state.differs(State.RESETTING)),
+        Out(machine.jogging, when=all_of(machine.manual, state.equals(State.EXECUTE), ~machine.abort)),
         Out(machine.motion, when=any_of(*(state.equals(s) for s in MOVING)) & ~machine.abort),
     ]
     return Block("modes", tuple(rungs))

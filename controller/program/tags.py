@@ -13,7 +13,7 @@ from controller.core.devices import INITIAL_PULSE
 from controller.core.expr import Bit, Counter, Expr, Timer, Word
 from controller.io_map import IoMap, Point
 from controller.program.areas import Area
-from controller.program.commands import Commands
+from controller.program.commands import ARM_OUTPUTS, JOGGED, Commands
 
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, Side]] = ("left", "right")
@@ -23,6 +23,9 @@ ROWS: Final = (1, 2, 3)
 TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
 """States of a row of seedlings."""
 
+STEPPED: Final = ("left arm", "right arm", "tray feeder")
+"""What step mode can move, by the value of its set-point from 1 on."""
+
 NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
 """Phases of the tray: unknown or none, at the pick position, leaving it, on its way."""
 
@@ -31,6 +34,10 @@ RELEASE_DELAY_X10_MS: Final = 6
 45 plants/(min row); from the coil to the landed plug take 126 ms valve, air and fingers (simulated at 0.40 MPa) and
 128 ms fall from 80 mm, and the input filter and half a scan 15 ms: 333 - 254 - 15 = 64 ms, in whole units of the
 timer (machine.yaml)."""
+
+SLIDE_LEAST_X10_MS: Final = 90
+"""From the switch of row 1 to that of feed: 192.5 mm less both switch bands, 180 mm, take 1.2 s at 0.15 m/s; three
+quarters of that. Other row spacings need another value (machine.yaml)."""
 
 ROW_PITCH_MM: Final = 43.0
 FINGER_OVERHANG_MM: Final = 25.0
@@ -82,10 +89,12 @@ class System:
         self.memory_lost = m.bit("memory lost", "retentive memory could not be restored")
         self.outputs_held = m.bit("outputs held", "coils are held back until the memory they act on is stored")
         self.store_fault = m.bit("store fault", "retentive memory cannot be stored")
+        self.panel_silent = m.bit("panel silent", "the operator panel has been silent beyond its limit")
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
-        return (self.link_lost, self.scan_fault, self.memory_lost, self.outputs_held, self.store_fault)
+        return (self.link_lost, self.scan_fault, self.memory_lost, self.outputs_held, self.store_fault,
+                self.panel_silent)  # fmt: skip
 
 
 class SetPoints:
@@ -104,7 +113,7 @@ class SetPoints:
             return word
 
         self.trays_target = add("trays target", 0, 0, 1000, "trays to empty before Complete; 0 = endless")
-        self.mode = add("mode", 1, 1, 2, "1 continuous, 2 one cycle")
+        self.step_sequence = add("step sequence", 1, 1, 3, "step mode moves: 1 left arm, 2 right arm, 3 tray feeder")
         self.descend_at_count = add("descend at count", 0, 0, CUPS, "cups counted before the arm goes down over them")
         self.converge_at = add("converge at", 0, 0, 1, "0 = converge down, 1 = go up first")
         self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2")
@@ -120,6 +129,9 @@ class SetPoints:
             "pause at feed x10 ms", 50, 0, 500, "from arriving at feed to spreading (paper: 0.5 s)"
         )
         self.tray_index = add("tray index x10 ms", 10, 1, 200, "run at full speed into the gap before creeping")
+        self.slide_least = add(
+            "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "no slide gets from a row to feed, or back, sooner"
+        )
         self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creeping without a tray's front edge until Suspended")
 
     def names(self) -> list[str]:
@@ -130,14 +142,18 @@ class SetPoints:
 class MachineTags:
     """Relays and registers of the machine as a whole."""
 
-    def __init__(self) -> None:
-        m = Area("M", 50, 99)
+    def __init__(self) -> None:  # noqa: PLR0915 - a list of tags
+        m = Area("M", 10, 99)
         d = Area("D", 100, 109)
-        kept = Area("D", 560, 569)
         self.state = d.word("state", "PackML state number")
         self.state_before = d.word("state before", "PackML state number of the scan before")
-        self.trays_done = kept.word("trays done", "trays emptied since the count was cleared")
-        self.reason = d.word("reason", "why Suspended: 0 -, 1 no tray, 2 no cups left, 3 no cups right, 4 none at both")
+        self.trays_done = Word("D", 560, "trays done", "trays emptied since the count was cleared")
+        self.mode = Word("D", 562, "mode", "mode number: 1 continuous, 3 manual, 4 one cycle, 5 step, 6 zero return")
+        self.reason = d.word("reason", "why Suspended or Held, by number")
+        self.refused = d.word("refused", "number of the command refused last")
+        self.refusal = d.word("refusal", "number of the reason why it was refused")
+        self.refusals = d.word("refusals", "commands refused since power-up; another one, another number")
+        self.jog = d.word("jog", "number of the output that is held by hand; 0 = none")
         self.first_out = d.word("first out", "annunciator that stopped work first; 0 = none")
         self.batch_complete = Bit(
             "M", 1056, "batch complete", "the wanted trays were done; the next homing clears them"
@@ -148,12 +164,28 @@ class MachineTags:
         self.home_requested = m.bit("home requested", "reset and home: X0 or command, this scan")
         self.start_requested = m.bit("start requested", "start: X0 or command, this scan")
         self.clear_requested = m.bit("clear requested", "clear after an emergency stop, this scan")
+        self.unhold_requested = m.bit("unhold requested", "go on after a hold, this scan")
+        self.hold_requested = m.bit("hold requested", "hold by the operator or because the panel is silent")
+        self.panel_lost = m.bit("panel lost", "the panel has gone silent, this scan")
+        self.held_by_operator = m.bit("held by operator", "the hold was ordered")
+        self.held_by_panel = m.bit("held by panel", "the hold came with the panel's silence")
+        self.suspended_by_operator = m.bit("suspended by operator", "suspended by command until unsuspended")
+        self.complete_ordered = m.bit("complete ordered", "no new row is begun; then Complete")
+        self.ordered = m.bit("ordered", "a command or a button is pressed, this scan")
+        self.manual = m.bit("manual", "mode is manual")
+        self.stepping = m.bit("stepping", "step mode at work: each transfer wants a press")
+        self.stops_at_once = m.bit("stops at once", "the mode finishes no cycle before it stops")
+        self.jogging = m.bit("jogging", "manual mode at work: outputs follow the jog register")
+        self.jog_renewed = m.bit("jog renewed", "a jog command, this scan")
+        self.step_armed = {
+            name: m.bit(f"step armed, {name}", f"a press for the next transfer of the {name}") for name in STEPPED
+        }
         self.abort = m.bit("abort", "emergency stop, or a fault of link, scan or store")
         self.clear_armed = m.bit("clear armed", "X24 has been pressed since the emergency stop")
         self.motion = m.bit("motion allowed", "the state allows motion")
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
-        self.entered_starting = m.bit("entered Starting", "first scan of Starting")
+        self.entered_starting = m.bit("entered Starting", "first scan of Starting or Unholding")
         self.running = m.bit("running", "Execute, Suspended and between them")
         self.executing = m.bit("executing", "state is Execute")
         self.suspend = m.bit("suspend", "no tray or no cups")
@@ -162,8 +194,12 @@ class MachineTags:
         self.target_reached = m.bit("target reached", "the wanted number of trays is empty")
         self.fault = m.bit("fault", "an alarm that stops work is set")
         self.horn = m.bit("horn", "alarm not yet acknowledged")
+        self.alarm_reset = m.bit("alarm reset", "alarms whose cause has gone are reset, this scan")
         self.new_alarm = m.bit("new alarm", "the first alarm that stops work came on, this scan")
         self.t_stop_stuck = Timer(107, "stop stuck", "X24 on for longer than anybody presses it")
+        self.jogs = {output: self.jog.equals(1 + n) for n, output in enumerate(JOGGED)}
+        self.t_jog_lease = Timer(224, "jog lease", "the jog command has not been renewed")
+        self.t_step_press = Timer(225, "step press", "a press of the step button has waited for its transfer")
         self.stop_held = Timer(100, "stop held", "X24 held after an emergency stop: clear")
 
 
@@ -182,14 +218,37 @@ class ArmTags:
         self.first_limit = 50 * index
         self.coils = {name: _driven(io_map[f"{side}.{name}"]) for name in ARM_OUTPUTS}
 
-        self.down = x[f"{side}.lift_down"]
-        self.up = x[f"{side}.lift_up"]
-        self.at_feed = x[f"{side}.slide_at_feed"]
-        self.at_pick = {row: x[f"{side}.slide_at_pick_{row}"] for row in ROWS}
-        self.is_spread = x[f"{side}.claws_spread"]
-        self.is_converged = x[f"{side}.claws_converged"]
+        self.sensed_down = x[f"{side}.lift_down"]
+        self.sensed_up = x[f"{side}.lift_up"]
+        self.sensed_at_feed = x[f"{side}.slide_at_feed"]
+        self.sensed_at_pick = {row: x[f"{side}.slide_at_pick_{row}"] for row in ROWS}
+        self.sensed_spread = x[f"{side}.claws_spread"]
+        self.sensed_converged = x[f"{side}.claws_converged"]
         self.cup_sensor = x[f"{side}.cup_pulse"]
 
+        self.down = m.bit("down", "lift at its lower limit: sensed alone, and it had the time to get there")
+        self.up = m.bit("up", "lift at its upper limit, likewise")
+        self.at_feed = m.bit("at feed", "slide at feed, likewise")
+        self.at_pick = {row: m.bit(f"at pick {row}", f"slide at pick {row}, likewise") for row in ROWS}
+        self.is_spread = m.bit("is spread", "claws spread, likewise")
+        self.is_converged = m.bit("is converged", "claws converged, likewise")
+        self.was_down = m.bit("was down", "the lift's lower limit was its last end")
+        self.was_up = m.bit("was up", "the lift's upper limit was its last end")
+        self.was_at_feed = m.bit("was at feed", "feed was the slide's last place")
+        self.was_at_pick = {row: m.bit(f"was at pick {row}", f"pick {row} was its last place") for row in ROWS}
+        self.was_spread = m.bit("was spread", "spread was the claws' last end")
+        self.was_converged = m.bit("was converged", "converged was the claws' last end")
+        self.lift_travelled = m.bit("lift travelled", "it had the time to get to its other end")
+        self.slide_travelled = m.bit("slide travelled", "it had the time to get between feed and a row")
+        self.slide_hopped = m.bit("slide hopped", "it had the time to get from one row to the next")
+        self.belt_travelled = m.bit("belt travelled", "it had the time to get to its other end")
+        self.passed = m.bit("passed row", "the slide has come to the next row, or beyond, since it left feed")
+        self.begins_rest = m.bit("begins rest", "lift, slide and belt have had no coil on for a while, this scan")
+        self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
+        self.rests_up = m.bit("rests up", "the lift was up when it came to rest")
+        self.rests_at_feed = m.bit("rests at feed", "the slide was at feed when it came to rest")
+        self.rests_spread = m.bit("rests spread", "the claws were spread when they came to rest")
+        self.rests_converged = m.bit("rests converged", "the claws were converged when they came to rest")
         self.want = {name: m.bit(f"want {name}", f"request: {name.replace('_', ' ')}") for name in ARM_OUTPUTS}
         self.cup_edge = m.bit("cup edge", "rising edge of the cup sensor")
         self.cup = m.bit("cup", "a cup has been counted, this scan")
@@ -211,6 +270,10 @@ class ArmTags:
         self.retried = m.bit("retried", "the slide was brought back to its row once")
         self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is over")
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
+        self.ask_cups = m.bit("ask cups", "question to the operator: are the cups empty? Or twelve of them must pass")
+        self.ungranted = m.bit("ungranted", "an output is wanted and refused, this scan")
+        self.unbidden = m.bit("unbidden", "a switch has changed while the arm was at rest")
+        self.blocked_by = Word("D", 110 + index, f"{side}.blocked by", "number of the interlock that refuses an output")
         self.discard = m.bit("discard", "the load is to be opened over the cups while homing")
         self.active = m.bit("active", "a step of the cycle is on")
         self.cycling = m.bit("cycling", "a cycle is under way: the arm is away from home on purpose")
@@ -231,25 +294,22 @@ class ArmTags:
         self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
         self.t_pulse = t10.timer("pulse interval", "shortest time between two cups")
         self.t_settle = t10.timer("settle", "slide at rest on its row")
-        self.t_clamp = t10.timer("clamp", "claws closing")
+        self.t_closing = t10.timer("claws closing", "the closing coil has been on for its dwell")
+        self.t_opening = t10.timer("claws opening", "the opening coil has been on for its dwell")
         self.t_pause = t10.timer("pause at feed", "before spreading")
         self.t_release_delay = t10.timer("release delay", "cup pulse to opening")
-        self.t_release = t10.timer("release", "claws opening")
-        self.t_put_back = t10.timer("put back", "claws opening at the row")
-        self.t_home_open = t10.timer("home open", "claws opening while homing")
+        self.t_lift_way = t10.timer("lift way", "the lift is between its ends")
+        self.t_slide_way = t10.timer("slide way", "the slide is between feed and a row")
+        self.t_slide_hop = t10.timer("slide hop", "the slide is between two rows")
+        self.t_belt_way = t10.timer("belt way", "the claws are between their ends")
         self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
-
-
-ARM_OUTPUTS: Final = (
-    "lift_extend",
-    "lift_retract",
-    "slide_inward",
-    "slide_outward",
-    "converge",
-    "spread",
-    "claws_open",
-    "claws_close",
-)
+        t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
+        self.t_rest = t100.timer("rest", "lift, slide and belt have no coil on")
+        self.t_doubt = {
+            name: t100.timer(f"{name} in doubt", "a switch is on that cannot be") for name in ("lift", "slide", "belt")
+        }
+        self.t_unbidden = t100.timer("unbidden", "a switch has changed by itself")
+        self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted without one of the other row")
 
 
 class TrayTags:
@@ -257,9 +317,10 @@ class TrayTags:
 
     def __init__(self, io_map: IoMap) -> None:
         m = Area("M", 300, 329, "tray")
-        t10 = Area("T", 220, 229, "tray")
+        t10 = Area("T", 220, 223, "tray")
         x = Inputs(io_map)
         self.edge = x.tray_front_edge
+        self.driven = {name: _driven(io_map[name]) for name in ("tray_run", "tray_forward")}
         self.first_step = 180
         self.phase = Word("D", 561, "tray.phase", "0 unknown, 1 in place, 2 moving out, 3 coming")
         self.want_run = m.bit("want run", "request: conveyor at full speed")
@@ -271,6 +332,8 @@ class TrayTags:
         self.ready = m.bit("ready", "the feeder has done what it can")
         self.at_rest = m.bit("at rest", "no tray is being moved")
         self.missing = m.bit("missing", "no tray came")
+        self.ungranted = m.bit("ungranted", "the belt is wanted and refused, this scan")
+        self.blocked_by = Word("D", 112, "tray.blocked by", "number of the interlock that refuses the belt")
         self.fault = m.bit("fault", "an alarm of the feeder is set")
         self.t_index = t10.timer("index", "full speed into the gap")
         self.t_settle = t10.timer("settle", "tray at rest")

@@ -67,7 +67,8 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
             go=[To("creep", when=~t.edge), To("wait for an empty tray", when=t.t_settle.done)],
         ),
     ]
-    return Sequence("tray feeder", t.first_step, steps)
+    armed = machine.step_armed["tray feeder"]
+    return Sequence("tray feeder", t.first_step, steps, enable=~machine.stepping | armed, spends=armed)
 
 
 def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
@@ -84,11 +85,13 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     full = t.ask & commands.tray_full & t.edge
     none = t.ask & commands.tray_none
     real = ~tags.system.link_lost
+    by_hand = machine.jogs["tray_run"] & at_feed  # a tray drawn away by hand is run out, whatever is left in it
     return [
         Mov(NO_TRAY, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),
-        Mov(MOVING_OUT, t.phase, when=t.emptied),
+        Mov(MOVING_OUT, t.phase, when=t.emptied | (by_hand & t.phase.equals(IN_PLACE))),
+        *(Mov(TAKEN, row, when=by_hand) for row in rows),
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full) for row in rows),
         *(Mov(TAKEN, row, when=none) for row in rows),
@@ -96,9 +99,9 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Mov(MOVING_OUT, t.phase, when=none),
         Rst(t.ask, when=full | none | (commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
         Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
-        Set(t.ask, when=machine.entered_resetting & doubt),
+        Set(t.ask, when=machine.entered_resetting & ~machine.manual & doubt),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
-        Out(t.needed, when=t.phase.differs(IN_PLACE) & ~machine.target_reached),
+        Out(t.needed, when=all_of(t.phase.differs(IN_PLACE), ~machine.target_reached, ~machine.complete_ordered)),
         Out(
             t.permit,
             when=all_of(t.needed, at_feed, ~t.ask, ~unloading, machine.running | (machine.resetting & homed)),
@@ -132,6 +135,6 @@ def supervision(tags: Tags, feeder: Sequence) -> Block:
         "tray supervision",
         (
             ZoneReset(feeder.first, feeder.last, when=~machine.motion),
-            Set(feeder.first, when=machine.entered_resetting | machine.entered_starting),
+            Set(feeder.first, when=(machine.entered_resetting | machine.entered_starting) & ~machine.manual),
         ),
     )
