@@ -22,8 +22,8 @@ LIFT_LIMIT_MS: Final = 2_500
 """150 mm at 0.2 m/s: 0.75 s; three times that."""
 SPREAD_LIMIT_MS: Final = 2_500
 """187 mm at 0.2 m/s: 0.94 s; two and a half times that."""
-TRAY_OUT_LIMIT_MS: Final = 6_000
-"""540 mm at 0.2 m/s: 2.7 s; twice that."""
+TRAY_OUT_LIMIT_MS: Final = 3_200
+"""540 mm at 0.2 m/s and the ramps: 2.9 s. Not much longer, or a sensor that sticks lets the next tray run out, too."""
 CLAW_LIMIT_MS: Final = 3_000
 """Longest dwell that can be set is 2 s; a claw coil that is not granted or not released for so long has a reason."""
 OFF_HOME_MS: Final = 1_000

@@ -64,7 +64,7 @@ def cycle(tags: Tags, side: Side, limit: Limits) -> Sequence:
         ),
         Step(
             "slide to feed",
-            hold=[want["slide_outward"]],
+            hold=[want["slide_outward"], want["lift_retract"]],
             go=[To("pause at feed", when=a.at_feed)],
             watch=limit("slide to feed", SLIDE_LIMIT_MS),
         ),
@@ -218,7 +218,7 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     """The next row is the first that is not taken; a row is taken once the lift takes it off its lower limit."""
     real = ~tags.system.link_lost
     by_hand = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
-    lifted = all_of(real, ~a.down, any_of(steps["lift from row"], home["raise loaded"], by_hand))
+    lifted = real & any_of(~a.down & any_of(steps["lift from row"], home["raise loaded"], by_hand), a.up & ~a.at_feed)
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE

@@ -5,11 +5,14 @@ from __future__ import annotations
 from controller.core.expr import all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, Out, Rst, Rung, Set, ZoneReset
-from controller.core.sequence import Sequence, Step, To
+from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
 from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, Side, Tags
 
 FIRST_STEP_OFFSET = 40
+PRESS_MS = 600
+"""Time to fill the slide's outer chamber through its valve and tube. After low air, or a jam, that chamber may be
+empty, and the first stroke inward would find nothing to push against."""
 
 
 def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
@@ -65,7 +68,7 @@ def _to_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
         ),
         Step(
             "out",
-            hold=[want["slide_outward"]],
+            hold=[want["slide_outward"], want["lift_retract"]],
             go=[To("raise at feed", when=a.at_feed & a.loaded), To("open at feed", when=a.at_feed)],
             watch=limit("home: out", SLIDE_LIMIT_MS),
         ),
@@ -86,7 +89,7 @@ def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
         Step(
             "raise at feed",
             hold=[want["lift_retract"]],
-            go=[To("discard, spread", when=a.up & a.discard), To("homed", when=a.up)],
+            go=[To("discard, spread", when=a.up & a.discard), To("press to feed", when=a.up)],
             watch=limit("home: raise at feed", LIFT_LIMIT_MS),
         ),
         Step(
@@ -122,8 +125,14 @@ def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
         Step(
             "lower",
             hold=[want["lift_extend"]],
-            go=[To("homed", when=a.down)],
+            go=[To("press to feed", when=a.down)],
             watch=limit("home: lower", LIFT_LIMIT_MS),
+        ),
+        Step(
+            "press to feed",
+            hold=[want["slide_outward"]],
+            dwell=Dwell(a.t_press, PRESS_MS),
+            go=[To("homed", when=a.t_press.done)],
         ),
         Step("homed", waits_for="start", go=[]),
     ]

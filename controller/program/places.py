@@ -6,14 +6,15 @@ not yet over the cups. What is not believed is no place, so the step waits, and 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from controller.core.expr import Bit, Expr, any_of
 from controller.core.rungs import OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
 from controller.program.tags import FIRST_SCAN, ROWS, ArmTags, Tags
 
-LIFT_LEAST_MS: Final = 400
-"""150 mm less both switch bands, 138 mm at 0.2 m/s: 0.7 s; little more than half of that."""
+LIFT_LEAST_MS: Final = 250
+"""150 mm less both switch bands, 138 mm at 0.2 m/s: 0.7 s; 0.32 s where a jam has let the chamber ahead run empty."""
 BELT_LEAST_MS: Final = 600
 """187 mm less both switch bands at 0.2 m/s: 0.9 s; two thirds of that."""
 HOP_LEAST_MS: Final = 100
@@ -23,62 +24,66 @@ REST_MS: Final = 1_000
 
 
 def places(tags: Tags, a: ArmTags) -> list[Rung]:
-    """Return the rungs that make places of switches; at power-up and when homing begins the switches are believed."""
-    believed = FIRST_SCAN | tags.machine.entered_resetting
-    return [*_lift(a, believed), *_slide(tags, a, believed), *_belt(a, believed), *_rest(a)]
+    """Return the rungs that make places of switches.
 
-
-def _lift(a: ArmTags, believed: Expr) -> list[Rung]:
+    At power-up and when homing begins a switch that is on alone is believed, and of none the arm is between places.
+    """
+    anew = FIRST_SCAN | tags.machine.entered_resetting
+    lift = {a.sensed_down: (a.down, a.was_down), a.sensed_up: (a.up, a.was_up)}
+    belt = {a.sensed_spread: (a.is_spread, a.was_spread), a.sensed_converged: (a.is_converged, a.was_converged)}
     return [
-        OnDelay(a.t_lift_way, LIFT_LEAST_MS, when=~a.sensed_down & ~a.sensed_up),
-        Set(a.lift_travelled, when=a.t_lift_way.done | believed),
-        Out(a.down, when=a.sensed_down & ~a.sensed_up & (a.was_down | a.lift_travelled)),
-        Out(a.up, when=a.sensed_up & ~a.sensed_down & (a.was_up | a.lift_travelled)),
-        *_last(((a.down, a.was_down), (a.up, a.was_up)), a.lift_travelled),
+        OnDelay(a.t_lift_way, LIFT_LEAST_MS, when=~any_of(*lift)),
+        Set(a.lift_travelled, when=a.t_lift_way.done),
+        *_places(lift, anew, a.lift_travelled),
+        OnDelay(a.t_belt_way, BELT_LEAST_MS, when=~any_of(*belt)),
+        Set(a.belt_travelled, when=a.t_belt_way.done),
+        *_places(belt, anew, a.belt_travelled),
+        *_slide(tags, a, anew),
+        *_rest(a),
     ]
 
 
-def _belt(a: ArmTags, believed: Expr) -> list[Rung]:
-    return [
-        OnDelay(a.t_belt_way, BELT_LEAST_MS, when=~a.sensed_spread & ~a.sensed_converged),
-        Set(a.belt_travelled, when=a.t_belt_way.done | believed),
-        Out(a.is_spread, when=a.sensed_spread & ~a.sensed_converged & (a.was_spread | a.belt_travelled)),
-        Out(a.is_converged, when=a.sensed_converged & ~a.sensed_spread & (a.was_converged | a.belt_travelled)),
-        *_last(((a.is_spread, a.was_spread), (a.is_converged, a.was_converged)), a.belt_travelled),
-    ]
-
-
-def _slide(tags: Tags, a: ArmTags, believed: Expr) -> list[Rung]:
-    sensed = {0: a.sensed_at_feed, **a.sensed_at_pick}
-    between = ~any_of(*sensed.values())
-
-    def alone(place: int) -> Expr:
-        return sensed[place] & ~any_of(*(switch for other, switch in sensed.items() if other != place))
-
-    hopped = a.slide_travelled | (a.slide_hopped & ~a.was_at_feed)
+def _slide(tags: Tags, a: ArmTags, anew: Expr) -> list[Rung]:
+    slide = {
+        a.sensed_at_feed: (a.at_feed, a.was_at_feed),
+        **{a.sensed_at_pick[row]: (a.at_pick[row], a.was_at_pick[row]) for row in ROWS},
+    }
+    between = ~any_of(*slide)
     return [
         OnDelay(a.t_slide_way, tags.sp.slide_least, when=between),
         OnDelay(a.t_slide_hop, HOP_LEAST_MS, when=between),
-        Set(a.slide_travelled, when=a.t_slide_way.done | believed),
-        Set(a.slide_hopped, when=a.t_slide_hop.done),
-        Out(a.at_feed, when=alone(0) & (a.was_at_feed | a.slide_travelled)),
-        *(Out(a.at_pick[row], when=alone(row) & (a.was_at_pick[row] | hopped)) for row in ROWS),
-        *_last(
-            ((a.at_feed, a.was_at_feed), *((a.at_pick[row], a.was_at_pick[row]) for row in ROWS)),
-            a.slide_travelled,
-            a.slide_hopped,
-        ),
+        Set(a.slide_travelled, when=a.t_slide_way.done),
+        Rst(a.slide_hopped, when=a.was_at_feed),
+        Set(a.slide_hopped, when=a.t_slide_hop.done & ~a.was_at_feed),
+        *_places(slide, anew, a.slide_travelled, among_rows=a.slide_hopped),
     ]
 
 
-def _last(ends: tuple[tuple[Bit, Bit], ...], *travelled: Bit) -> list[Rung]:
-    """Remember the last place, and that the way to the next one has yet to be made."""
-    anywhere = any_of(*(is_there for is_there, _ in ends))
-    rungs: list[Rung] = []
-    for is_there, was_there in ends:
-        elsewhere = any_of(*(other for other, _ in ends if other != is_there))
-        rungs += [Set(was_there, when=is_there), Rst(was_there, when=elsewhere)]
-    return [*rungs, *(Rst(bit, when=anywhere) for bit in travelled)]
+def _places(
+    places: Mapping[Expr, tuple[Bit, Bit]], anew: Expr, travelled: Bit, *, among_rows: Bit | None = None
+) -> Iterator[Rung]:
+    """Yield the rungs that believe a switch, and remember the last place.
+
+    Args:
+        places: By switch, the place and the memory that it was the last one; the first is apart from the others.
+        anew: Begin anew with what is sensed now.
+        travelled: The device had the time to get to any other place.
+        among_rows: It had the time to get from one to another of those behind the first.
+    """
+    first = next(iter(places))
+    yield Set(travelled, when=anew & ~any_of(*places))
+    for switch, (here, was_here) in places.items():
+        alone = switch & ~any_of(*(other for other in places if other is not switch))
+        had_time = travelled if among_rows is None or switch is first else travelled | among_rows
+        yield Out(here, when=alone & any_of(was_here, had_time, anew))
+    anywhere = any_of(*(here for here, _ in places.values()))
+    for here, was_here in places.values():
+        elsewhere = any_of(*(other for other, _ in places.values() if other != here))
+        yield Set(was_here, when=here)
+        yield Rst(was_here, when=elsewhere | (anew & ~here))
+    yield Rst(travelled, when=anywhere)
+    if among_rows is not None:
+        yield Rst(among_rows, when=anywhere)
 
 
 def _rest(a: ArmTags) -> list[Rung]:

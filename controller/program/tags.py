@@ -303,6 +303,7 @@ class ArmTags:
         self.t_slide_hop = t10.timer("slide hop", "the slide is between two rows")
         self.t_belt_way = t10.timer("belt way", "the claws are between their ends")
         self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
+        self.t_press = Timer(226 + index, f"{side}.press to feed", "the slide's outer chamber fills")
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
         self.t_rest = t100.timer("rest", "lift, slide and belt have no coil on")
         self.t_doubt = {

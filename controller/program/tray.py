@@ -92,6 +92,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Inc(machine.trays_done, when=t.emptied),
         Mov(MOVING_OUT, t.phase, when=t.emptied | (by_hand & t.phase.equals(IN_PLACE))),
         *(Mov(TAKEN, row, when=by_hand) for row in rows),
+        Mov(NO_TRAY, t.phase, when=t.t_jam.done),  # it may be this tray or the next: the operator looks
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full) for row in rows),
         *(Mov(TAKEN, row, when=none) for row in rows),

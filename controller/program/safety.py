@@ -1,0 +1,195 @@
+"""What the machine must never do, in terms of wires: terminals, coils, and what coils have brought about.
+
+The interlocks act on what the program remembers; these monitors look at the coils alone and remember for themselves.
+That the two never disagree is proved (`python -m controller prove`) and watched in tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from controller.core.expr import Bit, Expr, all_of, any_of
+from controller.core.program import Block
+from controller.core.rungs import Out, Rst, Rung, Set
+from controller.core.specification import Requirement
+from controller.program.areas import Area
+from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
+from controller.program.tags import FIRST_SCAN, IN_PLACE, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
+
+
+class ArmMonitor:
+    """What the coils of one arm have brought about."""
+
+    def __init__(self, tags: Tags, side: Side) -> None:
+        m = Area("M", 470 + 8 * SIDES.index(side), 477 + 8 * SIDES.index(side), f"{side} monitor")
+        self._tags, self._side = tags, side
+        self.open = m.bit("open", "the claws have opened for their dwell since they closed")
+        self.gripped = m.bit("gripped", "they have closed for their dwell since they opened, or nobody knows")
+        self.holds = m.bit("holds", "they have closed at a row since they opened, or nobody knows")
+        self.unmoved = m.bit("unmoved", "the slide has not been driven since they closed at a row")
+        self.released = m.bit("released", "a cup has come to which the load may go")
+        self.discarded = m.bit("discarded", "the operator gives the load away")
+        self.in_centre = m.bit("in centre", "the arm has gone in for row 3 and has not been seen to come back")
+
+    @property
+    def remembered(self) -> tuple[Bit, ...]:
+        """What stays so without power."""
+        return (self.open, self.gripped, self.holds, self.unmoved, self.in_centre)
+
+    def rungs(self) -> list[Rung]:
+        """Return the rungs that watch; they come after the outputs."""
+        tags, a = self._tags, self._tags.arms[self._side]
+        y, commands = a.coils, tags.commands
+        yes, no, discard = (table[self._side] for table in (commands.loaded_yes, commands.loaded_no, commands.discard))
+        over_row = ~a.sensed_at_feed
+        return [
+            Set(self.open, when=a.t_opening.done),
+            Rst(self.open, when=y["claws_close"]),
+            Rst(self.gripped, when=a.t_opening.done),
+            Set(self.gripped, when=any_of(a.t_closing.done, yes, discard)),
+            Rst(self.holds, when=a.t_opening.done | (no & a.ask)),
+            Set(self.holds, when=y["claws_close"] & over_row),
+            Rst(self.unmoved, when=y["slide_inward"] | y["slide_outward"]),
+            Set(self.unmoved, when=y["claws_close"] & over_row),
+            Set(self.released, when=a.cup & a.count_good),
+            Rst(self.released, when=a.t_opening.done | ~tags.machine.motion),
+            Set(self.discarded, when=discard),
+            Rst(self.discarded, when=~self.holds),
+            Set(self.in_centre, when=(y["slide_inward"] & a.row_is[3]) | a.sensed_at_pick[3]),
+            Rst(
+                self.in_centre,
+                when=(a.sensed_at_feed & ~y["slide_inward"]) | (y["slide_outward"] & a.sensed_at_pick[2]),
+            ),
+        ]
+
+
+class MachineMonitor:
+    """Whether the machine was still, and what has been pressed since."""
+
+    def __init__(self, tags: Tags) -> None:
+        m = Area("M", 486, 499, "monitor")
+        self._tags = tags
+        self.moved = m.bit("moved", "the last scan allowed motion")
+        self.start_was_on = m.bit("start was on", "X0, or a reset button, was on in the last scan, or it was the first")
+        self.pressed = m.bit("pressed", "somebody has pressed what may set the machine moving, this scan")
+        self.restarted = m.bit("restarted", "a coil has come on out of rest, and nobody has pressed anything")
+        self.jogged = m.bit("jogged", "the last scan held an output by hand")
+        self.jog_unbidden = m.bit("jog unbidden", "an output is held by hand that nobody asked for")
+
+    def rungs(self) -> list[Rung]:
+        """Return the rungs that watch; they come after the outputs."""
+        tags = self._tags
+        machine, commands, x = tags.machine, tags.commands, tags.x
+        reset = x.optional("reset")
+        buttons = x.start if reset is None else x.start | reset
+        asked = any_of(*commands.jog.values())
+        return [
+            Out(
+                self.pressed,
+                when=any_of(
+                    buttons & ~self.start_was_on & ~FIRST_SCAN, commands.start, commands.reset, commands.unhold
+                ),
+            ),
+            Out(self.start_was_on, when=buttons),
+            Out(self.restarted, when=all_of(any_coil(tags), ~self.moved, ~self.pressed)),
+            Out(self.moved, when=machine.motion),
+            Out(self.jog_unbidden, when=all_of(machine.manual, any_coil(tags), ~self.jogged, ~asked)),
+            Out(self.jogged, when=machine.jog.differs(0)),
+        ]
+
+
+def any_coil(tags: Tags) -> Expr:
+    """Return the condition that any coil which moves something is on."""
+    arms = (coil for arm in tags.arms.values() for coil in arm.coils.values())
+    return any_of(*arms, *tags.tray.driven.values())
+
+
+class Safety:
+    """Every monitor of the machine, and what is required of it."""
+
+    def __init__(self, tags: Tags) -> None:
+        self.arms = {side: ArmMonitor(tags, side) for side in SIDES}
+        self.machine = MachineMonitor(tags)
+        rungs = [*(rung for arm in self.arms.values() for rung in arm.rungs()), *self.machine.rungs()]
+        self.monitors = Block("monitors", tuple(rungs))
+        self.requirements = (
+            *(each for side in SIDES for each in _of_arm(tags, side, self.arms)),
+            *_of_machine(tags, self.machine),
+        )
+
+    @property
+    def remembered(self) -> tuple[Bit, ...]:
+        """What the monitors know of the machine, with and without power."""
+        return tuple(bit for arm in self.arms.values() for bit in arm.remembered)
+
+
+def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor]) -> Iterator[Requirement]:
+    a, own = tags.arms[side], monitors[side]
+    other = monitors["right" if side == "left" else "left"]
+    y, tray, up, down, feed = a.coils, tags.tray, a.sensed_up, a.sensed_down, a.sensed_at_feed
+    inward, outward, raises, lowers = (y[name] for name in (*SLIDE, *reversed(LIFT)))
+    spreads, converges, opens, closes = (y[name] for name in (*BELT, *CLAWS))
+    belt, slide_or_lift = spreads | converges, any_of(*(y[name] for name in (*SLIDE, *LIFT)))
+    over_cups = all_of(feed, down, a.sensed_spread, own.released | own.discarded)
+    never = {
+        **{f"{one} with {two}": ("two coils of one valve or motor", y[one] & y[two])
+           for one, two in (SLIDE, LIFT, BELT, CLAWS)},
+        "inward, not down": ("the arm would go through the tray or over it", inward & ~down),
+        "inward, claws not open": ("closed claws tear the seedlings", inward & ~own.open),
+        "inward, not converged": ("spread claws do not fit between the seedlings", inward & ~a.sensed_converged),
+        "inward, no tray at rest": ("the arm goes in only over a tray that stands",
+                                    inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE))),
+        "inward, into the other arm": ("both arms' fingers do not fit in the centre",
+                                       all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre)),
+        "close nowhere": ("claws close only at the next row or at feed", closes & ~feed & ~(down & _at_next_row(a))),
+        "up, half closed": ("over the tray the lift goes up gripping or open, never half closed",
+                            all_of(raises, ~feed, ~own.open, ~own.gripped)),
+        "outward with a load, not up": ("a load hangs into the tray", all_of(outward, own.holds, ~up)),
+        "outward low, claws not open": ("closed claws tear the seedlings", all_of(outward, ~up, ~(down & own.open))),
+        "down away from feed": ("the arm would go down into the tray", lowers & ~feed),
+        "spread, not up at feed": ("spread claws fit only over the cups", spreads & ~(up & feed)),
+        "belt with slide or lift": ("slide and lift stand while the belt runs", belt & slide_or_lift),
+        "converge with a load": ("the seedlings would be torn", converges & own.holds),
+        "converge away from feed": ("claws change their pitch only at feed", converges & ~feed),
+        "open a load elsewhere": ("a load goes into its cups, or back to the row it came from, or where it is told",
+                                  all_of(opens, own.holds, ~over_cups, ~(own.unmoved & down))),
+        "coil with a fault": ("a jammed actuator is not driven on", a.fault & any_of(*y.values())),
+    }  # fmt: skip
+    return (Requirement(f"{side}: {name}", reason, when) for name, (reason, when) in never.items())
+
+
+def _at_next_row(a: ArmTags) -> Expr:
+    """The slide is at the first row that is not taken."""
+    return any_of(
+        *(
+            all_of(
+                a.sensed_at_pick[row], a.rows[row].differs(TAKEN), *(a.rows[k].equals(TAKEN) for k in ROWS if k < row)
+            )
+            for row in ROWS
+        )
+    )
+
+
+def _of_machine(tags: Tags, monitor: MachineMonitor) -> Iterator[Requirement]:
+    machine, x = tags.machine, tags.x
+    moves = any_coil(tags)
+    arms = tags.arms.values()
+    run, forward = tags.tray.driven["tray_run"], tags.tray.driven["tray_forward"]
+    away, entering = any_of(*(~a.sensed_at_feed for a in arms)), any_of(*(a.coils["slide_inward"] for a in arms))
+    never = {
+        "moves in an emergency stop": ("nothing moves then", moves & x.emergency_stop),
+        "moves without its field": ("what is not seen is not moved", moves & tags.system.link_lost),
+        "moves after a fault of scan or store": ("outputs are off then",
+                                                 moves & (tags.system.scan_fault | tags.system.store_fault)),
+        "moves at rest": ("nothing moves in a state of rest", moves & ~machine.motion),
+        "moves in the first scan": ("power returns and nothing moves", moves & FIRST_SCAN),
+        "restarts by itself": ("after a stop somebody presses something first", monitor.restarted),
+        "jog not renewed": ("a hand that lets go stops the motion",
+                            machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0))),
+        "jog by itself": ("an output is held by hand only after somebody has asked for it", monitor.jog_unbidden),
+        "tray, arm away from feed": ("a tray would shear an arm that is in it", (run | forward) & away),
+        "tray, arm goes in": ("the arm goes in only over a tray at rest", (run | forward) & entering),
+        "tray, wrong way": ("the belt has one direction", run & ~forward),
+        "tray with a fault": ("a jammed tray is not driven on", tags.tray.fault & (run | forward)),
+    }  # fmt: skip
+    return (Requirement(name, reason, when) for name, (reason, when) in never.items())
