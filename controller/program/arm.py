@@ -218,7 +218,10 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     """The next row is the first that is not taken; a row is taken once the lift takes it off its lower limit."""
     real = ~tags.system.link_lost
     by_hand = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
-    lifted = real & any_of(~a.down & any_of(steps["lift from row"], home["raise loaded"], by_hand), a.up & ~a.at_feed)
+    driven = a.loaded & (a.coils["slide_inward"] | a.coils["slide_outward"])
+    lifted = driven | (
+        real & any_of(~a.down & any_of(steps["lift from row"], home["raise loaded"], by_hand), a.up & ~a.at_feed)
+    )
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE
@@ -282,7 +285,7 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
         Set(a.retried, when=steps["return to row"]),
         Rst(a.retried, when=steps["wait at feed"] | steps["lift from row"]),
         Out(a.over_row, when=off_row),
-        Set(a.in_centre, when=(going_in & a.row_is[3]) | a.at_pick[3]),
+        Set(a.in_centre, when=(going_in & a.row_is[3]) | a.sensed_at_pick[3]),
         Rst(a.in_centre, when=(a.at_feed & ~going_in) | (steps["slide to feed"] & a.at_pick[2])),
         Out(
             a.ask_cups,
@@ -300,6 +303,7 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
     jogs = tags.machine.jogs
     close_by_hand, open_by_hand = jogs[f"{a.side}.claws_close"], jogs[f"{a.side}.claws_open"]
     gripping = steps["close claws"] | all_of(close_by_hand, a.at_wanted_row, a.down, ~tags.system.link_lost)
+    takes = gripping & ~a.loaded
     closing = steps["close claws"] | close_by_hand
     opened = a.t_opening.done
     put_back = all_of(opened, home["put back"] | (open_by_hand & a.at_wanted_row))
@@ -312,10 +316,10 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
         Rst(a.claws_closed, when=opened),
         Rst(a.clamped, when=opened),
         Set(a.claws_known, when=opened),
-        *(Mov(IN_PROGRESS, a.rows[row], when=gripping & a.row_is[row] & a.rows[row].equals(FULL)) for row in ROWS),
+        *(Mov(IN_PROGRESS, a.rows[row], when=takes & a.row_is[row] & a.rows[row].equals(FULL)) for row in ROWS),
         Set(a.loaded, when=gripping),
         Set(a.claws_closed, when=closing),
         Set(a.claws_known, when=closing),
         Set(a.clamped, when=a.t_closing.done & a.claws_closed),
-        Rst(a.discard, when=~a.loaded),
+        Rst(a.discard, when=opened | ~a.loaded),
     ]

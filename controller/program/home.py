@@ -138,16 +138,17 @@ def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     ]
 
 
-def questions(tags: Tags, side: Side) -> list[Rung]:
+def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     """Return the rungs of the question "does the arm hold seedlings?" and its answers.
 
     It is asked where memory and sensors do not agree: a row in doubt after a power loss, or a row in progress
-    while the arm stands at feed, where it can only have come by hand.
+    while the arm stands at feed, where it can only have come by hand. Answers are heard while the arm stands.
     """
     a, commands, machine = tags.arms[side], tags.commands, tags.machine
     open_row = a.row_in_doubt | (a.row_in_progress & a.at_feed)
-    discard = commands.discard[side] & (~machine.motion | machine.jogging)
-    yes, no = commands.loaded_yes[side] | discard, commands.loaded_no[side]
+    discard = commands.discard[side]
+    heard = ~machine.motion | home["decide"]
+    yes, no = heard & (commands.loaded_yes[side] | discard), heard & commands.loaded_no[side]
     rows: list[Rung] = []
     for row in a.rows.values():
         rows += [
@@ -157,7 +158,7 @@ def questions(tags: Tags, side: Side) -> list[Rung]:
         ]
     return [
         *(Set(bit, when=yes & open_row) for bit in (a.loaded, a.claws_closed, a.clamped)),
-        Set(a.discard, when=discard & a.loaded),
+        Set(a.discard, when=all_of(discard, a.loaded, heard | machine.jogging)),
         Rst(a.loaded, when=no & open_row & a.at_feed),
         *rows,
         Out(a.ask, when=open_row),

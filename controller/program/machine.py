@@ -59,7 +59,10 @@ def build(io_map: IoMap) -> Transplanter:
         *(
             Block(
                 f"{side} arm conditions",
-                (*arm.conditioning(tags, side, cycles[side], homings[side]), *home.questions(tags, side)),
+                (
+                    *arm.conditioning(tags, side, cycles[side], homings[side]),
+                    *home.questions(tags, side, homings[side]),
+                ),
             )
             for side in SIDES
         ),

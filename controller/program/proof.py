@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Iterator
 
-from controller.core.expr import Expr, any_of
+from controller.core.expr import Expr, Word, all_of, any_of
+from controller.core.sequence import Sequence
 from controller.core.specification import Invariant, Specification
 from controller.program.machine import Transplanter
 from controller.program.safety import ArmMonitor, Safety
+from controller.program.states import MOVING, Mode, State
 from controller.program.tags import IN_PROGRESS, ROWS, SIDES, Side
 
 
@@ -14,38 +18,79 @@ def specification(machine: Transplanter) -> Specification:
     """Return what is to be proved of the machine's program."""
     tags = machine.tags
     safety = Safety(tags)
+    invariants = dict(_of_machine(machine))
+    for side in SIDES:
+        own = _of_arm(machine, side, safety.arms[side])
+        invariants |= {f"{side}: {name}": holds for name, holds in own.items()}
     return Specification(
         program=machine.program,
         monitors=safety.monitors,
         remembered=safety.remembered,
         requirements=safety.requirements,
-        invariants=tuple(
-            Invariant(f"{side}: {name}", holds)
-            for side in SIDES
-            for name, holds in _of_arm(machine, side, safety.arms[side]).items()
-        ),
+        invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
         ways_out=(),
         ranges=tags.sp.limits,
     )
 
 
+def _implies(one: Expr, other: Expr) -> Expr:
+    return ~one | other
+
+
+def _one_of(word: Word, values: Iterable[int]) -> Expr:
+    return any_of(*(word.equals(value) for value in values))
+
+
+def _of_machine(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
+    """Yield what holds of states, numbers and steps."""
+    tags = machine.tags
+    control = tags.machine
+    yield "the state is one of PackML's", _one_of(control.state, State)
+    yield "the mode is one of the modes", _one_of(control.mode, Mode)
+    yield "the tray is in one of its phases", _one_of(tags.tray.phase, range(4))
+    rows = [row for arm in tags.arms.values() for row in arm.rows.values()]
+    yield "every row is in one of its states", all_of(*(_one_of(row, range(4)) for row in rows))
+    yield "motion is allowed in moving states", _implies(control.motion, _one_of(control.state, MOVING))
+    yield "the state of homing is Resetting", _implies(control.resetting, control.state.equals(State.RESETTING))
+    for sequence in machine.program.sequences():
+        bits = [bit for bit, _ in sequence]
+        yield f"{sequence.name}: one step at a time", all_of(*(~(a & b) for a, b in itertools.combinations(bits, 2)))
+    yield "manual is a mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
+    jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)
+    yield "outputs are held by hand in manual Execute", _implies(control.jogging, jogs)
+    steps = [_any_step(sequence) for sequence in machine.program.sequences()]
+    yield "no step in manual", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
+    yield "tray feeder: no step without motion", _implies(_any_step(machine.feeder), control.motion)
+    for side in SIDES:
+        cycle, home = machine.cycles[side], machine.homings[side]
+        moves = all_of(control.motion, ~control.resetting)
+        yield f"{cycle.name}: no step without motion", _implies(_any_step(cycle), moves)
+        yield f"{home.name}: no step but in Resetting", _implies(_any_step(home), control.resetting)
+
+
+def _any_step(sequence: Sequence) -> Expr:
+    return any_of(*(bit for bit, _ in sequence))
+
+
 def _of_arm(machine: Transplanter, side: Side, own: ArmMonitor) -> dict[str, Expr]:
     """Return how the program's memory of one arm stands to what its coils have brought about."""
     a, cycle, home = machine.tags.arms[side], machine.cycles[side], machine.homings[side]
-
-    def implies(one: Expr, other: Expr) -> Expr:
-        return ~one | other
-
     in_progress = any_of(*(a.rows[row].equals(IN_PROGRESS) for row in ROWS))
+    discarding = home["discard, spread"] | home["discard, lower"]
+    driven = a.coils["slide_inward"] | a.coils["slide_outward"]
     return {
-        "claws that are not closed are open": implies(~a.claws_closed, own.open),
-        "what the claws may hold counts as a load": implies(own.holds, a.loaded),
-        "a load is held by closed claws": implies(a.loaded, a.claws_closed),
-        "clamped claws have gripped": implies(a.clamped, own.gripped),
-        "a row in progress has not been left": implies(in_progress & own.holds, own.unmoved),
-        "release delay follows a cup": implies(cycle["release delay"], own.released | ~own.holds),
-        "claws open after a cup": implies(cycle["open claws"], own.released | ~own.holds),
-        "a load is discarded by order": implies(a.discard, own.discarded | ~own.holds),
-        "discarding was ordered": implies(home["discard, spread"] | home["discard, lower"], a.discard | ~a.loaded),
-        "at feed only a discarded load opens": implies(home["open at feed"], a.discard | ~a.loaded),
+        "claws that are not closed are open": _implies(~a.claws_closed, own.open),
+        "what the claws may hold counts as a load": _implies(own.holds, a.loaded),
+        "a load is held by closed claws": _implies(a.loaded, a.claws_closed),
+        "clamped claws have gripped": _implies(a.clamped, own.gripped),
+        "a row in progress has not been left": _implies(in_progress & own.holds, own.unmoved | driven),
+        "release delay follows a cup": _implies(cycle["release delay"], own.released | ~own.holds),
+        "claws open after a cup": _implies(cycle["open claws"], own.released | ~own.holds),
+        "a load is discarded by order": _implies(a.discard, own.discarded),
+        "discarding was ordered": _implies(discarding, a.discard | ~a.loaded),
+        "out low goes an empty arm": _implies(home["out low"], ~a.loaded),
+        "at feed only a discarded load opens": _implies(home["open at feed"], a.discard | ~a.loaded),
+        "an arm in the centre is known or not believed home": _implies(
+            own.in_centre, a.in_centre | (~a.at_feed & ~a.cycling)
+        ),
     }

@@ -123,12 +123,14 @@ class Orders:
         yield commands.unsuspend, [Obstacle(Refusal.NOT_SUSPENDED, ~machine.suspended_by_operator)]
         yield commands.clear, self._clear()
         yield commands.complete, [running, manual]
+        begins = any_of(machine.home_requested, machine.start_requested, machine.unhold_requested)
         for mode, bit in commands.modes.items():
             leaves_home = machine.manual if mode is not Mode.MANUAL else ~machine.manual
             yield (
                 bit,
                 [
                     _only_in(Refusal.NO_MODE_CHANGE, tags, *MODE_CHANGES),
+                    Obstacle(Refusal.MOVING, begins),
                     Obstacle(Refusal.MANUAL_ONLY_AT_REST, state.equals(State.IDLE) & leaves_home),
                 ],
             )
@@ -150,17 +152,23 @@ class Orders:
     def _answers(self) -> Iterator[tuple[Bit, list[Obstacle]]]:
         tags = self._tags
         commands, machine, tray, arms = tags.commands, tags.machine, tags.tray, tags.arms
+        works = machine.motion & ~machine.resetting
         tray_asked = Obstacle(Refusal.NOT_ASKED, ~tray.ask)
+        moving = Obstacle(Refusal.MOVING, works)
         seen = Obstacle(Refusal.NO_TRAY_SEEN, ~tray.edge)
         yield commands.cups_empty, [Obstacle(Refusal.NOT_ASKED, all_of(*(arm.count_valid for arm in arms.values())))]
-        yield commands.tray_same, [tray_asked, seen, Obstacle(Refusal.NO_TRAY_SEEN, tray.phase.differs(IN_PLACE))]
-        yield commands.tray_full, [tray_asked, seen]
-        yield commands.tray_none, [tray_asked]
+        yield (
+            commands.tray_same,
+            [tray_asked, moving, seen, Obstacle(Refusal.NO_TRAY_SEEN, tray.phase.differs(IN_PLACE))],
+        )
+        yield commands.tray_full, [tray_asked, moving, seen]
+        yield commands.tray_none, [tray_asked, moving]
         for side, arm in arms.items():
             not_loaded = Refusal[f"{side.upper()}_NOT_LOADED"]
             asked = Obstacle(Refusal.NOT_ASKED, ~arm.ask)
-            yield commands.loaded_yes[side], [asked]
-            yield commands.loaded_no[side], [asked]
+            stands = Obstacle(Refusal.MOVING, works & ~machine.jogging)
+            yield commands.loaded_yes[side], [asked, stands]
+            yield commands.loaded_no[side], [asked, stands]
             yield (
                 commands.discard[side],
                 [

@@ -46,7 +46,7 @@ class ArmMonitor:
             Set(self.open, when=a.t_opening.done),
             Rst(self.open, when=y["claws_close"]),
             Rst(self.gripped, when=a.t_opening.done),
-            Set(self.gripped, when=any_of(a.t_closing.done, yes, discard)),
+            Set(self.gripped, when=any_of(a.t_closing.done, yes, discard, FIRST_SCAN & ~a.claws_known)),
             Rst(self.holds, when=a.t_opening.done | (no & a.ask)),
             Set(self.holds, when=y["claws_close"] & over_row),
             Rst(self.unmoved, when=y["slide_inward"] | y["slide_outward"]),
@@ -54,12 +54,9 @@ class ArmMonitor:
             Set(self.released, when=a.cup & a.count_good),
             Rst(self.released, when=a.t_opening.done | ~tags.machine.motion),
             Set(self.discarded, when=discard),
-            Rst(self.discarded, when=~self.holds),
+            Rst(self.discarded, when=a.t_opening.done),
             Set(self.in_centre, when=(y["slide_inward"] & a.row_is[3]) | a.sensed_at_pick[3]),
-            Rst(
-                self.in_centre,
-                when=(a.sensed_at_feed & ~y["slide_inward"]) | (y["slide_outward"] & a.sensed_at_pick[2]),
-            ),
+            Rst(self.in_centre, when=(a.sensed_at_feed | a.sensed_at_pick[2]) & ~y["slide_inward"]),
         ]
 
 

@@ -82,8 +82,9 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     # a tray under the sensor that was not seen to settle may have come too far
     unsettled = t.edge & (t.phase.equals(NO_TRAY) | t.phase.equals(COMING))
     doubt = unsettled | (t.phase.equals(IN_PLACE) & ~t.edge)
-    full = t.ask & commands.tray_full & t.edge
-    none = t.ask & commands.tray_none
+    heard = t.ask & (~machine.motion | machine.resetting)  # rows do not change under a working arm
+    full = heard & commands.tray_full & t.edge
+    none = heard & commands.tray_none
     real = ~tags.system.link_lost
     by_hand = machine.jogs["tray_run"] & at_feed  # a tray drawn away by hand is run out, whatever is left in it
     return [
@@ -98,7 +99,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         *(Mov(TAKEN, row, when=none) for row in rows),
         Mov(IN_PLACE, t.phase, when=full),
         Mov(MOVING_OUT, t.phase, when=none),
-        Rst(t.ask, when=full | none | (commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
+        Rst(t.ask, when=full | none | (heard & commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
         Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
         Set(t.ask, when=machine.entered_resetting & ~machine.manual & doubt),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),

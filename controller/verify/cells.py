@@ -1,0 +1,174 @@
+"""Every place a scan reads or writes, as z3 terms: devices, current values, timer starts, edge memories.
+
+A cell is named like the list of `controller.core.devices.Memory` that holds it, so that a model found by z3 can be
+put into a real PLC and compared with one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple
+
+import z3
+
+from controller.core.devices import (
+    ANNUNCIATOR_ON,
+    CLOCK_1_S,
+    INITIAL_PULSE,
+    LOWEST_ANNUNCIATOR,
+    RUN_MONITOR,
+    Memory,
+    device_name,
+    is_32_bit_counter,
+)
+from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, leaves
+from controller.core.program import Program
+from controller.core.rungs import Count, Pulse, PulseFalling
+
+BIT_KINDS: Final = ("X", "Y", "M", "S", "T", "C", "CE", "E")
+STANDING: Final = -1
+"""Start tick of a timer that does not run."""
+
+_VALUES: Final = {"D": "D", "T": "TV", "C": "CV"}
+_FX_NAMES: Final = {"TV": "TN", "CV": "CN"}
+_KINDS: Final = {fx: kind for kind, fx in _FX_NAMES.items()}
+
+
+class ModelError(ValueError):
+    """A program or specification that cannot be put into formulas."""
+
+
+class Cell(NamedTuple):
+    """One place in the memory of a PLC.
+
+    Attributes:
+        kind: The list of `controller.core.devices.Memory` that holds it.
+        number: Its place in that list.
+    """
+
+    kind: str
+    number: int
+
+    @property
+    def is_bit(self) -> bool:
+        """Whether it holds a bit and not a number."""
+        return self.kind in BIT_KINDS
+
+    @property
+    def width(self) -> int:
+        """Bits of a number: 32 for counters from C200 and start ticks, else 16."""
+        return 32 if self.kind == "TS" or (self.kind == "CV" and is_32_bit_counter(self.number)) else 16
+
+    def __str__(self) -> str:
+        return device_name(_FX_NAMES.get(self.kind, self.kind), self.number)
+
+    def variable(self, label: str) -> z3.ExprRef:
+        """Return an unknown for it; the label tells the unknowns of one cell apart."""
+        name = f"{self}@{label}"
+        return z3.Bool(name) if self.is_bit else z3.BitVec(name, self.width)
+
+    def constant(self, value: int) -> z3.ExprRef:
+        """Return a value of it as a term."""
+        return z3.BoolVal(bool(value)) if self.is_bit else z3.BitVecVal(value, self.width)
+
+    @property
+    def empty(self) -> int:
+        """Its value in a memory that nothing was ever written to."""
+        return STANDING if self.kind == "TS" else 0
+
+    def read(self, memory: Memory) -> int:
+        """Read it in the memory of a real PLC."""
+        return int(getattr(memory, self.kind)[self.number])
+
+    def force(self, memory: Memory, value: int) -> None:
+        """Put a value into the memory of a real PLC."""
+        getattr(memory, self.kind)[self.number] = bool(value) if self.is_bit else value
+
+
+SymbolicMemory = dict[Cell, z3.ExprRef]
+
+
+def cell_of(device: Bit | Word) -> Cell:
+    """Return the cell of a contact or word."""
+    return Cell(_VALUES[device.kind] if isinstance(device, Word) else device.kind, device.number)
+
+
+def parse_cell(name: str) -> Cell:
+    """Return the cell of this name, the opposite of `str`.
+
+    Raises:
+        ModelError: It is no name of a cell.
+
+    Examples:
+        >>> parse_cell("X10"), str(parse_cell("TN246"))
+        (Cell(kind='X', number=8), 'TN246')
+    """
+    match = re.fullmatch(r"([A-Z]+)(\d+)", name)
+    kind = _KINDS.get(match[1], match[1]) if match else ""
+    if match is None or kind not in Memory.__slots__:
+        raise ModelError(f"{name!r}: no such device; write it as X10, M8, D512 or TN246")
+    return Cell(kind, int(match[2], 8 if kind in "XY" else 10))
+
+
+def cells_of(program: Program, conditions: Iterable[Expr]) -> list[Cell]:
+    """Return every cell that the program or one of these conditions reads or writes, in order."""
+    cells = {Cell("M", n) for n in (RUN_MONITOR, INITIAL_PULSE, CLOCK_1_S, ANNUNCIATOR_ON)}
+    cells.add(Cell("D", LOWEST_ANNUNCIATOR))
+    devices = [*program.devices(), *(device for condition in conditions for device in leaves(condition))]
+    parts = {"T": ("T", "TV", "TS"), "C": ("C", "CV", "CE")}
+    cells |= {Cell(kind, d.number) for d in devices for kind in parts.get(d.kind, (d.kind,))}
+    rungs = list(program.rungs())
+    edges = sum(isinstance(rung, Pulse | PulseFalling) for rung in rungs)
+    cells |= {Cell("E", n) for n in range(edges)}
+    cells |= {Cell("M", 8000 + n) for r in rungs if isinstance(r, Count) and is_32_bit_counter(n := r.counter.number)}
+    return sorted(cells)
+
+
+def condition(expr: Expr, memory: Mapping[Cell, z3.ExprRef]) -> z3.BoolRef:
+    """Return a condition as a formula over a memory."""
+    match expr:
+        case Bit():
+            return memory[cell_of(expr)]
+        case Not(operand):
+            return z3.Not(condition(operand, memory))
+        case And(operands):
+            return z3.And([condition(o, memory) for o in operands])
+        case Or(operands):
+            return z3.Or([condition(o, memory) for o in operands])
+        case Const(value):
+            return z3.BoolVal(value)
+        case Compare(relation, left, right):
+            return compare(relation, memory[cell_of(left)], operand_of(right, memory))
+    raise TypeError(f"not a condition: {expr!r}")
+
+
+def operand_of(operand: Word | int, memory: Mapping[Cell, z3.ExprRef]) -> z3.BitVecRef | int:
+    """Return a number as it is, and a word as its term."""
+    return operand if isinstance(operand, int) else memory[cell_of(operand)]
+
+
+def compare(relation: str, left: z3.BitVecRef, right: z3.BitVecRef | int) -> z3.BoolRef:
+    """Compare two signed numbers of any widths."""
+    needed = right.bit_length() + 1 if isinstance(right, int) else right.size()
+    width = max(left.size(), needed)
+    one, two = widened(left, width), widened(right, width)
+    match relation:
+        case "==":
+            return one == two
+        case "!=":
+            return one != two
+        case "<":
+            return one < two
+        case "<=":
+            return one <= two
+        case ">":
+            return one > two
+    return one >= two
+
+
+def widened(number: z3.BitVecRef | int, width: int) -> z3.BitVecRef:
+    """Return a signed number in at least this many bits."""
+    if isinstance(number, int):
+        return z3.BitVecVal(number, width)
+    return z3.SignExt(width - number.size(), number) if number.size() < width else number

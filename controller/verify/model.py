@@ -1,0 +1,188 @@
+"""A specification as formulas: any memory, what power-up leaves of it, and one scan with any inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import z3
+
+from controller.core.devices import CLOCK_1_S, INITIAL_PULSE, RUN_MONITOR
+from controller.core.expr import Expr, leaves
+from controller.core.program import Program
+from controller.core.specification import Specification
+from controller.verify.cells import Cell, ModelError, SymbolicMemory, cell_of, cells_of, compare
+from controller.verify.symbolic import SymbolicScan, execute
+from controller.verify.text import Names
+from controller.verify.timing import FreeTimers, Timing, possible
+
+REQUIREMENT: Final = "requirement"
+INVARIANT: Final = "invariant"
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A condition that is to be true after every scan.
+
+    Attributes:
+        name: Name of the requirement or invariant.
+        kind: REQUIREMENT or INVARIANT.
+        holds: The condition.
+        reason: Why it is asked for.
+    """
+
+    name: str
+    kind: str
+    holds: Expr
+    reason: str = ""
+
+
+def goals_of(specification: Specification) -> tuple[Goal, ...]:
+    """Return everything that is to be proved by induction, invariants first.
+
+    Raises:
+        ModelError: Two of them have one name.
+    """
+    goals = (
+        *(Goal(i.name, INVARIANT, i.holds) for i in specification.invariants),
+        *(Goal(r.name, REQUIREMENT, ~r.never, r.reason) for r in specification.requirements),
+    )
+    names = [*(goal.name for goal in goals), *(way.name for way in specification.ways_out)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ModelError(f"two goals are called {twice[0]!r}; give each a name of its own")
+    return goals
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One scan from a memory.
+
+    Attributes:
+        start: The memory with the scan's inputs in it.
+        limits: What the inputs keep to.
+        scan: What the scan does.
+    """
+
+    start: SymbolicMemory
+    limits: list[z3.BoolRef]
+    scan: SymbolicScan
+
+    @property
+    def after(self) -> SymbolicMemory:
+        """The memory after the scan."""
+        return self.scan.after
+
+
+@dataclass
+class Model:
+    """The watched program of a specification.
+
+    Attributes:
+        specification: What is to be proved.
+        goals: Its requirements and invariants.
+        cells: Everything the program or the specification reads or writes.
+        inputs: What is written from outside before every scan: X image, system bits and commands, set-points.
+        kept: What is still there when power returns: retentive devices, and what the monitors remember.
+        program: The program with its monitors.
+        names: The names of its devices.
+        remembered: What the monitors remember.
+        set_points: Words written from outside, with their first values.
+    """
+
+    specification: Specification
+    goals: tuple[Goal, ...] = field(init=False)
+    cells: list[Cell] = field(init=False)
+    inputs: list[Cell] = field(init=False)
+    kept: frozenset[Cell] = field(init=False)
+    program: Program = field(init=False)
+    names: Names = field(init=False)
+    remembered: list[Cell] = field(init=False)
+    set_points: dict[Cell, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        specification = self.specification
+        self.program = specification.watched
+        self.names = Names(self.program)
+        self.goals = goals_of(specification)
+        self.cells = cells_of(self.program, self._conditions())
+        self.remembered = [cell_of(bit) for bit in specification.remembered]
+        self.set_points = {cell_of(word): value for word, value in self.program.set_points}
+        system = {cell_of(bit) for bit in self.program.system}
+        self.inputs = [c for c in self.cells if c.kind == "X" or c in system or c in self.set_points]
+        self.kept = frozenset(cell_of(device) for device in self.program.retentive()) | {*self.remembered}
+        self._ranges = {cell_of(word): limits for word, limits in specification.ranges.items()}
+        self._untouched = self._never_written()
+        self._check()
+
+    def unknown(self, label: str) -> tuple[SymbolicMemory, list[z3.BoolRef]]:
+        """Return any memory between two scans, and what is so of every one: timers, and what nobody ever writes."""
+        memory = {cell: cell.variable(label) for cell in self.cells}
+        facts = [memory[cell] == cell.constant(cell.empty) for cell in self._untouched]
+        return memory, facts + possible(memory)
+
+    def factory(self, label: str) -> SymbolicMemory:
+        """Return the memory at the first power-up ever: nothing is known of what the monitors remember."""
+        memory = {cell: cell.constant(cell.empty) for cell in self.cells}
+        memory |= {cell: cell.constant(value) for cell, value in self.set_points.items()}
+        return memory | {cell: cell.variable(label) for cell in self.remembered}
+
+    def powered_up(self, memory: SymbolicMemory) -> SymbolicMemory:
+        """Return what a loss of power leaves of a memory."""
+        lost = {cell: cell.constant(cell.empty) for cell in self.cells}
+        lost |= {cell: cell.constant(value) for cell, value in self.set_points.items()}
+        return lost | {cell: memory[cell] for cell in self.kept}
+
+    def frame(self, before: SymbolicMemory, label: str, *, first: bool, timing: Timing) -> Frame:
+        """Return one scan with any inputs.
+
+        Args:
+            before: The memory before it.
+            label: Tells the unknown inputs of scans apart.
+            first: Whether it is the first after power-up (M8002).
+            timing: What time does in it.
+        """
+        inputs = {cell: cell.variable(label) for cell in self.inputs}
+        special = {Cell("M", RUN_MONITOR): z3.BoolVal(val=True), Cell("M", INITIAL_PULSE): z3.BoolVal(val=first),
+                   Cell("M", CLOCK_1_S): timing.clock_1_s}  # fmt: skip
+        start = {**before, **special, **inputs}
+        return Frame(start, list(self._limits(inputs)), execute(self.program, start, timing))
+
+    def _limits(self, inputs: SymbolicMemory) -> Iterator[z3.BoolRef]:
+        # A set-point that the program writes too may hold what the program wrote; so may one not written yet.
+        for cell, (least, greatest) in self._ranges.items():
+            if cell in self._outside_only:
+                allowed = z3.And(compare(">=", inputs[cell], least), compare("<=", inputs[cell], greatest))
+                yield z3.Or(allowed, inputs[cell] == cell.constant(self.set_points[cell]))
+
+    def _never_written(self) -> list[Cell]:
+        before = {cell: cell.variable("any") for cell in self.cells}
+        after = execute(self.program, before, FreeTimers("any")).after
+        same = {cell for cell in self.cells if after[cell].eq(before[cell])}
+        self._outside_only = same.intersection(self.inputs)
+        special = {Cell("M", number) for number in (RUN_MONITOR, INITIAL_PULSE, CLOCK_1_S)}
+        written = {*self.inputs, *self.remembered, *special} | {cell for cell in same if cell.kind == "TS"}
+        return sorted(same - written)
+
+    def _conditions(self) -> Iterator[Expr]:
+        yield from (goal.holds for goal in self.goals)
+        yield from self.specification.remembered
+        for way in self.specification.ways_out:
+            yield way.start
+            yield way.goal
+            yield from (bit for scan in way.scans for bit in scan)
+
+    def _check(self) -> None:
+        for cell in self._ranges:
+            if cell not in self.set_points:
+                raise ModelError(f"range of {cell}: it is no set-point of {self.program.name!r}; take the range out")
+        for way in self.specification.ways_out:
+            for cell in (cell_of(bit) for scan in way.scans for bit in scan):
+                if cell not in self.inputs and cell.kind != "T":
+                    raise ModelError(f"way out {way.name!r}: {cell} is no input, command or timer; take it out")
+
+
+def leaves_of(expr: Expr) -> list[Cell]:
+    """Return the cells a condition reads, each once, in order."""
+    return sorted({cell_of(device) for device in leaves(expr)})

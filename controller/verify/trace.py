@@ -1,0 +1,208 @@
+"""Counter-examples that a real PLC replays, scan by scan, as data and as text."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+
+from controller.core.devices import CLOCK_1_S, MS_100, SIZES, Memory, timer_base_ms
+from controller.core.expr import And, Expr, Not, Or, evaluate
+from controller.core.program import Program
+from controller.core.scan import Plc
+from controller.verify.cells import Cell, ModelError, cell_of, parse_cell
+from controller.verify.induction import Failure
+from controller.verify.model import Goal, Model
+from controller.verify.text import Names
+from controller.verify.timing import LONG
+
+
+class Start(StrEnum):
+    """Where a trace begins."""
+
+    FACTORY = "the first power-up"
+    RETAINED = "power-up with retained values that the invariants allow"
+    STATE = "a state that satisfies every invariant; whether it can be reached is open"
+
+
+@dataclass(frozen=True, slots=True)
+class TracedScan:
+    """What comes from outside before one scan.
+
+    Attributes:
+        at_ms: Instant of the scan.
+        inputs: X terminals that are on, raw levels.
+        written: System bits, commands and set-points that are written, by FX name.
+    """
+
+    at_ms: int
+    inputs: tuple[str, ...]
+    written: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Scans after the last of which a goal does not hold.
+
+    Attributes:
+        goal: Name of the goal.
+        start: Where it begins.
+        retained: What `Plc.retained` gave before the power went; empty unless that is where it begins.
+        forced: What else the memory holds before the first scan, by FX name: what the monitors remember, or all of a
+            state.
+        scans: The scans.
+    """
+
+    goal: str
+    start: Start
+    retained: Mapping[str, int]
+    forced: Mapping[str, int]
+    scans: tuple[TracedScan, ...]
+
+    def to_json(self) -> str:
+        """Return the trace as JSON text."""
+        return json.dumps(asdict(self), indent=1)
+
+    @classmethod
+    def from_json(cls, text: str) -> Trace:
+        """Read what `to_json` wrote.
+
+        Raises:
+            ModelError: The text is no trace.
+        """
+        try:
+            data = json.loads(text)
+            scans = [TracedScan(row["at_ms"], tuple(row["inputs"]), dict(row["written"])) for row in data["scans"]]
+            return cls(data["goal"], Start(data["start"]), dict(data["retained"]), dict(data["forced"]), tuple(scans))
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ModelError(f"not a trace: {error!r}; write it anew with the proof that found it") from error
+
+    def lines(self, program: Program, holds: Expr) -> list[str]:
+        """Return the trace scan by scan as text, with the program's names.
+
+        Args:
+            program: The program it was found in, monitors included.
+            holds: The condition that does not hold at the end.
+        """
+        return list(_Teller(program, self).lines(holds))
+
+
+def replay(program: Program, trace: Trace) -> list[Memory]:
+    """Run a trace on a real PLC.
+
+    Args:
+        program: The program it was found in, monitors included.
+        trace: The trace.
+
+    Returns:
+        The memory after each scan.
+
+    Raises:
+        ValueError: The trace is one of another program.
+    """
+    plc = _placed(program, trace)
+    memories = []
+    for scan in trace.scans:
+        for name, value in scan.written.items():
+            parse_cell(name).force(plc.memory, value)
+        on = {parse_cell(name).number for name in scan.inputs}
+        plc.scan(scan.at_ms, [number in on for number in range(SIZES["X"])])
+        memories.append(copy.deepcopy(plc.memory))
+    return memories
+
+
+def breaks(program: Program, trace: Trace, goal: Goal) -> bool:
+    """Tell whether the goal does not hold after the last scan of a replay."""
+    return not evaluate(goal.holds, replay(program, trace)[-1])
+
+
+def one_scan(model: Model, failure: Failure) -> Trace:
+    """Return the scan of a failed induction as a trace from that state."""
+    at_ms = LONG * MS_100
+    if failure.start[Cell("M", CLOCK_1_S)] != (at_ms % 1000 < 500):
+        at_ms += 500
+
+    def held(cell: Cell) -> int:
+        value = failure.before[cell]
+        return at_ms // timer_base_ms(cell.number) - (LONG - value) if cell.kind == "TS" and value >= 0 else value
+
+    forced = {str(cell): held(cell) for cell in model.cells if failure.before[cell] != cell.empty}
+    scan = scan_of(model, at_ms, failure.before, failure.start)
+    return Trace(failure.goal.name, Start.STATE, {}, forced, (scan,))
+
+
+def scan_of(model: Model, at_ms: int, before: Mapping[Cell, int], start: Mapping[Cell, int]) -> TracedScan:
+    """Return what comes from outside between a memory and the start of the scan on it."""
+    inputs = tuple(str(cell) for cell in model.inputs if cell.kind == "X" and start[cell])
+    written = {str(c): start[c] for c in model.inputs if c.kind != "X" and start[c] != before[c]}
+    return TracedScan(at_ms, inputs, written)
+
+
+def _placed(program: Program, trace: Trace) -> Plc:
+    plc = Plc(program, input_filter_ms=0)
+    match trace.start:
+        case Start.RETAINED:
+            plc.restore(trace.retained)
+        case Start.STATE:
+            plc.scans = 1
+    for name, value in trace.forced.items():
+        parse_cell(name).force(plc.memory, value)
+    return plc
+
+
+class _Teller:
+    """Tells a trace by running it."""
+
+    def __init__(self, program: Program, trace: Trace) -> None:
+        self._program, self._trace = program, trace
+        self._names = Names(program)
+        self._steps = [cell_of(bit) for sequence in program.sequences() for bit, _ in sequence]
+        self._outputs = sorted({cell_of(d) for d in program.devices() if d.kind == "Y"})
+
+    def lines(self, holds: Expr) -> Iterator[str]:
+        trace = self._trace
+        yield f"trace to {trace.goal!r} from {trace.start}"
+        memory = {**trace.retained, **trace.forced}
+        held = {name: value for name, value in memory.items() if value != parse_cell(name).empty}
+        if held:
+            yield f"  in memory: {self._told(held)}"
+        before = _placed(self._program, trace).memory
+        inputs = {name for name, on in held.items() if on and name.startswith("X")}
+        for number, (scan, after) in enumerate(zip(trace.scans, replay(self._program, trace), strict=True), start=1):
+            first = " (first scan, M8002)" if number == 1 and trace.start is not Start.STATE else ""
+            yield f"scan {number} at {scan.at_ms} ms{first}"
+            changed = {name: int(name in scan.inputs) for name in sorted(inputs ^ set(scan.inputs))}
+            inputs = set(scan.inputs)
+            steps = {str(cell): 1 for cell in self._steps if cell.read(after)}
+            outputs = {str(c): c.read(after) for c in self._outputs if c.read(after) != c.read(before)}
+            for title, found in (
+                ("inputs", changed), ("written", scan.written), ("steps", steps), ("outputs", outputs)
+            ):  # fmt: skip
+                if found:
+                    yield f"  {title}: {self._told(found)}"
+            before = after
+        yield f"then it is so that {part_that_is(~holds, before)}"
+
+    def _told(self, found: Mapping[str, int]) -> str:
+        at_ms = self._trace.scans[0].at_ms
+        cells = {parse_cell(name): value for name, value in found.items()}
+        ticks = {cell: at_ms // timer_base_ms(cell.number) for cell in cells if cell.kind == "TS"}
+        return ", ".join(self._names.told(cell, value, ticks.get(cell, 0)) for cell, value in cells.items())
+
+
+def part_that_is(expr: Expr, memory: Memory) -> Expr:
+    """Return the part of a true condition that makes it true: of parallel contacts the first that is on.
+
+    Examples:
+        >>> from controller.core.expr import Bit
+        >>> str(part_that_is(Bit("M", 0) | ~Bit("M", 1), Memory()))
+        '~M1'
+    """
+    match expr:
+        case Or(operands):
+            return part_that_is(next(o for o in operands if evaluate(o, memory)), memory)
+        case Not(And(operands)):
+            return part_that_is(~next(o for o in operands if not evaluate(o, memory)), memory)
+    return expr
