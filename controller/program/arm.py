@@ -219,9 +219,9 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     real = ~tags.system.link_lost
     by_hand = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
     driven = a.loaded & (a.coils["slide_inward"] | a.coils["slide_outward"])
-    lifted = driven | (
-        real & any_of(~a.down & any_of(steps["lift from row"], home["raise loaded"], by_hand), a.up & ~a.at_feed)
-    )
+    raising = any_of(steps["lift from row"], home["raise loaded"], by_hand)
+    found_up = all_of(a.loaded, a.up, ~a.at_feed, ~steps["close claws"])
+    lifted = driven | (real & any_of(raising & ~a.down, found_up))
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE
@@ -241,7 +241,8 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
 
 
 def _at_or_beyond(a: ArmTags, row: int) -> Expr:
-    return any_of(*(a.at_pick[pick] for pick in ROWS if pick >= row))
+    """Any switch stops the slide, believed or not."""
+    return any_of(*(a.sensed_at_pick[pick] for pick in ROWS if pick >= row))
 
 
 def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
@@ -268,16 +269,18 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
     """Return the rungs after the sequences that remember what has been done to claws, rows and cups."""
     a, machine = tags.arms[side], tags.machine
     released = steps["release delay"] & a.release_edge
-    thrown = steps["open claws"] & a.t_opening.done
+    open_by_hand = machine.jogs[f"{side}.claws_open"]
+    thrown = all_of(a.t_opening.done, a.loaded, a.at_feed, ~a.discard, ~open_by_hand)
+    over_cups = ("wait to lower", "lower over cups", "wait for cups")
     settling_again = steps["settle at row"] & a.retried & ~steps["return to row"]
     off_row = ~a.at_wanted_row & (steps["close claws"] | settling_again)
     going_in = steps["approach row"] | machine.jogs[f"{side}.slide_inward"]
     rungs: list[Rung] = [
+        Pulse(a.thrown, when=thrown),
         *_claws_memory(tags, a, steps, home, released),
         Set(a.count_valid, when=released),
         Set(a.row_running, when=released),
         Rst(a.row_running, when=~(machine.running | machine.stopping) | (machine.target_reached & ~a.loaded)),
-        Pulse(a.thrown, when=thrown),
         Inc(a.cycles, when=a.thrown),
         Rst(a.cycles, when=tags.commands.count_reset),
         Set(a.cycle_done, when=a.thrown & machine.mode.equals(Mode.ONE_CYCLE)),
@@ -289,7 +292,7 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
         Rst(a.in_centre, when=(a.at_feed & ~going_in) | (steps["slide to feed"] & a.at_pick[2])),
         Out(
             a.ask_cups,
-            when=~a.count_valid & ~a.cups_confirmed & a.loaded & (steps["wait for cups"] | steps["wait to lower"]),
+            when=~a.count_valid & ~a.cups_confirmed & a.loaded & any_of(*(steps[title] for title in over_cups)),
         ),
     ]
     return Block(f"{a.side} arm memory", tuple(rungs))

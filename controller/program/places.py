@@ -15,8 +15,8 @@ from controller.program.tags import FIRST_SCAN, ROWS, ArmTags, Tags
 
 LIFT_LEAST_MS: Final = 250
 """150 mm less both switch bands, 138 mm at 0.2 m/s: 0.7 s; 0.32 s where a jam has let the chamber ahead run empty."""
-BELT_LEAST_MS: Final = 600
-"""187 mm less both switch bands at 0.2 m/s: 0.9 s; two thirds of that."""
+BELT_LEAST_MS: Final = 800
+"""187 mm less both switch bands at 0.2 m/s: 0.9 s; a motor that is driven is hardly ever faster."""
 HOP_LEAST_MS: Final = 100
 """43 mm less both switch bands, 31 mm at 0.15 m/s: 0.2 s; half of that."""
 REST_MS: Final = 1_000

@@ -11,14 +11,14 @@ from controller.core.specification import Invariant, Specification
 from controller.program.machine import Transplanter
 from controller.program.safety import ArmMonitor, Safety
 from controller.program.states import MOVING, Mode, State
-from controller.program.tags import IN_PROGRESS, ROWS, SIDES, Side
+from controller.program.tags import IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN, Side
 
 
 def specification(machine: Transplanter) -> Specification:
     """Return what is to be proved of the machine's program."""
     tags = machine.tags
     safety = Safety(tags)
-    invariants = dict(_of_machine(machine))
+    invariants = dict(_of_machine(machine, safety))
     for side in SIDES:
         own = _of_arm(machine, side, safety.arms[side])
         invariants |= {f"{side}: {name}": holds for name, holds in own.items()}
@@ -41,7 +41,7 @@ def _one_of(word: Word, values: Iterable[int]) -> Expr:
     return any_of(*(word.equals(value) for value in values))
 
 
-def _of_machine(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
+def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr]]:
     """Yield what holds of states, numbers and steps."""
     tags = machine.tags
     control = tags.machine
@@ -55,12 +55,30 @@ def _of_machine(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
     for sequence in machine.program.sequences():
         bits = [bit for bit, _ in sequence]
         yield f"{sequence.name}: one step at a time", all_of(*(~(a & b) for a, b in itertools.combinations(bits, 2)))
+    yield "moving states allow motion", _implies(_one_of(control.state, MOVING), control.motion)
+    moved = safety.machine.moved
+    yield "the monitor saw the motion", _implies(control.motion, moved)
+    yield "the monitor saw the jog", _implies(control.jog.differs(0), safety.machine.jogged)
     yield "manual is a mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
     jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)
     yield "outputs are held by hand in manual Execute", _implies(control.jogging, jogs)
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]
     yield "no step in manual", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
     yield "tray feeder: no step without motion", _implies(_any_step(machine.feeder), control.motion)
+    in_place = tags.tray.phase.equals(IN_PLACE)
+    feeding = any_of(*(machine.feeder[title] for title in ("move tray out", "index", "creep", "no tray")))
+    yield "a tray is fed after its question is answered", _implies(feeding | machine.feeder["settle"], ~tags.tray.ask)
+    yield "a tray that is fed is not in place", _implies(feeding | tags.tray.t_jam.done, ~in_place)
+    for side in SIDES:
+        over_tray = ("approach row", "settle at row", "return to row", "close claws")
+        arm, cycle = tags.arms[side], machine.cycles[side]
+        over = any_of(*(cycle[title] for title in over_tray))
+        left = any_of(*(row.differs(TAKEN) for row in arm.rows.values()))
+        yield f"{side} arm: it goes in over a tray in place, for a row", _implies(over, in_place & left)
+        empty = over & ~cycle["close claws"]
+        yield f"{side} arm: it goes in empty", _implies(empty, ~arm.loaded)
+        slide = arm.coils["slide_inward"] | arm.coils["slide_outward"]
+        yield f"{side} arm: it closes its claws at rest", _implies(cycle["close claws"], ~slide)
     for side in SIDES:
         cycle, home = machine.cycles[side], machine.homings[side]
         moves = all_of(control.motion, ~control.resetting)
@@ -77,6 +95,7 @@ def _of_arm(machine: Transplanter, side: Side, own: ArmMonitor) -> dict[str, Exp
     a, cycle, home = machine.tags.arms[side], machine.cycles[side], machine.homings[side]
     in_progress = any_of(*(a.rows[row].equals(IN_PROGRESS) for row in ROWS))
     discarding = home["discard, spread"] | home["discard, lower"]
+    working = any_of(*(bit for bit, step in cycle if step.title not in {"wait at feed", "parked"}))
     driven = a.coils["slide_inward"] | a.coils["slide_outward"]
     return {
         "claws that are not closed are open": _implies(~a.claws_closed, own.open),
@@ -91,6 +110,6 @@ def _of_arm(machine: Transplanter, side: Side, own: ArmMonitor) -> dict[str, Exp
         "out low goes an empty arm": _implies(home["out low"], ~a.loaded),
         "at feed only a discarded load opens": _implies(home["open at feed"], a.discard | ~a.loaded),
         "an arm in the centre is known or not believed home": _implies(
-            own.in_centre, a.in_centre | (~a.at_feed & ~a.cycling)
+            own.in_centre, a.in_centre | ~any_of(a.at_feed, a.cycling, working)
         ),
     }

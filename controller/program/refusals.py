@@ -156,23 +156,20 @@ class Orders:
         tray_asked = Obstacle(Refusal.NOT_ASKED, ~tray.ask)
         moving = Obstacle(Refusal.MOVING, works)
         seen = Obstacle(Refusal.NO_TRAY_SEEN, ~tray.edge)
+        other_tray = Obstacle(Refusal.NO_TRAY_SEEN, tray.phase.differs(IN_PLACE))
         yield commands.cups_empty, [Obstacle(Refusal.NOT_ASKED, all_of(*(arm.count_valid for arm in arms.values())))]
-        yield (
-            commands.tray_same,
-            [tray_asked, moving, seen, Obstacle(Refusal.NO_TRAY_SEEN, tray.phase.differs(IN_PLACE))],
-        )
+        yield commands.tray_same, [tray_asked, moving, seen, other_tray]
         yield commands.tray_full, [tray_asked, moving, seen]
         yield commands.tray_none, [tray_asked, moving]
         for side, arm in arms.items():
             not_loaded = Refusal[f"{side.upper()}_NOT_LOADED"]
             asked = Obstacle(Refusal.NOT_ASKED, ~arm.ask)
-            stands = Obstacle(Refusal.MOVING, works & ~machine.jogging)
-            yield commands.loaded_yes[side], [asked, stands]
-            yield commands.loaded_no[side], [asked, stands]
+            yield commands.loaded_yes[side], [asked, moving]
+            yield commands.loaded_no[side], [asked, moving]
             yield (
                 commands.discard[side],
                 [
-                    Obstacle(Refusal.MOVING, machine.motion & ~machine.jogging),
+                    Obstacle(Refusal.MOVING, works & ~machine.jogging),
                     Obstacle(not_loaded, ~arm.loaded & ~arm.ask),
                 ],
             )

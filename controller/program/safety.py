@@ -55,8 +55,8 @@ class ArmMonitor:
             Rst(self.released, when=a.t_opening.done | ~tags.machine.motion),
             Set(self.discarded, when=discard),
             Rst(self.discarded, when=a.t_opening.done),
+            Rst(self.in_centre, when=a.sensed_at_feed | (a.sensed_at_pick[2] & ~y["slide_inward"])),
             Set(self.in_centre, when=(y["slide_inward"] & a.row_is[3]) | a.sensed_at_pick[3]),
-            Rst(self.in_centre, when=(a.sensed_at_feed | a.sensed_at_pick[2]) & ~y["slide_inward"]),
         ]
 
 
@@ -67,7 +67,6 @@ class MachineMonitor:
         m = Area("M", 486, 499, "monitor")
         self._tags = tags
         self.moved = m.bit("moved", "the last scan allowed motion")
-        self.start_was_on = m.bit("start was on", "X0, or a reset button, was on in the last scan, or it was the first")
         self.pressed = m.bit("pressed", "somebody has pressed what may set the machine moving, this scan")
         self.restarted = m.bit("restarted", "a coil has come on out of rest, and nobody has pressed anything")
         self.jogged = m.bit("jogged", "the last scan held an output by hand")
@@ -76,18 +75,14 @@ class MachineMonitor:
     def rungs(self) -> list[Rung]:
         """Return the rungs that watch; they come after the outputs."""
         tags = self._tags
-        machine, commands, x = tags.machine, tags.commands, tags.x
-        reset = x.optional("reset")
-        buttons = x.start if reset is None else x.start | reset
+        machine, commands = tags.machine, tags.commands
+        buttons = (machine.start_pressed | machine.reset_pressed) & ~FIRST_SCAN
         asked = any_of(*commands.jog.values())
         return [
             Out(
                 self.pressed,
-                when=any_of(
-                    buttons & ~self.start_was_on & ~FIRST_SCAN, commands.start, commands.reset, commands.unhold
-                ),
+                when=any_of(buttons, commands.start, commands.reset, commands.unhold),
             ),
-            Out(self.start_was_on, when=buttons),
             Out(self.restarted, when=all_of(any_coil(tags), ~self.moved, ~self.pressed)),
             Out(self.moved, when=machine.motion),
             Out(self.jog_unbidden, when=all_of(machine.manual, any_coil(tags), ~self.jogged, ~asked)),

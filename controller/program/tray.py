@@ -64,7 +64,10 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
         Step(
             "settle",
             dwell=Dwell(t.t_settle, 200),
-            go=[To("creep", when=~t.edge), To("wait for an empty tray", when=t.t_settle.done)],
+            go=[
+                To("creep", when=~t.edge & t.phase.differs(IN_PLACE)),
+                To("wait for an empty tray", when=t.t_settle.done),
+            ],
         ),
     ]
     armed = machine.step_armed["tray feeder"]
@@ -117,7 +120,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
 def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
     """Return the rungs after the sequences: phase, rows of a new tray, creep pulses."""
     t, arms = tags.tray, tags.arms
-    arrived = feeder["settle"] & t.t_settle.done & t.edge
+    arrived = all_of(feeder["settle"], t.t_settle.done, t.edge, t.phase.differs(IN_PLACE))
     rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
     return Block(
         "tray memory",
