@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import fcntl
+import importlib
 import json
 import os
 import queue
@@ -12,11 +13,13 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TextIO
 
 from controller.core.clock import MonotonicClock
 from controller.core.retain import DamagedStoreError, FileStore
 from controller.core.scan import Plc
+from controller.core.specification import Specification
 from controller.hmi.production import Event, ProductionLog, as_record
 from controller.hmi.reference import write_reference
 from controller.io.keeper import ThreadKeeper
@@ -24,7 +27,8 @@ from controller.io.loop import run_real_time
 from controller.io.modbus_tcp import ModbusTcpLink
 from controller.io.runtime import Runtime
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
-from controller.program.machine import Transplanter, build
+from controller.program.machine import RuleError, Transplanter, build
+from controller.program.proof import specification as specification_of
 
 RETRY_S = 0.5
 REMIND_S = 5.0
@@ -37,13 +41,13 @@ class UsageError(ValueError):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if not given or given[0] not in ("run", "docs", "-h", "--help"):
+    if not given or given[0] not in ("run", "docs", "prove", "replay", "-h", "--help"):
         given.insert(0, "run")
     options = _parser().parse_args(given)
     try:
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
-    except (UsageError, IoMapError) as error:
+    except (UsageError, IoMapError, RuleError) as error:
         print(error, file=sys.stderr)
         return 2
 
@@ -71,6 +75,27 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the texts")
     run.add_argument("--events", choices=("text", "json"), default="text", help="form of the events on standard output")
     run.add_argument("--no-console", action="store_true", help="take no commands (one a line) from standard input")
+    prove = commands.add_parser("prove", help="prove that no scan breaks a safety requirement, whatever the inputs do")
+    prove.set_defaults(command=_prove)
+    prove.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
+    prove.add_argument(
+        "--goal", action="append", default=None, metavar="NAME", help="prove this alone; may be repeated"
+    )
+    prove.add_argument("--short", action="store_true", help="leave out traces, steps and ways out")
+    prove.add_argument(
+        "--without",
+        action="append",
+        default=[],
+        metavar="RULE",
+        help="leave an interlock rule out, to see what it prevents, as 'left: down at feed only'",
+    )
+    prove.add_argument("--json", action="store_true", help="print the report as JSON, traces included")
+    prove.add_argument("--traces", type=Path, default=None, help="folder for the traces of what is broken")
+    replay = commands.add_parser("replay", help="run a trace of 'prove --traces' on the PLC and show what it does")
+    replay.set_defaults(command=_replay)
+    replay.add_argument("trace", type=Path, help="the trace")
+    replay.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
+    replay.add_argument("--without", action="append", default=[], metavar="RULE", help="rules that were left out")
     docs = commands.add_parser("docs", help="write the reference tables made from the program")
     docs.set_defaults(command=_docs)
     docs.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
@@ -83,6 +108,46 @@ def _docs(options: argparse.Namespace) -> int:
     for path in write_reference(build(load_io_map(options.io_map)), options.out):
         print(path)
     return 0
+
+
+def _prove(options: argparse.Namespace) -> int:
+    command, specify = _verification()
+    specification = specify(build(load_io_map(options.io_map), without=options.without))
+    clock = MonotonicClock()
+    try:
+        text, good = command.prove_command(
+            specification, clock=lambda: clock.now_ms() / 1000, goals=options.goal, short=options.short, as_json=options.json,
+            traces=options.traces,
+        )  # fmt: skip
+    except command.ModelError as error:
+        raise UsageError(f"--goal: {error}") from error
+    except OSError as error:
+        raise UsageError(f"--traces {options.traces}: {error.strerror}; name a folder that can be written") from error
+    print(text)
+    return 0 if good else 1
+
+
+def _replay(options: argparse.Namespace) -> int:
+    command, specify = _verification()
+    specification = specify(build(load_io_map(options.io_map), without=options.without))
+    try:
+        lines, holds = command.replay_command(specification, options.trace)
+    except command.ModelError as error:
+        raise UsageError(str(error)) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"{options.trace}: {error}; name a trace that 'prove --traces' has written") from error
+    print("\n".join(lines))
+    print("the requirement holds" if holds else "the requirement is broken")
+    return 0 if holds else 1
+
+
+def _verification() -> tuple[ModuleType, Callable[[Transplanter], Specification]]:
+    """Return what proves and what is proved; the solver is an extra of the installation."""
+    try:
+        command = importlib.import_module("controller.verify.command")
+    except ModuleNotFoundError as error:
+        raise UsageError(f"no {error.name} here; install it: pip install 'seedling-transplanter[verify]'") from error
+    return command, specification_of
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from controller.core.expr import FALSE, any_of
@@ -12,6 +13,7 @@ from controller.io_map import IoMap
 from controller.program import arm, home, modes, tray
 from controller.program.alarms import Annunciators, ArmAlarms, Limits, alarm_block
 from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
+from controller.program.refusals import Orders
 from controller.program.tags import SIDES, Side, Tags
 
 OUTPUTS = "interlocks and outputs"
@@ -23,6 +25,7 @@ class Transplanter:
 
     io_map: IoMap
     program: Program
+    orders: Orders
     tags: Tags
     alarms: Annunciators
     cycles: dict[Side, Sequence]
@@ -33,14 +36,23 @@ class Transplanter:
     tray_rules: list[Rule]
 
 
-def build(io_map: IoMap) -> Transplanter:
+class RuleError(ValueError):
+    """There is no such interlock; one line that names those there are."""
+
+
+def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
     """Put the program together for the wires of an I/O map.
 
     Args:
         io_map: The wires; optional points are used where they are wired.
+        without: Interlock rules to leave out, as "left: down at feed only", to see what they prevent. Never for a
+            machine.
 
     Returns:
         The program and its parts.
+
+    Raises:
+        RuleError: There is no such rule.
     """
     tags = Tags.of(io_map)
     alarms = Annunciators(tags)
@@ -53,8 +65,11 @@ def build(io_map: IoMap) -> Transplanter:
     states = modes.state_table(tags)
     rules = {side: arm_rules(tags, side, cycles[side], homings[side]) for side in SIDES}
     rules_tray = tray_rules(tags)
+    if without:
+        _leave_out([*rules.items(), ("tray", rules_tray)], without)
+    orders = Orders(tags)
     blocks = (
-        Block("buttons and commands", tuple(modes.conditioning(tags))),
+        Block("buttons and commands", tuple(modes.conditioning(tags, orders))),
         modes.mode_block(tags, states),
         *(
             Block(
@@ -85,7 +100,16 @@ def build(io_map: IoMap) -> Transplanter:
         system=(*tags.system.bits(), *(command.bit for command in tags.commands)),
         set_points=tuple(tags.sp.defaults),
     )
-    return Transplanter(io_map, program, tags, alarms, cycles, homings, feeder, states, rules, rules_tray)
+    return Transplanter(io_map, program, orders, tags, alarms, cycles, homings, feeder, states, rules, rules_tray)
+
+
+def _leave_out(rules: list[tuple[str, list[Rule]]], without: Collection[str]) -> None:
+    known = [f"{group}: {rule.name}" for group, table in rules for rule in table]
+    strange = sorted(set(without) - set(known))
+    if strange:
+        raise RuleError(f"no interlock rule {strange[0]!r}; known: {', '.join(known)}")
+    for group, table in rules:
+        table[:] = [rule for rule in table if f"{group}: {rule.name}" not in without]
 
 
 def _requests(tags: Tags, sequences: list[Sequence]) -> Block:

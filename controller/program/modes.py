@@ -67,14 +67,13 @@ def state_table(tags: Tags) -> list[StateChange]:
     ]  # fmt: skip
 
 
-def conditioning(tags: Tags) -> list[Rung]:
+def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
     """Return the rungs that turn buttons and command bits into requests; `refusals` says which are heard when."""
     x, system, machine, commands = tags.x, tags.system, tags.machine, tags.commands
     state = machine.state
     button = x.optional("reset")
     reset = FALSE if button is None else button
     faults = any_of(system.link_lost, system.scan_fault, system.store_fault)
-    orders = Orders(tags)
     heard = orders.heard
     return [
         # A button held while the power comes gives its edge in the first scan, where it counts for nothing.

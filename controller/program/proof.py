@@ -12,6 +12,7 @@ from controller.program.machine import Transplanter
 from controller.program.safety import ArmMonitor, Safety
 from controller.program.states import MOVING, Mode, State
 from controller.program.tags import IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN, Side
+from controller.program.ways_out import ways_out
 
 
 def specification(machine: Transplanter) -> Specification:
@@ -28,7 +29,7 @@ def specification(machine: Transplanter) -> Specification:
         remembered=safety.remembered,
         requirements=safety.requirements,
         invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
-        ways_out=(),
+        ways_out=ways_out(machine),
         ranges=tags.sp.limits,
     )
 

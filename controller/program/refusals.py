@@ -82,8 +82,11 @@ class Orders:
 
     def heard(self, command: Bit) -> Expr:
         """Return the condition of a command that is pressed and has no obstacle."""
-        free = all_of(*(~obstacle.stands for obstacle in self._obstacles[command]))
-        return self.pressed.get(command, command) & free
+        return self.pressed.get(command, command) & self.free(command)
+
+    def free(self, command: Bit) -> Expr:
+        """Return the condition that nothing stands in the way of a command."""
+        return all_of(*(~obstacle.stands for obstacle in self._obstacles[command]))
 
     def rungs(self) -> list[Rung]:
         """Return the rungs that say which command was refused, and why."""

@@ -1,0 +1,94 @@
+"""How every situation is left: presses that lead on, whatever the rest of the world does meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from controller.core.expr import Bit, Expr, Not, all_of, any_of
+from controller.core.specification import WayOut
+from controller.program.machine import Transplanter
+from controller.program.safety import any_coil
+from controller.program.states import HOMED_FROM, State
+
+Presses = Mapping[Bit, bool]
+
+
+def ways_out(machine: Transplanter) -> tuple[WayOut, ...]:
+    """Return how the operator gets on from wherever the machine is: no state, step or mode is a dead end.
+
+    An emergency stop leads from anywhere to Aborted, clear from there to Stopped, and from Stopped every mode and
+    homing can be had.
+    """
+    return (*_to_stopped(machine), *_from_stopped(machine), *_to_work(machine))
+
+
+class _Hands:
+    """Presses of an operator who presses nothing else, at a machine whose field, scan and store are sound."""
+
+    def __init__(self, machine: Transplanter) -> None:
+        tags = machine.tags
+        x, system = tags.x, tags.system
+        buttons = [x.start, x.stop, x.emergency_stop, *filter(None, [x.optional("reset")])]
+        self._nothing = {
+            **dict(_terminal(button, active=False) for button in buttons),
+            **{command.bit: False for command in tags.commands},
+            **dict.fromkeys((system.link_lost, system.scan_fault, system.store_fault, system.panel_silent), False),
+        }
+
+    def off(self) -> Presses:
+        """Return nothing pressed."""
+        return self._nothing
+
+    def press(self, command: Bit) -> Presses:
+        """Return one command pressed."""
+        return {**self._nothing, command: True}
+
+
+def _terminal(condition: Expr, *, active: bool) -> tuple[Bit, bool]:
+    """Return the terminal of a condition and its level."""
+    inverted = isinstance(condition, Not)
+    bit = condition.operand if isinstance(condition, Not) else condition
+    assert isinstance(bit, Bit)  # noqa: S101 - narrows the union for the type checker
+    return bit, active is not inverted
+
+
+def _is(machine: Transplanter, *states: State) -> Expr:
+    return any_of(*(machine.tags.machine.state.equals(state) for state in states))
+
+
+def _to_stopped(machine: Transplanter) -> Iterator[WayOut]:
+    tags, hands = machine.tags, _Hands(machine)
+    stop = dict([_terminal(tags.x.emergency_stop, active=True)])
+    steps = any_of(*(bit for sequence in machine.program.sequences() for bit, _ in sequence))
+    dead = all_of(_is(machine, State.ABORTED), ~steps, ~any_coil(tags))
+    anywhere = _is(machine, *State)
+    yield WayOut("emergency stop: from anywhere to Aborted, all steps and coils off", anywhere, (stop, stop), dead)
+    clear = (hands.press(tags.commands.clear), hands.off())
+    yield WayOut("clear: from Aborted to Stopped", _is(machine, State.ABORTED), clear, _is(machine, State.STOPPED))
+
+
+def _from_stopped(machine: Transplanter) -> Iterator[WayOut]:
+    tags, hands = machine.tags, _Hands(machine)
+    stopped = _is(machine, State.STOPPED)
+    for mode, command in tags.commands.modes.items():
+        wanted = tags.machine.mode.equals(mode)
+        yield WayOut(f"mode {mode.name.lower()}: from Stopped, whatever the mode", stopped, (hands.press(command),),
+                     wanted)  # fmt: skip
+    for state in HOMED_FROM:
+        yield WayOut(f"reset: from {state.name.title()} to Resetting", _is(machine, state),
+                     (hands.press(tags.commands.reset),), _is(machine, State.RESETTING))  # fmt: skip
+
+
+def _to_work(machine: Transplanter) -> Iterator[WayOut]:
+    tags, hands = machine.tags, _Hands(machine)
+    control = tags.machine
+    for state, name, command, target in (
+        (State.IDLE, "start", tags.commands.start, State.STARTING),
+        (State.HELD, "unhold", tags.commands.unhold, State.UNHOLDING),
+    ):
+        start = all_of(_is(machine, state), machine.orders.free(command))
+        yield WayOut(f"{name}: from {state.name.title()} to {target.name.title()}, arms ready", start,
+                     (hands.press(command),), _is(machine, target))  # fmt: skip
+    manual = all_of(_is(machine, State.IDLE), control.manual, machine.orders.free(tags.commands.start))
+    run = (hands.press(tags.commands.start), hands.off())
+    yield WayOut("start: manual from Idle to work by hand", manual, run, control.jogging)
