@@ -12,15 +12,19 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
 from typing import TextIO
 
 from controller.core.clock import MonotonicClock
+from controller.core.expr import Word
 from controller.core.retain import DamagedStoreError, FileStore
 from controller.core.scan import Plc
 from controller.core.specification import Specification
-from controller.hmi.production import Event, ProductionLog, as_record
+from controller.hmi.alarm_list import AlarmChange, AlarmList
+from controller.hmi.console import Console, OrderError
+from controller.hmi.production import Event, ProductionLog
 from controller.hmi.reference import write_reference
 from controller.io.keeper import ThreadKeeper
 from controller.io.loop import run_real_time
@@ -29,6 +33,7 @@ from controller.io.runtime import Runtime
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
 from controller.program.machine import RuleError, Transplanter, build
 from controller.program.proof import specification as specification_of
+from controller.program.tags import SetPointError
 
 RETRY_S = 0.5
 REMIND_S = 5.0
@@ -63,10 +68,16 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
     run.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
     run.add_argument("--unit", type=int, default=1, help="Modbus unit identifier")
-    run.add_argument("--timeout-ms", type=int, default=50, help="longest wait for one answer of the field, ms")
+    run.add_argument("--timeout-ms", type=int, default=30, help="longest wait for one answer of the field, ms")
     run.add_argument(
-        "--link-limit-ms", type=int, default=100, help="longest silence of the field before it is lost, ms"
+        "--link-limit-ms",
+        type=int,
+        default=100,
+        help="the loss of the field is known after this time at the latest, ms",
     )
+    run.add_argument("--panel-limit-ms", type=int, default=None,
+                     help="silence of the panel (lines on standard input, empty ones too), once it was heard, after "
+                     "which the cycle is finished and the machine held, ms; left out = it may be silent")  # fmt: skip
     run.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="file of the retentive memory")
     run.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
     run.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
@@ -74,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
                      help="first value of a set-point, e.g. trays_target=2; may be repeated")  # fmt: skip
     run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the texts")
     run.add_argument("--events", choices=("text", "json"), default="text", help="form of the events on standard output")
-    run.add_argument("--no-console", action="store_true", help="take no commands (one a line) from standard input")
+    run.add_argument("--no-console", action="store_true", help="take no orders (one a line) from standard input")
     prove = commands.add_parser("prove", help="prove that no scan breaks a safety requirement, whatever the inputs do")
     prove.set_defaults(command=_prove)
     prove.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
@@ -116,7 +127,8 @@ def _prove(options: argparse.Namespace) -> int:
     clock = MonotonicClock()
     try:
         text, good = command.prove_command(
-            specification, clock=lambda: clock.now_ms() / 1000, goals=options.goal, short=options.short, as_json=options.json,
+            specification, clock=lambda: clock.now_ms() / 1000, goals=options.goal, short=options.short,
+            as_json=options.json,
             traces=options.traces,
         )  # fmt: skip
     except command.ModelError as error:
@@ -159,6 +171,12 @@ def _run(options: argparse.Namespace) -> int:
     ):
         if not 1 <= value <= most:
             raise UsageError(f"{name} {value}: give 1 to {most}")
+    if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
+        raise UsageError(f"--panel-limit-ms {options.panel_limit_ms}: give 100 to 600000")
+    silence_ms = options.link_limit_ms - options.timeout_ms - options.scan_ms
+    if silence_ms <= 0:
+        raise UsageError(f"--link-limit-ms {options.link_limit_ms}: give more than a time-out and a scan, "
+                         f"{options.timeout_ms + options.scan_ms} ms")  # fmt: skip
     machine = build(load_io_map(options.io_map))
     try:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
@@ -167,8 +185,8 @@ def _run(options: argparse.Namespace) -> int:
     store = FileStore(options.retain)
     claim = _claim(options.retain)
     _restore(machine, plc, store)
-    for name, value in _set_points(machine, options.set_points):
-        plc.write(getattr(machine.tags.sp, name), value)
+    for word, value in _set_points(machine, options.set_points):
+        plc.write(word, value)
     try:
         store.save(plc.retained())
     except OSError as error:
@@ -181,11 +199,15 @@ def _run(options: argparse.Namespace) -> int:
     if not _wait_for_field(link, options, stop):
         return 0
     keeper = ThreadKeeper(store)
-    runtime = Runtime(machine, plc, link, keeper, link_limit_ms=options.link_limit_ms)
+    runtime = Runtime(machine, plc, link, keeper, link_limit_ms=silence_ms,
+                      panel_limit_ms=options.panel_limit_ms)  # fmt: skip
     teller = Teller(options.events)
     runtime.observers.append(ProductionLog(machine, teller.tell, options.language))
+    alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, teller.tell, options.language)
+    runtime.observers.append(alarms)
     if not options.no_console:
-        threading.Thread(target=_console, args=(runtime,), name="console", daemon=True).start()
+        console = Console(runtime, alarms)
+        threading.Thread(target=_read_console, args=(console,), name="console", daemon=True).start()
     try:
         figures = run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop)
     finally:
@@ -237,19 +259,14 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
         plc.write(machine.tags.system.memory_lost, 1)
 
 
-def _set_points(machine: Transplanter, given: Sequence[str]) -> list[tuple[str, int]]:
-    known = machine.tags.sp.names()
-    values: list[tuple[str, int]] = []
+def _set_points(machine: Transplanter, given: Sequence[str]) -> list[tuple[Word, int]]:
+    values = []
     for text in given:
         name, _, value = text.partition("=")
-        if name not in known:
-            raise UsageError(f"--set {text}: no set-point {name!r}; known: {', '.join(known)}")
-        if not value.isdecimal():
-            raise UsageError(f"--set {text}: give a whole number")
-        lowest, highest = machine.tags.sp.limits[getattr(machine.tags.sp, name)]
-        if not lowest <= int(value) <= highest:
-            raise UsageError(f"--set {text}: give {lowest} to {highest}")
-        values.append((name, int(value)))
+        try:
+            values.append(machine.tags.sp.checked(name, value))
+        except SetPointError as error:
+            raise UsageError(f"--set {text}: {error}") from error
     return values
 
 
@@ -271,15 +288,13 @@ def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: thre
     return False
 
 
-def _console(runtime: Runtime) -> None:
-    """Take commands from standard input, a name of the command table a line, until it ends."""
+def _read_console(console: Console) -> None:
+    """Take orders from standard input until it ends."""
     for line in sys.stdin:
-        name = line.strip()
         try:
-            if name:
-                runtime.order(name)
-        except KeyError as error:
-            print(error.args[0], file=sys.stderr, flush=True)
+            console.take(line)
+        except OrderError as error:
+            print(error, file=sys.stderr, flush=True)
 
 
 class Teller:
@@ -287,11 +302,11 @@ class Teller:
 
     def __init__(self, form: str) -> None:
         self._form = form
-        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event | AlarmChange | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="events", daemon=True)
         self._thread.start()
 
-    def tell(self, event: Event) -> None:
+    def tell(self, event: Event | AlarmChange) -> None:
         """Take an event; it is written when its turn comes."""
         self._events.put(event)
 
@@ -303,7 +318,7 @@ class Teller:
     def _write(self) -> None:
         try:
             while (event := self._events.get()) is not None:
-                print(self._line(as_record(event)), flush=True)
+                print(self._line(asdict(event)), flush=True)
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
 from plant_sim.bench.air import add_air_arguments, air_command
 from plant_sim.bench.live import ChildError, LiveError, LiveOptions, live_trial
+from plant_sim.bench.matrix_cli import add_matrix_arguments, matrix_command
 from plant_sim.bench.measure import measure
 from plant_sim.bench.progress import ProgressView
 from plant_sim.bench.recording import recorded
@@ -34,7 +35,7 @@ from plant_sim.scope.cli import add_plot_arguments, add_record_argument, plot_co
 from plant_sim.scope.recorder import LIVE_ROWS_A_GROUP, Recorder
 from plant_sim.scope.store import RecordingError
 
-COMMANDS = ("serve", "run", "trial", "scenario", "plot", "air", "bench", "docs")
+COMMANDS = ("serve", "run", "trial", "scenario", "faults", "plot", "air", "bench", "docs")
 INTERRUPTED = 130
 MAX_PLANTING_FREQUENCY_PER_MIN = 300.0
 
@@ -95,6 +96,8 @@ def _parser() -> argparse.ArgumentParser:
     scenario = _bare(commands, "scenario", _scenario, "run a scenario file and check what comes of it")
     add_scenario_arguments(scenario)
     add_record_argument(scenario)
+    faults = _add(commands, "faults", _faults, "break everything in turn, and tabulate what tells it")
+    add_matrix_arguments(faults)
     add_plot_arguments(_bare(commands, "plot", plot_command, "turn a recording into timing diagram and curves"))
     add_air_arguments(_bare(commands, "air", _air, "air consumption: Table 1 of the paper beside a run's own"))
     bench = _add(commands, "bench", _bench, "measure the speeds the project promises, as ratios in one run")
@@ -252,6 +255,11 @@ def _scenario(options: argparse.Namespace) -> int:
         )
     print(json.dumps(report.record(), default=str) if options.json else report.text())
     return 0 if report.passed else 1
+
+
+def _faults(options: argparse.Namespace) -> int:
+    _machine(options)
+    return matrix_command(options)
 
 
 def _exit_code(report: TrialReport) -> int:

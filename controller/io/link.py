@@ -66,10 +66,10 @@ class LinkWatchdog:
 
     >>> watchdog = LinkWatchdog(limit_ms=100)
     >>> watchdog.good(0)
-    >>> watchdog.lost(100), watchdog.lost(101)
+    >>> watchdog.lost(99), watchdog.lost(100)
     (False, True)
-    >>> watchdog.good(102)
-    >>> watchdog.lost(102)
+    >>> watchdog.good(101)
+    >>> watchdog.lost(101)
     True
     """
 
@@ -77,7 +77,7 @@ class LinkWatchdog:
         """Create a watchdog that has seen nothing yet.
 
         Args:
-            limit_ms: Longest silence that is still in order, ms.
+            limit_ms: Silence that is too long, ms.
 
         Raises:
             ValueError: the limit is not positive.
@@ -94,10 +94,10 @@ class LinkWatchdog:
             self._last_good_ms = now_ms
 
     def lost(self, now_ms: int) -> bool:
-        """Whether the silence has exceeded the limit by `now_ms` or ever since the last reset."""
+        """Whether the silence has reached the limit by `now_ms` or ever since the last reset."""
         if self._last_good_ms is None:
             self._last_good_ms = now_ms
-        if now_ms - self._last_good_ms > self._limit_ms:
+        if now_ms - self._last_good_ms >= self._limit_ms:
             self._lost = True
         return self._lost
 

@@ -10,7 +10,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from controller.core.expr import Bit
+from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.io.keeper import Keeper
 from controller.io.link import FieldLink, LinkWatchdog
@@ -46,6 +46,7 @@ class Runtime:
         *,
         link_limit_ms: int = 100,
         scan_limit_ms: int = SCAN_LIMIT_MS,
+        panel_limit_ms: int | None = None,
     ) -> None:
         """Put the PLC on the link; the link is opened by the first tick.
 
@@ -54,8 +55,11 @@ class Runtime:
             plc: A PLC with that program.
             link: Way to the field.
             keeper: Keeps the retentive devices.
-            link_limit_ms: Longest silence of the field, ms.
+            link_limit_ms: Silence of the field after which it is lost, ms. A link that blocks a scan needs a limit
+                shorter than the time by which the loss must be known, by its own time-out and one scan.
             scan_limit_ms: Longest time between two scans, ms.
+            panel_limit_ms: Silence of the operator panel, once it was heard, after which the machine finishes the
+                cycle and holds, ms; None = it may be silent.
         """
         self.machine = machine
         self.plc = plc
@@ -73,7 +77,10 @@ class Runtime:
         self._failed = False
         self._store_refused = False
         self._held_since_ms: int | None = None
-        self._orders: deque[Bit] = deque()
+        self._orders: deque[tuple[Bit | Word, int]] = deque()
+        self._panel_limit_ms = panel_limit_ms
+        self._panel_heard = False
+        self._panel_heard_ms: int | None = None
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._kept = plc.kept_image()
@@ -89,11 +96,12 @@ class Runtime:
         late = self._last_scan_ms is not None and now_ms - self._last_scan_ms > self._scan_limit_ms
         self._last_scan_ms = now_ms
         while self._orders:
-            self.plc.press(self._orders.popleft())
+            self.plc.write(*self._orders.popleft())
         self.plc.write(system.link_lost, self.link_lost)
         self.plc.write(system.scan_fault, late or self._failed)
         self.plc.write(system.outputs_held, self._held_since_ms is not None)
         self.plc.write(system.store_fault, self._store_fault(now_ms))
+        self.plc.write(system.panel_silent, self._panel_silent(now_ms))
         image = self._scan(now_ms)
         # A field that was lost takes nothing but the safe state first, lamps and horn included.
         self.released = list(self._safe) if self.link_lost else self._release(now_ms, image)
@@ -107,7 +115,21 @@ class Runtime:
         Raises:
             KeyError: There is no such command; nothing happens.
         """
-        self._orders.append(self.machine.tags.commands[command])
+        self._orders.append((self.machine.tags.commands[command], 1))
+        self.heard()
+
+    def set_point(self, name: str, value: str) -> None:
+        """Change a set-point, from any thread; it takes effect with the next scan.
+
+        Raises:
+            SetPointError: There is no such set-point, or the value is out of its range; nothing happens.
+        """
+        self._orders.append(self.machine.tags.sp.checked(name, value))
+        self.heard()
+
+    def heard(self) -> None:
+        """Take a sign of life of the operator panel, from any thread."""
+        self._panel_heard = True
 
     def make_safe(self) -> bool:
         """Write every output's safe state; return whether the field has taken it."""
@@ -139,6 +161,13 @@ class Runtime:
             _log.error("retentive memory cannot be stored: %s", self._keeper.error)
         self._store_refused = self._keeper.error is not None
         return overdue or self._store_refused
+
+    def _panel_silent(self, now_ms: int) -> bool:
+        if self._panel_heard:
+            self._panel_heard, self._panel_heard_ms = False, now_ms
+        if self._panel_limit_ms is None or self._panel_heard_ms is None:
+            return False
+        return now_ms - self._panel_heard_ms >= self._panel_limit_ms
 
     def _read(self, now_ms: int) -> None:
         try:

@@ -196,7 +196,10 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Rst(alarms.panel_silent, when=~system.panel_silent),
         Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
         Annunciate(
-            tray.t_lost, TRAY_LOST_MS, alarms.tray_lost, when=machine.running & tray.phase.equals(IN_PLACE) & ~tray.edge
+            tray.t_lost,
+            TRAY_LOST_MS,
+            alarms.tray_lost,
+            when=all_of(machine.running, ~machine.manual, tray.phase.equals(IN_PLACE), ~tray.edge),
         ),
     ]
     air, magazine = x.optional("air_pressure_ok"), x.optional("magazine_empty")
@@ -239,5 +242,5 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup),
-        Set(alarms.cup_counts, when=arm.lone_cups.done & machine.running),
+        Set(alarms.cup_counts, when=all_of(arm.lone_cups.done, machine.running, ~machine.manual)),
     ]

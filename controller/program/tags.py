@@ -97,6 +97,10 @@ class System:
                 self.panel_silent)  # fmt: skip
 
 
+class SetPointError(ValueError):
+    """A set-point that does not exist, or a value it cannot have; one line."""
+
+
 class SetPoints:
     """Words the operator may change, with their first values. Times of 10 ms timers are in units of 10 ms."""
 
@@ -137,6 +141,22 @@ class SetPoints:
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""
         return [name for name, value in vars(self).items() if isinstance(value, Word)]
+
+    def checked(self, name: str, text: str) -> tuple[Word, int]:
+        """Return the word and value of a set-point as somebody has written them.
+
+        Raises:
+            SetPointError: There is no such set-point, or the value is no whole number or out of range.
+        """
+        if name not in self.names():
+            raise SetPointError(f"no set-point {name!r}; known: {', '.join(self.names())}")
+        word: Word = getattr(self, name)
+        lowest, highest = self.limits[word]
+        if not text.isdecimal():
+            raise SetPointError("give a whole number")
+        if not lowest <= int(text) <= highest:
+            raise SetPointError(f"give {lowest} to {highest}")
+        return word, int(text)
 
 
 class MachineTags:

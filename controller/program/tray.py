@@ -125,8 +125,8 @@ def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
     return Block(
         "tray memory",
         (
-            Mov(IN_PLACE, t.phase, when=arrived),
             *(Mov(FULL, row, when=arrived) for row in rows),
+            Mov(IN_PLACE, t.phase, when=arrived),
             OnDelay(t.t_on, CREEP_RUN_MS, when=feeder["creep"] & ~t.t_off.done),
             OnDelay(t.t_off, CREEP_PAUSE_MS, when=t.t_on.done),
         ),

@@ -91,4 +91,4 @@ def _to_work(machine: Transplanter) -> Iterator[WayOut]:
                      (hands.press(command),), _is(machine, target))  # fmt: skip
     manual = all_of(_is(machine, State.IDLE), control.manual, machine.orders.free(tags.commands.start))
     run = (hands.press(tags.commands.start), hands.off())
-    yield WayOut("start: manual from Idle to work by hand", manual, run, control.jogging)
+    yield WayOut("start: manual from Idle to work by hand", manual, run, control.jogging | control.fault)

@@ -17,11 +17,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from controller.program.modes import State
+from controller.program.states import State
+from plant_sim.bench.commissioning import set_points_of
 from plant_sim.bench.operator import Operator, counts_of
 from plant_sim.bench.progress import ProgressView, Situation
 from plant_sim.bench.report import TrialReport, make_report
 from plant_sim.bench.trial import ROWS_A_TRAY
+from plant_sim.parameters import load_machine
 
 POLL_S = 0.2
 STOP_S = 10.0
@@ -196,7 +198,9 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
             "json",
             "--no-console",
         ]
-        control += ["--language", o.language, "--set", f"trays_target={o.trays}"]
+        control += ["--language", o.language]
+        for name, value in {"trays_target": o.trays, **set_points_of(load_machine(o.machine))}.items():
+            control += ["--set", f"{name}={value}"]
         yield LiveTrial(options, view, operator, stack.enter_context(Process("controller", control)))
 
 

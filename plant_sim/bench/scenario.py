@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from controller.io_map import IoMap
-from controller.program.modes import State
+from controller.program.states import State
+from plant_sim.bench.monitors import MONITORS, UnsafeError, guard, no_incident
 from plant_sim.bench.twin import NotReachedError, Twin
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.faults import Fault, FaultError
@@ -217,7 +218,9 @@ _PLACES = tuple(SeedlingCounts.__slots__)
 
 
 def run_scenario(scenario: Scenario, *, prepare: Callable[[Twin], object] | None = None) -> ScenarioReport:
-    """Let a scenario happen, in simulated time.
+    """Let a scenario happen, in simulated time, under the safety monitors: one that trips ends it.
+
+    Incidents at seedlings and trays are not theirs to judge: the scenario says which of them it expects.
 
     Args:
         scenario: The story.
@@ -232,12 +235,12 @@ def run_scenario(scenario: Scenario, *, prepare: Callable[[Twin], object] | None
     )
     for fault in scenario.faults:
         twin.plant.faults.add(fault)
-    course = Course(twin)
+    course = Course(guard(twin, [monitor for monitor in MONITORS if monitor is not no_incident]))
     if prepare is not None:
         prepare(twin)
     try:
         _tell(scenario, twin)
-    except (NotReachedError, FaultError) as error:
+    except (NotReachedError, FaultError, UnsafeError) as error:
         course.reason = str(error)
     complaints = [check.complaint(course) for check in scenario.checks]
     return ScenarioReport(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from controller.program.machine import Transplanter
-from controller.program.modes import State
+from controller.program.states import State
 from plant_sim.bench.scenario import Check, Course
 from plant_sim.bench.scenario_section import Section, one_of
 from plant_sim.crop.incident import Incident

@@ -10,7 +10,7 @@ from pathlib import Path
 from controller.core.expr import Word
 from controller.io_map import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import Transplanter, build
-from controller.program.modes import State
+from controller.program.states import State
 from controller.yaml_lines import YamlFileError, read_yaml
 from plant_sim.bench.scenario import Action, Scenario, Until, When
 from plant_sim.bench.scenario_actions import VERBS, Stage

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from controller.hmi.production import as_record
 from controller.io_map import IoMap
-from controller.program.modes import State
+from controller.program.states import State
 from controller.program.texts import STATES, Language
 from plant_sim.bench.progress import ProgressView, Situation
 from plant_sim.bench.recording import recorded

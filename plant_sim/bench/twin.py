@@ -15,7 +15,8 @@ from controller.io.keeper import DirectKeeper
 from controller.io.runtime import Runtime
 from controller.io_map import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import Transplanter, build
-from controller.program.modes import State
+from controller.program.states import State
+from plant_sim.bench.commissioning import set_points_of
 from plant_sim.faults import Fault
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.links.io_module import IoModule
@@ -72,7 +73,7 @@ class Twin:
         self.clock = SimulatedClock()
         self.events: list[Event] = []
         self.store = MemoryStore()
-        self._set_points = dict(set_points or {})
+        self._set_points = set_points_of(self.parameters) | dict(set_points or {})
         self.runtime: Runtime
         self._releases: dict[str, int] = {}
         self._monitors: list[Callable[[Twin], None]] = []
