@@ -385,3 +385,20 @@ def test_m8048_and_d8049_tell_of_the_lowest_annunciator_after_the_scan() -> None
 def test_a_rung_an_fx2n_cannot_execute_is_refused(declare: Callable[[], object]) -> None:
     with pytest.raises(RungError):
         declare()
+
+
+def test_rungs_behind_one_contact_see_it_open_as_soon_as_one_of_them_opens_it() -> None:
+    """Given rungs in a row that begin with the same contact, the one that resets it stops those after it."""
+    common = m(0)
+    bench = Bench(
+        Set(common, when=m(8002)),
+        Set(m(1), when=common & x(0)),
+        Set(m(2), when=common & x(1)),
+        Rst(common, when=common & x(2)),
+        Set(m(3), when=common & x(0)),
+        Mov(7, d(0), when=common),
+        Set(m(4), when=~common & x(0)),
+    )
+    bench.scan(0, 2)
+    assert [bench.plc.read(m(number)) for number in range(5)] == [0, 1, 0, 0, 1]
+    assert bench.plc.read(d(0)) == 0

@@ -7,10 +7,12 @@ take the scan's ticks (time divided by 100, 10 and 1 ms), latched once per scan.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Final
+from dataclasses import replace
+from itertools import groupby
+from typing import Final, cast
 
 from controller.core.devices import MS_10, MS_100, WORD_MAX, WORD_MIN, Memory, is_32_bit_counter
-from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word, all_of
 from controller.core.program import Block, Program
 from controller.core.rungs import (
     Annunciate,
@@ -25,11 +27,15 @@ from controller.core.rungs import (
     Rung,
     Set,
     ZoneReset,
+    written_devices,
 )
 from controller.core.sequence import Sequence
 
 BlockFunction = Callable[[int, int, int], None]
 Transfers = dict[str, Callable[[], None]]
+
+_Latching = Set | Rst | ZoneReset | Mov | Inc
+"""Rungs that leave everything as it is while they are not driven."""
 
 _LISTS: Final = ("X", "Y", "M", "S", "T", "C", "D", "TV", "TS", "CV", "CE", "E")
 _RETENTIVE_TIMERS: Final = 246
@@ -70,6 +76,19 @@ def _grouped(expr: Expr) -> str:
     return expression(expr) if isinstance(expr, Bit | Const) else f"({expression(expr)})"
 
 
+def _common_contact(item: Rung | Sequence) -> Expr | None:
+    """Return the first contact of a rung that does nothing at all while it is open.
+
+    Such rungs in a row are executed as one branch (MPS, MRD, MPP) of that contact. One that works on the contact
+    itself stands alone.
+    """
+    if not isinstance(item, _Latching):
+        return None
+    first = item.when.operands[0] if isinstance(item.when, And) else item.when
+    bit = first.operand if isinstance(first, Not) else first
+    return first if isinstance(bit, Bit) and bit not in written_devices(item) else None
+
+
 class _Source:
     """Text of one function, line by line."""
 
@@ -101,8 +120,7 @@ class _Source:
             case OnDelay(timer):
                 self.timer(timer, rung.counts, when, depth)
             case Annunciate(timer, preset, target):
-                self.timer(timer, preset // MS_100, when, depth)
-                self.add(depth, f"if T[{timer.number}]: S[{target.number}] = True")
+                self.timer(timer, preset // MS_100, when, depth, done=f"S[{target.number}] = True")
             case Count():
                 self.counter(rung, when, depth)
             case Mov(source, target):
@@ -111,7 +129,13 @@ class _Source:
                 d = word(target)
                 self.add(depth, f"if {when}: {d} = {d} + 1 if {d} < {WORD_MAX} else {WORD_MIN}")
 
-    def timer(self, timer: Timer, counts: int | Word, when: str, depth: int) -> None:
+    def branch(self, contact: Expr, rungs: Iterator[_Latching]) -> None:
+        self.add(1, f"if {expression(contact)}:")
+        for rung in rungs:
+            rest = rung.when.operands[1:] if isinstance(rung.when, And) else ()
+            self.rung(replace(rung, when=all_of(*rest)), 2)
+
+    def timer(self, timer: Timer, counts: int | Word, when: str, depth: int, done: str = "") -> None:
         n = timer.number
         tick = {MS_100: "tick_100", MS_10: "tick_10"}.get(timer.base_ms, "tick_1")
         preset = word(counts)
@@ -132,6 +156,7 @@ class _Source:
             f"    v = {tick} - TS[{n}]",
             f"    T[{n}] = v >= {preset}",
             f"    TV[{n}] = {preset} if v >= {preset} else v",
+            *([f"    if T[{n}]: {done}"] if done else []),
             f"elif TS[{n}] >= 0: TS[{n}] = -1; TV[{n}] = 0; T[{n}] = False",
         )
 
@@ -212,11 +237,15 @@ def _compile_block(
     block: Block, edges: Iterator[int], index: Iterator[int], namespace: dict[str, object]
 ) -> BlockFunction:
     source = _Source(edges)
-    for item in block.items:
-        if isinstance(item, Sequence):
-            source.sequence(item, next(index))
+    for contact, items in groupby(block.items, _common_contact):
+        if contact is None:
+            for item in items:
+                if isinstance(item, Sequence):
+                    source.sequence(item, next(index))
+                else:
+                    source.rung(item)
         else:
-            source.rung(item)
+            source.branch(contact, cast(Iterator[_Latching], items))
     body = "\n".join(source.lines) or _INDENT + "pass"
     names = [name for name in namespace if f"{name}[" in body or f"{name}(" in body]
     arguments = ", ".join(["tick_100", "tick_10", "tick_1", *(f"{name}={name}" for name in names)])

@@ -15,8 +15,9 @@ from typing import Final
 
 from controller.core.expr import Word, evaluate
 from controller.core.scan import Plc
+from controller.program.alarm_texts import ALARM_REFUSALS, ALARM_STATES
 from controller.program.alarms import Alarm
-from controller.program.texts import ALARM_REFUSALS, ALARM_STATES, Language, Text
+from controller.program.texts import Language, Text
 
 LONGEST_SHELF_MS: Final = 8 * 3_600_000
 """One shift: whoever comes after it decides anew."""

@@ -9,8 +9,12 @@ from pathlib import Path
 from controller.core.expr import Bit, Expr, Word, leaves
 from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
+from controller.program.alarms import Alarm
 from controller.program.interlocks import Rule
 from controller.program.machine import Transplanter
+from controller.program.proof import specification
+from controller.program.refusals import Refusal
+from controller.program.texts import MODES, REFUSALS
 
 GENERATED = "Made by `python -m controller docs` from the program; do not edit."
 
@@ -62,23 +66,49 @@ def _step_row(sequence: StepSequence, step: Step) -> tuple[str, ...]:
 
 def alarm_table(machine: Transplanter) -> str:
     """Return every annunciator with its texts."""
-    rows = [(a.bit, a.text.en, a.text.zh, "stops work" if a.stops_work else "warning") for a in machine.alarms]
-    return f"# Alarms\n\n{GENERATED}\n\n{table(('S', 'text', '文字', 'effect'), rows)}"
+    rows = [
+        (a.bit, a.text.en, a.text.zh, _effect(a), "" if a.cause is None else readable(a.cause),
+         f"{a.text.check.en}<br>{a.text.check.zh}")
+        for a in machine.alarms
+    ]  # fmt: skip
+    heading = ("S", "text", "文字", "effect", "no reset while", "what to check")
+    return f"# Alarms\n\n{GENERATED}\n\n{table(heading, rows)}"
+
+
+def _effect(alarm: Alarm) -> str:
+    if alarm.safety:
+        return "safety, outputs off"
+    return "stops work" if alarm.stops_work else "warning"
 
 
 def command_table(machine: Transplanter) -> str:
     """Return the command table and the set-points."""
-    commands = [(c.bit, c.name, c.meaning) for c in machine.tags.commands]
+    commands = [
+        (c.number, c.bit, c.name, "" if c.packml is None else c.packml, c.meaning, _heard(machine, c.bit))
+        for c in machine.tags.commands
+    ]
+    control = machine.tags.machine
+    reasons = [(reason.value, *REFUSALS[reason.name]) for reason in Refusal]
+    modes = [(number, *text) for number, text in MODES.items()]
     limits = machine.tags.sp.limits
     defaults = [
         (word, word.name, first, "{} to {}".format(*limits[word]), word.comment)
         for word, first in machine.tags.sp.defaults
     ]
     return (
-        f"# Commands and set-points\n\n{GENERATED}\n\n## Commands\n\nA press lives one scan.\n\n"
-        f"{table(('device', 'command', 'what it does'), commands)}\n## Set-points\n\n"
+        f"# Commands and set-points\n\n{GENERATED}\n\n## Commands\n\nA press lives one scan. A command that is refused "
+        f"changes nothing; {control.refused} then holds its number, {control.refusal} that of the reason, and "
+        f"{control.refusals} counts.\n\n"
+        f"{table(('number', 'device', 'command', 'PackML', 'what it does', 'refused because'), commands)}\n"
+        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Modes\n\nIn {control.mode}, kept without "
+        f"power.\n\n{table(('number', 'mode', '模式'), modes)}\n## Set-points\n\n"
         f"{table(('device', 'set-point', 'first value', 'range', 'meaning'), defaults)}"
     )
+
+
+def _heard(machine: Transplanter, command: Bit) -> str:
+    obstacles = machine.orders.obstacles(command)
+    return "; ".join(dict.fromkeys(REFUSALS[each.reason.name].en for each in obstacles))
 
 
 def state_tables(machine: Transplanter) -> str:
@@ -97,8 +127,11 @@ def interlock_tables(machine: Transplanter) -> str:
     ]
     groups: dict[str, list[Rule]] = {f"{side} arm": rules for side, rules in machine.rules.items()}
     for name, rules in {**groups, "tray": machine.tray_rules}.items():
-        rows = [(rule.name, rule.reason, ", ".join(rule.outputs), readable(rule.allow)) for rule in rules]
-        parts.append(f"## {name}\n\n{table(('rule', 'reason', 'outputs', 'allowed while'), rows)}")
+        rows = [(rule.number, rule.name, rule.reason, ", ".join(rule.outputs), readable(rule.allow)) for rule in rules]
+        parts.append(f"## {name}\n\n{table(('', 'rule', 'reason', 'outputs', 'allowed while'), rows)}")
+    never = [(each.name, each.reason, readable(each.never)) for each in specification(machine).requirements]
+    parts.append(f"## What is proved\n\n`python -m controller prove` shows that none of this is so after any scan.\n\n"
+                 f"{table(('requirement', 'reason', 'never'), never)}")  # fmt: skip
     return "\n".join(parts)
 
 

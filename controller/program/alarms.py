@@ -11,9 +11,9 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
+from controller.program.alarm_texts import ALARMS, AlarmText
 from controller.program.places import in_doubt
 from controller.program.tags import FIRST_SCAN, IN_PLACE, ArmTags, Side, Tags
-from controller.program.texts import ALARMS, AlarmText
 from controller.program.texts import SIDES as SIDE_TEXTS
 
 SLIDE_LIMIT_MS: Final = 5_000

@@ -88,6 +88,10 @@ class Orders:
         """Return the condition that nothing stands in the way of a command."""
         return all_of(*(~obstacle.stands for obstacle in self._obstacles[command]))
 
+    def obstacles(self, command: Bit) -> list[Obstacle]:
+        """Return what can stand in the way of a command, the first to be told first."""
+        return self._obstacles.get(command, [])
+
     def rungs(self) -> list[Rung]:
         """Return the rungs that say which command was refused, and why."""
         machine = self._tags.machine
@@ -95,7 +99,7 @@ class Orders:
         told: list[Rung] = [Out(machine.ordered, when=any_of(*presses.values()))]
         refused: list[Expr] = []
         for command in self._tags.commands:
-            obstacles = self._obstacles.get(command.bit, [])
+            obstacles = self.obstacles(command.bit)
             if not obstacles:
                 continue
             pressed = all_of(machine.ordered, presses[command.bit])
