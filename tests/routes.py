@@ -15,10 +15,10 @@ from twin_rig import MACHINE, arm_of, switched_on, tags_of, until_step
 from controller.core.sequence import Step
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
-from controller.program.modes import State
-from controller.program.tags import IN_PLACE, SIDES, Side
-from plant_sim.bench.twin import SCAN_MS, Twin
-from plant_sim.crop.seedling import COLUMNS, Place
+from controller.program.states import State
+from controller.program.tags import SIDES, Side
+from plant_sim.bench.recovery import begin_homing, by_hand, clear, overrides, press_emergency_stop
+from plant_sim.bench.twin import Twin
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 BRISK = MACHINE.with_values({"cups.planting_frequency_per_min": 60.0})
@@ -45,6 +45,11 @@ class Stop(NamedTuple):
     def title(self) -> str:
         """Title of the step."""
         return self.step.title
+
+    @property
+    def works_claws(self) -> bool:
+        """Whether the step moves the claws, which have no sensor that could miss them."""
+        return any("claws" in request.name for request in self.step.hold)
 
     def __str__(self) -> str:
         return f"{self.sequence}: {self.title}"
@@ -200,6 +205,7 @@ ROUTES: dict[tuple[str, str], Route] = {
     ("homing", "raise to converge"): Route(lead=homing_after("converge", 300)),
     ("homing", "converge"): Route(lead=homing_after("converge", 300)),
     ("homing", "lower"): Route(lead=homing_after("converge", 300)),
+    ("homing", "press to feed"): Route(lead=homing_after("converge", 300)),
     ("homing", "homed"): Route(lead=homing_after("converge", 300)),
     ("tray feeder", "no tray"): Route(trays=2, lead=empty_the_magazine, mend=fill_the_magazine),
 }
@@ -208,100 +214,13 @@ ROUTES: dict[tuple[str, str], Route] = {
 # the way back
 
 
-def press_emergency_stop(twin: Twin, for_ms: int = 500) -> None:
-    """Press and latch the emergency stop, and wait."""
-    twin.plant.box.emergency_stop = True
-    twin.run_for(for_ms)
-
-
-def clear(twin: Twin) -> None:
-    """Release the emergency stop and hold X24 for more than 3 s."""
-    twin.plant.box.emergency_stop = False
-    twin.run_for(100)
-    twin.press("stop", for_ms=3_200)
-    twin.run_until_state(State.STOPPED, within_ms=3_200)
-    twin.run_for(300)
-
-
-def begin_homing(twin: Twin) -> None:
-    """Press X0 in Stopped, Held or Complete."""
-    twin.scan()  # a button held while the power comes would count for nothing
-    twin.press("start")
-    twin.run_until_state(State.RESETTING, within_ms=50)
-
-
-def by_hand(twin: Twin, *outputs: str, for_ms: int) -> None:
-    """Work valves by their hand overrides, or the drive by hand, while the controller goes on scanning."""
-    image = overrides(*outputs)
-    for _ in range(for_ms // 50):
-        twin.scan()
-        twin.plant.step(50 - SCAN_MS, image)
-        twin.clock.advance(50 - SCAN_MS)
-
-
 def power_off_and_by_hand(twin: Twin, *outputs: str, for_ms: int) -> None:
     """Switch the controller off, and work each of these by hand for a time, one after another."""
     twin.module.advance(1_000)
     twin.clock.advance(1_000)
     for output in outputs:
-        twin.plant.step(for_ms, overrides(output))
+        twin.plant.step(for_ms, overrides(twin, output))
         twin.clock.advance(for_ms)
-
-
-def overrides(*outputs: str) -> list[bool]:
-    """Return the Y image in which only these are on."""
-    image = IO_MAP.safe_outputs()
-    for tag in outputs:
-        image[IO_MAP[tag].number] = IO_MAP[tag].level(True)
-    return image
-
-
-def questions(twin: Twin) -> set[str]:
-    """Return the open questions to the operator: 'left loaded', 'right loaded', 'tray'."""
-    tags = twin.machine.tags
-    asking = {f"{side} loaded": tags.arms[side].ask for side in SIDES} | {"tray": tags.tray.ask}
-    return {name for name, bit in asking.items() if twin.plc.read(bit)}
-
-
-def answer_truly(twin: Twin) -> set[str]:
-    """Answer every open question by what is so; return the questions.
-
-    A tray that stands wrong is first drawn back behind the beam by hand, and there is none then.
-    """
-    asked = questions(twin)
-    for side in SIDES:
-        if f"{side} loaded" in asked:
-            twin.command(f"{side}_loaded_{'yes' if arm_of(twin, side).grip.held else 'no'}")
-    if "tray" in asked:
-        if twin.plant.conveyor.beam.read() and twin.plant.conveyor.placed_tray is None:
-            by_hand(twin, "tray_run", for_ms=300)
-        twin.command(f"tray_{true_tray(twin)}")
-    twin.run_for(200)
-    return asked
-
-
-def true_tray(twin: Twin) -> str:
-    """Return which tray stands at the pick position, as the answer to the question: full, same or none."""
-    number = twin.plant.conveyor.placed_tray
-    if number is None:
-        return "none"
-    columns = (twin.plant.seedlings.column(number, column) for column in range(COLUMNS))
-    if all(plant.place is Place.STANDING for column in columns for plant in column):
-        return "full"
-    return "same" if twin.plc.read(twin.machine.tags.tray.phase) == IN_PLACE else "none"
-
-
-def home_again(twin: Twin) -> set[str]:
-    """Home with X0 until Idle, answering truly whatever is asked in Held; return all that was asked."""
-    asked: set[str] = set()
-    for _ in range(2):
-        begin_homing(twin)
-        twin.run_until(lambda: twin.state in {State.IDLE, State.HELD}, within_ms=40_000, what="Idle or Held")
-        if twin.state is State.IDLE:
-            break
-        asked |= answer_truly(twin)
-    assert twin.state is State.IDLE, twin.situation()
-    return asked
 
 
 def finish(twin: Twin) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
-from controller.program.modes import State
+from controller.program.states import State
 from plant_sim.bench.recording import recorded
 from plant_sim.bench.twin import Twin
 from plant_sim.faults import Fault

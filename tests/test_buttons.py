@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controller.program.modes import State
+from controller.program.states import State
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from routes import clear, home_again, press_emergency_stop, run_to
+from routes import run_to
 from twin_rig import Recorder, arm_of, scan_ms, switched_on, tags_of, undisturbed, until_step
 
-from controller.program.modes import State
+from controller.program.states import State
 from controller.program.tags import SIDES, Side
+from plant_sim.bench.recovery import clear, home_again, press_emergency_stop
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 EDGE_TO_OPENING_MS = range(50, 80)
@@ -147,20 +148,23 @@ def test_a_discarded_load_fills_the_cups_and_the_count_begins_anew(side: Side) -
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_flag_that_trembles_at_standstill_counts_once(side: Side) -> None:
-    """Given a chain that stops as a cup's edge comes, and a flag that trembles for 20 s, the cup is counted once."""
+    """Given a tractor that stops as a cup's edge comes, and a flag that trembles for 20 s, the cup is counted once."""
     twin = machine()
     run_to("wait for cups")(twin, side)
     arm, counter = arm_of(twin, side).cups, tags_of(twin, side).cup_counter.value
+    carousels = [each.cups for each in twin.plant.arms.values()]
     twin.run_until(lambda: not arm.pulse.read(), within_ms=1_000)
     twin.run_until(arm.pulse.read, within_ms=1_000)
-    arm.jammed = True
+    for carousel in carousels:
+        carousel.jammed = True
     before = twin.plc.read(counter)
     for tremble in range(400):
         arm.pulse.stuck = tremble % 2 == 0
         twin.run_for(5 * SCAN_MS)
     assert twin.plc.read(counter) == before + 1 < 12
     arm.pulse.stuck = None
-    arm.jammed = False
+    for carousel in carousels:
+        carousel.jammed = False
     cups = Cups(twin, side)
     opened_ms = until_opening(twin, side)
     assert len(cups.between(0, opened_ms)) == 12 - before - 1

@@ -12,12 +12,12 @@ from statistics import fmean
 from typing import NamedTuple
 
 import pytest
-from monitors import guard
 from twin_rig import MACHINE, Change, Recorder, arm_of, at_work, tags_of, to_complete
 
 from controller.hmi.production import CycleEvent
-from controller.program.modes import State
+from controller.program.states import State
 from controller.program.tags import ROWS, SIDES, Side
+from plant_sim.bench.monitors import guard
 from plant_sim.bench.twin import Twin
 
 CYLINDER_MS = 15 + 4
@@ -195,17 +195,20 @@ def test_rows_are_taken_from_the_feed_inward_by_both_arms() -> None:
 
 @pytest.mark.parametrize(
     ("row_spacing_m", "expected_ms", "mean_ms"),
-    [(0.600, {1: 8_150, 2: 8_850, 3: 9_500}, 9_000), (0.800, {1: 9_550, 2: 10_250, 3: 10_900}, 10_400)],
+    [(0.600, {1: 8_350, 2: 8_850, 3: 9_450}, 9_000), (0.800, {1: 9_750, 2: 10_250, 3: 10_850}, 10_400)],
 )
 def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: dict[int, int], mean_ms: int) -> None:
-    """As measured, to 0.15 s; the mean of the rows at 600 mm is at most 9 s. 100 mm more each way are 668 ms each."""
+    """As measured, to 0.1 s; the mean of the rows at 600 mm is at most 9 s. 100 mm more each way are 668 ms each.
+
+    To row 1 the slide goes from where homing has pressed it: the air before it takes 0.3 s to leave.
+    """
     parameters = MACHINE.with_values({"layout.row_spacing_m": row_spacing_m})
     twin = at_work({"trays_target": 1}, parameters=parameters)
     to_complete(twin)
     assert len(twin.cycles()) == 6
     for cycle in twin.cycles():
         moving_ms = cycle.cycle_ms - cycle.waiting_ms
-        assert expected_ms[cycle.row] - 150 <= moving_ms <= expected_ms[cycle.row] + 150, cycle
+        assert expected_ms[cycle.row] - 100 <= moving_ms <= expected_ms[cycle.row] + 100, cycle
     assert fmean(cycle.cycle_ms - cycle.waiting_ms for cycle in twin.cycles()) <= mean_ms
 
 

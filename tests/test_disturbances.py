@@ -6,14 +6,18 @@ from collections.abc import Mapping
 
 import pytest
 from cable import CableLink
-from routes import STOPS, Route, Stop, finish, home_again, route_to
-from twin_rig import arm_of, at_work, is_parked_loaded, tags_of, undisturbed, until_picking, until_step
+from routes import STOPS, Route, Stop, finish, route_to
+from twin_rig import arm_of, at_work, tags_of, undisturbed, until_picking, until_step
 
-from controller.program.modes import State
+from controller.hmi.production import RefusalEvent
+from controller.program.refusals import Refusal
+from controller.program.states import State
 from controller.program.tags import SIDES, Side
+from plant_sim.bench.recovery import home_again
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 CLAW_LIMIT_MS = 3_000
+UNBIDDEN_MS = 500
 
 
 def pull_the_cable(twin: Twin, for_ms: int) -> None:
@@ -79,8 +83,11 @@ def test_claws_that_did_not_open_are_not_believed_to_be_open(side: Side, switch:
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize(("step", "switch"), [("close claws", "lift_down"), ("open claws", "lift_down")])
 def test_claws_without_their_place_raise_an_alarm_of_their_own(side: Side, step: str, switch: str) -> None:
-    """Given the place lost for good, the step's own alarm comes at its limit; mended and homed, all goes on."""
-    twin = at_work({"trays_target": 1})
+    """Given the place lost for good by an arm that has just come to it, the step's own alarm comes at its limit.
+
+    Lowered late, the arm opens less than a second after it is down. Mended and homed, all goes on.
+    """
+    twin = at_work({"trays_target": 1, "descend_at_count": 12})
     until_picking(twin, side, 1)
     until_step(twin, f"{side} arm", step)
     began_ms = twin.now_ms
@@ -95,6 +102,33 @@ def test_claws_without_their_place_raise_an_alarm_of_their_own(side: Side, step:
     finish(twin)
     counts = twin.plant.counts()
     assert (counts.P, counts.D) == (undisturbed().P, undisturbed().D)
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("switch", ["lift_down", "claws_spread", "slide_at_feed"])
+def test_a_switch_that_changes_while_the_arm_rests_is_told_and_a_flicker_is_not(side: Side, switch: str) -> None:
+    """Given an arm that has waited over the cups for more than a second, its alarm comes 0.5 s after the change."""
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, side, 1)
+    until_step(twin, f"{side} arm", "wait for cups")
+    twin.run_for(1_200)
+    sensor = arm_of(twin, side).sensors[switch]
+    sensor.stuck = False
+    twin.run_for(300)
+    sensor.stuck = None
+    twin.run_for(700)
+    assert twin.in_step(f"{side} arm", "wait for cups")
+    assert twin.alarm_events() == []
+    sensor.stuck = False
+    took_ms = twin.run_until(lambda: bool(twin.alarms()), within_ms=1_000)
+    assert twin.alarms() == [f"{side}: unbidden"]
+    assert UNBIDDEN_MS - 100 <= took_ms - 2 * SCAN_MS <= UNBIDDEN_MS
+    assert arm_of(twin, side).grip.held
+    twin.run_until_state(State.HELD, within_ms=20_000)
+    sensor.stuck = None
+    home_again(twin)
+    finish(twin)
+    assert twin.plant.counts() == undisturbed()
 
 
 @pytest.mark.parametrize("flicker_ms", [30, 350])
@@ -224,21 +258,45 @@ def test_discard_answers_the_question() -> None:
     assert twin.plc.read(tags_of(twin, "left").discard) == 0
 
 
-def test_an_arm_that_left_home_by_itself_is_told_and_never_met() -> None:
-    """Given the right arm pushed inward in Idle, the start ends in its own alarm, and the left arm does not meet it."""
+def test_a_start_with_an_arm_that_left_home_is_refused() -> None:
+    """Given the right arm pushed inward in Idle, the start is refused with that reason, and nothing moves."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     twin.press("stop")
     twin.run_until_state(State.STOPPED, within_ms=60_000)
     twin.home()
     arm_of(twin, "right").place(x_m=0.01)
-    twin.start()
+    twin.run_for(200)
+    twin.press("start")
+    twin.run_for(1_000)
+    assert (twin.state, twin.outputs(), twin.alarms()) == (State.IDLE, set(), [])
+    refused = twin.events[-1]
+    assert isinstance(refused, RefusalEvent)
+    assert (refused.command, refused.reason) == ("start", Refusal.RIGHT_NOT_AT_FEED)
+    assert refused.text == "cannot start: right slide not at feed"
+
+
+def test_an_arm_that_left_home_by_itself_is_told_and_never_met() -> None:
+    """Given the left arm pushed inward while it waits for the centre, its own alarm, and the right arm stops inward."""
+    twin = at_work({"trays_target": 1})
+    until_picking(twin, "right", 3)
+    left, right = (arm_of(twin, side) for side in SIDES)
+    twin.run_until(lambda: twin.in_step("left arm", "wait at feed"), within_ms=30_000)
+    assert twin.in_step("right arm", "approach row")
+    left.place(x_m=0.01)
+    twin.run_for(3 * SCAN_MS)
+    assert "right.slide_inward" not in twin.outputs()
     took_ms = twin.run_until(lambda: bool(twin.alarms()), within_ms=2_000)
-    assert twin.alarms() == ["right: off home"]
+    assert twin.alarms() == ["left: off home"]
     assert 890 <= took_ms <= 1_100
-    assert not twin.plc.read(tags_of(twin, "right").cycling)
+    assert not twin.plc.read(tags_of(twin, "left").cycling)
+    at_m = right.slide.x_m
     twin.run_until_state(State.HELD, within_ms=30_000)
-    assert is_parked_loaded(twin, "left") or not twin.plc.read(tags_of(twin, "left").loaded)
+    assert right.slide.x_m <= at_m
+    assert set(twin.alarms()) == {"left: off home", "right: approach row"}
+    home_again(twin)
+    finish(twin)
+    assert twin.plant.counts() == undisturbed()
 
 
 def test_the_reason_of_a_suspension_is_told() -> None:

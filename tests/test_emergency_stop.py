@@ -6,23 +6,13 @@ That no coil is on in the very scan that sees the button is watched by a monitor
 from __future__ import annotations
 
 import pytest
-from routes import (
-    BRISK,
-    STOPS,
-    Route,
-    Stop,
-    clear,
-    finish,
-    home_again,
-    press_emergency_stop,
-    route_to,
-    run_to,
-)
+from routes import BRISK, STOPS, Route, Stop, finish, route_to, run_to
 from twin_rig import arm_of, switched_on, tags_of, undisturbed
 
 from controller.hmi.production import StateEvent
-from controller.program.modes import State
+from controller.program.states import State
 from controller.program.tags import SIDES, Side
+from plant_sim.bench.recovery import clear, home_again, press_emergency_stop
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 SEEN_MS = 2 * SCAN_MS
@@ -35,6 +25,8 @@ STOPS_M = {"slide": 0.008, "lift": 0.018, "belt": 0.004}
 
 Stated in docs/physics.md; at 600 mm row spacing and 0.5 MPa.
 """
+CREEP_M = 0.003
+"""What a lift that was on its way down rises until the air above its piston is as warm as the cylinder."""
 ROUNDING_M = 1e-9
 
 Positions = dict[str, float]
@@ -54,6 +46,13 @@ def stopping_distances() -> Positions:
     ramp_m = conveyor.speed_m_s**2 / (2 * conveyor.acceleration_m_s2)
     found = {"tray": ramp_m + conveyor.cycle_m / 4}  # the rotor settles within a step of what was asked for
     return found | {f"{side} {device}": stops_m for side in SIDES for device, stops_m in STOPS_M.items()}
+
+
+def rests_but_for_warm_air(before: Positions, after: Positions) -> bool:
+    """Tell whether nothing has moved but a lift, a little upward, while the air that lowered it has cooled."""
+    raised_m = {name: before[name] - after[name] for name in before}
+    lifts = {f"{side} lift" for side in SIDES}
+    return all(-ROUNDING_M <= raised_m[name] <= (CREEP_M if name in lifts else 0) + ROUNDING_M for name in before)
 
 
 def speed_m_s(twin: Twin, side: Side | None) -> float:
@@ -96,7 +95,7 @@ def test_emergency_stop_in_every_step(stop: Stop) -> None:
     """Given a step under way, when the button is pressed, all is dead and stays so, and the trial can be finished."""
     route = route_to(stop)
     twin = route.travel(stop)
-    if stop.step.watch is not None and stop.step.dwell is None:
+    if stop.step.watch is not None and not stop.works_claws:
         twin.run_until(lambda: speed_m_s(twin, stop.side) > AT_SPEED_M_S, within_ms=STARTS_MS, what="at speed")
         assert twin.in_step(stop.sequence, stop.title)
     before, held, since = positions(twin), holds(twin), len(twin.events)
@@ -115,11 +114,11 @@ def test_emergency_stop_in_every_step(stop: Stop) -> None:
     twin.plant.box.emergency_stop = False
     twin.run_for(3_000)
     assert states(twin, since) == [State.ABORTING, State.ABORTED]
-    assert positions(twin) == at_rest
+    assert rests_but_for_warm_air(at_rest, positions(twin))
     assert {side: holds(twin)[side] for side in held} == held
 
     clear(twin)
-    assert positions(twin) == at_rest
+    assert rests_but_for_warm_air(at_rest, positions(twin))
     route.mend(twin)
     home_again(twin)
     finish(twin)

@@ -5,18 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import pytest
-from routes import (
-    BRISK,
-    begin_homing,
-    by_hand,
-    clear,
-    finish,
-    home_again,
-    press_emergency_stop,
-    questions,
-    run_row_1,
-    run_to,
-)
+from routes import BRISK, finish, run_row_1, run_to
 from twin_rig import (
     Recorder,
     arm_of,
@@ -28,16 +17,19 @@ from twin_rig import (
     until_step,
 )
 
-from controller.program.modes import State
+from controller.program.states import State
 from controller.program.tags import FULL, ROWS, SIDES, TAKEN, Side
+from plant_sim.bench.recovery import begin_homing, by_hand, clear, home_again, press_emergency_stop, questions
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 LIFT_MS = range(700, 800)
 """145 mm down at 0.21 m/s, with valve and tube, and cushions at both ends."""
 
-EMPTY_AT_FEED = ["claws_open", "lift_retract", "lift_extend"]
+PRESS_MS = range(600, 620)
+"""Time to fill the slide's outer chamber, at the end."""
+EMPTY_AT_FEED = ["claws_open", "lift_retract", "lift_extend", "slide_outward"]
 """What homing does with an empty, converged arm at feed."""
-SPREAD_AT_FEED = ["claws_open", "lift_retract", "converge", "lift_extend"]
+SPREAD_AT_FEED = ["claws_open", "lift_retract", "converge", "lift_extend", "slide_outward"]
 """And with one that is spread."""
 NOT_YET_MS = 10**9
 
@@ -168,9 +160,10 @@ def test_a_row_not_yet_lifted_is_put_back_and_stays_full(side: Side, step: str, 
     recorder = homed(twin)
     assert order(recorder, side) == ["claws_open", "slide_outward", *EMPTY_AT_FEED]
     (put_back_ms, done_ms), _ = times(recorder, side, "claws_open")
-    ((outward_ms, _),) = times(recorder, side, "slide_outward")
+    (outward_ms, _), (press_ms, pressed_ms) = times(recorder, side, "slide_outward")
     assert done_ms - put_back_ms in range(200, 230)
     assert outward_ms - put_back_ms in range(200, 230)
+    assert pressed_ms - press_ms in PRESS_MS
     assert rows(twin, side) == [TAKEN, FULL, FULL]
     assert not is_loaded(twin, side)
     assert at_initial_state(twin, side)
@@ -189,8 +182,9 @@ def test_a_load_in_the_lift_goes_fully_up_and_then_out(side: Side, into_ms: int)
     recorder = homed(twin)
     assert order(recorder, side) == ["lift_retract", "slide_outward"]
     ((up_from_ms, up_ms),) = times(recorder, side, "lift_retract")
-    ((outward_ms, _),) = times(recorder, side, "slide_outward")
-    assert up_from_ms < outward_ms <= up_ms <= outward_ms + 10
+    ((outward_ms, pressed_ms),) = times(recorder, side, "slide_outward")
+    assert up_from_ms + 100 < outward_ms < up_ms, "it is held up on its way out"
+    assert pressed_ms - up_ms in PRESS_MS
     assert rows(twin, side) == [TAKEN, TAKEN, FULL]
     assert is_loaded(twin, side)
     assert is_parked_loaded(twin, side)
@@ -198,10 +192,14 @@ def test_a_load_in_the_lift_goes_fully_up_and_then_out(side: Side, into_ms: int)
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_a_load_on_its_way_out_needs_no_lifting(side: Side) -> None:
+def test_a_load_on_its_way_out_goes_on_at_once_held_up(side: Side) -> None:
     twin = stopped_in(side, "slide to feed", 500)
     recorder = homed(twin)
-    assert order(recorder, side) == ["slide_outward"]
+    assert order(recorder, side) == ["lift_retract", "slide_outward"]
+    ((up_from_ms, up_ms),) = times(recorder, side, "lift_retract")
+    ((outward_ms, pressed_ms),) = times(recorder, side, "slide_outward")
+    assert outward_ms == up_from_ms
+    assert pressed_ms - up_ms in PRESS_MS
     assert is_parked_loaded(twin, side)
     assert rows(twin, side) == [TAKEN, TAKEN, FULL]
     goes_on_with(twin, side, 3)
@@ -237,11 +235,12 @@ def test_an_empty_arm_in_between_heights_goes_up_and_then_out(side: Side) -> Non
     by_hand(twin, f"{side}.lift_retract", for_ms=600)
     assert 0.03 < arm_of(twin, side).lift.rise_m < 0.12
     recorder = homed(twin)
-    assert order(recorder, side) == ["lift_retract", "slide_outward", "claws_open", "lift_extend"]
-    ((_, up_ms),) = times(recorder, side, "lift_retract")
-    ((outward_ms, at_feed_ms),) = times(recorder, side, "slide_outward")
-    assert outward_ms <= up_ms <= outward_ms + 10
+    assert order(recorder, side) == ["lift_retract", "slide_outward", "claws_open", "lift_extend", "slide_outward"]
+    ((up_from_ms, up_ms),) = times(recorder, side, "lift_retract")
+    (outward_ms, at_feed_ms), (press_ms, pressed_ms) = times(recorder, side, "slide_outward")
+    assert up_from_ms + 100 < outward_ms < at_feed_ms <= up_ms
     assert at_feed_ms - outward_ms > 300
+    assert pressed_ms - press_ms in PRESS_MS
     assert at_initial_state(twin, side)
     goes_on_with(twin, side, 2)
 
@@ -263,11 +262,13 @@ def test_an_empty_arm_in_between_heights_goes_up_and_then_out(side: Side) -> Non
 def test_a_load_at_feed_stays_ready_and_start_goes_on_with_it(
     side: Side, step: str, into_ms: int, raises: list[str], then: list[str]
 ) -> None:
-    """Given a load at feed, homing only raises it; start spreads what is not spread, lowers and waits for cups."""
+    """Given a load at feed, homing raises it, presses to feed; start spreads what is not spread, lowers and waits."""
     twin = stopped_in(side, step, into_ms)
     held = arm_of(twin, side).grip.held
     recorder = homed(twin)
-    assert order(recorder, side) == raises
+    assert order(recorder, side) == [*raises, "slide_outward"]
+    ((press_ms, pressed_ms),) = times(recorder, side, "slide_outward")
+    assert pressed_ms - press_ms in PRESS_MS
     assert is_parked_loaded(twin, side)
     assert is_loaded(twin, side)
     assert arm_of(twin, side).grip.held == held

@@ -11,7 +11,7 @@ from controller.core.scan import Plc
 from controller.io.keeper import DirectKeeper
 from controller.io.runtime import Runtime
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
-from controller.program.modes import State
+from controller.program.states import State
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 LIMIT_MS = 100

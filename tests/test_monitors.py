@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
-import monitors
 import pytest
-from monitors import CREEP_M, Check, UnsafeError, centre_from_m, guard
 
+from plant_sim.bench import monitors
+from plant_sim.bench.monitors import CREEP_M, Check, UnsafeError, centre_from_m, guard, keep_watch
+from plant_sim.bench.scenario import run_scenario
+from plant_sim.bench.scenario_file import load_scenario
 from plant_sim.bench.twin import Twin
 from plant_sim.crop.incident import Incident
 from plant_sim.plant import Event
@@ -124,3 +127,44 @@ def test_a_guarded_machine_fails_in_the_scan_in_which_a_monitor_speaks() -> None
     with pytest.raises(UnsafeError, match=r"dropped: seedlings dropped; at 50 ms STOPPED"):
         twin.scan()
     assert twin.now_ms == 50
+
+
+def test_a_watched_machine_goes_on_and_what_was_found_is_kept_once() -> None:
+    """Given coils against each other twice and two incidents of one kind, each kind is told once, when it came."""
+    twin = Twin(trays=1)
+    trips = keep_watch(twin)
+    twin.run_for(50)
+    assert trips == {}
+    released = twin.runtime.tick
+
+    def tick(now_ms: int) -> None:
+        released(now_ms)
+        both_coils_of_a_lift(twin)
+
+    twin.runtime.tick = tick  # type: ignore[method-assign]
+    an_incident(twin)
+    twin.scan()
+    an_incident(twin)
+    twin.run_for(100)
+    assert trips == {
+        "opposite_coils": "right.lift_extend and right.lift_retract are on together, at 50 ms",
+        "dropped": "seedlings dropped, at 0 ms",
+    }
+
+
+def test_a_scenario_in_which_a_monitor_speaks_fails_with_one_line(tmp_path: Path) -> None:
+    """Given a story with an arm pushed inward with closed claws, it breaks off there and says so."""
+    story = tmp_path / "story.yaml"
+    story.write_text("title: t\nactions: []\nuntil: {time: 3 s}\nexpect: {state: STOPPED}\n", encoding="utf-8")
+    scenario = load_scenario(story)
+    assert run_scenario(scenario).passed
+
+    def push(twin: Twin) -> None:
+        if twin.now_ms in {500, 600}:
+            (closed if twin.now_ms == 500 else further_inward)(twin)
+
+    report = run_scenario(scenario, prepare=lambda twin: twin.watch(push))
+    assert not report.passed
+    assert report.simulated_s == 0.61
+    assert report.reason.startswith("left slide goes inward with claws not open and converged; at 610 ms STOPPED")
+    assert len(report.reason.splitlines()) == 1

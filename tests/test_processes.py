@@ -21,7 +21,7 @@ from controller.io.modbus_tcp import ModbusTcpLink
 from controller.io.runtime import Runtime
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
-from controller.program.modes import State
+from controller.program.states import State
 from plant_sim.bench.live import Process
 from plant_sim.bench.operator import Operator, counts_of
 from plant_sim.bench.twin import SCAN_MS, Twin

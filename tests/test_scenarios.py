@@ -75,7 +75,7 @@ def test_machine_values_set_points_seed_and_trays_are_taken(tmp_path: Path) -> N
         "seed: 7\ntrays: 3\n"
         "machine: {supply.pressure_pa: 4.5 bar, cups.planting_frequency_per_min: 30, crop.claw_pressure_mpa: 350 kPa,\n"
         "  layout.arms_may_meet_in_plant: true, claws.grippers: 12}\n"
-        "set_points: {release_delay: 150 ms, mode: 2}\n"
+        "set_points: {release_delay: 150 ms, converge_at: 1}\n"
     )
     scenario = load_scenario(written(tmp_path, text))
     assert (scenario.seed, scenario.trays) == (7, 3)
@@ -83,7 +83,7 @@ def test_machine_values_set_points_seed_and_trays_are_taken(tmp_path: Path) -> N
     assert scenario.machine.crop.claw_pressure_mpa == pytest.approx(0.35)
     assert scenario.machine.cups.planting_frequency_per_min == 30
     assert scenario.machine.layout.arms_may_meet_in_plant
-    assert scenario.set_points == {"trays_target": 3, "release_delay": 15, "mode": 2}
+    assert scenario.set_points == {"trays_target": 3, "release_delay": 15, "converge_at": 1}
     assert load_scenario(scenario.path, seed=9).seed == 9
 
 
@@ -124,6 +124,21 @@ expect: {state: STOPPED, alarms: [{alarm: emergency_stop, time: 3 s..30 s}], cyc
     assert len(pressed_ms) == pytest.approx(100, abs=5)
     assert report.alarms["emergency_stop"] * 1_000 == pytest.approx(pressed_ms[0], abs=30)
     assert sum(start for _, start, _ in buttons) == 10 + 30
+
+
+def test_an_action_changes_the_mode(tmp_path: Path) -> None:
+    """Given one-cycle mode ordered before homing, each arm throws what it may hold, and the machine is Complete."""
+    text = """\
+title: t
+actions:
+  - {at: 100 ms, command: mode_one_cycle}
+  - {at: 200 ms, press: start}
+  - {at: IDLE, after: 500 ms, press: start}
+until: {state: COMPLETE, limit: 60 s}
+expect: {state: COMPLETE, cycles: 0, counts: {in_tray: 72}}
+"""
+    report, _ = told(tmp_path, text)
+    assert report.passed, report.text()
 
 
 def test_an_action_breaks_and_mends(tmp_path: Path) -> None:
@@ -254,8 +269,9 @@ def test_an_action_that_breaks_what_is_broken_ends_the_story(tmp_path: Path) -> 
          "3: machine.supply.pressure_pa: must lie within 50000 to 1e+06, not 5e+06"),
         ("title: t\nmachine:\n  cups.pitch_m: 62 mm",
          "3: machine.spreader.travel_m: spreads the claws to 0.06 m; it must be cups.pitch_m to a millimetre"),
-        ("title: t\nset_points: {mod: 1}", "2: set_points.mod: is no key here; did you mean mode?"),
-        ("title: t\nset_points: {mode: 3}", "2: set_points.mode: must be a whole number, 1 to 2, not '3'"),
+        ("title: t\nset_points: {clam: 1}", "2: set_points.clam: is no key here; did you mean clamp?"),
+        ("title: t\nset_points: {converge_at: 2}",
+         "2: set_points.converge_at: must be a whole number, 0 to 1, not '2'"),
         ("title: t\nset_points: {clamp: 205 ms}", "2: set_points.clamp: '205 ms': must be a multiple of 10 ms"),
         ("title: t\nfaults:\n  - {kind: stuck, at: left.lift_up}",
          "3: faults[1]: stuck: is no fault; did you mean stuck_on?"),

@@ -22,7 +22,7 @@ from twin_rig import (
 from controller.hmi.production import StateEvent
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
-from controller.program.modes import State
+from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.bench.twin import Twin
 
@@ -142,18 +142,45 @@ def test_slow_cups_do_not_suspend() -> None:
     assert "SUSPENDED" not in states(twin)
 
 
+def nearly_counted(other: Side, cups: int) -> Twin:
+    """Return a machine whose arms both wait, one of them with so many cups to come until it throws."""
+    twin, _ = both_waiting()
+    counter = tags_of(twin, other).cup_counter.value
+    twin.run_until(lambda: twin.plc.read(counter) == 12 - cups, within_ms=20_000, what=f"{cups} cups to come")
+    return twin
+
+
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_that_stand_on_one_side_hold_up_only_new_cycles_of_the_other(side: Side) -> None:
-    twin, _ = both_waiting()
+    """Given one row of cups that stands for five of the other, the other arm throws and begins no new row."""
+    other = other_side(side)
+    twin = nearly_counted(other, cups=2)
     arm = twin.plant.arms[side]
     arm.cups.jammed = True
-    twin.run_until_state(State.SUSPENDED, within_ms=10_000)
-    other = other_side(side)
-    twin.run_for(20_000)
+    assert NO_CUPS_MS - CUP_MS - TICK_MS <= twin.run_until_state(State.SUSPENDED, within_ms=10_000) <= NO_CUPS_MS + 40
+    twin.run_for(2_000)
     assert [(cycle.side, cycle.row) for cycle in twin.cycles()] == [(other, 1)]
     assert at_initial_state(twin, other)
     assert arm.grip.held
     arm.cups.jammed = False
+    assert to_complete(twin) == undisturbed()
+    assert twin.alarm_events() == []
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_six_cups_of_one_row_without_one_of_the_other_hold_the_machine(side: Side) -> None:
+    """Given one row of cups that stands for good, the sixth cup of the other tells of it, and both loads are parked."""
+    other = other_side(side)
+    twin = nearly_counted(side, cups=11)
+    cups = Recorder(twin, lambda _: {"cup"} if twin.plant.arms[other].cups.pulse.read() else set())
+    twin.plant.arms[side].cups.jammed = True
+    twin.run_until(lambda: twin.alarms() != [], within_ms=12_000, what="an alarm")
+    assert twin.alarms() == [f"{other}: cup counts"]
+    assert len([change for change in cups.changes if change.on]) == 6
+    twin.run_until_state(State.HELD, within_ms=5_000)
+    assert is_parked_loaded(twin, side)
+    twin.plant.arms[side].cups.jammed = False
+    go_on(twin)
     assert to_complete(twin) == undisturbed()
 
 

@@ -13,9 +13,13 @@ from plant_sim.arm import ArmPlant
 from plant_sim.bench.monitors import guard
 from plant_sim.bench.twin import Twin
 from plant_sim.crop.seedling import SeedlingCounts
+from plant_sim.devices.conveyor import Conveyor
+from plant_sim.devices.pneumatic import Cylinder
+from plant_sim.devices.spreader import Spreader
 from plant_sim.parameters import Machine, load_machine
 
 MACHINE = load_machine()
+Device = Conveyor | Cylinder | Spreader
 TRAY_MS = 90_000
 """Longer than a tray takes at 45 cups/min: six rows a side pair, 16 s each, and the change of the tray."""
 
@@ -98,6 +102,13 @@ def undisturbed(seed: int = 1, trays: int = 1) -> SeedlingCounts:
 def arm_of(twin: Twin, side: Side) -> ArmPlant:
     """Return the simulated arm."""
     return twin.plant.arms[side]
+
+
+def free(device: Device) -> None:
+    """Free a jam as an operator must: with the trapped air let out, or the part would leap."""
+    if isinstance(device, Cylinder):
+        device.place(device.position_m)
+    device.jammed = False
 
 
 def tags_of(twin: Twin, side: Side) -> ArmTags:

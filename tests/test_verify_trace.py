@@ -1,0 +1,151 @@
+"""Traces: how they are found, told, kept and replayed on a real PLC."""
+
+from __future__ import annotations
+
+import pytest
+from core_rig import d, m, s, t, x, y
+from verify_rig import GOAL, row_of, specification_of
+
+from controller.core.expr import Timer, evaluate
+from controller.core.rungs import Inc, OnDelay, Out, Pulse, Rst, Set
+from controller.core.sequence import Dwell, Sequence, Step, To
+from controller.core.specification import Specification
+from controller.verify.cells import ModelError
+from controller.verify.report import Result, Row
+from controller.verify.trace import Start, Trace, TracedScan, replay
+
+
+def found(row: Row) -> Trace:
+    assert row.trace is not None
+    return row.trace
+
+
+def broken_scans(specification: Specification, trace: Trace) -> list[bool]:
+    """Whether the requirement is broken after each scan of a replay."""
+    never = specification.requirements[0].never
+    return [evaluate(never, memory) for memory in replay(specification.watched, trace)]
+
+
+DWELLING = (
+    Set(s(20), when=m(8002)),
+    Sequence("arm", 20, [
+        Step("wait", [To("move", x(0))], waits_for="start"),
+        Step("move", [To("dwell", x(1))], hold=[m(0)], dwell=Dwell(Timer(201), 10)),
+        Step("dwell", [To("jam", t(200) & ~x(1))], dwell=Dwell(Timer(200), 500)),
+        Step("jam", [], waits_for="nothing"),
+    ]),
+    Out(y(0), when=s(23)),
+)  # fmt: skip
+
+
+def test_a_trace_leads_from_power_up_through_the_steps_and_their_times() -> None:
+    """Given a fourth step that breaks the goal, then the trace goes there and waits for the dwell, no longer."""
+    specification = specification_of(*DWELLING, never=y(0))
+    row = row_of(specification)
+    trace = found(row)
+    assert (row.result, trace.start) == (Result.BROKEN, Start.FACTORY)
+    assert broken_scans(specification, trace) == [False, True]
+    assert [scan.at_ms for scan in trace.scans] == [0, 500]
+
+
+def test_a_replay_is_what_decides() -> None:
+    """Given a trace whose dwell is cut short by 100 ms, then its replay does not break the goal."""
+    specification = specification_of(*DWELLING, never=y(0))
+    trace = found(row_of(specification))
+    first, last = trace.scans
+    short = TracedScan(last.at_ms - 100, last.inputs, last.written)
+    hurried = Trace(GOAL, trace.start, trace.retained, trace.forced, (first, short))
+    assert broken_scans(specification, hurried) == [False, False]
+
+
+def test_a_trace_may_begin_with_what_was_retained() -> None:
+    """Given a count that takes too many scans from the first power-up, then the trace starts with it retained."""
+    items = (Pulse(m(0), when=x(0)), Inc(d(200), when=m(0)), Out(y(0), when=(d(200) > 100) & x(1)))
+    specification = specification_of(*items, never=y(0))
+    trace = found(row_of(specification))
+    assert trace.start is Start.RETAINED
+    assert trace.retained["D200"] >= 100
+    assert broken_scans(specification, trace)[-1]
+
+
+def test_without_a_trace_from_power_up_one_scan_from_a_state_is_given_and_called_so() -> None:
+    """Given a goal broken in the third scan only, when two are looked at, then a state and its next scan are shown."""
+    items = (
+        Out(y(0), when=m(2) & t(0) & ~m(8002)),
+        Out(m(2), when=m(1)),
+        Out(m(1), when=x(0)),
+        OnDelay(Timer(0), 300, when=x(0)),
+    )
+    specification = specification_of(*items, never=y(0))
+    row = row_of(specification, scans=2)
+    trace = found(row)
+    assert (row.result, trace.start, len(trace.scans)) == (Result.UNPROVED, Start.STATE, 1)
+    assert broken_scans(specification, trace) == [True]
+    assert any("whether it can be reached is open" in line for line in row.lines)
+    assert row_of(specification, scans=3).result is Result.BROKEN
+
+
+def test_a_running_timer_of_a_state_replays() -> None:
+    """Given timers of each base that must be over together, then the state of the fallback replays with them."""
+    timers = [Timer(0), Timer(200), Timer(246), Timer(250)]
+    items = [OnDelay(timer, 300, when=m(1)) for timer in timers]
+    over = t(0) & t(200) & t(246) & t(250)
+    for clock in (m(8013), ~m(8013)):
+        late = Out(y(0), when=over & ~m(2) & clock)
+        specification = specification_of(*items, late, Out(m(2), when=~x(0)), Out(m(1), when=m(3)),
+                                         Out(m(3), when=m(4)), Set(m(4), when=x(0)), never=y(0))  # fmt: skip
+        trace = found(row_of(specification, scans=1))
+        assert trace.start is Start.STATE
+        assert broken_scans(specification, trace) == [True]
+
+
+def test_a_trace_survives_json() -> None:
+    """Given traces of every start, when they are written and read, then they are the same."""
+    scan = TracedScan(300, ("X1", "X10"), {"M8": 1, "D512": -3})
+    for start in Start:
+        trace = Trace("some goal", start, {"TN246": 5, "D200": 7}, {"M10": 1}, (scan,))
+        assert Trace.from_json(trace.to_json()) == trace
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"goal": "a", "start": "elsewhere", "scans": []}', "3"])
+def test_what_is_no_trace_is_refused(text: str) -> None:
+    """Given a text that is no trace, then it is refused in one line."""
+    with pytest.raises(ModelError, match=r"^not a trace: [^\n]*$"):
+        Trace.from_json(text)
+
+
+def test_a_trace_is_told_scan_by_scan() -> None:
+    """Given a goal that a step, a terminal and a command break, then the text tells them where they change."""
+    steps = [Step("wait", [To("go", x(0))], waits_for="X0"), Step("go", [], waits_for="nothing")]
+    items = (Set(s(20), when=m(8002)), Sequence("arm", 20, steps), Out(y(1), when=s(21)),
+             Out(y(0), when=m(1) & m(8)), Out(m(1), when=s(21)), Rst(m(8)))  # fmt: skip
+    specification = specification_of(*items, never=y(0) & y(1), system=(m(8),))
+    lines = row_of(specification).lines
+    first = lines.index("trace to 'the goal' from the first power-up")
+    assert lines[first:] == (
+        "trace to 'the goal' from the first power-up",
+        "scan 1 at 0 ms (first scan, M8002)",
+        "  inputs: X0 on",
+        "  steps: S21 arm: go on",
+        "  outputs: Y1 on",
+        "scan 2 at 100 ms",
+        "  written: M8 on",
+        "  steps: S21 arm: go on",
+        "  outputs: Y0 on",
+        "then it is so that Y0 & Y1",
+    )
+
+
+def test_the_clock_of_a_trace_is_that_of_the_plc() -> None:
+    """Given a goal that is broken when the 1 s clock goes off, then the trace waits for that half second."""
+    items = (Out(y(0), when=m(1) & ~m(8013)), Set(m(1), when=m(8013)))
+    trace = found(row_of(specification_of(*items, never=y(0))))
+    assert [scan.at_ms % 1000 < 500 for scan in trace.scans] == [True, False]
+    assert trace.scans[1].at_ms - trace.scans[0].at_ms <= 500
+
+
+def test_a_trace_writes_only_what_the_runtime_lets_through() -> None:
+    """Given an output that the greatest value of a set-point turns on, then the trace writes that value."""
+    ranges, points = {d(512): (0, 11)}, ((d(512), 3),)
+    specification = specification_of(Out(y(0), when=d(512) >= 11), never=y(0), set_points=points, ranges=ranges)
+    assert found(row_of(specification)).scans == (TracedScan(0, (), {"D512": 11}),)
