@@ -27,7 +27,7 @@ from plant_sim.bench.operator import Operator, counts_of
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 LIMIT_S = 60.0
-PATIENT = ("--timeout-ms", "5000", "--link-limit-ms", "5000")
+PATIENT = ("--timeout-ms", "5000", "--link-limit-ms", "10000")
 """Limits that a busy test machine does not reach; the strict defaults are tested in simulated time."""
 
 
@@ -90,6 +90,8 @@ def test_help_names_the_options(program: str) -> None:
         (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
         (("controller", "--scan-ms", "0"), "--scan-ms"),
         (("controller", "--input-filter-ms", "99"), "--input-filter-ms"),
+        (("controller", "--panel-limit-ms", "5"), "--panel-limit-ms 5"),
+        (("controller", "--link-limit-ms", "40"), "more than a time-out and a scan, 40 ms"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(arguments: tuple[str, ...], expected: str) -> None:
@@ -243,8 +245,11 @@ def test_trial_command_gives_one_json_object_and_repeats_itself() -> None:
     assert {k: other[k] for k in ("P", "D", "T")} != {k: first[k] for k in ("P", "D", "T")}
 
 
-def test_outputs_fall_within_the_watchdog_when_the_controller_is_killed(tmp_path: Path) -> None:
-    """Given an arm in motion, kill -9 of the controller leaves the plant to its own watchdog, in plant time."""
+@pytest.mark.parametrize("stroke", [signal.SIGKILL, signal.SIGSTOP])
+def test_outputs_fall_within_the_watchdog_when_the_controller_is_killed_or_hangs(
+    tmp_path: Path, stroke: signal.Signals
+) -> None:
+    """Given an arm in motion, a controller killed or stopped leaves the plant to its own watchdog, in plant time."""
     watchdog_ms = 500
     with plant_process("--watchdog-ms", str(watchdog_ms)) as (_, port), Operator("127.0.0.1", port) as operator:
         with controller_process(port, tmp_path, *PATIENT) as controller:
@@ -256,10 +261,11 @@ def test_outputs_fall_within_the_watchdog_when_the_controller_is_killed(tmp_path
             while not moving["y_image"]:
                 moving = operator.telemetry()
             assert moving["watchdog_state"] == 1
-            controller.kill()
-        after = operator.telemetry()
-        while after["watchdog_state"] != 2 and after["time_ms"] < moving["time_ms"] + 20_000:
+            controller._process.send_signal(stroke)
             after = operator.telemetry()
+            while after["watchdog_state"] != 2 and after["time_ms"] < moving["time_ms"] + 20_000:
+                after = operator.telemetry()
+            controller.kill()
     assert after["watchdog_state"] == 2
     assert after["y_image"] == 0
     assert after["tripped_at_ms"] - after["last_write_ms"] == watchdog_ms + 1
