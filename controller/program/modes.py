@@ -31,7 +31,8 @@ def state_table(tags: Tags) -> list[StateChange]:
     """Return the PackML table of this machine, in rising order of priority."""
     machine, arms, tray = tags.machine, tags.arms, tags.tray
     manual, at_once = machine.manual, machine.stops_at_once
-    at_rest = all_of(*(arm.at_rest for arm in arms.values()))
+    # an arm that was given leave in the last scan has left since its rest was looked at
+    at_rest = all_of(*(arm.at_rest & ~arm.permit for arm in arms.values()))
     empty = all_of(*(~arm.loaded for arm in arms.values()))
     homed = all_of(*(arm.homed for arm in arms.values()))
     asking = any_of(tray.ask, *(arm.ask for arm in arms.values()))
@@ -92,10 +93,10 @@ def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
         Out(machine.home_requested, when=heard(commands.reset)),
         Out(machine.start_requested, when=heard(commands.start)),
         Out(machine.unhold_requested, when=heard(commands.unhold)),
+        *orders.rungs(),  # before anything that is ordered changes what stands in its way
         *_holds(tags, orders),
         *_jog(tags, orders),
         *_step_presses(tags, orders),
-        *orders.rungs(),
         *(Mov(mode, machine.mode, when=heard(bit)) for mode, bit in commands.modes.items()),
         Mov(Mode.CONTINUOUS, machine.mode, when=FIRST_SCAN & machine.mode.equals(0)),
     ]
