@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum, auto
 
 from controller.core.expr import Bit, Expr, all_of, any_of
-from controller.core.rungs import Inc, Mov, Out, Rung
+from controller.core.rungs import Inc, Mov, Out, Rst, Rung
 from controller.program.commands import Command
 from controller.program.states import HOMED_FROM, MODE_CHANGES, RUNNING, Mode, State
 from controller.program.tags import IN_PLACE, SIDES, Side, Tags
@@ -93,20 +93,21 @@ class Orders:
         return self._obstacles.get(command, [])
 
     def rungs(self) -> list[Rung]:
-        """Return the rungs that say which command was refused, and why."""
+        """Return the rungs that say which command was refused, and why; it is taken back before anything hears it."""
         machine = self._tags.machine
         presses = {bit: self.pressed.get(bit, bit) for bit in self._obstacles}
         told: list[Rung] = [Out(machine.ordered, when=any_of(*presses.values()))]
-        refused: list[Expr] = []
+        refused: dict[Bit, Expr] = {}
         for command in self._tags.commands:
             obstacles = self.obstacles(command.bit)
             if not obstacles:
                 continue
             pressed = all_of(machine.ordered, presses[command.bit])
-            refused.append(pressed & any_of(*(each.stands for each in obstacles)))
-            told.append(Mov(command.number, machine.refused, when=refused[-1]))
+            refused[command.bit] = pressed & any_of(*(each.stands for each in obstacles))
+            told.append(Mov(command.number, machine.refused, when=refused[command.bit]))
             told += [Mov(each.reason, machine.refusal, when=pressed & each.stands) for each in reversed(obstacles)]
-        return [*told, Inc(machine.refusals, when=all_of(machine.ordered, any_of(*refused)))]
+        told.append(Inc(machine.refusals, when=all_of(machine.ordered, any_of(*refused.values()))))
+        return [*told, *(Rst(bit, when=when) for bit, when in refused.items())]
 
     def _table(self) -> Iterator[tuple[Bit, list[Obstacle]]]:
         tags = self._tags

@@ -18,6 +18,7 @@ from controller.core.devices import (
     INITIAL_PULSE,
     LOWEST_ANNUNCIATOR,
     RUN_MONITOR,
+    SIZES,
     Memory,
     device_name,
     is_32_bit_counter,
@@ -104,11 +105,14 @@ def parse_cell(name: str) -> Cell:
         >>> parse_cell("X10"), str(parse_cell("TN246"))
         (Cell(kind='X', number=8), 'TN246')
     """
-    match = re.fullmatch(r"([A-Z]+)(\d+)", name)
+    match = re.fullmatch(r"([XY](?=[0-7]+$)|(?![XY])[A-Z]+)(\d+)", name)
     kind = _KINDS.get(match[1], match[1]) if match else ""
     if match is None or kind not in Memory.__slots__:
         raise ModelError(f"{name!r}: no such device; write it as X10, M8, D512 or TN246")
-    return Cell(kind, int(match[2], 8 if kind in "XY" else 10))
+    cell = Cell(kind, int(match[2], 8 if kind in "XY" else 10))
+    if cell.number >= SIZES.get(kind[0], cell.number + 1):
+        raise ModelError(f"{name!r}: outside the range of an FX2N")
+    return cell
 
 
 def cells_of(program: Program, conditions: Iterable[Expr]) -> list[Cell]:

@@ -41,6 +41,8 @@ def prove_command(
         ModelError: There is no such goal.
         OSError: The folder cannot be written.
     """
+    if traces is not None:
+        traces.mkdir(parents=True, exist_ok=True)  # a folder that cannot be is told before the work, not after it
     report = prove(specification, clock=clock, only=goals, short=short)
     if traces is not None:
         _write(report, traces)
@@ -48,7 +50,6 @@ def prove_command(
 
 
 def _write(report: Report, folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
     for row in report.rows:
         if row.trace is not None:
             name = re.sub(r"\W+", "-", row.name).strip("-")
@@ -69,13 +70,16 @@ def replay_command(specification: Specification, path: Path) -> tuple[Iterable[s
         ModelError: It is no trace, or one of another program.
         OSError: The file cannot be read.
     """
-    trace = Trace.from_json(path.read_text(encoding="utf-8"))
+    try:
+        trace = Trace.from_json(path.read_text(encoding="utf-8"))
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from error
     model = Model(specification)
     goal = next((goal for goal in model.goals if goal.name == trace.goal), None)
     if goal is None:
         raise ModelError(f"{path}: the program has no goal {trace.goal!r}; give the rules that were left out")
     try:
         broken = breaks(model.program, trace, goal)
-    except ValueError as error:
-        raise ModelError(f"{path}: {error}") from error
+    except (ValueError, IndexError) as error:
+        raise ModelError(f"{path}: {error}; give the rules that were left out, or write it anew") from error
     return trace.lines(model.program, goal.holds), not broken

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from operator import index
 
 from controller.core.devices import CLOCK_1_S, MS_100, SIZES, Memory, timer_base_ms
 from controller.core.expr import And, Expr, Not, Or, evaluate
@@ -74,8 +75,14 @@ class Trace:
         """
         try:
             data = json.loads(text)
-            scans = [TracedScan(row["at_ms"], tuple(row["inputs"]), dict(row["written"])) for row in data["scans"]]
-            return cls(data["goal"], Start(data["start"]), dict(data["retained"]), dict(data["forced"]), tuple(scans))
+            scans = [
+                TracedScan(index(row["at_ms"]), tuple(map(str, row["inputs"])), _numbers(row["written"]))
+                for row in data["scans"]
+            ]
+            if not scans:
+                raise ValueError("no scans")
+            retained, forced = _numbers(data["retained"]), _numbers(data["forced"])
+            return cls(str(data["goal"]), Start(data["start"]), retained, forced, tuple(scans))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ModelError(f"not a trace: {error!r}; write it anew with the proof that found it") from error
 
@@ -87,6 +94,10 @@ class Trace:
             holds: The condition that does not hold at the end.
         """
         return list(_Teller(program, self).lines(holds))
+
+
+def _numbers(data: Mapping[str, int]) -> dict[str, int]:
+    return {name: index(value) for name, value in data.items()}
 
 
 def replay(program: Program, trace: Trace) -> list[Memory]:
