@@ -173,10 +173,10 @@ def _run(options: argparse.Namespace) -> int:
             raise UsageError(f"{name} {value}: give 1 to {most}")
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
         raise UsageError(f"--panel-limit-ms {options.panel_limit_ms}: give 100 to 600000")
-    silence_ms = options.link_limit_ms - options.timeout_ms - options.scan_ms
-    if silence_ms <= 0:
+    wait_ms = options.timeout_ms + options.scan_ms
+    if options.link_limit_ms <= wait_ms:
         raise UsageError(f"--link-limit-ms {options.link_limit_ms}: give more than a time-out and a scan, "
-                         f"{options.timeout_ms + options.scan_ms} ms")  # fmt: skip
+                         f"{wait_ms} ms")  # fmt: skip
     machine = build(load_io_map(options.io_map))
     try:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
@@ -199,7 +199,7 @@ def _run(options: argparse.Namespace) -> int:
     if not _wait_for_field(link, options, stop):
         return 0
     keeper = ThreadKeeper(store)
-    runtime = Runtime(machine, plc, link, keeper, link_limit_ms=silence_ms,
+    runtime = Runtime(machine, plc, link, keeper, link_limit_ms=options.link_limit_ms, link_wait_ms=wait_ms,
                       panel_limit_ms=options.panel_limit_ms)  # fmt: skip
     teller = Teller(options.events)
     runtime.observers.append(ProductionLog(machine, teller.tell, options.language))
@@ -221,7 +221,7 @@ def _run(options: argparse.Namespace) -> int:
         f"longest {figures.longest_ms} ms",
         file=sys.stderr,
     )
-    return 0
+    return 0 if figures.made_safe else 1
 
 
 def _claim(retain: Path) -> TextIO:
@@ -316,11 +316,11 @@ class Teller:
         self._thread.join(timeout=1.0)
 
     def _write(self) -> None:
-        try:
-            while (event := self._events.get()) is not None:
+        while (event := self._events.get()) is not None:
+            try:
                 print(self._line(asdict(event)), flush=True)
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            except OSError:  # nobody reads any more, or the disk is full: what comes is taken and dropped
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
     def _line(self, record: dict[str, object]) -> str:
         if self._form == "json":

@@ -62,7 +62,8 @@ def test_the_loss_of_a_hung_field_is_known_within_its_limit(hangs_at_ms: int) ->
     clock = SimulatedClock()
     field = HungField(clock)
     plc = Plc(MACHINE.program)
-    runtime = Runtime(MACHINE, plc, field, DirectKeeper(MemoryStore()), link_limit_ms=LIMIT_MS - TIMEOUT_MS - SCAN_MS)
+    runtime = Runtime(MACHINE, plc, field, DirectKeeper(MemoryStore()), link_limit_ms=LIMIT_MS,
+                      link_wait_ms=TIMEOUT_MS + SCAN_MS)  # fmt: skip
     due_ms = 0
     latched_ms = None
     while latched_ms is None and due_ms < 1_000:
@@ -85,7 +86,8 @@ def test_a_field_that_answers_late_once_is_not_lost() -> None:
     clock = SimulatedClock()
     field = HungField(clock)
     plc = Plc(MACHINE.program)
-    runtime = Runtime(MACHINE, plc, field, DirectKeeper(MemoryStore()), link_limit_ms=LIMIT_MS - TIMEOUT_MS - SCAN_MS)
+    runtime = Runtime(MACHINE, plc, field, DirectKeeper(MemoryStore()), link_limit_ms=LIMIT_MS,
+                      link_wait_ms=TIMEOUT_MS + SCAN_MS)  # fmt: skip
     for due_ms in (0, 10, 20, 50, 60, 70):
         clock.advance(max(0, due_ms - clock.now_ms()))
         field.hangs = due_ms == 20

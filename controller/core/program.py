@@ -7,7 +7,7 @@ from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 
 from controller.core.devices import is_retentive
-from controller.core.expr import Bit, Word, leaves
+from controller.core.expr import Bit, Expr, Word, leaves
 from controller.core.rungs import Annunciate, OnDelay, Out, Rung, read_devices, written_devices
 from controller.core.sequence import Sequence
 
@@ -127,11 +127,10 @@ def _contact_and_value(device: Bit | Word) -> tuple[Bit | Word, ...]:
     return (Bit(*named), Word(*named))
 
 
-def requests(sequences: Rows[Sequence]) -> dict[Bit, list[Bit]]:
-    """Return for every request the S bits of all steps, in all these sequences, that hold it."""
-    found: dict[Bit, list[Bit]] = {}
+def requests(sequences: Rows[Sequence]) -> dict[Bit, list[Expr]]:
+    """Return for every request the conditions of all steps, in all these sequences, that hold it."""
+    found: dict[Bit, list[Expr]] = {}
     for sequence in sequences:
-        for bit, step in sequence:
-            for request in step.hold:
-                found.setdefault(request, []).append(bit)
+        for request in dict.fromkeys(request for _, step in sequence for request in step.hold):
+            found.setdefault(request, []).extend(sequence.holding(request))
     return found

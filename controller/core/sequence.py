@@ -81,6 +81,7 @@ class Step:
         dwell: Time the step takes.
         watch: Limit and alarm of a moving step.
         waits_for: What a waiting step waits for, in words.
+        runs_on: Its transfers fire even where those of the sequence are withheld.
     """
 
     title: str
@@ -89,6 +90,7 @@ class Step:
     dwell: Dwell | None = None
     watch: Timeout | None = None
     waits_for: str = ""
+    runs_on: bool = False
 
     def __post_init__(self) -> None:
         if self.hold and not (self.watch or self.dwell):
@@ -116,6 +118,8 @@ class Sequence:
         steps: Rows[Step],
         enable: Expr | None = None,
         spends: Bit | None = None,
+        *,
+        rests_withheld: bool = False,
     ) -> None:
         """Number the steps and resolve the transitions.
 
@@ -125,6 +129,7 @@ class Sequence:
             steps: The rows.
             enable: Condition without which no transfer fires (the FX's M8040, per sequence); None = always.
             spends: Bit that every transfer resets (RST in the step): one press, one transfer.
+            rests_withheld: Whether a step that has reached its end and may not go on drops its requests.
 
         Raises:
             SequenceError: Two steps of one title, or a transition to a step that does not exist.
@@ -132,6 +137,7 @@ class Sequence:
         self.name = name
         self.spends = spends
         self._enable = enable
+        self._rests_withheld = rests_withheld
         self.steps = tuple(steps)
         self.bits = {
             step.title: Bit("S", first_state + n, f"{name}: {step.title}", step.waits_for)
@@ -159,9 +165,14 @@ class Sequence:
         """S bit of the last step."""
         return self.bits[self.steps[-1].title]
 
-    def holding(self, request: Bit) -> list[Bit]:
-        """Return the S bits of the steps that hold a request."""
-        return [bit for bit, step in self if request in step.hold]
+    def holding(self, request: Bit) -> list[Expr]:
+        """Return for each step that holds a request the condition that it does."""
+        return [bit & self._drives(step) for bit, step in self if request in step.hold]
+
+    def _drives(self, step: Step) -> Expr:
+        if self._enable is None or not self._rests_withheld:
+            return TRUE
+        return self._enable | self._unreached(step)
 
     def limits(self) -> list[Annunciate]:
         """Return the alarm rungs of all watched steps.
@@ -175,7 +186,7 @@ class Sequence:
         ]
 
     def _unreached(self, step: Step) -> Expr:
-        return TRUE if self._enable is None else ~any_of(*(to.when for to in step.go))
+        return TRUE if self._enable is None or step.runs_on else ~any_of(*(to.when for to in step.go))
 
     def dwell_rung(self, step: Step) -> OnDelay | None:
         """Return the step's dwell timer as a rung of the step."""
@@ -189,5 +200,6 @@ class Sequence:
             when = to.when
             for condition in earlier:
                 when = when & ~condition
-            yield Transfer(self.bits[step.title], self.bits[to.step], when if enable is None else enable & when)
+            gate = TRUE if enable is None or step.runs_on else enable
+            yield Transfer(self.bits[step.title], self.bits[to.step], gate & when)
             earlier.append(to.when)

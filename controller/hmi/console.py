@@ -7,7 +7,7 @@ from typing import Final
 
 from controller.hmi.alarm_list import AlarmList, AlarmRefusalError
 from controller.io.runtime import Runtime
-from controller.program.tags import SetPointError
+from controller.program.tags import LONGEST_NUMBER, SetPointError
 
 OPERATOR: Final = "console"
 MINUTE_MS: Final = 60_000
@@ -73,8 +73,8 @@ class Console:
 
 
 def _whole(text: str) -> int:
-    if not text.isdecimal():
-        raise OrderError(f"{text!r} is no whole number")
+    if not text.isdecimal() or len(text) > LONGEST_NUMBER:
+        raise OrderError(f"{text[:20]!r} is no whole number of up to {LONGEST_NUMBER} digits")
     return int(text)
 
 

@@ -45,7 +45,7 @@ def run_real_time(runtime: Runtime, clock: Clock, *, scan_ms: int, stop: threadi
     try:
         due_ms = clock.now_ms()
         while not stop.is_set():
-            runtime.tick(due_ms)
+            runtime.tick(due_ms, clock.now_ms())
             now_ms = clock.now_ms()
             figures.scans += 1
             figures.longest_ms = max(figures.longest_ms, now_ms - due_ms)

@@ -15,6 +15,7 @@ from controller.core.scan import Plc
 from controller.io.keeper import Keeper
 from controller.io.link import FieldLink, LinkWatchdog
 from controller.program.machine import Transplanter
+from controller.program.tags import SetPointError
 
 Observer = Callable[[int, Plc], None]
 
@@ -45,6 +46,7 @@ class Runtime:
         keeper: Keeper,
         *,
         link_limit_ms: int = 100,
+        link_wait_ms: int = 0,
         scan_limit_ms: int = SCAN_LIMIT_MS,
         panel_limit_ms: int | None = None,
     ) -> None:
@@ -55,8 +57,9 @@ class Runtime:
             plc: A PLC with that program.
             link: Way to the field.
             keeper: Keeps the retentive devices.
-            link_limit_ms: Silence of the field after which it is lost, ms. A link that blocks a scan needs a limit
-                shorter than the time by which the loss must be known, by its own time-out and one scan.
+            link_limit_ms: Silence of the field after which it is lost, ms.
+            link_wait_ms: Longest time one more try may take, ms: a field that does not answer is given up so much
+                earlier, for the loss to be known within the limit.
             scan_limit_ms: Longest time between two scans, ms.
             panel_limit_ms: Silence of the operator panel, once it was heard, after which the machine finishes the
                 cycle and holds, ms; None = it may be silent.
@@ -69,6 +72,7 @@ class Runtime:
         self._link = link
         self._keeper = keeper
         self._watchdog = LinkWatchdog(link_limit_ms)
+        self._wait_ms = link_wait_ms
         self._scan_limit_ms = scan_limit_ms
         self._last_scan_ms: int | None = None
         self._reopen_at_ms: int | None = None
@@ -85,16 +89,20 @@ class Runtime:
         self._safe = machine.io_map.safe_outputs()
         self._kept = plc.kept_image()
 
-    def tick(self, now_ms: int) -> None:
+    def tick(self, now_ms: int, began_ms: int | None = None) -> None:
         """Do one scan.
 
         Args:
-            now_ms: Time of the scan, integer ms, read once by the caller.
+            now_ms: Time of the scan, integer ms: the instant it was due.
+            began_ms: When it really began, ms, by which silence and lateness are judged; None = when it was due.
         """
-        self._read(now_ms)
+        began_ms = now_ms if began_ms is None else began_ms
+        if self._open and self._watchdog.lost(began_ms):
+            self.link_lost = True  # the module has switched off meanwhile, whatever it says now
+        self._read(began_ms)
         system = self.machine.tags.system
-        late = self._last_scan_ms is not None and now_ms - self._last_scan_ms > self._scan_limit_ms
-        self._last_scan_ms = now_ms
+        late = self._last_scan_ms is not None and began_ms - self._last_scan_ms > self._scan_limit_ms
+        self._last_scan_ms = began_ms
         while self._orders:
             self.plc.write(*self._orders.popleft())
         self.plc.write(system.link_lost, self.link_lost)
@@ -105,9 +113,8 @@ class Runtime:
         image = self._scan(now_ms)
         # A field that was lost takes nothing but the safe state first, lamps and horn included.
         self.released = list(self._safe) if self.link_lost else self._release(now_ms, image)
-        self._write(now_ms)
-        for observe in self.observers:
-            observe(now_ms, self.plc)
+        self._write(began_ms)
+        self._tell(now_ms)
 
     def order(self, command: str) -> None:
         """Give an order of the command table, from any thread; it lives the whole of the next scan.
@@ -124,7 +131,10 @@ class Runtime:
         Raises:
             SetPointError: There is no such set-point, or the value is out of its range; nothing happens.
         """
-        self._orders.append(self.machine.tags.sp.checked(name, value))
+        word, number = self.machine.tags.sp.checked(name, value)
+        if word in self.machine.tags.sp.at_start:
+            raise SetPointError("it belongs to the machine; give it at the start with --set")
+        self._orders.append((word, number))
         self.heard()
 
     def heard(self) -> None:
@@ -162,6 +172,15 @@ class Runtime:
         self._store_refused = self._keeper.error is not None
         return overdue or self._store_refused
 
+    def _tell(self, now_ms: int) -> None:
+        """Let the observers look; one that fails is told of and not asked again, and the machine goes on."""
+        for observe in tuple(self.observers):
+            try:
+                observe(now_ms, self.plc)
+            except Exception:  # noqa: BLE001 - whatever it is, it must not stop the machine
+                _log.exception("an observer failed at %d ms and is left out from now on", now_ms)
+                self.observers.remove(observe)
+
     def _panel_silent(self, now_ms: int) -> bool:
         if self._panel_heard:
             self._panel_heard, self._panel_heard_ms = False, now_ms
@@ -194,7 +213,7 @@ class Runtime:
 
     def _reopen(self, now_ms: int) -> bool:
         """Try the field again: at once while it is only late, at intervals once it is lost."""
-        if self._watchdog.lost(now_ms):
+        if self._watchdog.lost(now_ms + self._wait_ms):
             self.link_lost = True
             self._inputs = self.machine.io_map.safe_inputs()
             if self._reopen_at_ms is not None and now_ms < self._reopen_at_ms:

@@ -166,6 +166,7 @@ def alarm_block(
     rungs += [
         Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
         Out(machine.fault, when=any_of(*stopping)),
+        Mov(0, machine.first_out, when=machine.alarm_reset),
         *(
             Mov(bit.number, machine.first_out, when=all_of(machine.fault, bit, machine.first_out.equals(0)))
             for bit in stopping

@@ -116,6 +116,7 @@ def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
             "release delay",
             dwell=Dwell(a.t_release_delay, sp.release_delay),
             go=[To("open claws", when=a.t_release_delay.done)],
+            runs_on=True,  # the cup that was waited for is passing by
         ),
         Step(
             "open claws",
@@ -307,7 +308,8 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
     close_by_hand, open_by_hand = jogs[f"{a.side}.claws_close"], jogs[f"{a.side}.claws_open"]
     gripping = steps["close claws"] | all_of(close_by_hand, a.at_wanted_row, a.down, ~tags.system.link_lost)
     takes = gripping & ~a.loaded
-    closing = steps["close claws"] | close_by_hand
+    closing = steps["close claws"] | (close_by_hand & (a.at_feed | all_of(a.at_wanted_row, a.down)))
+    opening = any_of(steps["open claws"], home["put back"], home["open at feed"], open_by_hand)
     opened = a.t_opening.done
     put_back = all_of(opened, home["put back"] | (open_by_hand & a.at_wanted_row))
     discarded = a.loaded & a.at_feed & (home["open at feed"] | open_by_hand)
@@ -324,5 +326,6 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
         Set(a.claws_closed, when=closing),
         Set(a.claws_known, when=closing),
         Set(a.clamped, when=a.t_closing.done & a.claws_closed),
+        Rst(a.clamped, when=opening),
         Rst(a.discard, when=opened | ~a.loaded),
     ]

@@ -183,6 +183,7 @@ def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Bloc
             Out(a.cycling, when=a.active & ~resting),
             Out(a.at_rest, when=a.fault | ~a.cycling | held),
             Out(a.homed, when=home["homed"]),
+            Out(a.hears_answers, when=~machine.motion | home["decide"]),
             Out(
                 a.off_home,
                 when=(machine.executing & cycle["wait at feed"] & ~all_of(a.down, a.at_feed, a.is_converged))

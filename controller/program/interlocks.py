@@ -61,13 +61,14 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         *_one_of_a_pair(want),
         ("motion allowed", "nothing moves in an emergency stop or in a state of rest", ARM_OUTPUTS,
          machine.motion & ~x.emergency_stop),
-        ("no fault of the arm", "a jammed actuator is not driven on", ARM_OUTPUTS, ~a.fault),
+        ("no fault of the arm", "a jammed actuator is not driven on", ARM_OUTPUTS,
+         ~a.fault | machine.jogging),
         ("belt at rest", "the slide and lift stand while the claws spread or converge", (*SLIDE, *LIFT),
          ~want["spread"] & ~want["converge"]),
         ("inward ready", "going in low with claws closed or spread tears the seedlings", ("slide_inward",),
          all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged)),
         ("tray in place", "the arm goes in only over a tray at rest", ("slide_inward",),
-         all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.want_run, ~tray.want_creep)),
+         all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.ask, ~tray.want_run, ~tray.want_creep)),
         ("stop at the row", "the wanted row is the inner end of the motion; beyond it stand seedlings",
          ("slide_inward",), ~a.passed & any_of(*a.row_is.values())),
         ("centre is free", "the arms' fingers overlap inward of pick 2", ("slide_inward",),
@@ -106,7 +107,8 @@ def tray_rules(tags: Tags) -> list[Rule]:
         Rule(1, "motion allowed", "nothing moves in an emergency stop or in a state of rest", both,
              machine.motion & ~x.emergency_stop),
         Rule(2, "arms at feed", "a tray would shear an arm that is in it", both, at_feed & ~inward),
-        Rule(3, "no fault of the feeder", "a jammed tray is not driven on", both, ~tray.fault),
+        Rule(3, "no fault of the feeder", "a jammed tray is not driven on", both,
+             ~tray.fault | machine.jogging),
     ]  # fmt: skip
 
 

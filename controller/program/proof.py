@@ -104,6 +104,7 @@ def _of_arm(machine: Transplanter, side: Side, own: ArmMonitor) -> dict[str, Exp
         "a load is held by closed claws": _implies(a.loaded, a.claws_closed),
         "clamped claws have gripped": _implies(a.clamped, own.gripped),
         "a row in progress has not been left": _implies(in_progress & own.holds, own.unmoved | driven),
+        "a slide that has arrived has passed": _implies(own.arrived, a.passed),
         "release delay follows a cup": _implies(cycle["release delay"], own.released | ~own.holds),
         "claws open after a cup": _implies(cycle["open claws"], own.released | ~own.holds),
         "a load is discarded by order": _implies(a.discard, own.discarded),

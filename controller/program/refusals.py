@@ -46,11 +46,13 @@ class Refusal(IntEnum):
     LEFT_NOT_DOWN = auto()
     LEFT_NOT_UP = auto()
     LEFT_NOT_CONVERGED = auto()
+    LEFT_NOT_OPEN = auto()
     LEFT_NOT_LOADED = auto()
     RIGHT_NOT_AT_FEED = auto()
     RIGHT_NOT_DOWN = auto()
     RIGHT_NOT_UP = auto()
     RIGHT_NOT_CONVERGED = auto()
+    RIGHT_NOT_OPEN = auto()
     RIGHT_NOT_LOADED = auto()
 
 
@@ -117,7 +119,7 @@ class Orders:
         manual = Obstacle(Refusal.MODE_MANUAL, machine.manual)
         asking = any_of(tags.tray.ask, *(arm.ask for arm in tags.arms.values()))
         questions = Obstacle(Refusal.QUESTION, asking & ~machine.manual)
-        alarm = Obstacle(Refusal.ALARM, machine.fault)
+        alarm = Obstacle(Refusal.ALARM, machine.fault & ~machine.manual)
         running = _only_in(Refusal.NOT_RUNNING, tags, *RUNNING)
         arms = [obstacle for side in SIDES for obstacle in self._arm_not_ready(side)]
         from_idle = [Obstacle(o.reason, all_of(state.equals(State.IDLE), o.stands)) for o in (alarm, questions, *arms)]
@@ -172,12 +174,13 @@ class Orders:
         for side, arm in arms.items():
             not_loaded = Refusal[f"{side.upper()}_NOT_LOADED"]
             asked = Obstacle(Refusal.NOT_ASKED, ~arm.ask)
-            yield commands.loaded_yes[side], [asked, moving]
-            yield commands.loaded_no[side], [asked, moving]
+            busy = Obstacle(Refusal.MOVING, ~arm.hears_answers)
+            yield commands.loaded_yes[side], [asked, busy]
+            yield commands.loaded_no[side], [asked, busy]
             yield (
                 commands.discard[side],
                 [
-                    Obstacle(Refusal.MOVING, works & ~machine.jogging),
+                    Obstacle(Refusal.MOVING, ~arm.hears_answers & ~machine.jogging),
                     Obstacle(not_loaded, ~arm.loaded & ~arm.ask),
                 ],
             )
@@ -190,6 +193,7 @@ class Orders:
             "NOT_DOWN": ~arm.loaded & ~arm.down,
             "NOT_UP": arm.loaded & ~arm.up,
             "NOT_CONVERGED": ~arm.loaded & ~arm.is_converged,
+            "NOT_OPEN": ~arm.loaded & arm.claws_closed,
         }
         return [Obstacle(Refusal[f"{side.upper()}_{name}"], automatic & stands) for name, stands in wrong.items()]
 

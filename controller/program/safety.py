@@ -21,20 +21,21 @@ class ArmMonitor:
     """What the coils of one arm have brought about."""
 
     def __init__(self, tags: Tags, side: Side) -> None:
-        m = Area("M", 470 + 8 * SIDES.index(side), 477 + 8 * SIDES.index(side), f"{side} monitor")
+        m = Area("M", 470 + 9 * SIDES.index(side), 478 + 9 * SIDES.index(side), f"{side} monitor")
         self._tags, self._side = tags, side
         self.open = m.bit("open", "the claws have opened for their dwell since they closed")
-        self.gripped = m.bit("gripped", "they have closed for their dwell since they opened, or nobody knows")
+        self.gripped = m.bit("gripped", "they have closed for their dwell since they began to open, or nobody knows")
         self.holds = m.bit("holds", "they have closed at a row since they opened, or nobody knows")
         self.unmoved = m.bit("unmoved", "the slide has not been driven since they closed at a row")
         self.released = m.bit("released", "a cup has come to which the load may go")
         self.discarded = m.bit("discarded", "the operator gives the load away")
+        self.arrived = m.bit("arrived", "a switch at or beyond the next row has been on since that of feed")
         self.in_centre = m.bit("in centre", "the arm has gone in for row 3 and has not been seen to come back")
 
     @property
     def remembered(self) -> tuple[Bit, ...]:
         """What stays so without power."""
-        return (self.open, self.gripped, self.holds, self.unmoved, self.in_centre)
+        return (self.open, self.gripped, self.holds, self.unmoved, self.arrived, self.in_centre)
 
     def rungs(self) -> list[Rung]:
         """Return the rungs that watch; they come after the outputs."""
@@ -45,8 +46,8 @@ class ArmMonitor:
         return [
             Set(self.open, when=a.t_opening.done),
             Rst(self.open, when=y["claws_close"]),
-            Rst(self.gripped, when=a.t_opening.done),
             Set(self.gripped, when=any_of(a.t_closing.done, yes, discard, FIRST_SCAN & ~a.claws_known)),
+            Rst(self.gripped, when=y["claws_open"] | a.t_opening.done),
             Rst(self.holds, when=a.t_opening.done | (no & a.ask)),
             Set(self.holds, when=y["claws_close"] & over_row),
             Rst(self.unmoved, when=y["slide_inward"] | y["slide_outward"]),
@@ -55,6 +56,8 @@ class ArmMonitor:
             Rst(self.released, when=a.t_opening.done | ~tags.machine.motion),
             Set(self.discarded, when=discard),
             Rst(self.discarded, when=a.t_opening.done),
+            Rst(self.arrived, when=a.sensed_at_feed),
+            Set(self.arrived, when=_at_or_beyond_next_row(a)),
             Rst(self.in_centre, when=a.sensed_at_feed | (a.sensed_at_pick[2] & ~y["slide_inward"])),
             Set(self.in_centre, when=(y["slide_inward"] & a.row_is[3]) | a.sensed_at_pick[3]),
         ]
@@ -64,7 +67,7 @@ class MachineMonitor:
     """Whether the machine was still, and what has been pressed since."""
 
     def __init__(self, tags: Tags) -> None:
-        m = Area("M", 486, 499, "monitor")
+        m = Area("M", 488, 499, "monitor")
         self._tags = tags
         self.moved = m.bit("moved", "the last scan allowed motion")
         self.pressed = m.bit("pressed", "somebody has pressed what may set the machine moving, this scan")
@@ -131,6 +134,8 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor]) -> Iterato
         "inward, not converged": ("spread claws do not fit between the seedlings", inward & ~a.sensed_converged),
         "inward, no tray at rest": ("the arm goes in only over a tray that stands",
                                     inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE))),
+        "inward, past the row": ("beyond the next row stand seedlings", inward & own.arrived),
+        "inward, which tray?": ("a tray that is asked about may stand wrong", inward & tray.ask),
         "inward, into the other arm": ("both arms' fingers do not fit in the centre",
                                        all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre)),
         "close nowhere": ("claws close only at the next row or at feed", closes & ~feed & ~(down & _at_next_row(a))),
@@ -142,10 +147,13 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor]) -> Iterato
         "spread, not up at feed": ("spread claws fit only over the cups", spreads & ~(up & feed)),
         "belt with slide or lift": ("slide and lift stand while the belt runs", belt & slide_or_lift),
         "converge with a load": ("the seedlings would be torn", converges & own.holds),
+        "belt against its stop": ("the motor would work against its end stop",
+                                  (spreads & a.sensed_spread) | (converges & a.sensed_converged)),
         "converge away from feed": ("claws change their pitch only at feed", converges & ~feed),
         "open a load elsewhere": ("a load goes into its cups, or back to the row it came from, or where it is told",
                                   all_of(opens, own.holds, ~over_cups, ~(own.unmoved & down))),
-        "coil with a fault": ("a jammed actuator is not driven on", a.fault & any_of(*y.values())),
+        "coil with a fault": ("a jammed actuator is driven on by hand only",
+                              all_of(a.fault, ~tags.machine.manual, any_of(*y.values()))),
     }  # fmt: skip
     return (Requirement(f"{side}: {name}", reason, when) for name, (reason, when) in never.items())
 
@@ -160,6 +168,10 @@ def _at_next_row(a: ArmTags) -> Expr:
             for row in ROWS
         )
     )
+
+
+def _at_or_beyond_next_row(a: ArmTags) -> Expr:
+    return any_of(*(a.row_is[row] & a.sensed_at_pick[pick] for row in ROWS for pick in ROWS if pick >= row))
 
 
 def _of_machine(tags: Tags, monitor: MachineMonitor) -> Iterator[Requirement]:
@@ -182,6 +194,7 @@ def _of_machine(tags: Tags, monitor: MachineMonitor) -> Iterator[Requirement]:
         "tray, arm away from feed": ("a tray would shear an arm that is in it", (run | forward) & away),
         "tray, arm goes in": ("the arm goes in only over a tray at rest", (run | forward) & entering),
         "tray, wrong way": ("the belt has one direction", run & ~forward),
-        "tray with a fault": ("a jammed tray is not driven on", tags.tray.fault & (run | forward)),
+        "tray with a fault": ("a jammed tray is driven on by hand only",
+                              all_of(tags.tray.fault, ~machine.manual, run | forward)),
     }  # fmt: skip
     return (Requirement(name, reason, when) for name, (reason, when) in never.items())

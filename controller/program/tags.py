@@ -97,6 +97,10 @@ class System:
                 self.panel_silent)  # fmt: skip
 
 
+LONGEST_NUMBER: Final = 9
+"""Digits of a number that somebody may type."""
+
+
 class SetPointError(ValueError):
     """A set-point that does not exist, or a value it cannot have; one line."""
 
@@ -109,6 +113,8 @@ class SetPoints:
         self.defaults: list[tuple[Word, int]] = []
 
         self.limits: dict[Word, tuple[int, int]] = {}
+        self.at_start: list[Word] = []
+        """Set-points that change with the machine, not while it runs."""
 
         def add(name: str, first_value: int, lowest: int, highest: int, comment: str) -> Word:
             word = d.word(name, comment)
@@ -121,6 +127,7 @@ class SetPoints:
         self.descend_at_count = add("descend at count", 0, 0, CUPS, "cups counted before the arm goes down over them")
         self.converge_at = add("converge at", 0, 0, 1, "0 = converge down, 1 = go up first")
         self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2")
+        self.at_start.append(self.arms_may_meet)
         self.release_delay = add(
             "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "from the releasing cup to opening"
         )
@@ -154,6 +161,8 @@ class SetPoints:
         lowest, highest = self.limits[word]
         if not text.isdecimal():
             raise SetPointError("give a whole number")
+        if len(text) > LONGEST_NUMBER:
+            raise SetPointError(f"give {lowest} to {highest}")
         if not lowest <= int(text) <= highest:
             raise SetPointError(f"give {lowest} to {highest}")
         return word, int(text)
@@ -290,6 +299,7 @@ class ArmTags:
         self.retried = m.bit("retried", "the slide was brought back to its row once")
         self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is over")
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
+        self.hears_answers = m.bit("hears answers", "the arm stands, and what is said of its load is heard")
         self.ask_cups = m.bit("ask cups", "question to the operator: are the cups empty? Or twelve of them must pass")
         self.ungranted = m.bit("ungranted", "an output is wanted and refused, this scan")
         self.unbidden = m.bit("unbidden", "a switch has changed while the arm was at rest")

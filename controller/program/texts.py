@@ -132,6 +132,7 @@ REFUSALS: Final = {
             "NOT_DOWN": Text("{side} lift not down", "{side}升降缸不在下限位"),
             "NOT_UP": Text("{side} lift not up with its load", "{side}臂带苗时不在上限位"),
             "NOT_CONVERGED": Text("{side} claws not converged", "{side}夹爪未聚合"),
+            "NOT_OPEN": Text("{side} claws closed, but empty", "{side}夹爪空载但未张开"),
             "NOT_LOADED": Text("{side} arm holds nothing", "{side}臂未夹苗"),
         }.items()
     },

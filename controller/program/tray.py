@@ -71,7 +71,8 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
         ),
     ]
     armed = machine.step_armed["tray feeder"]
-    return Sequence("tray feeder", t.first_step, steps, enable=~machine.stepping | armed, spends=armed)
+    return Sequence("tray feeder", t.first_step, steps, enable=~machine.stepping | armed, spends=armed,
+                    rests_withheld=True)  # fmt: skip
 
 
 def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
@@ -89,22 +90,21 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     full = heard & commands.tray_full & t.edge
     none = heard & commands.tray_none
     real = ~tags.system.link_lost
-    by_hand = machine.jogs["tray_run"] & at_feed  # a tray drawn away by hand is run out, whatever is left in it
+    by_hand = machine.jogs["tray_run"] & t.driven["tray_run"]
     return [
         Mov(NO_TRAY, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),
-        Mov(MOVING_OUT, t.phase, when=t.emptied | (by_hand & t.phase.equals(IN_PLACE))),
-        *(Mov(TAKEN, row, when=by_hand) for row in rows),
+        Mov(MOVING_OUT, t.phase, when=t.emptied),
         Mov(NO_TRAY, t.phase, when=t.t_jam.done),  # it may be this tray or the next: the operator looks
         Rst(machine.trays_done, when=commands.count_reset),
-        *(Mov(FULL, row, when=full) for row in rows),
+        *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not one that an arm is about to take
         *(Mov(TAKEN, row, when=none) for row in rows),
         Mov(IN_PLACE, t.phase, when=full),
         Mov(MOVING_OUT, t.phase, when=none),
         Rst(t.ask, when=full | none | (heard & commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
         Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
-        Set(t.ask, when=machine.entered_resetting & ~machine.manual & doubt),
+        Set(t.ask, when=by_hand | all_of(machine.entered_resetting, ~machine.manual, doubt)),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
         Out(t.needed, when=all_of(t.phase.differs(IN_PLACE), ~machine.target_reached, ~machine.complete_ordered)),
         Out(

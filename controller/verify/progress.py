@@ -58,21 +58,24 @@ class Exits:
         return Finding(holds=None if answer == z3.unknown else True)
 
     def step(self, bit: Bit) -> Finding:
-        """Tell how a step can be left, by a transfer of its own if there is one that can fire."""
+        """Tell how a step can be left: by a transfer of its own, or, where it declares none, by a reset."""
         cell = cell_of(bit)
         left = [self._before[cell], z3.Not(self._frame.after[cell])]
         undecided = False
-        for transfer, fires in self._frame.scan.fired.get(bit, []):
+        transfers = self._frame.scan.fired.get(bit, [])
+        for transfer, fires in transfers:
             answer, _ = self._ask([*left, fires])
             undecided |= answer == z3.unknown
             if answer == z3.sat:
                 return Finding(holds=True, lines=(f"to {transfer.target} {transfer.target.name}",))
+        if transfers:
+            return Finding(holds=None if undecided else False, lines=("none of its transfers can ever fire",))
         answer, found = self._ask(left)
         if found is not None:
             return Finding(holds=True, lines=(f"reset in {self._resetting(cell, found)!r}",))
-        if undecided or answer == z3.unknown:
+        if answer == z3.unknown:
             return Finding(holds=None)
-        return Finding(holds=False, lines=("no transfer can fire and no block resets it",))
+        return Finding(holds=False, lines=("it has no transfer and no block resets it",))
 
     def _ask(self, facts: list[z3.BoolRef]) -> tuple[z3.CheckSatResult, z3.ModelRef | None]:
         literals = [switch(self._solver, fact) for fact in facts]
