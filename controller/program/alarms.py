@@ -105,7 +105,7 @@ class Annunciators:
         """Add an alarm; its text is the one of this key.
 
         Args:
-            key: Key in `texts.ALARMS`.
+            key: Key in `alarm_texts.ALARMS`.
             side: Arm it belongs to.
             number: Its S number; None = the next one.
             stops_work: False for a warning.

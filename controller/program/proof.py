@@ -18,7 +18,7 @@ from controller.program.ways_out import ways_out
 def specification(machine: Transplanter) -> Specification:
     """Return what is to be proved of the machine's program."""
     tags = machine.tags
-    safety = Safety(tags)
+    safety = Safety(tags, machine.alarms)
     invariants = dict(_of_machine(machine, safety))
     for side in SIDES:
         own = _of_arm(machine, side, safety.arms[side])

@@ -12,6 +12,7 @@ from controller.core.expr import Bit, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Out, Rst, Rung, Set
 from controller.core.specification import Requirement
+from controller.program.alarms import Annunciators
 from controller.program.areas import Area
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.tags import FIRST_SCAN, IN_PLACE, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
@@ -102,14 +103,14 @@ def any_coil(tags: Tags) -> Expr:
 class Safety:
     """Every monitor of the machine, and what is required of it."""
 
-    def __init__(self, tags: Tags) -> None:
+    def __init__(self, tags: Tags, alarms: Annunciators) -> None:
         self.arms = {side: ArmMonitor(tags, side) for side in SIDES}
         self.machine = MachineMonitor(tags)
         rungs = [*(rung for arm in self.arms.values() for rung in arm.rungs()), *self.machine.rungs()]
         self.monitors = Block("monitors", tuple(rungs))
         self.requirements = (
-            *(each for side in SIDES for each in _of_arm(tags, side, self.arms)),
-            *_of_machine(tags, self.machine),
+            *(each for side in SIDES for each in _of_arm(tags, side, self.arms, any_of(*alarms.of_side(side)))),
+            *_of_machine(tags, self.machine, alarms.tray_jam | alarms.tray_lost),
         )
 
     @property
@@ -118,7 +119,7 @@ class Safety:
         return tuple(bit for arm in self.arms.values() for bit in arm.remembered)
 
 
-def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor]) -> Iterator[Requirement]:
+def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Expr) -> Iterator[Requirement]:
     a, own = tags.arms[side], monitors[side]
     other = monitors["right" if side == "left" else "left"]
     y, tray, up, down, feed = a.coils, tags.tray, a.sensed_up, a.sensed_down, a.sensed_at_feed
@@ -153,7 +154,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor]) -> Iterato
         "open a load elsewhere": ("a load goes into its cups, or back to the row it came from, or where it is told",
                                   all_of(opens, own.holds, ~over_cups, ~(own.unmoved & down))),
         "coil with a fault": ("a jammed actuator is driven on by hand only",
-                              all_of(a.fault, ~tags.machine.manual, any_of(*y.values()))),
+                              all_of(fault, ~tags.machine.manual, any_of(*y.values()))),
     }  # fmt: skip
     return (Requirement(f"{side}: {name}", reason, when) for name, (reason, when) in never.items())
 
@@ -174,7 +175,7 @@ def _at_or_beyond_next_row(a: ArmTags) -> Expr:
     return any_of(*(a.row_is[row] & a.sensed_at_pick[pick] for row in ROWS for pick in ROWS if pick >= row))
 
 
-def _of_machine(tags: Tags, monitor: MachineMonitor) -> Iterator[Requirement]:
+def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterator[Requirement]:
     machine, x = tags.machine, tags.x
     moves = any_coil(tags)
     arms = tags.arms.values()
@@ -195,6 +196,6 @@ def _of_machine(tags: Tags, monitor: MachineMonitor) -> Iterator[Requirement]:
         "tray, arm goes in": ("the arm goes in only over a tray at rest", (run | forward) & entering),
         "tray, wrong way": ("the belt has one direction", run & ~forward),
         "tray with a fault": ("a jammed tray is driven on by hand only",
-                              all_of(tags.tray.fault, ~machine.manual, run | forward)),
+                              all_of(tray_fault, ~machine.manual, run | forward)),
     }  # fmt: skip
     return (Requirement(name, reason, when) for name, (reason, when) in never.items())
