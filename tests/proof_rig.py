@@ -17,9 +17,9 @@ from controller.core.specification import Specification
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.proof import specification
-from controller.verify.cells import condition
-from controller.verify.induction import Induction
-from controller.verify.model import Goal, Model
+from controller.verify.cells import SymbolicMemory, condition
+from controller.verify.model import Frame, Goal, Model
+from controller.verify.solving import assumed, new_solver, switch
 from controller.verify.timing import ExactTimers
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
@@ -41,17 +41,18 @@ def without(*rules: str) -> Specification:
     return specification(build(MACHINE.io_map, without=rules))
 
 
-def damaged(change: Change) -> Specification:
-    """The machine with its rungs changed.
+def damaged(change: Change, *rules: str) -> Specification:
+    """The machine with its rungs changed, and some interlock rules left out.
 
     Raises:
         ValueError: No rung is another one then.
     """
-    program = MACHINE.program
+    machine = build(MACHINE.io_map, without=rules)
+    program = machine.program
     blocks = tuple(Block(block.title, tuple(_changed(block, change))) for block in program.blocks)
     if blocks == program.blocks:
         raise ValueError("the damage hits no rung of the program")
-    return specification(replace(MACHINE, program=replace(program, blocks=blocks)))
+    return specification(replace(machine, program=replace(program, blocks=blocks)))
 
 
 def _changed(block: Block, change: Change) -> Iterator[Rung | Sequence]:
@@ -75,20 +76,50 @@ def put(expr: Expr, part: Expr, by: Expr) -> Expr:
     return expr
 
 
-def not_proved(of: Specification) -> list[Goal]:
-    """Return the goals of a damaged program that one scan can break, those that the damage cannot touch left out.
+def is_breakable(of: Specification, *names: str) -> bool:
+    """Tell whether one scan can break any of these goals from a state where all goals hold.
 
-    Where the condition of a goal after any scan is the same formula as for the sound program, its proof is the same.
+    Args:
+        of: A damaged program.
+        names: Names of goals; without any, all of them.
     """
     model = Model(of)
-    induction, after, sound = Induction(model), _after_any_scan(model), _sound()
-    touched = (goal for goal in model.goals if not after[goal.name].eq(sound[goal.name]))
-    return [goal for goal in touched if not induction.prove(goal).proved]
+    asked = [goal for goal in _touched(model) if not names or goal.name in names]
+    if not asked:
+        return False
+    for solver, held, after in _scans(model):
+        fails = switch(solver, z3.Or([z3.Not(condition(goal.holds, after)) for goal in asked]))
+        if solver.check(fails, *held) != z3.unsat:
+            return True
+    return False
+
+
+def _scans(model: Model) -> Iterator[tuple[z3.Solver, list[z3.BoolRef], SymbolicMemory]]:
+    """Yield each kind of scan: what is known of it, what is assumed before it, and the memory after it."""
+    unknown, facts = model.unknown("before")
+    for before, first, assuming in (
+        (unknown, False, True),
+        (model.powered_up(unknown), True, True),
+        (model.factory("before"), True, False),
+    ):
+        frame = _any_scan(model, before, first=first)
+        solver = new_solver([*facts, *frame.limits])
+        yield solver, [*assumed(solver, model, unknown).values()] if assuming else [], frame.after
+
+
+def _touched(model: Model) -> list[Goal]:
+    """Return the goals whose formula after any scan is not that of the sound program: others keep their proof."""
+    sound, after = _sound(), _after_any_scan(model)
+    return [goal for goal in model.goals if not after[goal.name].eq(sound[goal.name])]
+
+
+def _any_scan(model: Model, before: SymbolicMemory, *, first: bool) -> Frame:
+    return model.frame(before, "scan", first=first, timing=ExactTimers.aged("scan"))
 
 
 def _after_any_scan(model: Model) -> dict[str, z3.BoolRef]:
     before, _ = model.unknown("before")
-    after = model.frame(before, "scan", first=False, timing=ExactTimers.aged("scan")).after
+    after = _any_scan(model, before, first=False).after
     return {goal.name: condition(goal.holds, after) for goal in model.goals}
 
 
