@@ -163,9 +163,10 @@ def alarm_block(
         rungs += [*_arm_alarms(tags, tags.arms[side], arm_alarms),
                   Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side)))]  # fmt: skip
     stopping = [alarm.bit for alarm in alarms if alarm.stops_work]
+    of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None]
     rungs += [
         Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
-        Out(machine.fault, when=any_of(*stopping)),
+        Out(machine.fault, when=any_of(*(arm.fault for arm in tags.arms.values()), *of_machine)),
         Mov(0, machine.first_out, when=machine.alarm_reset),
         *(
             Mov(bit.number, machine.first_out, when=all_of(machine.fault, bit, machine.first_out.equals(0)))

@@ -179,7 +179,7 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
         Mov(state, before),
         Mov(State.STOPPED, state, when=FIRST_SCAN),
     ]
-    rungs += [Mov(row.target, state, when=any_of(*(before.equals(s) for s in row.sources)) & row.when) for row in table]
+    rungs += [Mov(row.target, state, when=row.when & any_of(*(before.equals(s) for s in row.sources))) for row in table]
     rungs += [
         *_reason(tags),
         Out(machine.entered_resetting, when=entered(State.RESETTING)),
