@@ -99,11 +99,11 @@ SAMPLE: list[tuple[str, str, str]] = [
     ("slow_valve:right.lift=0.5@20s..", "", ""),
     ("leak:left.slide.plus=2e-8@20s..", "slide switches", "left"),
     ("closed_throttle:right.slide.minus=0.02@20s..", "approach row", "right"),
-    ("leaking_check_valve:left.lift.minus=5e-9@20s..", "unbidden", "left"),
+    ("leaking_check_valve:left.lift.minus=5e-9@20s..", "spread", "left"),
     ("low_supply:supply=0.1MPa@20s..", "slide to feed", "right"),
     ("failing_supply:compressor=0@20s..", "", ""),
     ("jammed:left.slide@20s..", "slide to feed", "left"),
-    ("dropping_arm:left.lift=5e-9@20s..", "slide to feed", "left"),
+    ("dropping_arm:left.lift=5e-9@20s..", "spread", "left"),
     ("decoupled_magnet:left.slide=20@20s..", "slide to feed", "left"),
     ("slipping_belt:left.spreader=15@20s..", "spread", "left"),
     ("stalled_stepper:conveyor=0.02@20s..", "tray_jam", ""),
@@ -111,7 +111,9 @@ SAMPLE: list[tuple[str, str, str]] = [
     ("missing_tray:magazine@20s..", "no tray", ""),
     ("missing_cells:tray_1=7", "", ""),
 ]
-"""Every kind of fault, the alarm that tells it first, and of which arm; empty: it is not told."""
+"""Every kind of fault, the alarm that tells it first, and of which arm; empty: it is not told.
+
+A lift that leaks is pressed up on its way out; it sinks when its coil is off, as the claws spread at feed."""
 OF_THE_TRAYS = ("stalled_stepper", "skewed_tray", "missing_tray")
 """These strike when the next tray comes."""
 

@@ -7,14 +7,13 @@ from routes import finish, run_to
 from twin_rig import MACHINE, TRAY_MS, arm_of, at_work, switched_on, tags_of, to_complete, undisturbed, until_step
 
 from controller.program.states import State
-from controller.program.tags import SIDES, Side
+from controller.program.tags import SIDES, SLIDE_LEAST_X10_MS, Side
+from plant_sim.bench.commissioning import set_points_of
 from plant_sim.bench.recovery import home_again
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 IN_DOUBT_MS = 200
 NARROW = MACHINE.with_values({"layout.row_spacing_m": 0.350})
-NARROW_SLIDE_LEAST = 20
-"""Of 67.5 mm less both switch bands, 55.5 mm, at 0.15 m/s: 0.37 s; a little more than half of that, x 10 ms."""
 
 
 def told_ms(twin: Twin, alarm: str) -> int:
@@ -87,10 +86,11 @@ def test_an_alarm_whose_switch_still_lies_is_not_reset() -> None:
 
 def test_another_row_spacing_needs_another_least_time() -> None:
     """At 350 mm the slide gets from row 1 to feed sooner than the first value allows: told, and set right, it works."""
-    twin = at_work({"trays_target": 1}, parameters=NARROW)
+    twin = at_work({"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}, parameters=NARROW)
     twin.run_until(lambda: twin.alarms() != [], within_ms=TRAY_MS)
     assert {alarm.partition(": ")[2] for alarm in twin.alarms()} == {"slide switches"}
-    twin = at_work({"trays_target": 1, "slide_least": NARROW_SLIDE_LEAST}, parameters=NARROW)
+    assert set_points_of(NARROW) == {"slide_least": 28}, "75 % of 55.5 mm between the switches at 0.15 m/s, x 10 ms"
+    twin = at_work({"trays_target": 1}, parameters=NARROW)
     assert to_complete(twin) == undisturbed()
     assert twin.alarm_events() == []
 

@@ -1,0 +1,209 @@
+"""Step mode: one transfer of the chosen sequence for every press, and the others stand."""
+
+from __future__ import annotations
+
+import pytest
+from hands import change_mode, stop
+from routes import run_row_1
+from twin_rig import Recorder, at_initial_state, switched_on, tags_of, to_complete, undisturbed
+
+from controller.program.states import Mode, State
+from controller.program.tags import SIDES, Side
+from plant_sim.bench.twin import Twin
+
+PRESS_MS = 2_000
+THROW = ["release delay", "open claws"]
+"""One press is enough for both: the cup that was waited for is passing by."""
+CHOSEN = {"left arm": 1, "right arm": 2, "tray feeder": 3}
+
+
+def stepping(side: Side = "left", *, trays: int = 1) -> Twin:
+    """Return a machine in step mode, in Execute, that moves this arm; row 1 of it has been thrown."""
+    twin = switched_on({"trays_target": trays, "step_sequence": CHOSEN[f"{side} arm"]}, trays=trays)
+    run_row_1(twin, side)
+    stop(twin)
+    change_mode(twin, Mode.STEP)
+    twin.home()
+    twin.start()
+    twin.run_for(1_000)
+    return twin
+
+
+def press(twin: Twin) -> None:
+    twin.command("step")
+    twin.scan()
+
+
+def step_to(twin: Twin, side: Side, title: str) -> list[str]:
+    """Press every half second until a step of the arm is on; return the steps on the way."""
+    recorder = Recorder.of_steps(twin)
+    for _ in range(300):
+        press(twin)
+        twin.run_for(500)
+        visited = [change.name for change in recorder.of(f"{side} arm: ") if change.on]
+        if title in visited:
+            return visited
+    raise AssertionError(f"{title} not reached: {visited}")
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_one_transfer_for_every_press_and_the_others_stand(side: Side) -> None:
+    """Given presses 3 s apart through a whole cycle, each moves the chosen arm one step on, or none, or throws."""
+    twin = stepping(side)
+    recorder = Recorder.of_steps(twin)
+    visited = []
+    for _ in range(40):
+        before = len(recorder.changes)
+        press(twin)
+        twin.run_for(2_990)
+        assert all(change.name.startswith(f"{side} arm: ") for change in recorder.changes[before:])
+        came = [change.name.partition(": ")[2] for change in recorder.changes[before:] if change.on]
+        assert len(came) <= 1 or came == THROW
+        visited += came
+        if visited[-1] == "wait at feed":
+            break
+    assert visited == ["approach row", "settle at row", "close claws", "lift from row", "slide to feed",
+                       "pause at feed", "spread", "wait to lower", "lower over cups", "wait for cups",
+                       "release delay", "open claws", "converge", "wait at feed"]  # fmt: skip
+    assert twin.alarm_events() == []
+    assert at_initial_state(twin, side)
+    assert twin.plant.counts().in_claw == 0
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_what_is_stepped_through_lies_in_its_cups_and_automatic_takes_the_rest(side: Side) -> None:
+    """Given a whole cycle by presses, continuous work goes on from there and nothing is lost or taken twice."""
+    twin = stepping(side)
+    cycles = twin.plc.read(tags_of(twin, side).cycles)
+    step_to(twin, side, "open claws")
+    step_to(twin, side, "wait at feed")
+    assert twin.plc.read(tags_of(twin, side).cycles) == cycles + 1
+    stop(twin)
+    change_mode(twin, Mode.CONTINUOUS)
+    twin.home()
+    twin.start()
+    assert to_complete(twin) == undisturbed()
+
+
+def test_without_a_press_nothing_moves() -> None:
+    twin = stepping()
+    recorder = Recorder.of_outputs(twin)
+    twin.run_for(10_000)
+    assert not recorder.changes
+    assert twin.state is State.EXECUTE
+
+
+def test_a_button_press_is_a_step_too() -> None:
+    """Given step mode at work, X0 moves the arm one step on, and is not refused as a start."""
+    twin = stepping()
+    events = len(twin.events)
+    twin.press("start")
+    twin.run_for(300)
+    assert twin.in_step("left arm", "approach row")
+    assert twin.events[events:] == []
+
+
+@pytest.mark.parametrize(("late_ms", "goes"), [(PRESS_MS - 300, True), (PRESS_MS + 100, False)])
+def test_a_press_waits_two_seconds_for_its_transfer_and_is_forgotten(late_ms: int, goes: bool) -> None:
+    """Given no cup for a while after the press, the transfer is made when it comes in time, and not when it does not.
+
+    The edge that opens the claws is brought about by hand at the sensor.
+    """
+    twin = stepping()
+    step_to(twin, "left", "wait for cups")
+    twin.run_until(lambda: bool(twin.plc.read(tags_of(twin, "left").cup_counter.done)), within_ms=30_000)
+    twin.plant.planting_frequency_per_min = 0.0
+    pulse = twin.plant.arms["left"].cups.pulse
+    pulse.stuck = False
+    twin.run_for(3_000)
+    assert twin.in_step("left arm", "wait for cups")
+    press(twin)
+    twin.run_for(late_ms)
+    pulse.stuck = True
+    twin.run_for(300)
+    assert twin.in_step("left arm", "open claws") == goes
+    assert twin.in_step("left arm", "wait for cups") != goes
+
+
+@pytest.mark.parametrize("step", ["approach row", "lift from row", "spread", "converge"])
+def test_no_limit_runs_out_while_the_operator_waits(step: str) -> None:
+    """Given a motion done and no press for ten seconds, twice any limit, there is no alarm."""
+    twin = stepping()
+    step_to(twin, "left", step)
+    twin.run_for(10_000)
+    assert twin.in_step("left arm", step)
+    assert twin.alarms() == []
+
+
+def test_a_motion_that_does_not_end_is_told_in_step_mode_too() -> None:
+    twin = stepping()
+    step_to(twin, "left", "close claws")
+    twin.run_for(500)
+    twin.plant.arms["left"].lift.jammed = True
+    press(twin)
+    twin.run_until(lambda: twin.alarms() != [], within_ms=4_000, what="an alarm")
+    assert twin.alarms() == ["left: lift from row"]
+
+
+def test_the_tray_feeder_is_stepped_through_with_loads_in_the_claws() -> None:
+    """Given the last rows on their way to feed, held, and gone on in step mode, presses bring the next tray."""
+    twin = switched_on({"trays_target": 2, "step_sequence": CHOSEN["tray feeder"]}, trays=2)
+    twin.home()
+    twin.start()
+    done = twin.machine.tags.machine.trays_done
+    twin.run_until(lambda: twin.plc.read(done) == 1, within_ms=120_000, what="the first tray empty")
+    twin.command("hold")
+    twin.run_until_state(State.HELD, within_ms=20_000)
+    change_mode(twin, Mode.STEP)
+    twin.command("unhold")
+    twin.run_for(5_000)
+    recorder = Recorder.of_steps(twin)
+    visited: list[str] = []
+    for _ in range(12):
+        before = len(recorder.changes)
+        press(twin)
+        twin.run_for(3_000)
+        came = [change.name for change in recorder.changes[before:] if change.on]
+        assert len(came) <= 1
+        visited += [name.removeprefix("tray feeder: ") for name in came]
+        if visited[-1:] == ["wait for an empty tray"]:
+            break
+    assert [title for title in visited if title != "creep"] == ["move tray out", "index", "settle",
+                                                                "wait for an empty tray"]  # fmt: skip
+    assert twin.plant.conveyor.placed_tray == 1
+    stop(twin)
+    change_mode(twin, Mode.CONTINUOUS)
+    twin.home()
+    twin.start()
+    assert to_complete(twin) == undisturbed(trays=2)
+
+
+@pytest.mark.parametrize("title", ["approach row", "slide to feed"])
+def test_stop_in_step_mode_stops_where_it_is(title: str) -> None:
+    """Given an arm on its way, X24 finishes no cycle; homing brings it home and nothing is lost."""
+    twin = stepping()
+    step_to(twin, "left", title)
+    twin.press("stop")
+    twin.run_until_state(State.STOPPED, within_ms=100)
+    assert twin.outputs() == set()
+    twin.run_for(500)
+    change_mode(twin, Mode.CONTINUOUS)
+    twin.home()
+    twin.start()
+    assert to_complete(twin) == undisturbed()
+
+
+def test_while_an_arm_is_stepped_no_suspension_for_want_of_cups() -> None:
+    """Given an arm over standing cups, step mode waits for the operator and is not Suspended."""
+    twin = stepping()
+    step_to(twin, "left", "wait for cups")
+    twin.plant.planting_frequency_per_min = 0.0
+    twin.run_for(20_000)
+    assert twin.state is State.EXECUTE
+
+
+def test_homing_needs_no_presses() -> None:
+    """Given step mode, homing from over the tray is one order."""
+    twin = switched_on({"trays_target": 1}, mode=Mode.STEP)
+    twin.home()
+    assert twin.state is State.IDLE
