@@ -47,7 +47,7 @@ def damaged(change: Change, *rules: str) -> Specification:
     Raises:
         ValueError: No rung is another one then.
     """
-    machine = build(MACHINE.io_map, without=rules)
+    machine = build(MACHINE.io_map, without=rules) if rules else MACHINE
     program = machine.program
     blocks = tuple(Block(block.title, tuple(_changed(block, change))) for block in program.blocks)
     if blocks == program.blocks:

@@ -251,21 +251,24 @@ def test_outputs_fall_within_the_watchdog_when_the_controller_is_killed_or_hangs
 ) -> None:
     """Given an arm in motion, a controller killed or stopped leaves the plant to its own watchdog, in plant time."""
     watchdog_ms = 500
-    with plant_process("--watchdog-ms", str(watchdog_ms)) as (_, port), Operator("127.0.0.1", port) as operator:
-        with controller_process(port, tmp_path, *PATIENT) as controller:
-            wait_for_state(controller, State.STOPPED)
-            operator.hold("start", pressed=True)
-            wait_for_state(controller, State.RESETTING)
-            operator.hold("start", pressed=False)
+    with (
+        plant_process("--watchdog-ms", str(watchdog_ms)) as (_, port),
+        Operator("127.0.0.1", port) as operator,
+        controller_process(port, tmp_path, *PATIENT) as controller,
+    ):
+        wait_for_state(controller, State.STOPPED)
+        operator.hold("start", pressed=True)
+        wait_for_state(controller, State.RESETTING)
+        operator.hold("start", pressed=False)
+        moving = operator.telemetry()
+        while not moving["y_image"]:
             moving = operator.telemetry()
-            while not moving["y_image"]:
-                moving = operator.telemetry()
-            assert moving["watchdog_state"] == 1
-            controller._process.send_signal(stroke)
+        assert moving["watchdog_state"] == 1
+        controller._process.send_signal(stroke)
+        after = operator.telemetry()
+        while after["watchdog_state"] != 2 and after["time_ms"] < moving["time_ms"] + 20_000:
             after = operator.telemetry()
-            while after["watchdog_state"] != 2 and after["time_ms"] < moving["time_ms"] + 20_000:
-                after = operator.telemetry()
-            controller.kill()
+        controller.kill()
     assert after["watchdog_state"] == 2
     assert after["y_image"] == 0
     assert after["tripped_at_ms"] - after["last_write_ms"] == watchdog_ms + 1

@@ -12,7 +12,7 @@ from controller.core.expr import Bit, Expr, Not, evaluate
 from controller.program.safety import Safety
 from controller.program.tags import FULL, IN_PLACE, ROWS, SIDES, TAKEN, Side
 
-SAFETY = Safety(TAGS)
+SAFETY = Safety(TAGS, MACHINE.alarms)
 REQUIREMENTS = {each.name: each.never for each in SOUND.requirements}
 MOVES = "lift_extend"
 """Any coil, where it does not matter which."""
@@ -178,7 +178,7 @@ def machine_facts() -> dict[str, Expr]:
         "restarted": SAFETY.machine.restarted,
         "jog_unbidden": SAFETY.machine.jog_unbidden,
         "tray_front_edge": tray.edge,
-        "tray_fault": tray.fault,
+        "tray_fault": MACHINE.alarms.tray_jam,
         "tray_asked": tray.ask,
         **tray.driven,
     }
@@ -195,7 +195,7 @@ def arm_facts(side: Side) -> dict[str, Expr]:
         "lift_up": arm.sensed_up,
         "claws_spread": arm.sensed_spread,
         "claws_converged": arm.sensed_converged,
-        "fault": arm.fault,
+        "fault": next(iter(MACHINE.alarms.of_side(side))),
         **{
             name: getattr(own, name)
             for name in ("open", "gripped", "holds", "unmoved", "released", "discarded", "arrived")
