@@ -137,8 +137,8 @@ def test_a_watched_machine_goes_on_and_what_was_found_is_kept_once() -> None:
     assert trips == {}
     released = twin.runtime.tick
 
-    def tick(now_ms: int) -> None:
-        released(now_ms)
+    def tick(now_ms: int, began_ms: int | None = None) -> None:
+        released(now_ms, began_ms)
         both_coils_of_a_lift(twin)
 
     twin.runtime.tick = tick  # type: ignore[method-assign]

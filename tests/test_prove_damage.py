@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
@@ -301,13 +300,11 @@ def test_a_coil_that_is_always_driven_is_noticed() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(("always", "least"), [(False, 1), (True, 10)], ids=["dropped", "always driven"])
-def test_rungs_dropped_or_always_driven(
-    always: bool, least: int, record_property: Callable[[str, object], None]
-) -> None:
-    """Given every eighth rung damaged in turn, then some are noticed; how many of each block is recorded."""
-    noticed, tried = Counter[str](), Counter(title for title, _ in SAMPLE)
-    for title, rung in SAMPLE:
-        noticed[title] += is_breakable(damaged(only(rung, replace(rung, when=TRUE) if always else None)))
-    for title, count in tried.items():
-        record_property(title, f"{noticed[title]} of {count}")
-    assert noticed.total() >= least
+def test_rungs_dropped_or_always_driven(always: bool, least: int) -> None:
+    """Given every eighth rung damaged in turn, then of those that can do harm at least so many are noticed."""
+    noticed = Counter(
+        title
+        for title, rung in SAMPLE
+        if is_breakable(damaged(only(rung, replace(rung, when=TRUE) if always else None)))
+    )
+    assert noticed.total() >= least, noticed

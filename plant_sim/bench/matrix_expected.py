@@ -64,6 +64,8 @@ _CREEPS = (
     "clamped, before its switch is lost"
 )
 _BORNE = "the stroke takes longer or shorter, and still arrives in time"
+_ENDS_LATER = "the step takes so much longer, and still ends in time"
+"""A switch of the belt that lets go late also makes the way back look shorter than it can be, and is told for that."""
 _TRAY_TOO_FAR = (
     "the tray comes to rest in a wrong place, and its one sensor says that it is there; a second sensor at the other "
     "corner, past the first, would tell it"
@@ -110,7 +112,8 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "late_sensor": {
         **dict.fromkeys(_ROW_SWITCHES, _harms(_ROW, _PASSED_ROW, "arm_through_tray")),
         "tray_front_edge": _untold(_TRAY_TOO_FAR, "stems_cut", loses=True),
-        "*": _untold("the step takes so much longer, and still ends in time"),
+        **dict.fromkeys(("claws_spread", "claws_converged"), _harms(_told("belt switches"), _ENDS_LATER)),
+        "*": _untold(_ENDS_LATER),
     },
     "broken_wire": {
         **_SWITCH_OFF,
