@@ -302,9 +302,10 @@ def test_a_coil_that_is_always_driven_is_noticed() -> None:
 @pytest.mark.parametrize(("always", "least"), [(False, 1), (True, 10)], ids=["dropped", "always driven"])
 def test_rungs_dropped_or_always_driven(always: bool, least: int) -> None:
     """Given every eighth rung damaged in turn, then of those that can do harm at least so many are noticed."""
+    rungs = [row for row in SAMPLE if not (always and row[1].when == TRUE)]
     noticed = Counter(
         title
-        for title, rung in SAMPLE
+        for title, rung in rungs
         if is_breakable(damaged(only(rung, replace(rung, when=TRUE) if always else None)))
     )
     assert noticed.total() >= least, noticed
