@@ -1,0 +1,388 @@
+"""Stories of a machine: what may happen to it, and the rig that lets it happen and looks after every scan."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from random import Random
+from typing import Any, Protocol
+
+from stand_in import StandIn
+
+from controller.core.compile import expression
+from controller.core.devices import Memory
+from controller.core.expr import Bit
+from controller.core.scan import Plc
+from controller.core.specification import Specification
+from controller.program.machine import Transplanter
+from controller.program.proof import specification
+from controller.program.states import Mode, State
+
+FLIPPED = 0.15
+"""Share of the scans in which a terminal that nothing binds changes its level."""
+
+Check = Callable[[Memory], str]
+
+
+def compiled(specification: Specification) -> Check:
+    """Return a function that names the first requirement broken, or invariant lost, in a memory; '' if none is."""
+    kinds = ("X", "Y", "M", "S", "T", "C", "D", "TV", "CV")
+    lines = [f"    if {expression(each.never)}: return {each.name!r}" for each in specification.requirements]
+    lines += [f"    if not ({expression(each.holds)}): return {each.name!r}" for each in specification.invariants]
+    text = "\n".join(["def check(m):", *(f"    {kind} = m.{kind}" for kind in kinds), *lines, "    return ''"])
+    namespace: dict[str, Any] = {}
+    exec(compile(text, "<specification>", "exec"), namespace)  # noqa: S102 - text made from checked declarations
+    check: Check = namespace["check"]
+    return check
+
+
+class Rig:
+    """The program with its monitors in RUN, switched on and off many times.
+
+    Attributes:
+        checked: Scans after which everything has been checked.
+    """
+
+    def __init__(self, machine: Transplanter) -> None:
+        self.machine, self.tags = machine, machine.tags
+        self.specification = specification(machine)
+        self._situations: set[tuple[int, ...]] = set()
+        self.checked = 0
+        self._plc = Plc(self.specification.watched, input_filter_ms=0)
+        self._new = copy.deepcopy(self._plc.memory)
+        self._check = compiled(self.specification)
+        self._steps = {bit.number: bit.name for sequence in machine.program.sequences() for bit, _ in sequence}
+
+    @property
+    def visited(self) -> set[State | Mode | str]:
+        """Every state, mode and step that has been on after a scan, over all runs."""
+        found: set[State | Mode | str] = set()
+        for state, mode, *steps in self._situations:
+            found |= {State(state), Mode(mode), *(name for number, name in self._steps.items() if steps[number])}
+        return found
+
+    def run(self, story: Story) -> None:
+        """Switch a new machine on and let a story happen.
+
+        Raises:
+            AssertionError: Something that must never be, was; or an invariant was lost.
+        """
+        self._random, self._now_ms = Random(story.seed), 0
+        self._stand_in = StandIn(self.machine.io_map) if story.follows else None
+        self._levels = self.machine.io_map.safe_inputs()
+        self._image = self.machine.io_map.safe_outputs()
+        known = {bit.number: self._random.random() < 0.5 for bit in self.specification.remembered}
+        self._switch_on({}, known)
+        self.scan(10)
+        for act in story.acts:
+            act.on(self)
+
+    def read(self, device: Bit) -> int:
+        """Read a device after a scan."""
+        return self._plc.read(device)
+
+    def write(self, values: Mapping[Any, int]) -> None:
+        """Write devices before the next scan."""
+        for device, value in values.items():
+            self._plc.write(device, value)
+
+    def press(self, name: str) -> None:
+        """Give an order for the next scan."""
+        self._plc.press(self.tags.commands[name])
+
+    def terminal(self, number: int, level: bool | None) -> None:
+        """Hold what a terminal senses; None lets it go."""
+        if self._stand_in is None:
+            self._levels[number] = bool(level)
+        elif level is None:
+            self._stand_in.stuck.pop(number, None)
+        else:
+            self._stand_in.stuck[number] = level
+
+    def button(self, tag: str, *, pressed: bool) -> None:
+        """Press or let go a button."""
+        point = self.machine.io_map[tag]
+        if self._stand_in is None:
+            self._levels[point.number] = point.level(pressed)
+        elif pressed:
+            self._stand_in.pressed.add(tag)
+        else:
+            self._stand_in.pressed.discard(tag)
+
+    def mend(self) -> None:
+        """Let every switch and button go, and end what ails the system."""
+        self.write(dict.fromkeys(self.tags.system.bits(), 0))
+        if self._stand_in is not None:
+            self._stand_in.stuck.clear()
+            self._stand_in.pressed.clear()
+
+    def supply(self, *, cups: bool = True, trays: bool = True) -> None:
+        """Let the tractor drive or stand, and fill or empty the magazine."""
+        if self._stand_in is not None:
+            self._stand_in.cups_come, self._stand_in.trays_come = cups, trays
+
+    def lose_power(self, *, memory_lost: bool) -> None:
+        """Switch off and on again; the monitors keep what they know of the machine."""
+        known = {bit.number: self._plc.memory.M[bit.number] for bit in self.specification.remembered}
+        kept = {} if memory_lost else self._plc.retained()
+        self._switch_on(kept, known)
+        self._plc.write(self.tags.system.memory_lost, memory_lost)
+        self._now_ms += 1_000
+        self.scan(10)
+
+    def scan(self, ms: int, times: int = 1) -> None:
+        """Let time pass scan by scan, and look after each."""
+        memory, steps = self._plc.memory, 1 + max(self._steps)
+        state, mode = self.tags.machine.state.number, self.tags.machine.mode.number
+        for _ in range(times):
+            self._now_ms += ms
+            self._image = self._plc.scan(self._now_ms, self._inputs(ms))
+            wrong = self._check(memory)
+            assert not wrong, wrong
+            self._situations.add((memory.D[state], memory.D[mode], *memory.S[:steps]))
+        self.checked += times
+
+    def _inputs(self, ms: int) -> list[bool]:
+        if self._stand_in is not None:
+            return self._stand_in.advance(ms, self._image)
+        if self._random.random() < FLIPPED:
+            number = self._random.randrange(len(self._levels))
+            self._levels[number] = not self._levels[number]
+        return self._levels
+
+    def _switch_on(self, kept: Mapping[str, int], known: Mapping[int, bool]) -> None:
+        for kind in fields(Memory):
+            getattr(self._plc.memory, kind.name)[:] = getattr(self._new, kind.name)
+        self._plc.scans = 0
+        if kept:
+            self._plc.restore(kept)
+        for number, on in known.items():
+            self._plc.memory.M[number] = on
+
+
+# what may happen
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Time passes."""
+
+    ms: int
+    scans: int
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.scan(self.ms, self.scans)
+
+
+@dataclass(frozen=True)
+class Press:
+    """One or two orders at once, and a while after them."""
+
+    commands: tuple[str, ...]
+    then: Wait
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        for name in self.commands:
+            rig.press(name)
+        self.then.on(rig)
+
+
+@dataclass(frozen=True)
+class Renew:
+    """An output held by hand: the order is given scan after scan."""
+
+    output: str
+    scans: int
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        for _ in range(self.scans):
+            rig.press(self.output)
+            rig.scan(50)
+
+
+@dataclass(frozen=True)
+class Button:
+    """A button pressed for a while."""
+
+    tag: str
+    held: Wait
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.button(self.tag, pressed=True)
+        self.held.on(rig)
+        rig.button(self.tag, pressed=False)
+        rig.scan(10)
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """A switch or a wire that says something else for a while."""
+
+    number: int
+    level: bool
+    then: Wait
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.terminal(self.number, self.level)
+        self.then.on(rig)
+        rig.terminal(self.number, None)
+
+
+@dataclass(frozen=True)
+class SystemBit:
+    """Something of the runtime goes wrong for a while."""
+
+    index: int
+    then: Wait
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        bit = rig.tags.system.bits()[self.index]
+        rig.write({bit: 1})
+        self.then.on(rig)
+        rig.write({bit: 0})
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """A set-point takes any value that the runtime lets through."""
+
+    name: str
+    value: int
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.write({getattr(rig.tags.sp, self.name): self.value})
+
+
+@dataclass(frozen=True)
+class PowerLoss:
+    """The power goes and comes."""
+
+    memory_lost: bool
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.lose_power(memory_lost=self.memory_lost)
+
+
+@dataclass(frozen=True)
+class Shortage:
+    """No cups come while something happens, or no trays."""
+
+    cups: bool
+    meanwhile: Act
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.supply(cups=not self.cups, trays=self.cups)
+        self.meanwhile.on(rig)
+        rig.supply()
+
+
+@dataclass(frozen=True)
+class ToAndFro:
+    """Two orders of which one takes the other back, with time between."""
+
+    orders: tuple[str, str]
+    between: Wait
+    then: Wait
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        for name, wait in zip(self.orders, (self.between, self.then), strict=True):
+            rig.press(name)
+            wait.on(rig)
+
+
+@dataclass(frozen=True)
+class GoOn:
+    """An operator sets the machine to work again in some mode: mends, stops, clears, answers, homes and starts."""
+
+    mode: Mode
+    answers: tuple[str, ...]
+    work: Wait
+    stop: str = "stop"
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.mend()
+        orders = ((self.stop,), ("clear",), (f"mode_{self.mode.name.lower()}", *self.answers), ("reset",))
+        for commands in orders:
+            for name in commands:
+                rig.press(name)
+            rig.scan(10, 3)
+        rig.scan(50, 110)
+        rig.press("start")
+        rig.scan(10, 2)
+        self.work.on(rig)
+
+
+@dataclass(frozen=True)
+class StepOn:
+    """Step mode's button, pressed for one of its sequences again and again."""
+
+    sequence: int
+    presses: int
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        rig.write({rig.tags.sp.step_sequence: self.sequence})
+        for _ in range(self.presses):
+            rig.press("step")
+            rig.scan(50, 16)
+
+
+@dataclass(frozen=True)
+class Await:
+    """Time passes until a step is on, or long enough."""
+
+    step: Bit
+    scans: int
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        for _ in range(self.scans):
+            rig.scan(50)
+            if rig.read(self.step):
+                return
+
+
+@dataclass(frozen=True)
+class InTurn:
+    """One thing after another."""
+
+    acts: tuple[Act, ...]
+
+    def on(self, rig: Rig) -> None:
+        """Happen."""
+        for act in self.acts:
+            act.on(rig)
+
+
+class Act(Protocol):
+    """Something that may happen to a machine."""
+
+    def on(self, rig: Rig, /) -> None:
+        """Happen."""
+
+
+@dataclass(frozen=True)
+class Story:
+    """What happens to a new machine.
+
+    Attributes:
+        follows: Whether its switches follow its coils; otherwise they say anything.
+        seed: Decides what is not drawn one by one: what the monitors believe at first, what terminals say.
+        acts: What happens, in order.
+    """
+
+    follows: bool
+    seed: int
+    acts: list[Act] = field(default_factory=list)
