@@ -225,8 +225,8 @@ class ProductionLog:
 
     def _see_operator(self, now_ms: int, plc: Plc) -> None:
         """Tell a change of mode and a refusal."""
-        machine = self._machine.tags.machine
-        mode, refusals = plc.read(machine.mode), plc.read(machine.refusals)
+        machine, words = self._machine.tags.machine, plc.memory.D
+        mode, refusals = words[machine.mode.number], words[machine.refusals.number]
         if mode != self._mode:
             if self._mode is not None:
                 self._tell(ModeEvent(now_ms, mode, getattr(MODES[mode], self._language)))
