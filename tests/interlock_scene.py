@@ -88,11 +88,12 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
     place = scene.places(side)
     loaded, closed, clamped = (bool(scene.has(bit)) for bit in (arm.loaded, arm.claws_closed, arm.clamped))
     down, up, feed = ("lift_down" in place), ("lift_up" in place), ("slide_at_feed" in place)
+    by_hand = bool(scene.has(TAGS.machine.jogging))
     return [
         *((f"{one} against {two}", {one, two} <= on) for one, two in (SLIDE, LIFT, BELT, CLAWS)),
         ("in emergency stop", bool(on) and "emergency_stop" in scene.sensed),
         ("without leave to move", bool(on) and not scene.has(TAGS.machine.motion)),
-        ("with a fault of the arm", bool(on) and bool(scene.has(arm.fault))),
+        ("with a fault of the arm", bool(on) and bool(scene.has(arm.fault)) and not by_hand),
         ("the arm moves with the belt", bool(on & {*SLIDE, *LIFT}) and bool(on & {*BELT})),
         *(inward_forbidden(scene, side) if "slide_inward" in on else ()),
         ("outward in between", "slide_outward" in on and not up and not down),
@@ -146,12 +147,13 @@ def tray_forbidden(scene: Scene) -> list[tuple[str, bool]]:
     on = bool(scene.on & {*TRAY_OUTPUTS})
     at_feed = all("slide_at_feed" in scene.places(side) for side in SIDES)
     entering = any(scene.has(arm.want["slide_inward"]) for arm in TAGS.arms.values())
+    by_hand = bool(scene.has(TAGS.machine.jogging))
     return [
         ("in emergency stop", on and "emergency_stop" in scene.sensed),
         ("without leave to move", on and not scene.has(TAGS.machine.motion)),
         ("with an arm away from feed", on and not at_feed),
         ("with an arm about to go in", on and entering),
-        ("with a fault of the feeder", on and bool(scene.has(TAGS.tray.fault))),
+        ("with a fault of the feeder", on and bool(scene.has(TAGS.tray.fault)) and not by_hand),
         ("run without its direction", "tray_run" in scene.on and "tray_forward" not in scene.on),
     ]
 

@@ -35,16 +35,16 @@ def exit_of(bit: str, *items: Rung | Sequence, invariants: Mapping[str, Expr] | 
 
 
 def test_a_step_is_left_by_a_transfer_of_its_own_if_one_can_fire() -> None:
-    """Given a step with a transfer and a reset, then the transfer is named; without it, the block of the reset."""
+    """Given a step with a transfer and a reset, then the transfer must fire; a step that declares none may be reset."""
     clear = ZoneReset(s(20), s(21), when=x(5))
     assert exit_of("S20 chain: 0", *chain(x(0)), clear) == ("possible", "to S21 chain: 1")
     assert exit_of("S21 chain: 1", *chain(x(0)), clear) == ("possible", "reset in 'all'")
-    assert exit_of("S20 chain: 0", *chain(FALSE), clear) == ("possible", "reset in 'all'")
+    assert exit_of("S20 chain: 0", *chain(FALSE), clear) == ("impossible", "none of its transfers can ever fire")
 
 
 def test_a_step_with_nowhere_to_go_is_a_dead_end() -> None:
     """Given a last step that nothing resets, then it is found."""
-    assert exit_of("S21 chain: 1", *chain(x(0))) == ("impossible", "no transfer can fire and no block resets it")
+    assert exit_of("S21 chain: 1", *chain(x(0))) == ("impossible", "it has no transfer and no block resets it")
 
 
 def test_a_step_whose_condition_never_comes_is_a_dead_end() -> None:
