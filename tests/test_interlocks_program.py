@@ -40,6 +40,7 @@ def anything(random: Random, plc: Plc) -> None:
         for row in ROWS:
             plc.write(arm.rows[row], random.choice((0, 0, 1, 2, 3)))
     plc.write(TAGS.tray.phase, IN_PLACE if ordinary else random.randrange(4))
+    plc.write(TAGS.tray.ask, random.random() < 0.1)
     plc.write(TAGS.sp.arms_may_meet, random.random() < 0.2)
     plc.write(TAGS.machine.state, random.choice((*MOVING, *MOVING, *State)))
     plc.write(TAGS.machine.mode, random.choice([mode for mode in Mode if mode is not Mode.MANUAL]))
