@@ -65,6 +65,42 @@ def test_a_switch_that_flickers_on_is_no_place_and_no_alarm(side: Side) -> None:
     finish_running(twin)
 
 
+@pytest.mark.parametrize("power", ["kept", "lost"])
+@pytest.mark.parametrize(
+    ("step", "switch", "device"),
+    [
+        ("lift from row", "lift_up", "lift"),
+        ("slide to feed", "slide_at_feed", "slide"),
+        ("spread", "claws_spread", "belt"),
+        ("converge", "claws_converged", "belt"),
+    ],
+)
+def test_a_switch_that_has_lied_is_checked_before_it_is_believed(
+    step: str, switch: str, device: str, power: str
+) -> None:
+    """Given a switch that stays stuck, X0 pressed again and again does no harm, and its alarm comes again."""
+    twin = switched_on({"trays_target": 1})
+    run_to(step)(twin, "left")
+    sensor = arm_of(twin, "left").sensors[switch]
+    sensor.stuck = True
+    told_ms(twin, f"left: {device} switches")
+    twin.run_until_state(State.HELD, within_ms=20_000)
+    if power == "lost":
+        twin.power_cycle()
+        twin.scan()
+    presses = 0
+    while presses < 3 or twin.state is not State.HELD:
+        presses += 1
+        twin.press("start")
+        twin.run_for(100)
+        twin.run_until(lambda: twin.state in {State.IDLE, State.HELD}, within_ms=60_000, what="Idle or Held")
+    assert f"left: {device} switches" in twin.alarms()
+    sensor.stuck = None
+    home_again(twin)
+    finish(twin)
+    assert twin.plant.counts() == undisturbed()
+
+
 def test_an_alarm_whose_switch_still_lies_is_not_reset() -> None:
     """Given the upper switch stuck on at feed, X0 keeps the alarm; mended, X0 resets it and homes."""
     twin = at_work({"trays_target": 1})

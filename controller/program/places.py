@@ -7,9 +7,10 @@ not yet over the cups. What is not believed is no place, so the step waits, and 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Final
 
-from controller.core.expr import Bit, Expr, any_of
+from controller.core.expr import Bit, Expr, Timer, any_of
 from controller.core.rungs import OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
 from controller.program.tags import FIRST_SCAN, ROWS, ArmTags, Tags
 
@@ -19,71 +20,126 @@ BELT_LEAST_MS: Final = 800
 """187 mm less both switch bands at 0.2 m/s: 0.9 s; a motor that is driven is hardly ever faster."""
 HOP_LEAST_MS: Final = 100
 """43 mm less both switch bands, 31 mm at 0.15 m/s: 0.2 s; half of that."""
+LIFT_WHOLE_MS: Final = 1_500
+"""The whole stroke takes 0.75 s at 0.2 m/s; twice that."""
+SLIDE_WHOLE_MS: Final = 4_000
+"""The longest stroke, 378.5 mm at 800 mm row spacing, takes 2.6 s at 0.143 m/s; one and a half times that."""
+BELT_WHOLE_MS: Final = 1_500
+"""The whole travel takes 0.94 s at 0.2 m/s; one and a half times that."""
 REST_MS: Final = 1_000
 """After a coil goes off the arm has come to a stand within a fraction of that."""
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """One device of an arm and its switches.
+
+    Attributes:
+        places: By switch, the place and the memory that it was the last one; the first is apart from the others.
+        to_end: By switch at an end, the coil that drives there.
+        travelled: The device had the time to get to any other place.
+        lied: A switch of it was on where the device could not be.
+        t_pressed: Runs while it is driven against an end whose switch is on.
+        whole_ms: Time in which it gets from one end to the other for certain.
+        among_rows: It had the time to get from one to another of the places behind the first.
+    """
+
+    places: Mapping[Expr, tuple[Bit, Bit]]
+    to_end: Mapping[Expr, Expr]
+    travelled: Bit
+    lied: Bit
+    t_pressed: Timer
+    whole_ms: int
+    among_rows: Bit | None = None
+
+    @property
+    def nowhere(self) -> Expr:
+        """No switch is on."""
+        return ~any_of(*self.places)
+
+    @property
+    def doubt(self) -> Expr:
+        """A switch is on that is not believed, though the last place is known, or that is not on alone."""
+        known = any_of(*(was_here for _, was_here in self.places.values()))
+        return any_of(*(switch & ~here & (known | ~self.alone(switch)) for switch, (here, _) in self.places.items()))
+
+    def alone(self, switch: Expr) -> Expr:
+        """Return the condition that this switch is on, and no other of the device."""
+        return switch & ~any_of(*(other for other in self.places if other is not switch))
+
+    def rungs(self, anew: Expr) -> Iterator[Rung]:
+        """Yield the rungs that believe a switch, and remember the last place.
+
+        Args:
+            anew: Begin anew with what is sensed now.
+        """
+        driven = any_of(*(self.alone(switch) & coil for switch, coil in self.to_end.items()))
+        first = next(iter(self.places))
+        yield OnDelay(self.t_pressed, self.whole_ms, when=self.lied & driven)
+        yield Set(self.travelled, when=anew & self.nowhere)
+        for switch, (here, was_here) in self.places.items():
+            among_rows = self.among_rows if switch is not first else None
+            had_time = self.travelled if among_rows is None else self.travelled | among_rows
+            pressed = [self.t_pressed.done] if switch in self.to_end else []
+            yield Out(here, when=self.alone(switch) & any_of(was_here, had_time, anew & ~self.lied, *pressed))
+        for switch, (here, was_here) in self.places.items():
+            others = [(other, other_here) for other, (other_here, _) in self.places.items() if other is not switch]
+            yield Set(was_here, when=here)
+            yield Rst(was_here, when=any_of(*(here for _, here in others), *(anew & self.alone(o) for o, _ in others)))
+        anywhere = any_of(*(here for here, _ in self.places.values()))
+        yield Rst(self.travelled, when=anywhere)
+        yield Rst(self.lied, when=anywhere)
+        if self.among_rows is not None:
+            yield Rst(self.among_rows, when=anywhere)
+
+
+def devices(a: ArmTags) -> dict[str, Device]:
+    """Return lift, slide and belt of an arm."""
+    coils, lied, pressed = a.coils, a.lied, a.t_pressed
+    at_rows = {a.sensed_at_pick[row]: (a.at_pick[row], a.was_at_pick[row]) for row in ROWS}
+    return {
+        "lift": Device(
+            {a.sensed_down: (a.down, a.was_down), a.sensed_up: (a.up, a.was_up)},
+            {a.sensed_down: coils["lift_extend"], a.sensed_up: coils["lift_retract"]},
+            a.lift_travelled, lied["lift"], pressed["lift"], LIFT_WHOLE_MS,
+        ),
+        "slide": Device(
+            {a.sensed_at_feed: (a.at_feed, a.was_at_feed), **at_rows},
+            {a.sensed_at_feed: coils["slide_outward"]},
+            a.slide_travelled, lied["slide"], pressed["slide"], SLIDE_WHOLE_MS, a.slide_hopped,
+        ),
+        "belt": Device(
+            {a.sensed_spread: (a.is_spread, a.was_spread), a.sensed_converged: (a.is_converged, a.was_converged)},
+            {a.sensed_spread: coils["spread"], a.sensed_converged: coils["converge"]},
+            a.belt_travelled, lied["belt"], pressed["belt"], BELT_WHOLE_MS,
+        ),
+    }  # fmt: skip
 
 
 def places(tags: Tags, a: ArmTags) -> list[Rung]:
     """Return the rungs that make places of switches.
 
     At power-up and when homing begins a switch that is on alone is believed, and of none the arm is between places.
+    Not so where a switch of the device has lied: there the device is first driven against its end for the time of
+    the whole stroke, whatever the switch says.
     """
     anew = FIRST_SCAN | tags.machine.entered_resetting
-    lift = {a.sensed_down: (a.down, a.was_down), a.sensed_up: (a.up, a.was_up)}
-    belt = {a.sensed_spread: (a.is_spread, a.was_spread), a.sensed_converged: (a.is_converged, a.was_converged)}
+    lift, slide, belt = devices(a).values()
     return [
-        OnDelay(a.t_lift_way, LIFT_LEAST_MS, when=~any_of(*lift)),
+        OnDelay(a.t_lift_way, LIFT_LEAST_MS, when=lift.nowhere),
         Set(a.lift_travelled, when=a.t_lift_way.done),
-        *_places(lift, anew, a.lift_travelled),
-        OnDelay(a.t_belt_way, BELT_LEAST_MS, when=~any_of(*belt)),
+        *lift.rungs(anew),
+        OnDelay(a.t_belt_way, BELT_LEAST_MS, when=belt.nowhere),
         Set(a.belt_travelled, when=a.t_belt_way.done),
-        *_places(belt, anew, a.belt_travelled),
-        *_slide(tags, a, anew),
-        *_rest(a),
-    ]
-
-
-def _slide(tags: Tags, a: ArmTags, anew: Expr) -> list[Rung]:
-    slide = {
-        a.sensed_at_feed: (a.at_feed, a.was_at_feed),
-        **{a.sensed_at_pick[row]: (a.at_pick[row], a.was_at_pick[row]) for row in ROWS},
-    }
-    between = ~any_of(*slide)
-    return [
-        OnDelay(a.t_slide_way, tags.sp.slide_least, when=between),
-        OnDelay(a.t_slide_hop, HOP_LEAST_MS, when=between),
+        *belt.rungs(anew),
+        OnDelay(a.t_slide_way, tags.sp.slide_least, when=slide.nowhere),
+        OnDelay(a.t_slide_hop, HOP_LEAST_MS, when=slide.nowhere),
         Set(a.slide_travelled, when=a.t_slide_way.done),
         Rst(a.slide_hopped, when=a.was_at_feed),
         Set(a.slide_hopped, when=a.t_slide_hop.done & ~a.was_at_feed),
-        *_places(slide, anew, a.slide_travelled, among_rows=a.slide_hopped),
+        *slide.rungs(anew),
+        *_rest(a),
     ]
-
-
-def _places(
-    places: Mapping[Expr, tuple[Bit, Bit]], anew: Expr, travelled: Bit, *, among_rows: Bit | None = None
-) -> Iterator[Rung]:
-    """Yield the rungs that believe a switch, and remember the last place.
-
-    Args:
-        places: By switch, the place and the memory that it was the last one; the first is apart from the others.
-        anew: Begin anew with what is sensed now.
-        travelled: The device had the time to get to any other place.
-        among_rows: It had the time to get from one to another of those behind the first.
-    """
-    first = next(iter(places))
-    yield Set(travelled, when=anew & ~any_of(*places))
-    for switch, (here, was_here) in places.items():
-        alone = switch & ~any_of(*(other for other in places if other is not switch))
-        had_time = travelled if among_rows is None or switch is first else travelled | among_rows
-        yield Out(here, when=alone & any_of(was_here, had_time, anew))
-    anywhere = any_of(*(here for here, _ in places.values()))
-    for here, was_here in places.values():
-        elsewhere = any_of(*(other for other, _ in places.values() if other != here))
-        yield Set(was_here, when=here)
-        yield Rst(was_here, when=elsewhere | (anew & ~here))
-    yield Rst(travelled, when=anywhere)
-    if among_rows is not None:
-        yield Rst(among_rows, when=anywhere)
 
 
 def _rest(a: ArmTags) -> list[Rung]:
@@ -105,13 +161,3 @@ def _rest(a: ArmTags) -> list[Rung]:
         *(Set(rested, when=a.begins_rest & now) for rested, now in kept.items()),
         Out(a.unbidden, when=a.t_rest.done & differs),
     ]
-
-
-def in_doubt(a: ArmTags) -> dict[str, Expr]:
-    """Return for each device whether a switch of it is on that is not believed."""
-    slide = [a.sensed_at_feed & ~a.at_feed, *(a.sensed_at_pick[row] & ~a.at_pick[row] for row in ROWS)]
-    return {
-        "lift": (a.sensed_down & ~a.down) | (a.sensed_up & ~a.up),
-        "slide": any_of(*slide),
-        "belt": (a.sensed_spread & ~a.is_spread) | (a.sensed_converged & ~a.is_converged),
-    }

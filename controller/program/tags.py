@@ -20,6 +20,9 @@ SIDES: Final[tuple[Side, Side]] = ("left", "right")
 CUPS: Final = 12
 ROWS: Final = (1, 2, 3)
 
+DEVICES: Final = ("lift", "slide", "belt")
+"""What each arm moves between switches."""
+
 TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
 """States of a row of seedlings."""
 
@@ -317,6 +320,10 @@ class ArmTags:
         self.claws_closed = kept_m.bit("claws closed", "last claw command was close")
         self.claws_known = kept_m.bit("claws known", "the claw command is remembered")
         self.clamped = kept_m.bit("clamped", "claws closed for their dwell")
+        self.lied = {
+            name: kept_m.bit(f"{name} switch lied", "no switch of it is believed until it was driven against its end")
+            for name in DEVICES
+        }
         self.rows = {row: kept_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
         self.missed_cups = kept_d.word("missed cups", "cups that passed empty beyond twelve")
         self.cycles = kept_d.word("cycles", "rows thrown")
@@ -334,10 +341,12 @@ class ArmTags:
         self.t_belt_way = t10.timer("belt way", "the claws are between their ends")
         self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
         self.t_press = Timer(226 + index, f"{side}.press to feed", "the slide's outer chamber fills")
+        pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
+        self.t_pressed = {name: pressed.timer(f"{name} pressed", "driven against its end") for name in DEVICES}
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
         self.t_rest = t100.timer("rest", "lift, slide and belt have no coil on")
         self.t_doubt = {
-            name: t100.timer(f"{name} in doubt", "a switch is on that cannot be") for name in ("lift", "slide", "belt")
+            name: t100.timer(f"{name} in doubt", "a switch is on that cannot be") for name in DEVICES
         }
         self.t_unbidden = t100.timer("unbidden", "a switch has changed by itself")
         self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted without one of the other row")
