@@ -55,8 +55,8 @@ def test_system_bits_and_set_points_are_kept_too_and_carry_their_names() -> None
         "names", (Block("all", (Set(m(500)), Set(Bit("M", 500, "left.loaded")))),), outputs="all",
         system=(m(501), m(100)), set_points=((d(512), 7), (d(100), 7)),
     )  # fmt: skip
-    assert [str(device) for device in program.retentive()] == ["D512", "M500", "M501"]
-    assert [device.name for device in program.retentive()] == ["", "left.loaded", ""]
+    assert [str(device) for device in program.retentive] == ["D512", "M500", "M501"]
+    assert [device.name for device in program.retentive] == ["", "left.loaded", ""]
 
 
 COUNTING: list[Rung] = [

@@ -87,7 +87,7 @@ def devices() -> set[Bit | Word]:
 
 
 def test_what_is_retentive_lies_where_no_parameter_can_make_it_otherwise() -> None:
-    kept = {str(device): device.number for device in MACHINE.program.retentive()}
+    kept = {str(device): device.number for device in MACHINE.program.retentive}
     assert kept
     for name, number in kept.items():
         assert name[0] in "MD", name
@@ -95,7 +95,7 @@ def test_what_is_retentive_lies_where_no_parameter_can_make_it_otherwise() -> No
 
 
 def test_what_must_outlive_a_loss_of_power_is_retentive() -> None:
-    kept = set(MACHINE.program.retentive())
+    kept = set(MACHINE.program.retentive)
     tags = MACHINE.tags
     wanted: list[Bit | Word] = [
         tags.machine.mode,

@@ -6,9 +6,12 @@ take the scan's ticks (time divided by 100, 10 and 1 ms), latched once per scan.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 from itertools import groupby
+from types import CodeType
 from typing import Final, cast
 
 from controller.core.devices import MS_10, MS_100, WORD_MAX, WORD_MIN, Memory, is_32_bit_counter
@@ -226,16 +229,28 @@ def compile_program(program: Program, memory: Memory, transfers: Transfers) -> l
     Returns:
         One function a block, in scan order, of the ticks of 100, 10 and 1 ms.
     """
-    edges = iter(range(sum(isinstance(r, Pulse | PulseFalling) for r in program.rungs())))
-    memory.E[:] = [False] * sum(isinstance(r, Pulse | PulseFalling) for r in program.rungs())
-    index = iter(range(len(list(program.sequences()))))
+    memory.E[:] = [False] * _edges(program)
     namespace = {name: getattr(memory, name) for name in _LISTS} | transfers
-    return [_compile_block(block, edges, index, dict(namespace)) for block in program.blocks]
+    functions: list[BlockFunction] = []
+    for code in _code(program):
+        own = dict(namespace)
+        exec(code, own)  # noqa: S102 - text made from checked declarations
+        functions.append(own["block"])
+    return functions
 
 
-def _compile_block(
-    block: Block, edges: Iterator[int], index: Iterator[int], namespace: dict[str, object]
-) -> BlockFunction:
+def _edges(program: Program) -> int:
+    return sum(isinstance(rung, Pulse | PulseFalling) for rung in program.rungs())
+
+
+@lru_cache(maxsize=16)
+def _code(program: Program) -> tuple[CodeType, ...]:
+    """Return what defines the function of each block; any number of PLCs share it."""
+    edges, index = iter(range(_edges(program))), iter(range(len(list(program.sequences()))))
+    return tuple(_block_code(block, edges, index) for block in program.blocks)
+
+
+def _block_code(block: Block, edges: Iterator[int], index: Iterator[int]) -> CodeType:
     source = _Source(edges)
     for contact, items in groupby(block.items, _common_contact):
         if contact is None:
@@ -247,9 +262,7 @@ def _compile_block(
         else:
             source.branch(contact, cast(Iterator[_Latching], items))
     body = "\n".join(source.lines) or _INDENT + "pass"
-    names = [name for name in namespace if f"{name}[" in body or f"{name}(" in body]
-    arguments = ", ".join(["tick_100", "tick_10", "tick_1", *(f"{name}={name}" for name in names)])
-    text = f"def block({arguments}):\n{body}\n"
-    exec(compile(text, f"<block {block.title}>", "exec"), namespace)  # noqa: S102 - text made from checked declarations
-    function: BlockFunction = namespace["block"]  # type: ignore[assignment]
-    return function
+    lists = [name for name in _LISTS if f"{name}[" in body]
+    triggers = dict.fromkeys(re.findall(r"\btransfer_\w+(?=\()", body))
+    arguments = ", ".join(["tick_100", "tick_10", "tick_1", *(f"{name}={name}" for name in (*lists, *triggers))])
+    return compile(f"def block({arguments}):\n{body}\n", f"<block {block.title}>", "exec")

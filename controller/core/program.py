@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass
+from functools import cached_property
 
 from controller.core.devices import is_retentive
 from controller.core.expr import Bit, Expr, Word, leaves
@@ -32,9 +33,9 @@ class Block:
         return (item for item in self.items if isinstance(item, Sequence))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
-    """One PLC program.
+    """One PLC program; equal to itself alone.
 
     Attributes:
         name: Name of the program.
@@ -71,8 +72,9 @@ class Program:
         """Yield every sequence in scan order."""
         return (sequence for block in self.blocks for sequence in block.sequences())
 
-    def retentive(self) -> list[Bit | Word]:
-        """Return the devices of the program that keep their value without power, by kind and number.
+    @cached_property
+    def retentive(self) -> tuple[Bit | Word, ...]:
+        """The devices of the program that keep their value without power, by kind and number.
 
         A timer or counter keeps both its contact and its current value, and is returned as both.
         """
@@ -83,7 +85,7 @@ class Program:
                     key = (kept.kind, kept.number, isinstance(kept, Word))
                     if not used.setdefault(key, kept).name and kept.name:
                         used[key] = kept
-        return [used[key] for key in sorted(used)]
+        return tuple(used[key] for key in sorted(used))
 
     def devices(self) -> Iterator[Bit | Word]:
         """Yield every device the program reads or writes, more than once."""

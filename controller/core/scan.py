@@ -96,7 +96,7 @@ class Plc:
         for index, sequence in enumerate(program.sequences()):
             transfers |= StepMachine(sequence, index, self.memory, self._leaving).triggers
         self._blocks: list[BlockFunction] = compile_program(program, self.memory, transfers)
-        self._retentive = program.retentive()
+        self._retentive = program.retentive
         self._kept_spans = self._spans()
         for word, value in program.set_points:
             self.memory.set_word(word.kind, word.number, value)

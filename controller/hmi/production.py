@@ -191,15 +191,15 @@ class ProductionLog:
         self._trays: int | None = None
         self._mode: int | None = None
         self._refusals = 0
-        self._alarms: set[int] = set()
-        self._questions: set[str] = set()
+        self._alarms: list[int] = []
+        self._questions: list[str] = []
         self._cycles = [_CycleWatch(machine, side) for side in SIDES]
         tags = machine.tags
-        self._asking = {
-            **{f"{side}_loaded": tags.arms[side].ask for side in SIDES},
-            **{f"{side}_cups": tags.arms[side].ask_cups for side in SIDES},
-            "tray": tags.tray.ask,
-        }
+        self._asking = [
+            *((f"{side}_loaded", tags.arms[side].ask.number) for side in SIDES),
+            *((f"{side}_cups", tags.arms[side].ask_cups.number) for side in SIDES),
+            ("tray", tags.tray.ask.number),
+        ]
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
         """Look at the memory after a scan."""
@@ -244,19 +244,20 @@ class ProductionLog:
         return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason)
 
     def _see_alarms(self, now_ms: int, plc: Plc) -> None:
-        alarms = set(plc.annunciators())
+        alarms = plc.annunciators()
         if alarms == self._alarms:
             return
-        for number in sorted(alarms ^ self._alarms):
+        for number in sorted({*alarms} ^ {*self._alarms}):
             text = getattr(self._machine.alarms.of(number).text, self._language)
             self._tell(AlarmEvent(now_ms, number, number in alarms, text))
         self._alarms = alarms
 
     def _see_questions(self, now_ms: int, plc: Plc) -> None:
-        questions = {name for name, bit in self._asking.items() if plc.memory.M[bit.number]}
+        relays = plc.memory.M
+        questions = [name for name, number in self._asking if relays[number]]
         if questions == self._questions:
             return
-        for name in sorted(questions ^ self._questions):
+        for name in sorted({*questions} ^ {*self._questions}):
             side, _, kind = name.partition("_")
             text = QUESTIONS[kind or side].of(SIDE_TEXTS.get(side))
             self._tell(QuestionEvent(now_ms, name, name in questions, getattr(text, self._language)))

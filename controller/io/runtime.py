@@ -88,6 +88,11 @@ class Runtime:
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._kept = plc.kept_image()
+        system = machine.tags.system
+        self._told_in = (
+            system.link_lost, system.scan_fault, system.outputs_held, system.store_fault, system.panel_silent,
+        )  # fmt: skip
+        self._told: tuple[bool, ...] = ()
 
     def tick(self, now_ms: int, began_ms: int | None = None) -> None:
         """Do one scan.
@@ -100,16 +105,17 @@ class Runtime:
         if self._open and self._watchdog.lost(began_ms):
             self.link_lost = True  # the module has switched off meanwhile, whatever it says now
         self._read(began_ms)
-        system = self.machine.tags.system
         late = self._last_scan_ms is not None and began_ms - self._last_scan_ms > self._scan_limit_ms
         self._last_scan_ms = began_ms
         while self._orders:
             self.plc.write(*self._orders.popleft())
-        self.plc.write(system.link_lost, self.link_lost)
-        self.plc.write(system.scan_fault, late or self._failed)
-        self.plc.write(system.outputs_held, self._held_since_ms is not None)
-        self.plc.write(system.store_fault, self._store_fault(now_ms))
-        self.plc.write(system.panel_silent, self._panel_silent(now_ms))
+        self._tell_program(
+            self.link_lost,
+            late or self._failed,
+            self._held_since_ms is not None,
+            self._store_fault(now_ms),
+            self._panel_silent(now_ms),
+        )
         image = self._scan(now_ms)
         # A field that was lost takes nothing but the safe state first, lamps and horn included.
         self.released = list(self._safe) if self.link_lost else self._release(now_ms, image)
@@ -151,6 +157,13 @@ class Runtime:
             self._link.close()
             return False
         return True
+
+    def _tell_program(self, *told: bool) -> None:
+        """Write the system bits in the order of `_told_in`; only the runtime writes them."""
+        if told != self._told:
+            self._told = told
+            for bit, value in zip(self._told_in, told, strict=True):
+                self.plc.write(bit, value)
 
     def _scan(self, now_ms: int) -> Sequence[bool]:
         """Run the program and keep what it remembers; a scan that fails gives safe outputs and a latched fault."""

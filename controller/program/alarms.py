@@ -12,7 +12,6 @@ from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
 from controller.program.alarm_texts import ALARMS, AlarmText
-from controller.program.places import devices
 from controller.program.tags import FIRST_SCAN, IN_PLACE, ArmTags, Side, Tags
 from controller.program.texts import SIDES as SIDE_TEXTS
 
@@ -218,9 +217,8 @@ class ArmAlarms:
     def __init__(self, arm: ArmTags, alarms: Annunciators, limit: Limits) -> None:
         self.overrun = alarms.add("overrun", arm.side)
         self.off_home = limit("off home", OFF_HOME_MS)
-        self.doubts = {name: device.doubt for name, device in devices(arm).items()}
         self.switches = {
-            name: alarms.add(f"{name} switches", arm.side, cause=doubt) for name, doubt in self.doubts.items()
+            name: alarms.add(f"{name} switches", arm.side, cause=doubt) for name, doubt in arm.doubt.items()
         }
         self.unbidden = alarms.add("unbidden", arm.side)
         self.cup_counts = alarms.add("cup counts", arm.side)
@@ -238,10 +236,10 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         Set(alarms.overrun, when=arm.over_row),
         Annunciate(off_home.timer, off_home.ms, off_home.alarm, when=arm.off_home),
         *(
-            Annunciate(arm.t_doubt[name], IN_DOUBT_MS, alarm, when=works & alarms.doubts[name])
+            Annunciate(arm.t_doubt[name], IN_DOUBT_MS, alarm, when=works & arm.doubt[name])
             for name, alarm in alarms.switches.items()
         ),
-        *(Set(arm.lied[name], when=alarm & alarms.doubts[name]) for name, alarm in alarms.switches.items()),
+        *(Set(arm.lied[name], when=alarm & arm.doubt[name]) for name, alarm in alarms.switches.items()),
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup),

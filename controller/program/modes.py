@@ -183,6 +183,7 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
     rungs += [
         *_reason(tags),
         Out(machine.entered_resetting, when=entered(State.RESETTING)),
+        Out(machine.places_anew, when=FIRST_SCAN | machine.entered_resetting),
         Out(machine.entered_starting, when=entered(State.STARTING) | entered(State.UNHOLDING)),
         Set(machine.batch_complete, when=state.equals(State.COMPLETE) & machine.target_reached),
         Rst(machine.trays_done, when=machine.entered_resetting & machine.batch_complete),

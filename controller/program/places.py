@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from controller.core.expr import Bit, Expr, Timer, any_of
+from controller.core.expr import Bit, Expr, any_of
 from controller.core.rungs import OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
-from controller.program.tags import FIRST_SCAN, ROWS, ArmTags, Tags
+from controller.program.tags import ROWS, ArmTags, Tags
 
 LIFT_LEAST_MS: Final = 250
 """150 mm less both switch bands, 138 mm at 0.2 m/s: 0.7 s; 0.32 s where a jam has let the chamber ahead run empty."""
@@ -35,21 +35,21 @@ class Device:
     """One device of an arm and its switches.
 
     Attributes:
+        arm: Its arm.
+        name: One of `DEVICES`; its relays have this name.
         places: By switch, the place and the memory that it was the last one; the first is apart from the others.
         to_end: By switch at an end, the coil that drives there.
-        travelled: The device had the time to get to any other place.
-        lied: A switch of it was on where the device could not be.
-        t_pressed: Runs while it is driven against an end whose switch is on.
         whole_ms: Time in which it gets from one end to the other for certain.
+        travelled: It had the time to get to any other place.
         among_rows: It had the time to get from one to another of the places behind the first.
     """
 
+    arm: ArmTags
+    name: str
     places: Mapping[Expr, tuple[Bit, Bit]]
     to_end: Mapping[Expr, Expr]
-    travelled: Bit
-    lied: Bit
-    t_pressed: Timer
     whole_ms: int
+    travelled: Bit
     among_rows: Bit | None = None
 
     @property
@@ -57,63 +57,46 @@ class Device:
         """No switch is on."""
         return ~any_of(*self.places)
 
-    @property
-    def doubt(self) -> Expr:
-        """A switch is on that is not believed, though the last place is known, or that is not on alone."""
-        known = any_of(*(was_here for _, was_here in self.places.values()))
-        return any_of(*(switch & ~here & (known | ~self.alone(switch)) for switch, (here, _) in self.places.items()))
-
     def alone(self, switch: Expr) -> Expr:
         """Return the condition that this switch is on, and no other of the device."""
         return switch & ~any_of(*(other for other in self.places if other is not switch))
 
-    def rungs(self, anew: Expr) -> Iterator[Rung]:
+    def rungs(self, anew: Bit) -> Iterator[Rung]:
         """Yield the rungs that believe a switch, and remember the last place.
 
         Args:
             anew: Begin anew with what is sensed now.
         """
+        placed, lied, pressed = self.arm.placed[self.name], self.arm.lied[self.name], self.arm.t_pressed[self.name]
         driven = any_of(*(self.alone(switch) & coil for switch, coil in self.to_end.items()))
-        first = next(iter(self.places))
-        yield OnDelay(self.t_pressed, self.whole_ms, when=self.lied & driven)
+        yield OnDelay(pressed, self.whole_ms, when=lied & driven)
         yield Set(self.travelled, when=anew & self.nowhere)
+        for switch, (_, was_here) in self.places.items():
+            yield Rst(was_here, when=anew & any_of(*(self.alone(other) for other in self._others(switch))))
+        first = next(iter(self.places))
         for switch, (here, was_here) in self.places.items():
-            among_rows = self.among_rows if switch is not first else None
-            had_time = self.travelled if among_rows is None else self.travelled | among_rows
-            pressed = [self.t_pressed.done] if switch in self.to_end else []
-            yield Out(here, when=self.alone(switch) & any_of(was_here, had_time, anew & ~self.lied, *pressed))
+            believed = [was_here, self.travelled, anew & ~lied]
+            if self.among_rows is not None and switch is not first:
+                believed.append(self.among_rows)
+            if switch in self.to_end:
+                believed.append(pressed.done)
+            yield Out(here, when=self.alone(switch) & any_of(*believed))
         for switch, (here, was_here) in self.places.items():
-            others = [(other, other_here) for other, (other_here, _) in self.places.items() if other is not switch]
             yield Set(was_here, when=here)
-            yield Rst(was_here, when=any_of(*(here for _, here in others), *(anew & self.alone(o) for o, _ in others)))
-        anywhere = any_of(*(here for here, _ in self.places.values()))
-        yield Rst(self.travelled, when=anywhere)
-        yield Rst(self.lied, when=anywhere)
+            yield Rst(was_here, when=any_of(*(self.places[other][0] for other in self._others(switch))))
+        yield Out(placed, when=any_of(*(here for here, _ in self.places.values())))
+        yield Rst(self.travelled, when=placed)
         if self.among_rows is not None:
-            yield Rst(self.among_rows, when=anywhere)
+            yield Rst(self.among_rows, when=placed)
+        yield Rst(lied, when=placed)
+        known = any_of(*(was_here for _, was_here in self.places.values()))
+        sensed = ~placed & any_of(*self.places)
+        yield Out(
+            self.arm.doubt[self.name], when=sensed & (known | ~any_of(*(self.alone(switch) for switch in self.places)))
+        )
 
-
-def devices(a: ArmTags) -> dict[str, Device]:
-    """Return lift, slide and belt of an arm."""
-    coils, lied, pressed = a.coils, a.lied, a.t_pressed
-    at_rows = {a.sensed_at_pick[row]: (a.at_pick[row], a.was_at_pick[row]) for row in ROWS}
-    return {
-        "lift": Device(
-            {a.sensed_down: (a.down, a.was_down), a.sensed_up: (a.up, a.was_up)},
-            {a.sensed_down: coils["lift_extend"], a.sensed_up: coils["lift_retract"]},
-            a.lift_travelled, lied["lift"], pressed["lift"], LIFT_WHOLE_MS,
-        ),
-        "slide": Device(
-            {a.sensed_at_feed: (a.at_feed, a.was_at_feed), **at_rows},
-            {a.sensed_at_feed: coils["slide_outward"]},
-            a.slide_travelled, lied["slide"], pressed["slide"], SLIDE_WHOLE_MS, a.slide_hopped,
-        ),
-        "belt": Device(
-            {a.sensed_spread: (a.is_spread, a.was_spread), a.sensed_converged: (a.is_converged, a.was_converged)},
-            {a.sensed_spread: coils["spread"], a.sensed_converged: coils["converge"]},
-            a.belt_travelled, lied["belt"], pressed["belt"], BELT_WHOLE_MS,
-        ),
-    }  # fmt: skip
+    def _others(self, switch: Expr) -> list[Expr]:
+        return [other for other in self.places if other is not switch]
 
 
 def places(tags: Tags, a: ArmTags) -> list[Rung]:
@@ -123,8 +106,26 @@ def places(tags: Tags, a: ArmTags) -> list[Rung]:
     Not so where a switch of the device has lied: there the device is first driven against its end for the time of
     the whole stroke, whatever the switch says.
     """
-    anew = FIRST_SCAN | tags.machine.entered_resetting
-    lift, slide, belt = devices(a).values()
+    anew, coils = tags.machine.places_anew, a.coils
+    at_rows = {a.sensed_at_pick[row]: (a.at_pick[row], a.was_at_pick[row]) for row in ROWS}
+    lift = Device(
+        a, "lift",
+        {a.sensed_down: (a.down, a.was_down), a.sensed_up: (a.up, a.was_up)},
+        {a.sensed_down: coils["lift_extend"], a.sensed_up: coils["lift_retract"]},
+        LIFT_WHOLE_MS, a.lift_travelled,
+    )  # fmt: skip
+    belt = Device(
+        a, "belt",
+        {a.sensed_spread: (a.is_spread, a.was_spread), a.sensed_converged: (a.is_converged, a.was_converged)},
+        {a.sensed_spread: coils["spread"], a.sensed_converged: coils["converge"]},
+        BELT_WHOLE_MS, a.belt_travelled,
+    )  # fmt: skip
+    slide = Device(
+        a, "slide",
+        {a.sensed_at_feed: (a.at_feed, a.was_at_feed), **at_rows},
+        {a.sensed_at_feed: coils["slide_outward"]},
+        SLIDE_WHOLE_MS, a.slide_travelled, a.slide_hopped,
+    )  # fmt: skip
     return [
         OnDelay(a.t_lift_way, LIFT_LEAST_MS, when=lift.nowhere),
         Set(a.lift_travelled, when=a.t_lift_way.done),

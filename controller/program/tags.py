@@ -217,6 +217,7 @@ class MachineTags:
         self.motion = m.bit("motion allowed", "the state allows motion")
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
+        self.places_anew = m.bit("places anew", "power-up or begin of homing: places are made of what is sensed now")
         self.entered_starting = m.bit("entered Starting", "first scan of Starting or Unholding")
         self.running = m.bit("running", "Execute, Suspended and between them")
         self.executing = m.bit("executing", "state is Execute")
@@ -274,6 +275,8 @@ class ArmTags:
         self.slide_travelled = m.bit("slide travelled", "it had the time to get between feed and a row")
         self.slide_hopped = m.bit("slide hopped", "it had the time to get from one row to the next")
         self.belt_travelled = m.bit("belt travelled", "it had the time to get to its other end")
+        self.placed = {name: m.bit(f"{name} placed", "it is at a place that is believed") for name in DEVICES}
+        self.doubt = {name: m.bit(f"{name} in doubt", "a switch is on that is not believed") for name in DEVICES}
         self.passed = m.bit("passed row", "the slide has come to the next row, or beyond, since it left feed")
         self.begins_rest = m.bit("begins rest", "lift, slide and belt have had no coil on for a while, this scan")
         self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
@@ -345,9 +348,7 @@ class ArmTags:
         self.t_pressed = {name: pressed.timer(f"{name} pressed", "driven against its end") for name in DEVICES}
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
         self.t_rest = t100.timer("rest", "lift, slide and belt have no coil on")
-        self.t_doubt = {
-            name: t100.timer(f"{name} in doubt", "a switch is on that cannot be") for name in DEVICES
-        }
+        self.t_doubt = {name: t100.timer(f"{name} in doubt", "a switch is on that cannot be") for name in DEVICES}
         self.t_unbidden = t100.timer("unbidden", "a switch has changed by itself")
         self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted without one of the other row")
 

@@ -111,7 +111,7 @@ class Model:
         self.set_points = {cell_of(word): value for word, value in self.program.set_points}
         system = {cell_of(bit) for bit in self.program.system}
         self.inputs = [c for c in self.cells if c.kind == "X" or c in system or c in self.set_points]
-        self.kept = frozenset(cell_of(device) for device in self.program.retentive()) | {*self.remembered}
+        self.kept = frozenset(cell_of(device) for device in self.program.retentive) | {*self.remembered}
         self._ranges = {cell_of(word): limits for word, limits in specification.ranges.items()}
         self._untouched = self._never_written()
         self._check()

@@ -113,7 +113,7 @@ class Search:
             rows.append(scan_of(model, value(found, self._tenths[number]) * MS_100, before, start))
         held = values(found, self._start)
         first_ever = bool(value(found, self._factory))
-        kept = {} if first_ever else {cell_of(device): device for device in model.program.retentive()}
+        kept = {} if first_ever else {cell_of(device): device for device in model.program.retentive}
         retained = {str(cell): held[cell] for cell in kept}
         forced = {str(cell): held[cell] for cell in model.remembered if cell not in kept}
         start_of = Start.FACTORY if first_ever else Start.RETAINED

@@ -77,12 +77,17 @@ def gentle_inward(twin: Twin) -> Check:
     What trapped air moves it by before it stands is no inward motion, nor is a rebound within the switch at feed.
     """
     outermost_m: dict[str, float] = {}
+    seen_m: dict[str, float] = {}
     at_feed_m = twin.parameters.slide.switch_band_m + twin.parameters.slide.switch_hysteresis_m
     spec = twin.parameters.handling
     low_m = twin.parameters.lift.switch_band_m + twin.parameters.lift.switch_hysteresis_m
 
     def check() -> str | None:
         for side, arm in twin.plant.arms.items():
+            x_m = arm.slide.x_m
+            if seen_m.get(side) == x_m:
+                continue
+            seen_m[side] = x_m
             why = None
             if arm.lift.rise_m > low_m:
                 why = f"{arm.lift.rise_m * 1000:.1f} mm above the lower limit"
@@ -91,8 +96,8 @@ def gentle_inward(twin: Twin) -> Check:
             if why is None:
                 outermost_m.pop(side, None)
                 continue
-            outermost_m[side] = min(outermost_m.get(side, arm.slide.x_m), arm.slide.x_m)
-            if arm.slide.x_m > max(outermost_m[side] + CREEP_M, at_feed_m):
+            outermost_m[side] = min(outermost_m.get(side, x_m), x_m)
+            if x_m > max(outermost_m[side] + CREEP_M, at_feed_m):
                 return f"{side} slide goes inward {why}"
         return None
 

@@ -6,6 +6,7 @@ One tick order, written here: scan, then the plant up to the next scan, then the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache, lru_cache
 
 from controller.core.clock import SimulatedClock
 from controller.core.retain import MemoryStore
@@ -65,11 +66,11 @@ class Twin:
         Raises:
             FaultError: the plant cannot be broken so.
         """
-        self.io_map = io_map or load_io_map(DEFAULT_IO_MAP)
-        self.parameters = parameters or load_machine()
+        self.io_map = io_map or _default_io_map()
+        self.parameters = parameters or _default_parameters()
         self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays, faults=faults)
         self.module = IoModule(self.plant, self.io_map)
-        self.machine: Transplanter = build(self.io_map)
+        self.machine: Transplanter = _machine(self.io_map)
         self.clock = SimulatedClock()
         self.events: list[Event] = []
         self.store = MemoryStore()
@@ -212,3 +213,18 @@ class Twin:
             if now_ms >= until_ms:
                 setattr(self.plant.box, button, False)
                 del self._releases[button]
+
+
+@cache
+def _default_io_map() -> IoMap:
+    return load_io_map(DEFAULT_IO_MAP)
+
+
+@cache
+def _default_parameters() -> Machine:
+    return load_machine()
+
+
+@lru_cache(maxsize=8)
+def _machine(io_map: IoMap) -> Transplanter:
+    return build(io_map)

@@ -104,7 +104,11 @@ class IoModule:
             ModuleFault: tripped, and a level is not safe.
             ValueError: beyond the Y image.
         """
-        self.write({first + index: level for index, level in enumerate(levels)})
+        if first == 0 and not self.tripped and list(levels) == self._outputs:
+            self.last_write_ms = self.plant.time_ms
+            self._note_written(self._block)
+        else:
+            self.write({first + index: level for index, level in enumerate(levels)})
 
     def write(self, levels: Mapping[int, bool]) -> None:
         """Write outputs, all or none of them.
