@@ -122,6 +122,36 @@ class Process:
         self.lines.put(None)
 
 
+class Interrupts:
+    """Ctrl-C and SIGTERM while processes run: raised at once, and again where the wait for events begins anew.
+
+    The interpreter swallows what is raised while it runs a destructor; without the second chance the order to stop
+    would be lost.
+    """
+
+    def __init__(self) -> None:
+        self._came = False
+
+    def __enter__(self) -> Self:
+        self._before = {number: signal.signal(number, self._take) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def check(self) -> None:
+        """Raise `KeyboardInterrupt` if one has come."""
+        if self._came:
+            raise KeyboardInterrupt
+
+    def _take(self, *_: object) -> None:
+        self._came = True
+        raise KeyboardInterrupt
+
+
 @dataclass
 class Story:
     """What the controller has reported so far."""
@@ -183,6 +213,7 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
     if o.record is not None:
         serve += ["--record", str(o.record)]
     with ExitStack() as stack:
+        interrupts = stack.enter_context(Interrupts())
         memory = stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-"))
         plant = stack.enter_context(Process("plant", serve))
         if plant.next_line(START_LIMIT_S) is None:
@@ -201,14 +232,23 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
         control += ["--language", o.language]
         for name, value in {"trays_target": o.trays, **set_points_of(load_machine(o.machine))}.items():
             control += ["--set", f"{name}={value}"]
-        yield LiveTrial(options, view, operator, stack.enter_context(Process("controller", control)))
+        controller = stack.enter_context(Process("controller", control))
+        yield LiveTrial(options, view, operator, controller, interrupts)
 
 
 class LiveTrial:
     """A trial on a running plant and controller, with an operator at the box."""
 
-    def __init__(self, options: LiveOptions, view: ProgressView, operator: Operator, controller: Process) -> None:
+    def __init__(
+        self,
+        options: LiveOptions,
+        view: ProgressView,
+        operator: Operator,
+        controller: Process,
+        interrupts: Interrupts,
+    ) -> None:
         self._options = options
+        self._interrupts = interrupts
         self._view = view
         self._operator = operator
         self._controller = controller
@@ -257,6 +297,7 @@ class LiveTrial:
         """Take in the controller's events for a while."""
         until_s = time.perf_counter() + for_s
         while (left_s := until_s - time.perf_counter()) > 0:
+            self._interrupts.check()
             try:
                 line = self._controller.lines.get(timeout=left_s)
             except queue.Empty:
