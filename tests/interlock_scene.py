@@ -89,6 +89,7 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
     loaded, closed, clamped = (bool(scene.has(bit)) for bit in (arm.loaded, arm.claws_closed, arm.clamped))
     down, up, feed = ("lift_down" in place), ("lift_up" in place), ("slide_at_feed" in place)
     by_hand = bool(scene.has(TAGS.machine.jogging))
+    trusted = not scene.has(arm.lied["belt"])
     return [
         *((f"{one} against {two}", {one, two} <= on) for one, two in (SLIDE, LIFT, BELT, CLAWS)),
         ("in emergency stop", bool(on) and "emergency_stop" in scene.sensed),
@@ -102,8 +103,8 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
         ("down away from feed", "lift_extend" in on and not feed),
         ("spread away from feed or not up", "spread" in on and not (up and feed)),
         ("converge away from feed or loaded", "converge" in on and (loaded or not feed)),
-        ("spread against its end", "spread" in on and f"{side}.claws_spread" in scene.sensed),
-        ("converge against its end", "converge" in on and f"{side}.claws_converged" in scene.sensed),
+        ("spread against its end", "spread" in on and f"{side}.claws_spread" in scene.sensed and trusted),
+        ("converge against its end", "converge" in on and f"{side}.claws_converged" in scene.sensed and trusted),
         ("close nowhere", "claws_close" in on and not feed and not (scene.has(arm.at_wanted_row) and down)),
         *(opening_forbidden(scene, side) if "claws_open" in on and loaded else ()),
     ]
