@@ -26,6 +26,9 @@ BRISK = MACHINE.with_values({"cups.planting_frequency_per_min": 60.0})
 NUDGE_M = 0.012
 """Out of a row's switch and its hysteresis, but not yet at the next row."""
 
+RISE_M = 0.010
+"""Out of the lower limit's switch and its hysteresis, roots still in their cells."""
+
 Act = Callable[[Twin, Side], None]
 
 
@@ -161,6 +164,17 @@ def homing_from_between(twin: Twin, side: Side) -> None:
     begin_homing(twin)
 
 
+def homing_from_a_row_half_closed(twin: Twin, side: Side) -> None:
+    """Stop as the claws begin to close on a row, let the arm come up a little by itself, begin to home."""
+    run_to("close claws")(twin, side)
+    twin.run_for(20)
+    press_emergency_stop(twin)
+    clear(twin)
+    arm = arm_of(twin, side)
+    arm.place(y_m=arm.lift.position_m - RISE_M)
+    begin_homing(twin)
+
+
 def homing_in_doubt(twin: Twin, side: Side) -> None:
     """Lose the power while the claws close, and begin to home."""
     run_to("close claws")(twin, side)
@@ -193,6 +207,7 @@ ROUTES: dict[tuple[str, str], Route] = {
     ("arm", "park"): Route(lead=stop_over_standing_cups, mend=tractor_goes),
     ("arm", "parked"): Route(lead=stop_over_standing_cups, mend=tractor_goes),
     ("homing", "decide"): Route(lead=homing_in_doubt),
+    ("homing", "lower to put back"): Route(lead=homing_from_a_row_half_closed),
     ("homing", "put back"): Route(lead=homing_after("close claws", 150)),
     ("homing", "raise loaded"): Route(lead=homing_after("lift from row", 300)),
     ("homing", "raise empty"): Route(lead=homing_from_between),

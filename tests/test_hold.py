@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hands import stop
 from twin_rig import (
+    TRAY_MS,
     Recorder,
     arm_of,
     at_work,
@@ -234,3 +235,14 @@ def test_a_silent_panel_does_not_hold_a_machine_at_rest(monkeypatch: pytest.Monk
     fall_silent(twin, monkeypatch)
     twin.run_for(2 * PANEL_LIMIT_MS)
     assert (twin.state, twin.alarms()) == (State.IDLE, ["hmi_silent"])
+
+
+def test_complete_ordered_while_no_tray_comes_ends_the_work() -> None:
+    """Given a machine Suspended for want of a tray, complete ends in Complete without another tray or press."""
+    twin = at_work({"trays_target": 2}, trays=1)
+    twin.run_until_state(State.SUSPENDED, within_ms=2 * TRAY_MS)
+    assert twin.in_step("tray feeder", "no tray")
+    twin.command("complete")
+    twin.run_until_state(State.COMPLETE, within_ms=1_000)
+    assert twin.plant.counts() == undisturbed()
+    assert twin.alarm_events() == []

@@ -106,7 +106,7 @@ def test_what_must_outlive_a_loss_of_power_is_retentive() -> None:
     wanted += [word for word, _ in tags.sp.defaults]
     for arm in tags.arms.values():
         wanted += [arm.loaded, arm.claws_closed, arm.claws_known, arm.clamped, *arm.rows.values()]
-        wanted += [arm.missed_cups, arm.cycles, *arm.lied.values()]
+        wanted += [arm.missed_cups, arm.cycles, arm.on_row, *arm.lied.values()]
     assert kept == set(wanted)
 
 

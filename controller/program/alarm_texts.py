@@ -203,6 +203,9 @@ ALARMS: Final = {
     "converge": AlarmText(Text("{side} claws not converged", "{side}夹爪未聚合到位"), _CONVERGE),
     "lower empty": AlarmText(Text("{side} arm not down after converging", "{side}臂聚合后未降到下限位"), _LIFT_DOWN),
     "park": AlarmText(Text("{side} arm not up while parking", "{side}臂停放时未升到上限位"), _LIFT_UP),
+    "home: lower to put back": AlarmText(
+        Text("Homing: {side} arm not down at the row", "复位:{side}臂在取苗位未降到下限位"), _LIFT_DOWN
+    ),
     "home: put back": AlarmText(
         Text("Homing: {side} claws not opened at the row", "复位:{side}夹爪在取苗位未张开"), _CLAWS_OPEN
     ),

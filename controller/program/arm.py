@@ -329,3 +329,11 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
         Rst(a.clamped, when=opening),
         Rst(a.discard, when=opened | ~a.loaded),
     ]
+
+
+def coils_memory(a: ArmTags) -> list[Rung]:
+    """Remember what the coils of this scan have done; the rungs come after the outputs."""
+    return [
+        Rst(a.on_row, when=a.coils["slide_inward"] | a.coils["slide_outward"]),
+        Set(a.on_row, when=a.coils["claws_close"] & ~a.sensed_at_feed),
+    ]

@@ -18,7 +18,8 @@ empty, and the first stroke inward would find nothing to push against."""
 def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
     """Return the homing sequence; its first step decides, in the order of the seven cases.
 
-    A row in progress with the arm still down is put back and stays full (2). A load away from feed goes
+    A row in progress with the arm still down is put back and stays full (2); so is one whose claws had not gripped it
+    when the arm came up by itself: half closed they may not lift it. A load away from feed goes
     fully up, then out (3). An empty arm goes out low if it is down (4), else up and out (4). At feed a load goes
     up and stays, ready (5); an empty arm opens, goes up, converges and goes down (6). Where it cannot be told,
     the step waits for the operator (7). Unknown claws count as closed and loaded (1): see `arm.conditioning`.
@@ -30,6 +31,7 @@ def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
             waits_for="an answer of the operator",
             go=[
                 To("put back", when=~a.ask & a.row_in_progress & a.down & ~a.at_feed),
+                To("lower to put back", when=all_of(~a.ask, a.on_row, a.at_wanted_row, a.row_in_progress, ~a.clamped)),
                 To("raise loaded", when=~a.ask & a.loaded & ~a.at_feed),
                 To("out low", when=~a.ask & ~a.at_feed & a.down),
                 To("raise empty", when=~a.ask & ~a.at_feed),
@@ -48,6 +50,12 @@ def _to_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     a = tags.arms[side]
     want = a.want
     return [
+        Step(
+            "lower to put back",
+            hold=[want["lift_extend"]],
+            go=[To("put back", when=a.down)],
+            watch=limit("home: lower to put back", LIFT_LIMIT_MS),
+        ),
         Step(
             "put back",
             hold=[want["claws_open"]],

@@ -22,10 +22,10 @@ HOP_LEAST_MS: Final = 100
 """43 mm less both switch bands, 31 mm at 0.15 m/s: 0.2 s; half of that."""
 LIFT_WHOLE_MS: Final = 1_500
 """The whole stroke takes 0.75 s at 0.2 m/s; twice that."""
-SLIDE_WHOLE_MS: Final = 4_000
-"""The longest stroke, 378.5 mm at 800 mm row spacing, takes 2.6 s at 0.143 m/s; one and a half times that."""
-BELT_WHOLE_MS: Final = 1_500
-"""The whole travel takes 0.94 s at 0.2 m/s; one and a half times that."""
+SLIDE_WHOLE_MS: Final = 3_500
+"""The longest stroke, 378.5 mm at 800 mm row spacing, takes 2.6 s at 0.143 m/s; a third more."""
+BELT_WHOLE_MS: Final = 1_300
+"""The whole travel takes 0.94 s at 0.2 m/s; a third more."""
 REST_MS: Final = 1_000
 """After a coil goes off the arm has come to a stand within a fraction of that."""
 

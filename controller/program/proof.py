@@ -103,6 +103,7 @@ def _of_arm(machine: Transplanter, side: Side, own: ArmMonitor) -> dict[str, Exp
         "what the claws may hold counts as a load": _implies(own.holds, a.loaded),
         "a load is held by closed claws": _implies(a.loaded, a.claws_closed),
         "clamped claws have gripped": _implies(a.clamped, own.gripped),
+        "claws closed on a row have not moved from it": _implies(a.on_row, own.unmoved),
         "a row in progress has not been left": _implies(in_progress & own.holds, own.unmoved | driven),
         "a slide that has arrived has passed": _implies(own.arrived, a.passed),
         "release delay follows a cup": _implies(cycle["release delay"], own.released | ~own.holds),

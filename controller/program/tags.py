@@ -323,6 +323,7 @@ class ArmTags:
         self.claws_closed = kept_m.bit("claws closed", "last claw command was close")
         self.claws_known = kept_m.bit("claws known", "the claw command is remembered")
         self.clamped = kept_m.bit("clamped", "claws closed for their dwell")
+        self.on_row = kept_m.bit("on row", "the claws have closed at a row, and the slide has not been driven since")
         self.lied = {
             name: kept_m.bit(f"{name} switch lied", "no switch of it is believed until it was driven against its end")
             for name in DEVICES

@@ -111,7 +111,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
             t.permit,
             when=all_of(t.needed, at_feed, ~t.ask, ~unloading, machine.running | (machine.resetting & homed)),
         ),
-        Out(t.missing, when=feeder["no tray"]),
+        Out(t.missing, when=feeder["no tray"] & ~machine.complete_ordered),
         Out(t.at_rest, when=t.fault | feeder["no tray"] | ~any_of(*(bit for bit, _ in feeder if bit != feeder.first))),
         Out(t.ready, when=t.missing | machine.target_reached | t.phase.equals(IN_PLACE)),
     ]

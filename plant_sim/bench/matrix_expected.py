@@ -56,8 +56,8 @@ _CLAWS = (
     "(a load goes back in) can be seen; a reed switch at either end of their cylinder would tell it"
 )
 _SINKS = (
-    "an arm that rises or sinks by itself on its way: a load is pressed onto the tray before the slide, which stops as "
-    "soon as the switch is lost, stands"
+    "an arm that rises or sinks by itself: on its way a load is pressed onto the tray before the slide, which stops as "
+    "soon as the switch is lost, stands; over a row the claws close too high before the switch is lost"
 )
 _CREEPS = (
     f"{_PASSED_ROW}. A slide at rest has no coil on that could hold it: it creeps over a row, or tears what it has "
@@ -71,9 +71,14 @@ _TRAY_TOO_FAR = (
     "corner, past the first, would tell it"
 )
 
+_TRAY_PASSES = (
+    "a sensor that fails while the tray is on its way: the tray goes through the machine unseen and is told missing; "
+    "its seedlings are whole and can be laid in again. A second sensor would tell it"
+)
+
 _ROW = _told("approach row", "return to row", "overrun", "close claws", "slide switches")
 _SLIDE = _told(*_ROW.alarms, "slide to feed", "off home", "unbidden")
-_LIFT = _told("lift from row", "lower over cups", "slide to feed", "spread", "open claws", "close claws",
+_LIFT = _told("lift from row", "lower over cups", "lower empty", "slide to feed", "spread", "open claws", "close claws",
               "approach row", "off home", "lift switches", "unbidden")  # fmt: skip
 _BELT = _told("spread", "converge", "open claws", "approach row", "off home", "belt switches", "unbidden")
 _AIR = _told(*_SLIDE.alarms, *_LIFT.alarms, "air_low")
@@ -81,12 +86,14 @@ _RUNS_PAST = _harms(_SLIDE, _PASSED_ROW, "arm_through_tray")
 _CREEPING = _harms(_SLIDE, _CREEPS, "arm_through_tray", "gentle_inward", "torn", loses=True)
 _CLAW_HARM = ("gentle_inward", "arm_through_tray", "stems_cut", "dropped", "drop_over_tray", "torn", "double")
 _CLAWS_FAIL = _untold(_CLAWS, *_CLAW_HARM, loses=True)
-_SINKING = _harms(_LIFT, _SINKS, "arm_through_tray", "gentle_inward", loses=True)
+_SINKING = _harms(_LIFT, _SINKS, "arm_through_tray", "gentle_inward", "stems_cut", loses=True)
 
 _ROW_SWITCHES = ("slide_at_pick_1", "slide_at_pick_2", "slide_at_pick_3")
 _SWITCH_OFF = {
     "lift_up": _told("lift from row", "slide to feed", "spread", "unbidden"),
-    "lift_down": _told("lower over cups", "open claws", "close claws", "approach row", "off home", "unbidden"),
+    "lift_down": _told(
+        "lower over cups", "lower empty", "open claws", "close claws", "approach row", "off home", "unbidden"
+    ),
     "slide_at_feed": _told(
         "slide to feed", "open claws", "off home", "spread", "converge", "lower over cups", "unbidden"
     ),
@@ -94,7 +101,7 @@ _SWITCH_OFF = {
     "claws_spread": _told("spread", "open claws", "unbidden"),
     "claws_converged": _told("converge", "approach row", "off home", "unbidden"),
     "cup_pulse": _told("no cups", "cup counts"),
-    "tray_front_edge": _told("tray_lost", "no tray", "approach row"),
+    "tray_front_edge": _harms(_told("tray_lost", "no tray", "approach row"), _TRAY_PASSES, loses=True),
 }
 """A switch that says off stops the step that waits for it, or takes away what lets a coil on; at rest it is missed."""
 _SWITCH_ON = {

@@ -46,6 +46,7 @@ class Outcome:
         rounds: How often the operator had to bring it back to work.
         counts: Where the seedlings are at the end.
         lost: Seedlings that are lost or left behind beyond those of an undisturbed run.
+        passed: Whether a tray went through the machine unseen, and the operator ended the trial without it.
         reason: Why the trial was not completed, or does not count its trays and rows once; empty if all is well.
     """
 
@@ -59,6 +60,7 @@ class Outcome:
     in_doubt: int = 0
     away: list[str] = field(default_factory=list)
     rounds: int = 0
+    passed: bool = False
     reason: str = ""
 
     @property
@@ -206,6 +208,12 @@ def _help(twin: Twin, outcome: Outcome) -> None:
     if any(fault.name == outcome.fault.name for fault in twin.plant.faults.active):
         mend(twin, outcome.fault)
     if twin.state is State.SUSPENDED:
+        conveyor = twin.plant.conveyor
+        if not conveyor.front_m and not conveyor.in_magazine:
+            outcome.passed = True
+            twin.command("complete")
+            twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS)
+            return
         twin.press("start")
         twin.run_until(lambda: twin.state is not State.SUSPENDED, within_ms=SUSPENDED_MS, what="work")
         return
@@ -240,7 +248,7 @@ def _account(twin: Twin, outcome: Outcome, sound: Undisturbed, trays: int) -> No
     """Count everything, once, and compare with the undisturbed trial."""
     counts = outcome.counts = twin.plant.counts()
     outcome.lost = (counts.total - counts.in_cups) - (sound.counts.total - sound.counts.in_cups)
-    if outcome.reason:
+    if outcome.reason or outcome.passed:
         return
     complaints = []
     if (done := twin.plc.read(twin.machine.tags.machine.trays_done)) != trays:
