@@ -26,8 +26,8 @@ BRISK = MACHINE.with_values({"cups.planting_frequency_per_min": 60.0})
 NUDGE_M = 0.012
 """Out of a row's switch and its hysteresis, but not yet at the next row."""
 
-RISE_M = 0.010
-"""Out of the lower limit's switch and its hysteresis, roots still in their cells."""
+RISE_MS = 300
+"""Out of the lower limit's switch and its hysteresis, the plugs loosened but still in their cells."""
 
 Act = Callable[[Twin, Side], None]
 
@@ -82,6 +82,7 @@ class Route:
             plain run, with row 1 thrown.
         mend: What puts right afterwards what the way there has spoilt.
         discards: Whether a load is ordered to be discarded on the way.
+        loosens: Whether the plugs of a row are loosened on the way: then it is not picked.
     """
 
     set_points: dict[str, int] = field(default_factory=dict)
@@ -89,6 +90,7 @@ class Route:
     lead: Act | None = None
     mend: Callable[[Twin], None] = lambda twin: None
     discards: bool = False
+    loosens: bool = False
 
     def travel(self, stop: Stop) -> Twin:
         """Return a machine in the step, in the scan that has turned it on."""
@@ -165,13 +167,12 @@ def homing_from_between(twin: Twin, side: Side) -> None:
 
 
 def homing_from_a_row_half_closed(twin: Twin, side: Side) -> None:
-    """Stop as the claws begin to close on a row, let the arm come up a little by itself, begin to home."""
+    """Stop as the claws begin to close on a row, let the arm come up a little by hand, begin to home."""
     run_to("close claws")(twin, side)
     twin.run_for(20)
     press_emergency_stop(twin)
     clear(twin)
-    arm = arm_of(twin, side)
-    arm.place(y_m=arm.lift.position_m - RISE_M)
+    by_hand(twin, f"{side}.lift_retract", for_ms=RISE_MS)
     begin_homing(twin)
 
 
@@ -207,7 +208,7 @@ ROUTES: dict[tuple[str, str], Route] = {
     ("arm", "park"): Route(lead=stop_over_standing_cups, mend=tractor_goes),
     ("arm", "parked"): Route(lead=stop_over_standing_cups, mend=tractor_goes),
     ("homing", "decide"): Route(lead=homing_in_doubt),
-    ("homing", "lower to put back"): Route(lead=homing_from_a_row_half_closed),
+    ("homing", "lower to put back"): Route(lead=homing_from_a_row_half_closed, loosens=True),
     ("homing", "put back"): Route(lead=homing_after("close claws", 150)),
     ("homing", "raise loaded"): Route(lead=homing_after("lift from row", 300)),
     ("homing", "raise empty"): Route(lead=homing_from_between),

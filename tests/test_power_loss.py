@@ -15,7 +15,13 @@ from plant_sim.bench.recovery import clear, home_again, press_emergency_stop, qu
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 OFF_MS = 1_000
-ROW_IN_DOUBT = {("arm", "close claws"), ("arm", "lift from row"), ("homing", "put back"), ("homing", "decide")}
+ROW_IN_DOUBT = {
+    ("arm", "close claws"),
+    ("arm", "lift from row"),
+    ("homing", "lower to put back"),
+    ("homing", "put back"),
+    ("homing", "decide"),
+}
 """Steps between clamping and leaving the row (and the one that waits for the answer). In 'lift from row' the outputs
 stay on until the watchdog has acted, 100 ms: too short for the air above the piston to let the arm rise."""
 TRAY_IN_DOUBT = {"creep", "settle"}
