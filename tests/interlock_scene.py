@@ -100,7 +100,7 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
         ("outward in between", "slide_outward" in on and not up and not down),
         ("outward low, closed or loaded", "slide_outward" in on and not up and (closed or loaded)),
         ("up half closed", "lift_retract" in on and not feed and closed and not clamped),
-        ("down away from feed", "lift_extend" in on and not feed),
+        ("down away from feed", "lift_extend" in on and not feed and not putting_back(scene, side)),
         ("spread away from feed or not up", "spread" in on and not (up and feed)),
         ("converge away from feed or loaded", "converge" in on and (loaded or not feed)),
         ("spread against its end", "spread" in on and f"{side}.claws_spread" in scene.sensed and trusted),
@@ -108,6 +108,12 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
         ("close nowhere", "claws_close" in on and not feed and not (scene.has(arm.at_wanted_row) and down)),
         *(opening_forbidden(scene, side) if "claws_open" in on and loaded else ()),
     ]
+
+
+def putting_back(scene: Scene, side: Side) -> bool:
+    """Tell whether the arm goes down onto the row that it has just closed on."""
+    arm, home = TAGS.arms[side], MACHINE.homings[side]
+    return bool(scene.has(home["lower to put back"]) and scene.has(arm.on_row) and scene.has(arm.at_wanted_row))
 
 
 def inward_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:

@@ -225,7 +225,7 @@ class Terminal:
 
     number: int
     level: bool
-    then: Wait
+    then: Act
 
     def on(self, rig: Rig) -> None:
         """Happen."""

@@ -123,10 +123,14 @@ def rare(side: Side) -> dict[str, tuple[Act, ...]]:
 
     emergency_stop = Button("emergency_stop", AT_ONCE)
     switch = MACHINE.io_map[f"{side}.slide_at_pick_1"].number
+    down = MACHINE.io_map[f"{side}.lift_down"].number
     by_hand = GoOn(Mode.MANUAL, (), AT_ONCE)
     return {
         "emergency stop while clamping": (*until("close claws"), emergency_stop, WORK),
         "power loss while clamping": (*until("close claws"), PowerLoss(memory_lost=False), WORK, WORK),
+        "come up while clamping": (
+            *until("close claws"), Press(("abort",), AT_ONCE),
+            Terminal(down, level=False, then=InTurn(tuple(Press((name,), AT_ONCE) for name in ("clear", "reset"))))),
         "emergency stop on the way in": (*until("approach row"), Wait(50, 10), emergency_stop, WORK),
         "emergency stop on the way out": (*until("slide to feed"), Wait(50, 10), emergency_stop, WORK),
         "emergency stop on the way up": (*until("lift from row"), Wait(50, 6), emergency_stop, WORK),

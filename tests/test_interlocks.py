@@ -217,9 +217,10 @@ def test_only_the_output_block_writes_y_and_every_wire_once() -> None:
     }
 
 
-def test_nothing_comes_after_the_output_block_but_what_it_refused_and_the_end_of_the_presses() -> None:
-    assert [block.title for block in MACHINE.program.blocks[-3:]] == [
+def test_nothing_comes_after_the_output_block_but_what_it_did_and_refused_and_the_end_of_the_presses() -> None:
+    assert [block.title for block in MACHINE.program.blocks[-4:]] == [
         OUTPUTS,
+        "what coils have done",
         "what interlocks refuse",
         "commands consumed",
     ]
