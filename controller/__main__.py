@@ -18,10 +18,16 @@ from types import ModuleType
 from typing import TextIO
 
 from controller.core.clock import MonotonicClock
-from controller.core.expr import Word
+from controller.core.expr import Bit, Word
+from controller.core.program import Program
 from controller.core.retain import DamagedStoreError, FileStore
+from controller.core.rungs import written_devices
 from controller.core.scan import Plc
 from controller.core.specification import Specification
+from controller.fx.command import STEPPER_HZ, LadderCommand
+from controller.fx.export import PulseTrain
+from controller.fx.instruction import LadderError
+from controller.fx.stimulus import StimulusError
 from controller.hmi.alarm_list import AlarmChange, AlarmList
 from controller.hmi.console import Console, OrderError
 from controller.hmi.production import Event, ProductionLog
@@ -46,13 +52,13 @@ class UsageError(ValueError):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if not given or given[0] not in ("run", "docs", "prove", "replay", "-h", "--help"):
+    if not given or given[0] not in ("run", "docs", "prove", "replay", "ladder", "-h", "--help"):
         given.insert(0, "run")
     options = _parser().parse_args(given)
     try:
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
-    except (UsageError, IoMapError, RuleError) as error:
+    except (UsageError, IoMapError, RuleError, LadderError, StimulusError) as error:
         print(error, file=sys.stderr)
         return 2
 
@@ -107,6 +113,9 @@ def _parser() -> argparse.ArgumentParser:
     replay.add_argument("trace", type=Path, help="the trace")
     replay.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
     replay.add_argument("--without", action="append", default=[], metavar="RULE", help="rules that were left out")
+    ladder = commands.add_parser("ladder", help="FX2N: export the machine's program; check, run, draw any program")
+    ladder.set_defaults(command=_ladder)
+    LadderCommand(lambda io_map: build(load_io_map(io_map)).program, _stepper).add_to(ladder, DEFAULT_IO_MAP)
     docs = commands.add_parser("docs", help="write the reference tables made from the program")
     docs.set_defaults(command=_docs)
     docs.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
@@ -151,6 +160,22 @@ def _replay(options: argparse.Namespace) -> int:
     print("\n".join(lines))
     print("the requirement holds" if holds else "the requirement is broken")
     return 0 if holds else 1
+
+
+def _ladder(options: argparse.Namespace) -> int:
+    try:
+        text, code = options.action(options)
+    except OSError as error:
+        raise UsageError(f"{error.filename}: {error.strerror}; name another place") from error
+    print(text)
+    return int(code)
+
+
+def _stepper(program: Program) -> PulseTrain:
+    """Return the output of the conveyor's stepper as a train of pulses."""
+    output = next(bit for rung in program.rungs() for bit in written_devices(rung)
+                  if isinstance(bit, Bit) and bit.kind == "Y" and bit.name == "tray_run")  # fmt: skip
+    return PulseTrain(output, STEPPER_HZ)
 
 
 def _verification() -> tuple[ModuleType, Callable[[Transplanter], Specification]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
 from plant_sim.bench.air import add_air_arguments, air_command
+from plant_sim.bench.ladder_trial import LadderError, load_ladder, run_ladder_trial
 from plant_sim.bench.live import ChildError, LiveError, LiveOptions, live_trial
 from plant_sim.bench.matrix_cli import add_matrix_arguments, matrix_command
 from plant_sim.bench.measure import measure
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check(options)
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
-    except (UsageError, IoMapError, MachineError, FaultError, ScenarioError, RecordingError) as error:
+    except (UsageError, IoMapError, MachineError, FaultError, LadderError, ScenarioError, RecordingError) as error:
         print(error, file=sys.stderr)
         return 2
     except (LiveError, ConnectionError) as error:
@@ -90,6 +91,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
     trial = _add(commands, "trial", _trial, "the paper's trial in lock step")
     trial.add_argument("--json", action="store_true", help="print one JSON object")
+    trial.add_argument("--ladder", type=Path, default=None, metavar="FILE",
+                       help="an FX program, instruction list or GX Works2 CSV, in the controller's place")  # fmt: skip
     for breakable in (serve_, run, trial):
         add_fault_arguments(breakable)
         add_record_argument(breakable)
@@ -222,9 +225,20 @@ def _fast(options: argparse.Namespace) -> int:
 
 
 def _trial(options: argparse.Namespace) -> int:
+    if options.ladder is not None:
+        return _ladder_trial(options)
     report = _trial_report(options, None)
     print(json.dumps(report.record()) if options.json else report.text())
     return _exit_code(report)
+
+
+def _ladder_trial(options: argparse.Namespace) -> int:
+    if options.fault or options.record is not None:
+        raise UsageError("--ladder: there are no faults and no recording with it; leave --fault and --record out")
+    report = run_ladder_trial(load_ladder(options.ladder), seed=options.seed, trays=options.trays,
+                              io_map=load_io_map(options.io_map), parameters=_machine(options))  # fmt: skip
+    print(json.dumps(report.record()) if options.json else report.text())
+    return 0 if report.completed else 1
 
 
 def _trial_report(options: argparse.Namespace, progress: Callable[[Twin], None] | None) -> TrialReport:

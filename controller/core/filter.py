@@ -13,6 +13,9 @@ class InputFilter:
 
     The FX2N samples its terminals freely; here they are seen once a scan, so a level must have been seen
     unchanged for the filter time.
+
+    Attributes:
+        filter_ms: Time of X0-X17, ms; may be changed at any time.
     """
 
     def __init__(self, image: list[bool], filter_ms: int) -> None:
@@ -28,7 +31,7 @@ class InputFilter:
         if not 0 <= filter_ms <= 60:
             raise ValueError(f"input filter {filter_ms} ms: an FX2N filters 0 to 60 ms")
         self._image = image
-        self._filter_ms = filter_ms
+        self.filter_ms = filter_ms
         self._seen: list[bool] = []
         self._since_ms: dict[int, int] = {}
         self._started = False
@@ -40,7 +43,7 @@ class InputFilter:
         if image[:count] == levels and not self._since_ms:
             self._started = True
             return
-        if not self._started or self._filter_ms == 0:
+        if not self._started or self.filter_ms == 0:
             image[:count] = levels
             self._started = True
             return
@@ -49,6 +52,6 @@ class InputFilter:
                 self._since_ms.pop(number, None)
                 continue
             since_ms = self._since_ms.setdefault(number, now_ms)
-            if now_ms - since_ms >= (self._filter_ms if number < ADJUSTABLE else FIXED_MS):
+            if now_ms - since_ms >= (self.filter_ms if number < ADJUSTABLE else FIXED_MS):
                 image[number] = level
                 del self._since_ms[number]

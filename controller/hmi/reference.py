@@ -9,6 +9,8 @@ from pathlib import Path
 from controller.core.expr import Bit, Expr, Word, leaves
 from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
+from controller.fx.instruction_set import FORMS, KINDS
+from controller.fx.plc import PROVIDED
 from controller.program.alarms import Alarm
 from controller.program.interlocks import Rule
 from controller.program.machine import Transplanter
@@ -145,6 +147,25 @@ def device_table(machine: Transplanter) -> str:
     return f"# Devices\n\n{GENERATED}\n\n{table(('device', 'name', 'meaning'), rows)}"
 
 
+def instruction_table(_: Transplanter) -> str:
+    """Return every instruction of an FX2N, whether it runs here, and the special devices that mean something here."""
+    rows = []
+    for kind in KINDS:
+        names = [name for name, form in FORMS.items() if form.kind is kind]
+        runs = "yes" if kind.supported else "refused"
+        rows.append((", ".join(names), "" if kind.fnc is None else kind.fnc, " / ".join(kind.operands), runs))
+    heading = ("instruction", "FNC", "operands", "runs here")
+    marks = (
+        "FNC numbers and the order of operands are seen in independent sources, all but a few; kinds of operands, step "
+        "counts by kind of device, and the details of applied instructions rest on general knowledge and wait to be "
+        "checked against a Mitsubishi manual."
+    )
+    return (
+        f"# Instructions\n\n{GENERATED}\n\n{marks}\n\n"
+        f"{table(heading, rows)}\n## Special devices\n\n{table(('devices', 'meaning here'), PROVIDED.items())}"
+    )
+
+
 def readable(expr: Expr) -> str:
     """Return a condition with the tags' names in place of the addresses."""
     names = {str(leaf): leaf.name for leaf in leaves(expr) if leaf.name}
@@ -160,6 +181,7 @@ REFERENCE = {
     "states.md": state_tables,
     "interlocks.md": interlock_tables,
     "devices.md": device_table,
+    "instructions.md": instruction_table,
 }
 
 

@@ -1,0 +1,1 @@
+"""FX2N: instruction lists read, written, checked, drawn and run."""

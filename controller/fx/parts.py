@@ -1,0 +1,161 @@
+"""The parts of an instruction list that are executed one way or another: main program, subroutines, steps, loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from controller.fx.instruction import Device, Instruction, Ladder, LadderError, Pointer
+
+END_POINTER = 63
+"""CJ P63 goes to END (FX.md 1.1, GK)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What stands between STL and the next STL or RET.
+
+    Attributes:
+        number: Number of the step's memory.
+        states: Its states; several after one another are joined: all of them must be on.
+        body: Indexes of its instructions.
+    """
+
+    number: int
+    states: tuple[int, ...]
+    body: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """FOR to NEXT.
+
+    Attributes:
+        at: Index of the FOR.
+        body: What is repeated.
+    """
+
+    at: int
+    body: tuple[Part, ...]
+
+
+Part = int | Step | Loop
+"""An instruction by its index, a step, or a loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The parts of a program.
+
+    Attributes:
+        main: Main program, without its END or FEND.
+        subroutines: By label, what a CALL executes, without its SRET.
+        step_count: Number of steps.
+    """
+
+    main: tuple[Part, ...]
+    subroutines: dict[int, tuple[Part, ...]]
+    step_count: int
+
+
+def parts_of(ladder: Ladder) -> Parts:
+    """Return the parts of a program.
+
+    Raises:
+        LadderError: A label, loop or jump stands where this engine cannot follow it; one line each.
+    """
+    return _Reading(ladder).parts()
+
+
+def number_of(instruction: Instruction) -> int:
+    """Return the number of the first operand: of a label, a state, a level."""
+    operand = instruction.operands[0]
+    return operand.number if isinstance(operand, Pointer | Device) else int(getattr(operand, "number", 0))
+
+
+class _Reading:
+    def __init__(self, ladder: Ladder) -> None:
+        self._ladder = ladder
+        self._list = ladder.instructions
+        self._steps = 0
+        self._faults: list[str] = []
+
+    def parts(self) -> Parts:
+        after_main = next(i for i, x in enumerate(self._list) if x.name in ("FEND", "END"))
+        main, _ = self._body(0, after_main)
+        self._check_jumps(main, to_end=True)
+        labels = {number_of(x): i for i, x in enumerate(self._list) if x.name == "P"}
+        called = dict.fromkeys(number_of(x) for x in self._list if x.name in ("CALL", "CALLP"))
+        subroutines: dict[int, tuple[Part, ...]] = {}
+        for label in called:
+            start = labels.get(label, -1)
+            end = next((i for i in range(max(start, 0), len(self._list)) if self._list[i].name == "SRET"), None)
+            if start < after_main or end is None:
+                self._fault(max(start, 0), f"P{label} is called; put it behind FEND, and SRET at its end")
+                continue
+            subroutines[label], _ = self._body(start, end)
+            self._check_jumps(subroutines[label], to_end=False)
+        if self._faults:
+            raise LadderError("\n".join(dict.fromkeys(self._faults)))
+        return Parts(main, subroutines, self._steps)
+
+    def _body(self, start: int, end: int) -> tuple[tuple[Part, ...], int]:
+        """Return the parts from one index to before another, or to the NEXT that closes them, and where they end."""
+        parts: list[Part] = []
+        i = start
+        while i < end:
+            name = self._list[i].name
+            if name == "STL":
+                step, i = self._step(i, end)
+                parts.append(step)
+            elif name == "FOR":
+                body, close = self._body(i + 1, end)
+                parts.append(Loop(i, body))
+                i = close + 1
+            elif name == "NEXT":
+                return tuple(parts), i
+            else:
+                parts.append(i)
+                i += 1
+        return tuple(parts), i
+
+    def _step(self, start: int, end: int) -> tuple[Step, int]:
+        i = start
+        states: list[int] = []
+        while i < end and self._list[i].name == "STL":
+            states.append(number_of(self._list[i]))
+            i += 1
+        body: list[int] = []
+        while i < end and self._list[i].name not in ("STL", "RET", "NEXT"):
+            if self._list[i].name in ("P", "I", "FOR", "MC", "MCR"):
+                self._fault(i, "stands inside a step; put it outside STL and RET")
+            body.append(i)
+            i += 1
+        self._steps += 1
+        return Step(self._steps - 1, tuple(states), tuple(body)), i
+
+    def _check_jumps(self, body: tuple[Part, ...], *, to_end: bool) -> None:
+        here = {number_of(self._list[i]) for i in body if isinstance(i, int) and self._list[i].name == "P"}
+        for i in _own(body):
+            instruction = self._list[i]
+            if instruction.name not in ("CJ", "CJP"):
+                continue
+            target = number_of(instruction)
+            if target not in here and not (target == END_POINTER and to_end):
+                self._fault(i, f"leads into or out of a loop or subroutine; put P{target} where the jump is")
+        for part in body:
+            if isinstance(part, Loop):
+                self._check_jumps(part.body, to_end=to_end)
+
+    def _fault(self, index: int, wrong: str) -> None:
+        instruction = self._list[index]
+        self._faults.append(f"{self._ladder.source}:{instruction.line}:1: {instruction}: {wrong}")
+
+
+def _own(body: tuple[Part, ...]) -> Iterator[int]:
+    """Yield the instructions of a body, those of its steps too, not those of its loops."""
+    for part in body:
+        if isinstance(part, int):
+            yield part
+        elif isinstance(part, Step):
+            yield from part.body

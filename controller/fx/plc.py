@@ -1,0 +1,360 @@
+"""An FX2N in RUN or STOP with a program in instruction-list form.
+
+What the special devices mean here is in `PROVIDED`; the others are plain memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence as Rows
+from datetime import datetime, timedelta
+from functools import partial
+from typing import Final
+
+from controller.core.devices import (
+    ANNUNCIATOR_ON,
+    ANNUNCIATORS,
+    LOWEST_ANNUNCIATOR,
+    RETENTIVE,
+    SIZES,
+    Memory,
+)
+from controller.core.expr import COMPARISONS
+from controller.core.filter import InputFilter
+from controller.fx.access import bit_writer, reader
+from controller.fx.applied import ACTIONS, LEVELS
+from controller.fx.cpu import Cpu, OperationError
+from controller.fx.instruction import Instruction, Ladder, WordBit
+from controller.fx.instruction_set import FORMS, JOINS, RELATIONS, steps
+from controller.fx.parts import parts_of
+from controller.fx.translate import LISTS, Translator
+
+STEPS_A_MS: Final = 12_500
+"""The FX2N executes a basic step in 0.08 us (FX.md 1.3, GK): what the watchdog counts."""
+CALL_DEPTH: Final = 5
+"""Subroutines within subroutines (GK)."""
+WATCHDOG_ERROR: Final = 6105
+"""Code in D8061 with M8061: the scan took longer than D8000 (GK)."""
+CALL_ERROR: Final = 6607
+"""Code in D8066 with M8066: subroutines too deep (GK)."""
+FILTER_MS: Final = 8020
+WATCHDOG_MS: Final = 8000
+POWER_UP_WATCHDOG_MS: Final = 200
+CLOCK_REGISTERS: Final = 8013
+
+PROVIDED: Final = {
+    "M8000 M8001": "RUN monitor, on and off",
+    "M8002 M8003": "initial pulse, on and off in the first scan after STOP to RUN",
+    "M8011-M8014": "clocks of 10 ms, 100 ms, 1 s and 1 min; a clock faster than the scan is sampled by it",
+    "M8020-M8022 M8029": "zero, borrow, carry; execution complete",
+    "M8031 M8032": "clear the memory that is not latched, or that is",
+    "M8033": "memory and outputs are kept in STOP",
+    "M8034": "all outputs off while the program goes on",
+    "M8035-M8037": "M8037 stops, M8036 with M8035 runs",
+    "M8040": "no transfers",
+    "M8046 M8047 D8040-D8047": "a state is on, and the eight lowest, while M8047 is on",
+    "M8048 M8049 D8049": "an annunciator is on, and the lowest, while M8049 is on",
+    "M8061 D8061": "the watchdog of D8000 ms has stopped the CPU",
+    "M8066 D8066": "subroutines too deep have stopped the CPU",
+    "M8067 D8067 D8069": "an applied instruction could not be executed: code and step of the last one",
+    "M8200-M8234": "direction of the 32-bit counters",
+    "D8000": "watchdog, ms",
+    "D8010-D8012": "time since the scan before, shortest and longest since RUN began, 0.1 ms",
+    "D8013-D8019": "second, minute, hour, day, month, year, weekday",
+    "D8020": "input filter, ms",
+}
+"""Special devices that have a meaning here (FX.md 1.6)."""
+
+
+class CpuError(Exception):
+    """The program cannot be run on; the CPU stops with its outputs off.
+
+    Attributes:
+        code: Error code.
+        relay: Number of the special relay that shows it; the register of the same number holds the code.
+    """
+
+    def __init__(self, code: int, relay: int) -> None:
+        super().__init__(f"CPU error {code}, M{relay}")
+        self.code = code
+        self.relay = relay
+
+
+class FxPlc:
+    """One FX2N.
+
+    Attributes:
+        ladder: Its program.
+        cpu: What the instructions work on.
+        memory: All devices.
+        running: Whether it is in RUN.
+        error: What has stopped it; None = nothing.
+        scans: Scans since STOP to RUN.
+        program: What a scan executes from step 0 to END, given the time in 100, 10 and 1 ms.
+    """
+
+    def __init__(self, ladder: Ladder, *, input_filter_ms: int = 10, clock: datetime | None = None) -> None:
+        """Put the program in and go to RUN.
+
+        Args:
+            ladder: A program as it was read.
+            input_filter_ms: Filter of X0-X17; 0 = all filters off.
+            clock: Time of day at 0 ms; None = the first second of 2000.
+
+        Raises:
+            LadderError: The program has a part that this engine cannot run.
+            ValueError: No such input filter.
+        """
+        self.ladder = ladder
+        self.cpu = Cpu()
+        self.memory: Memory = self.cpu.memory
+        self.running = True
+        self.error: CpuError | None = None
+        self.scans = 0
+        self._filter = InputFilter(self.memory.X, input_filter_ms)
+        self._clock = clock or datetime(2000, 1, 1)
+        self._leaving: set[int] = set()
+        self._depth = 0
+        self._last_ms: int | None = None
+        self._no_outputs = [False] * SIZES["Y"]
+        self._steps_left = [0]
+        self._edges: list[bool] = []
+        self._were_active: list[bool] = []
+        self._space: dict[str, object] = {}
+        self._calls: dict[int, int] = {}
+        self.program = self._compile()
+        self.cpu.latches = self._no_outputs.copy()
+        self.memory.D[WATCHDOG_MS] = POWER_UP_WATCHDOG_MS
+        self.memory.D[FILTER_MS] = input_filter_ms
+
+    def scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
+        """Run one scan.
+
+        Args:
+            now_ms: The scan's time; never going back.
+            levels: Raw levels of the X terminals, by octal value, from X0 on.
+
+        Returns:
+            The Y terminals: raw levels by octal value (a copy); all off in STOP unless M8033 keeps them.
+        """
+        self.cpu.refreshed = None
+        self.cpu.latches = self._scan(now_ms, levels)
+        return self.cpu.latches.copy()
+
+    @property
+    def refreshed(self) -> list[bool] | None:
+        """Y terminals before END of the last scan, as its last REF put them there (a copy); None = there was none."""
+        if self.cpu.refreshed is None:
+            return None
+        return self._no_outputs.copy() if self.memory.M[8034] else self.cpu.refreshed.copy()
+
+    def _scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
+        memory, special = self.memory, self.memory.M
+        if special[8037]:
+            special[8035] = special[8036] = special[8037] = False
+            self.stop()
+        elif special[8035] and special[8036] and not self.running:
+            special[8036] = False
+            self.run()
+        if not self.running:
+            return memory.Y.copy() if special[8033] and self.error is None else self._no_outputs.copy()
+        self.cpu.now_ms, self.cpu.scan = now_ms, self.scans
+        self.cpu.terminals[:] = levels
+        self._filter.latch(now_ms, levels)
+        self._provide(now_ms)
+        self._watch()
+        try:
+            self.program(now_ms // 100, now_ms // 10, now_ms)
+        except CpuError as error:
+            self._fail(error)
+            return self._no_outputs.copy()
+        self._end()
+        self.scans += 1
+        return self._no_outputs.copy() if special[8034] else memory.Y.copy()
+
+    def run(self) -> None:
+        """STOP to RUN: the first scan has M8002; what instructions had under way is forgotten."""
+        self.running, self.error, self.scans = True, None, 0
+        for relay in (8061, 8066):
+            self.memory.M[relay], self.memory.D[relay] = False, 0
+        self._last_ms, self.memory.D[8010:8013] = None, [0] * 3
+        self._make_instructions()
+
+    def stop(self) -> None:
+        """RUN to STOP: outputs off and what is not latched cleared, unless M8033 keeps them."""
+        self.running = False
+        if not self.memory.M[8033]:
+            self.clear(latched=False)
+
+    def power_cycle(self) -> None:
+        """Lose and regain the power: what is not latched is cleared, and the CPU is in RUN."""
+        self.clear(latched=False)
+        for number in range(8000, 8256):
+            self.memory.M[number] = False
+        self.cpu.latches = self._no_outputs.copy()
+        self.run()
+
+    def clear(self, *, latched: bool) -> None:
+        """Clear the memory that is latched, or the one that is not; special devices stay."""
+        memory = self.memory
+        for kind in "YMSTC":
+            bits = memory.bits(kind)
+            for number in self._part(kind, latched=latched):
+                bits[number] = False
+        for number in self._part("D", latched=latched):
+            memory.D[number] = 0
+        for number in self._part("T", latched=latched):
+            memory.TV[number], memory.TS[number] = 0, -1
+        for number in self._part("C", latched=latched):
+            memory.CV[number], memory.CE[number] = 0, False
+        self._leaving.clear()
+        if not latched:
+            self._edges[:] = [False] * len(self._edges)
+            self._were_active[:] = [False] * len(self._were_active)
+
+    @staticmethod
+    def _part(kind: str, *, latched: bool) -> list[int]:
+        """Return the devices of a kind that are latched, or those that are not; special ones are neither."""
+        kept = {number for span in RETENTIVE.get(kind, ()) for number in span}
+        return [number for number in range(min(SIZES[kind], 8000)) if (number in kept) == latched]
+
+    def _compile(self) -> Callable[[int, int, int], None]:
+        instructions = self.ladder.instructions
+        translation = Translator(instructions, parts_of(self.ladder)).translation()
+        self._edges += [False] * translation.edges
+        self._were_active += [False] * translation.step_count
+        own = {"E": self._edges, "A": self._were_active, "W": self._steps_left}
+        space: dict[str, object] = {name: own[name] if name in own else getattr(self.memory, name) for name in LISTS}
+        space |= {"call": self._call, "watch": self._watch, "overdue": _overdue, "wide": self._wide,
+                  "put_bit": self._put_bit}  # fmt: skip
+        for name, (target, sources) in translation.transfers.items():
+            space[name] = partial(self._transfer, target, sources)
+        at = self._places()
+        for i in translation.comparisons:
+            space[f"c{i}"] = self._comparison(instructions[i], at[i])
+        self._space, self._calls = space, {i: at[i] for i in translation.calls}
+        self._make_instructions()
+        exec(compile(translation.text, f"<{self.ladder.source}>", "exec"), space)  # noqa: S102 - text made from checked instructions
+        return space["scan"]  # type: ignore[return-value]
+
+    def _make_instructions(self) -> None:
+        """Make the applied instructions anew: some remember things from scan to scan."""
+        for i, at in self._calls.items():
+            self._space[f"i{i}"] = self._instruction(self.ladder.instructions[i], at)
+
+    def _places(self) -> list[int]:
+        """Return the step number of each instruction."""
+        at, places = 0, []
+        for instruction in self.ladder.instructions:
+            places.append(at)
+            at += steps(instruction)
+        return places
+
+    def _instruction(self, instruction: Instruction, at: int) -> Callable[..., object]:
+        """Return what an applied instruction does; one that cannot be executed as things are sets M8067 instead."""
+        form = FORMS[instruction.name]
+        if form.kind.name == "FOR":
+            count = reader(self.cpu, instruction.operands[0], wide=False)
+            return lambda: max(1, count())
+        table = LEVELS if form.kind.name in LEVELS else ACTIONS
+        action: Callable[..., None] = table[form.kind.name](self.cpu, instruction.operands, form.wide)
+
+        def execute(*power: bool) -> None:
+            try:
+                action(*power)
+            except OperationError as error:
+                self._note(error, at)
+
+        return execute
+
+    def _comparison(self, instruction: Instruction, at: int) -> Callable[[], bool]:
+        form = FORMS[instruction.name]
+        left, right = (reader(self.cpu, operand, form.wide) for operand in instruction.operands)
+        join = next(join for join in JOINS if form.kind.name.startswith(join))
+        compare = COMPARISONS[RELATIONS[form.kind.name.removeprefix(join)]]
+
+        def true() -> bool:
+            try:
+                return compare(left(), right())
+            except OperationError as error:
+                self._note(error, at)
+                return False
+
+        return true
+
+    def _note(self, error: OperationError, at: int) -> None:
+        self.memory.M[8067], self.memory.D[8067], self.memory.D[8069] = True, error.code, at
+
+    def _transfer(self, target: int, sources: tuple[int, ...]) -> None:
+        """Turn the destination on at once; the sources go off at END."""
+        self.memory.S[target] = True
+        self._leaving |= set(sources)
+        self._leaving.discard(target)
+
+    def _call(self, subroutine: Callable[[int, int, int], None], *ticks: int) -> None:
+        if self._depth == CALL_DEPTH:
+            raise CpuError(CALL_ERROR, 8066)
+        self._depth += 1
+        try:
+            subroutine(*ticks)
+        finally:
+            self._depth -= 1
+
+    def _watch(self) -> None:
+        """Begin the watchdog's time anew."""
+        self._steps_left[0] = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
+
+    def _wide(self, number: int) -> int:
+        low, high = self.memory.D[number] & 0xFFFF, self.memory.D[number + 1]
+        return (high << 16) | low
+
+    def _put_bit(self, number: int, bit: int, on: bool) -> None:
+        bit_writer(self.cpu, WordBit(number, bit))(on)
+
+    def _provide(self, now_ms: int) -> None:
+        """Set the special devices that are the CPU's own."""
+        special, words = self.memory.M, self.memory.D
+        first = self.scans == 0
+        special[8000], special[8001], special[8002], special[8003] = True, False, first, not first
+        for relay, period_ms in ((8011, 10), (8012, 100), (8013, 1_000), (8014, 60_000)):
+            special[relay] = now_ms % period_ms < period_ms // 2
+        if self._last_ms is not None:
+            took = min((now_ms - self._last_ms) * 10, 32767)
+            words[8011] = took if not words[8011] else min(words[8011], took)
+            words[8010], words[8012] = took, max(words[8012], took)
+        if self._last_ms is None or now_ms // 1_000 != self._last_ms // 1_000:
+            now = self._clock + timedelta(milliseconds=now_ms)
+            words[CLOCK_REGISTERS : CLOCK_REGISTERS + 7] = [
+                now.second, now.minute, now.hour, now.day, now.month, now.year % 100, now.isoweekday() % 7,
+            ]  # fmt: skip
+        self._last_ms = now_ms
+
+    def _end(self) -> None:
+        """Do what END does: leave the states that were transferred from, look after the special devices."""
+        memory, special = self.memory, self.memory.M
+        for state in self._leaving:
+            memory.S[state] = False
+        self._leaving.clear()
+        if special[8031]:
+            special[8031] = False
+            self.clear(latched=False)
+        if special[8032]:
+            special[8032] = False
+            self.clear(latched=True)
+        special[ANNUNCIATOR_ON] = on = special[8049] and True in memory.S[ANNUNCIATORS.start :]
+        memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if on else 0
+        if special[8047]:
+            active = [n for n in range(ANNUNCIATORS.start) if memory.S[n]][:8]
+            special[8046] = bool(active)
+            memory.D[8040:8048] = active + [-1] * (8 - len(active))
+        if memory.D[FILTER_MS] != self._filter.filter_ms:
+            self._filter.filter_ms = max(0, min(60, memory.D[FILTER_MS]))
+
+    def _fail(self, error: CpuError) -> None:
+        self.error, self.running = error, False
+        self.memory.M[error.relay], self.memory.D[error.relay] = True, error.code
+        self._leaving.clear()
+
+
+def _overdue() -> None:
+    raise CpuError(WATCHDOG_ERROR, 8061)

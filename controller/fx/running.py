@@ -1,0 +1,62 @@
+"""A program run against a stimulus, scan by scan, without any clock but the scan's own."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from controller.core.devices import SIZES
+from controller.fx.cpu import index_register
+from controller.fx.instruction import Ladder
+from controller.fx.plc import FxPlc
+from controller.fx.stimulus import CURRENT_VALUES, Stimulus, Values, changes_until
+
+TIME: Final = "ms"
+"""Key of a scan's time in its record."""
+
+
+def run(ladder: Ladder, stimulus: Stimulus) -> list[dict[str, int]]:
+    """Run a program from power-up.
+
+    Args:
+        ladder: The program.
+        stimulus: What it is run against.
+
+    Returns:
+        One record a scan, after its END: its time in ms as "ms", and each watched device by its FX name. T0 and C0 are
+        contacts, TN0 and CN0 current values; Y is the output image, which M8034 does not change.
+
+    Raises:
+        LadderError: The program has a part that the engine cannot run.
+    """
+    plc = FxPlc(ladder, input_filter_ms=stimulus.input_filter_ms)
+    levels = [False] * SIZES["X"]
+    _put(plc, levels, stimulus.initial)
+    records: list[dict[str, int]] = []
+    then_ms = -1
+    for scan in range(stimulus.scans):
+        now_ms = scan * stimulus.scan_ms
+        plc.cpu.now_ms = now_ms  # the current value of a timer is set as of this scan
+        _put(plc, levels, changes_until(stimulus, then_ms, now_ms))
+        plc.scan(now_ms, levels)
+        records.append({TIME: now_ms} | {str(place): place.read(plc.memory) for place in stimulus.watch})
+        then_ms = now_ms
+    return records
+
+
+def _put(plc: FxPlc, levels: list[bool], values: Values) -> None:
+    """Set devices, X at its terminal and the others in memory."""
+    memory = plc.memory
+    for place, value in values.items():
+        match place.kind:
+            case "X":
+                levels[place.number] = bool(value)
+            case "TN":
+                plc.cpu.set_timer(place.number, value)
+            case "CN":
+                memory.set_word(CURRENT_VALUES["CN"], place.number, value)
+            case "D":
+                memory.D[place.number] = value
+            case "V" | "Z":
+                memory.D[index_register(str(place))] = value
+            case kind:
+                memory.bits(kind)[place.number] = bool(value)

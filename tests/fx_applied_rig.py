@@ -1,0 +1,99 @@
+"""A bench for single applied instructions: operands as text, memory by device name, everything else must stay."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable, Mapping
+
+from controller.core.devices import Memory
+from controller.fx.applied import ACTIONS, LEVELS
+from controller.fx.cpu import Cpu, index_register
+from controller.fx.instruction import Constant, Device, Digits, IndexName, Operand
+from controller.fx.instruction_set import FORMS
+
+State = Mapping[str, int | bool]
+
+_OPERAND = re.compile(
+    r"(?:K(?P<digits>\d)(?=[XYMS]))?(?P<kind>[KHXYMSTCDVZ])(?P<number>-?[0-9A-F]+)(?P<index>[VZ]\d)?$"
+)
+
+
+def operand(text: str) -> Operand:
+    """Return an operand: "D0", "K-5", "HFF", "X10", "K4M0", "D20V0"."""
+    match = _OPERAND.match(text)
+    assert match, text
+    kind, number = match["kind"], match["number"]
+    index: str | IndexName = match["index"] or ""
+    if kind == "K":
+        return Constant(int(number), "K", index)
+    if kind == "H":
+        return Constant(int(number, 16), "H", index)
+    device = Device(kind, int(number, 8 if kind in "XY" else 10), index)
+    return Digits(int(match["digits"]), device) if match["digits"] else device
+
+
+def poke(memory: Memory, name: str, value: int | bool) -> None:
+    """Set a bit, a word, the contact ("T0 contact") or the start ("T0 start") of a timer or counter."""
+    device, _, part = name.partition(" ")
+    kind, number = device[0], int(device[1:], 8 if device[0] in "XY" else 10)
+    if part == "contact" or kind in "XYMS":
+        memory.bits(kind)[number] = bool(value)
+    elif part == "start":
+        memory.TS[number] = value
+    elif kind in "VZ":
+        memory.D[index_register(device)] = value
+    else:
+        memory.set_word(kind, number, value)
+
+
+def bits(head: str, levels: str) -> dict[str, int]:
+    """Return bits in a row: bits("M0", "101") is M0, M1, M2 on, off, on."""
+    kind, base = head[0], 8 if head[0] in "XY" else 10
+    first = int(head[1:], base)
+    return {f"{kind}{first + n:o}" if base == 8 else f"{kind}{first + n}": int(c) for n, c in enumerate(levels)}
+
+
+class Bench:
+    """A CPU and instructions on it."""
+
+    def __init__(self, before: State | None = None) -> None:
+        self.cpu = Cpu()
+        self.memory = self.cpu.memory
+        self.set(before or {})
+
+    def set(self, state: State) -> None:
+        for name, value in state.items():
+            poke(self.memory, name, value)
+
+    def action(self, text: str) -> Callable[[], None]:
+        name, *operands = text.split()
+        form = FORMS[name]
+        return ACTIONS[form.kind.name](self.cpu, tuple(map(operand, operands)), form.wide)
+
+    def level(self, text: str) -> Callable[[bool], None]:
+        name, *operands = text.split()
+        form = FORMS[name]
+        return LEVELS[form.kind.name](self.cpu, tuple(map(operand, operands)), form.wide)
+
+    def run(self, text: str) -> None:
+        self.action(text)()
+
+    def changes_only(self, text: str, after: State) -> None:
+        """Run once: the memory is as before but for these devices."""
+        expected = copy.deepcopy(self.memory)
+        for name, value in after.items():
+            poke(expected, name, value)
+        self.run(text)
+        assert_same(self.memory, expected)
+
+
+def assert_same(memory: Memory, expected: Memory) -> None:
+    """Name what differs, not two memories of thousands of devices."""
+    different = {
+        f"{field}[{n}]": (was, wanted)
+        for field in Memory.__slots__
+        for n, (was, wanted) in enumerate(zip(getattr(memory, field), getattr(expected, field), strict=True))
+        if was != wanted
+    }
+    assert not different, f"(is, expected): {different}"

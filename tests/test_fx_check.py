@@ -1,0 +1,160 @@
+"""What is suspicious in a program, and how much of the FX2N it uses."""
+
+from __future__ import annotations
+
+import pytest
+from fx_samples import FLOW, SELF_HOLDING, STEPS
+
+from controller.fx.check import Finding, available, check, usage
+from controller.fx.il import read_il
+
+
+def found(text: str) -> list[tuple[int, str]]:
+    """Return line and beginning of what is suspicious."""
+    return [(finding.line, finding.text) for finding in check(read_il(text))]
+
+
+def says(text: str, line: int, *parts: str) -> bool:
+    """Tell whether this is all that is suspicious."""
+    return [(at, [part in words for part in parts]) for at, words in found(text)] == [(line, [True] * len(parts))]
+
+
+@pytest.mark.parametrize("sample", [SELF_HOLDING, STEPS])
+def test_nothing_is_suspicious_in_a_sound_program(sample: str) -> None:
+    assert check(read_il(sample)) == []
+
+
+def test_two_coils_are_named_with_their_lines() -> None:
+    assert says("LD X0\nOUT Y0\nLD X1\nOUT Y0\nLD X2\nOUT Y0\nEND", 4, "OUT Y0", "lines 2, 4 and 6", "; ")
+    assert says("LD X0\nOUT T0 K5\nLD X1\nOUT T0 K6\nLD T0\nOUT Y0\nEND", 4, "OUT T0", "lines 2 and 4")
+    assert says("LD M8002\nSET S0\nLD X1\nOUT Y0\nSTL S0\nOUT Y0\nRET\nEND", 6, "OUT Y0", "lines 4 and 6")
+    assert says("LD M8002\nSET S0\nSTL S0\nOUT Y0\nLD X1\nOUT Y0\nRET\nEND", 6, "OUT Y0", "lines 4 and 6")
+
+
+def test_steps_may_share_a_coil() -> None:
+    assert found("LD M8002\nSET S0\nSTL S0\nOUT Y0\nLD X1\nSET S20\nSTL S20\nOUT Y0\nLD X2\nOUT S0\nRET\nEND") == []
+
+
+def test_set_and_reset_are_no_double_coils() -> None:
+    assert found("LD X0\nSET Y0\nLD X1\nSET Y0\nLD X2\nRST Y0\nEND") == []
+
+
+TWO_STEPS = "LD M8002\nSET S0\nSTL S0\nOUT T0 K5\nLD T0\n{} S20\nSTL {}\nOUT T{} K5\nLD T{}\nOUT S0\nRET\nEND"
+
+
+@pytest.mark.parametrize("transfer", ["SET", "OUT"])
+def test_one_timer_in_steps_that_follow_each_other(transfer: str) -> None:
+    twice = TWO_STEPS.format(transfer, "S20", 0, 0)
+    assert says(twice, 8, "T0 runs in two steps that follow each other, lines 4 and 8", "; ")
+    assert found(TWO_STEPS.format(transfer, "S20", 1, 1)) == []
+
+
+def test_one_timer_in_a_step_and_the_earlier_one_that_follows_it() -> None:
+    text = (
+        "LD M8002\nSET S0\nSTL S0\nOUT T0 K5\nLD T0\nSET S20\nSTL S20\nLD X0\nSET S21\n"
+        "STL S21\nOUT T0 K5\nLD T0\nOUT S0\nRET\nEND"
+    )
+    assert says(text, 11, "T0 runs in two steps that follow each other, lines 4 and 11")
+
+
+JOIN = (
+    "LD M8002\nSET S20\nSET S21\nSTL S20\nOUT T0 K5\nSTL S21\nOUT T2 K5\nSTL S20\nSTL S21\nLD T0\nAND T2\nSET S22\n"
+    "STL S22\nOUT T{} K5\nLD T{}\nSET S23\nSTL S23\nLD X0\nSET S20\nSET S21\nRET\nEND"
+)
+
+
+def test_one_timer_before_and_behind_a_join() -> None:
+    assert says(JOIN.format(2, 2), 14, "T2 runs in two steps that follow each other, lines 7 and 14")
+    assert found(JOIN.format(1, 1)) == []
+
+
+def test_one_timer_in_steps_apart_from_each_other() -> None:
+    text = (
+        "LD M8002\nSET S0\nSTL S0\nOUT T0 K5\nLD T0\nSET S20\nSTL S20\nLD X0\nSET S21\n"
+        "STL S21\nOUT T0 K5\nLD T0\nSET S22\nSTL S22\nLD X1\nSET S0\nRET\nEND"
+    )
+    assert found(text) == []
+
+
+@pytest.mark.parametrize("device", ["M5", "S5", "T5", "C5"])
+def test_read_but_driven_nowhere(device: str) -> None:
+    assert says(f"LD {device}\nOUT Y0\nEND", 1, device, "read but driven nowhere", "; ")
+    assert says(f"LD X0\nRST {device}\nLD {device}\nOUT Y0\nEND", 3, device, "read but driven nowhere")
+
+
+@pytest.mark.parametrize(
+    "coil", ["OUT M5", "SET M5", "PLS M5", "OUT T5 K1", "OUT C5 K1", "MOV K1 K1M4", "CMP D0 D1 M4"]
+)
+def test_driven_but_read_nowhere(coil: str) -> None:
+    assert says(f"LD X0\n{coil}\nEND", 2, "driven but read nowhere", "; ")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "LD M8013\nOUT Y0\nEND",
+        "LD X0\nMOV D0 D1\nOUT M8034\nSET S900\nEND",
+        "LD X0\nMOV K1 K1M4\nLD M7\nOUT Y0\nEND",
+        "LD X0\nCMP D0 D1 M4\nLD M6\nOUT Y0\nEND",
+        "LD X0\nOUT M4\nMOV K4M0 D0\nEND",
+        "LD X0\nMOV K1 K1M4Z0\nLD M99\nOUT Y0\nEND",
+        "LD X0\nSFTLP X1 M20 K16 K1\nLD M35\nOUT Y0\nEND",
+        "LD X0\nMOV D0 K2M0\nBMOV K1M0 K1M20 K2\nLD M27\nOUT Y0\nEND",
+        "LD X0\nDECO D0 M20 K4\nLD M35\nOUT Y0\nEND",
+        "LD X0\nMC N0 M5\nLD X1\nOUT Y0\nMCR N0\nEND",
+        "LD X0\nOUT C0 K5\nMOV C0 D0\nEND",
+        "LD M8000\nIST X20 S20 S29\nSTL S2\nLD X0\nSET S20\nSTL S20\nOUT Y0\nSTL S29\nRET\nEND",
+        "LD X0\nANS T0 K5 S900\nEND",
+    ],
+)
+def test_what_is_read_and_driven(text: str) -> None:
+    assert found(text) == []
+
+
+def test_a_step_that_nothing_starts() -> None:
+    assert says("STL S5\nOUT Y0\nRET\nEND", 1, "S5: read but driven nowhere")
+
+
+def test_one_device_behind_a_group_is_not_of_it() -> None:
+    assert says("LD M0\nOUT Y0\nLD X0\nMOV K1 K1M0\nLD M4\nOUT Y1\nEND", 5, "M4", "read but driven nowhere")
+    assert says("LD M0\nOUT Y0\nLD X0\nCMP D0 D1 M0\nLD M3\nOUT Y1\nEND", 5, "M3", "read but driven nowhere")
+
+
+def test_labels_that_nothing_names_and_steps_that_begin_twice() -> None:
+    assert says("P5\nLD X0\nOUT Y0\nEND", 1, "nothing jumps to P5", "; ")
+    twice = "LD M8002\nSET S0\nSTL S0\nOUT Y0\nSTL S0\nOUT Y1\nRET\nEND"
+    assert says(twice, 5, "STL S0", "line 3", "; ")
+
+
+def test_bits_of_data_registers_are_no_fx2n() -> None:
+    assert check(read_il("LD D100.F\nOUT Y0\nEND"))[0].severity == "warning"
+    assert says("LD X0\nOUT D100.F\nEND", 2, "D100.F", "no bits of data registers")
+
+
+def test_more_steps_than_an_fx2n_takes() -> None:
+    whole = "LD X0\nOUT Y0\n" * 3999 + "SET Y1\nEND"
+    assert "error" not in {finding.severity for finding in check(read_il(whole))}
+    beyond = check(read_il(whole.replace("END", "NOP\nEND")))
+    (finding,) = (finding for finding in beyond if finding.severity == "error")
+    assert finding == Finding("error", 8001, "the program has 8001 steps; an FX2N takes 8000, make it shorter")
+
+
+def test_in_the_order_of_the_lines() -> None:
+    lines = [line for line, _ in found("LD M5\nOUT Y0\nLD M6\nOUT Y0\nP1\nLD D0.0\nOUT M7\nEND")]
+    assert lines == [1, 3, 4, 5, 6, 7]
+
+
+def test_usage_counts_each_device_once_and_no_special_ones() -> None:
+    used = usage(read_il("LD X0\nOR X0\nOR M8013\nMOV K4M0 D0\nOUT T0 K5\nOUT C0 D0\nSET S20\nMOV D8013 D9\nEND"))
+    assert used.devices == {"X": 1, "Y": 0, "M": 16, "S": 1, "T": 1, "C": 1, "D": 2}
+    assert used.steps == 1 + 1 + 1 + 5 + 3 + 3 + 2 + 5 + 1
+    assert str(used).startswith("22 of 8000 steps, 1 of 256 X, 0 of 256 Y, 16 of 3072 M")
+
+
+@pytest.mark.parametrize(("kind", "count"), [("X", 256), ("M", 3072), ("S", 1000), ("T", 256), ("C", 256), ("D", 8000)])
+def test_what_an_fx2n_has(kind: str, count: int) -> None:
+    assert available(kind) == count
+
+
+def test_a_program_with_loops_and_calls() -> None:
+    assert [line for line, _ in found(FLOW)] == [10]

@@ -1,0 +1,142 @@
+"""The command `ladder`, and anybody's program on the plant, as typed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import pytest
+from fx_equality import EXPORTED
+
+from controller.__main__ import main as controller
+from controller.fx.reading import load_ladder
+from plant_sim.bench.trial import run_trial
+from plant_sim.cli import main as plant_sim
+
+SEAL_IN = "LD X0\nOR M0\nANI X1\nOUT M0\nLD M0\nOUT T0 K5\nLD T0\nOUT Y0\nEND\n"
+STIMULUS = """
+scan_ms: 100
+scans: 8
+inputs:
+  - {at_ms: 100, set: {X0: 1}}
+  - {at_ms: 200, set: {X0: 0}}
+watch: [M0, T0, TN0, Y0]
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    path = tmp_path / "seal-in.il"
+    path.write_text(SEAL_IN, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("form", "ending"), [("il", "il"), ("gx-csv", "csv")])
+def test_export_writes_what_reads_back_and_reports_its_size(
+    form: str, ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / f"transplanter.{ending}"
+    assert controller(["ladder", "export", "--format", form, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "7651 of 8000 steps" in printed
+    assert printed.endswith("fits\n")
+    assert load_ladder(out) == EXPORTED
+
+
+def test_export_with_pulses_for_the_stepper(tmp_path: Path) -> None:
+    out = tmp_path / "pulses.il"
+    assert controller(["ladder", "export", "--format", "il", "--stepper", "plsy", "--out", str(out)]) == 0
+    names = [str(each) for each in load_ladder(out).instructions]
+    assert names.count("PLSY K955 K0 Y0") == 1
+    assert "OUT Y0" not in names
+
+
+def test_structured_text_is_written(tmp_path: Path) -> None:
+    out = tmp_path / "transplanter.st"
+    assert controller(["ladder", "export", "--format", "st", "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert text.count("END_PROGRAM") == 1
+
+
+def test_check_tells_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    program.write_text(SEAL_IN.replace("END", "LD X2\nOUT Y0\nEND"), encoding="utf-8")
+    assert controller(["ladder", "check", str(program)]) == 0
+    printed = capsys.readouterr().out
+    assert f"{program}:10: warning: OUT Y0 stands in lines 8 and 10" in printed
+    assert "of 8000 steps" in printed
+
+
+def test_run_traces_devices_scan_by_scan(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stimulus = tmp_path / "stimulus.yaml"
+    stimulus.write_text(STIMULUS, encoding="utf-8")
+    assert controller(["ladder", "run", str(program), "--stimulus", str(stimulus), "--json"]) == 0
+    scans = json.loads(capsys.readouterr().out)["scans"]
+    assert [scan["ms"] for scan in scans] == list(range(0, 800, 100))
+    assert [scan["M0"] for scan in scans] == [0, 1, 1, 1, 1, 1, 1, 1]
+    assert [scan["TN0"] for scan in scans] == [0, 0, 1, 2, 3, 4, 5, 5]
+    assert [scan["Y0"] for scan in scans] == [0, 0, 0, 0, 0, 0, 1, 1]
+    assert controller(["ladder", "run", str(program), "--stimulus", str(stimulus)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 9
+
+
+def test_draw_writes_pictures(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "pictures"
+    assert controller(["ladder", "draw", str(program), "--out", str(out)]) == 0
+    named = capsys.readouterr().out.split("\n")[:-1]
+    assert sorted(named) == sorted(map(str, out.iterdir()))
+    words = "".join("".join(Xml.parse(path).getroot().itertext()) for path in out.iterdir())  # noqa: S314 - our own
+    assert {"X0", "X1", "M0", "T0", "Y0"} <= {device for device in ("X0", "X1", "M0", "T0", "Y0") if device in words}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["check", "{0}/none.il"], "cannot be read"),
+        (["check", "{0}/wrong.il"], "wrong.il:1:1: LAD X0:"),
+        (["run", "{0}/seal-in.il", "--stimulus", "{0}/none.yaml"], "none.yaml"),
+        (["draw", "{0}/seal-in.il", "--out", "{0}/seal-in.il"], "seal-in.il"),
+        (["export", "--format", "il", "--out", "{0}/no/such/folder.il"], "folder.il"),
+    ],
+)
+def test_bad_input_is_told_in_one_line(
+    arguments: list[str], told: str, program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "wrong.il").write_text("LAD X0\nOUT Y0\nEND\n", encoding="utf-8")
+    assert controller(["ladder", *(argument.format(tmp_path) for argument in arguments)]) == 2
+    printed = capsys.readouterr()
+    assert told in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert program.read_text(encoding="utf-8") == SEAL_IN
+
+
+def test_the_exported_program_transplants_144_seedlings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As many as our own program from the same trays, with no incident."""
+    out = tmp_path / "transplanter.csv"
+    assert controller(["ladder", "export", "--format", "gx-csv", "--out", str(out)]) == 0
+    capsys.readouterr()
+    assert plant_sim(["trial", "--ladder", str(out), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    ours = run_trial(seed=1).record()
+    assert report["total"] == 144
+    assert report["incidents"] == []
+    assert {name: report[name] for name in ("in_cups", "P", "D", "T")} == {
+        name: ours[name] for name in ("in_cups", "P", "D", "T")
+    }
+
+
+def test_a_program_that_does_nothing_leaves_everything(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    program.write_text("LD X0\nOUT M0\nEND\n", encoding="utf-8")
+    assert plant_sim(["trial", "--ladder", str(program), "--trays", "1"]) == 1
+    printed = capsys.readouterr().out
+    assert "72 left in trays" in printed
+    assert "start pressed 10 times" in printed
+
+
+def test_a_program_that_never_ends_a_scan_is_stopped_by_its_watchdog(
+    program: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program.write_text("P0\nLD M8000\nCJ P0\nEND\n", encoding="utf-8")
+    assert plant_sim(["trial", "--ladder", str(program), "--trays", "1"]) == 1
+    assert "CPU error 6105, M8061" in capsys.readouterr().out

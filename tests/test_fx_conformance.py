@@ -1,0 +1,128 @@
+"""The conformance suite: every file of tests/conformance against the engine, and that the suite leaves nothing out."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from controller.core.devices import is_32_bit_counter
+from controller.fx.il import read_il
+from controller.fx.instruction import Device, Instruction, Ladder, LadderError
+from controller.fx.instruction_set import FORMS, JOINS, RELATIONS
+from controller.fx.running import run
+from controller.fx.stimulus import load_stimulus
+
+FOLDER = Path(__file__).parent / "conformance"
+FILES = sorted(FOLDER.glob("*.yaml"))
+ABOUT = {"name", "about", "program"}
+STL_RULES = range(1, 10)
+
+
+def content(path: Path) -> dict[str, Any]:
+    loaded: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    return loaded
+
+
+def is_refused(path: Path) -> bool:
+    return "refused" in content(path)
+
+
+def program(path: Path) -> Ladder:
+    return read_il(content(path)["program"], path.name)
+
+
+RUNNING = [path for path in FILES if not is_refused(path)]
+REFUSED = [path for path in FILES if is_refused(path)]
+
+
+@pytest.mark.parametrize("path", RUNNING, ids=lambda path: path.stem)
+def test_trace(path: Path) -> None:
+    stimulus = load_stimulus(path, others=ABOUT | {"expect"})
+    scans = run(program(path), stimulus)
+    got = {name: [scan[name] for scan in scans] for name in scans[0] if name != "ms"}
+    assert got == content(path)["expect"]
+    assert [scan["ms"] for scan in scans] == [n * stimulus.scan_ms for n in range(stimulus.scans)]
+
+
+@pytest.mark.parametrize("path", REFUSED, ids=lambda path: path.stem)
+def test_refused(path: Path) -> None:
+    with pytest.raises(LadderError) as caught:
+        program(path)
+    lines = {int(line.split(":")[1]) for line in str(caught.value).splitlines()}
+    assert set(content(path)["refused"]) <= lines
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_file_is_whole(path: Path) -> None:
+    keys = content(path).keys()
+    assert keys >= ABOUT
+    about = content(path)["about"]
+    assert "[V]" in about or "[GK]" in about
+    if path in REFUSED:
+        assert keys == ABOUT | {"refused"}
+    else:
+        traces = content(path)["expect"]
+        assert list(traces) == content(path)["watch"]
+        assert all(len(trace) == content(path)["scans"] for trace in traces.values())
+
+
+def covered() -> set[str]:
+    """Return the mnemonics that files name and use; without prefix and suffix but for contact comparisons."""
+    found: set[str] = set()
+    for path in RUNNING:
+        named = set(content(path)["name"].split(", "))
+        used = {instruction.name for instruction in program(path).instructions}
+        found |= named & (used | {FORMS[name].kind.name for name in used if name in FORMS})
+    return found
+
+
+def test_every_instruction_has_a_file() -> None:
+    kinds = {form.kind.name for form in FORMS.values() if form.kind.supported}
+    assert kinds - covered() == set()
+
+
+def test_every_contact_comparison_has_a_file_in_both_widths() -> None:
+    forms = {f"{join}{wide}{relation}" for join in JOINS for wide in ("", "D") for relation in RELATIONS}
+    assert len(forms) == 36
+    assert forms - covered() == set()
+
+
+def test_every_rule_of_steps_has_a_file() -> None:
+    names = [content(path)["name"] for path in FILES]
+    rules = {int(match[1]) for name in names if (match := re.match(r"1\.7\.(\d) ", name))}
+    assert rules == set(STL_RULES)
+
+
+def coil(instruction: Instruction) -> str:
+    """Return which kind of coil an OUT drives."""
+    match instruction.operands[0]:
+        case Device("T", number):
+            return (
+                "T 100 ms"
+                if number < 200
+                else "T 10 ms"
+                if number < 246
+                else "T kept 1 ms"
+                if number < 250
+                else "T kept"
+            )
+        case Device("C", number):
+            return "C 32" if is_32_bit_counter(number) else "C 16"
+        case Device(kind, _):
+            return kind
+    return "D.b"
+
+
+def test_every_kind_of_coil_has_a_file() -> None:
+    found = {
+        coil(instruction)
+        for path in RUNNING
+        if "OUT" in content(path)["name"].split(", ")
+        for instruction in program(path).instructions
+        if instruction.name == "OUT"
+    }
+    assert found >= {"Y", "M", "S", "T 100 ms", "T 10 ms", "T kept 1 ms", "T kept", "C 16", "C 32"}
