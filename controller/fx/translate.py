@@ -16,11 +16,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.core.devices import MS_10, MS_100, is_32_bit_counter, timer_base_ms
-from controller.fx.access import signed
 from controller.fx.applied import LEVELS
-from controller.fx.cpu import RETENTIVE_TIMERS, index_register
-from controller.fx.instruction import Constant, Device, Instruction, Operand, WordBit
+from controller.fx.coils import contact, counter, driven_off, plain_word, set_to, timer
+from controller.fx.instruction import Device, Instruction, Operand, WordBit
 from controller.fx.instruction_set import FORMS, JOINS, RELATIONS, Form, steps
 from controller.fx.parts import END_POINTER, Loop, Part, Parts, Step, number_of
 
@@ -55,40 +53,6 @@ _NEXT_RUNG: Final = frozenset(
     }
 )
 """After these what was read of the rung is not needed any more."""
-
-
-def contact(operand: Operand) -> str:
-    """Return a contact as a Python expression.
-
-    Examples:
-        >>> contact(Device("X", 8)), contact(WordBit(100, 3))
-        ('X[8]', '(D[100] >> 3 & 1 == 1)')
-    """
-    if isinstance(operand, WordBit):
-        return f"(D[{operand.number}] >> {operand.bit} & 1 == 1)"
-    assert isinstance(operand, Device)  # noqa: S101 - operands were checked when the list was read
-    return f"{operand.kind}[{operand.number}]"
-
-
-def plain_word(operand: Operand) -> str | None:
-    """Return a 16-bit word as a Python expression, or None if it takes more than looking it up.
-
-    Examples:
-        >>> plain_word(Device("D", 5)), plain_word(Constant(0xFFFF, "H")), plain_word(Device("D", 5, "Z0"))
-        ('D[5]', '-1', None)
-    """
-    match operand:
-        case Constant(value, _, ""):
-            return str(value - 0x10000 if value > 0x7FFF else value)
-        case Device("D", number, ""):
-            return f"D[{number}]"
-        case Device("T", number, ""):
-            return f"TV[{number}]"
-        case Device("C", number, "") if not is_32_bit_counter(number):
-            return f"CV[{number}]"
-        case Device("V" | "Z" as kind, number, ""):
-            return f"D[{index_register(f'{kind}{number}')}]"
-    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,9 +316,9 @@ class Translator:
     def _out(self, operands: tuple[Operand, ...], power: str) -> None:
         match operands[0]:
             case Device("T", number):
-                self._timer(number, operands[1], power)
+                self._add(*timer(number, operands[1], power))
             case Device("C", number):
-                self._counter(number, operands[1], power)
+                self._add(*counter(number, operands[1], power))
             case Device("S", number) if self._step is not None:
                 self._transfer(number, power)
             case WordBit(number, bit):
@@ -366,53 +330,13 @@ class Translator:
         if name == "SET" and isinstance(operand, Device) and operand.kind == "S" and self._step is not None:
             self._transfer(operand.number, power)
             return
-        match operand:
-            case WordBit(number, bit):
-                self._add(f"if {power}: put_bit({number}, {bit}, {name == 'SET'})")
-            case Device("T", n):
-                self._add(f"if {power}: TV[{n}] = 0; TS[{n}] = -1; T[{n}] = False")
-            case Device("C", n):
-                self._add(f"if {power}: CV[{n}] = 0; C[{n}] = False")
-            case Device("D" | "V" | "Z"):
-                self._add(f"if {power}: {plain_word(operand)} = 0")
-            case _:
-                self._add(f"if {power}: {contact(operand)} = {name == 'SET'}")
+        self._add(f"if {power}: {set_to(operand, on=name == 'SET')}")
 
     def _transfer(self, target: int, power: str) -> None:
         assert self._step is not None  # noqa: S101 - only steps transfer
         name = f"go_{target}_from_{'_'.join(map(str, self._step.states))}"
         self._transfers[name] = (target, self._step.states)
         self._add(f"if ({power}) and not M[{TRANSFER_DISABLE}]: {name}()")
-
-    def _timer(self, n: int, preset: Operand, power: str) -> None:
-        tick = {MS_100: "tick_100", MS_10: "tick_10"}.get(timer_base_ms(n), "tick_1")
-        counts = plain_word(preset)
-        if n >= RETENTIVE_TIMERS:
-            self._add(f"if {power}:",
-                      f"    if TS[{n}] >= 0: TV[{n}] = min(TV[{n}] + {tick} - TS[{n}], 32767)",
-                      f"    TS[{n}] = {tick}",
-                      f"    if TV[{n}] >= {counts}: T[{n}] = True",
-                      f"else: TS[{n}] = -1")  # fmt: skip
-            return
-        self._add(f"if {power}:",
-                  f"    if TS[{n}] < 0: TS[{n}] = {tick}",
-                  f"    v = {tick} - TS[{n}]",
-                  f"    T[{n}] = v >= {counts}",
-                  f"    TV[{n}] = {counts} if v >= {counts} else v",
-                  f"elif TS[{n}] >= 0: TS[{n}] = -1; TV[{n}] = 0; T[{n}] = False")  # fmt: skip
-
-    def _counter(self, n: int, preset: Operand, power: str) -> None:
-        self._add(f"now = {power}", f"if now and not CE[{n}]:")
-        if is_32_bit_counter(n):
-            counts = f"wide({preset.number})" if isinstance(preset, Device) else signed(getattr(preset, "value", 0), 32)
-            self._add(f"    v, limit = CV[{n}], {counts}",
-                      f"    CV[{n}] = (v + {2**31 - 1} if M[{8000 + n}] else v + {2**31 + 1}) % {2**32} - {2**31}",
-                      f"    if v == limit - 1 and CV[{n}] == limit: C[{n}] = True",
-                      f"    elif v == limit and CV[{n}] == limit - 1: C[{n}] = False")  # fmt: skip
-        else:
-            counts = plain_word(preset) or "0"
-            self._add(f"    if CV[{n}] < {counts}: CV[{n}] += 1", f"    if CV[{n}] >= {counts}: C[{n}] = True")
-        self._add(f"CE[{n}] = now")
 
     def _applied(self, i: int, form: Form, power: str) -> None:
         name, action = form.kind.name, self._action(i, form)
@@ -458,8 +382,8 @@ class Translator:
         instruction = self._list[i]
         name, operands, form = instruction.name, instruction.operands, FORMS.get(instruction.name)
         device = operands[0] if operands else None
-        if name == "OUT" and isinstance(device, Device) and device.kind != "S":
-            line = _off(device)
+        if name == "OUT" and device is not None and not (isinstance(device, Device) and device.kind == "S"):
+            line = driven_off(device)
             others = [other for other in self._drivers[device] if other is not step]
             guard = " or ".join(f"({' and '.join(f'S[{s}]' for s in other.states)})" for other in others)
             self._add(f"if not ({guard}): {line}" if guard else line)
@@ -483,16 +407,6 @@ class Translator:
         self._depth += 1
         yield
         self._depth -= 1
-
-
-def _off(device: Device) -> str:
-    """Return the line that turns a coil off."""
-    n = device.number
-    if device.kind == "C":
-        return f"CE[{n}] = False"
-    if device.kind == "T":
-        return f"TS[{n}] = -1" + ("" if n >= RETENTIVE_TIMERS else f"; TV[{n}] = 0; T[{n}] = False")
-    return f"{contact(device)} = False"
 
 
 def _drivers(instructions: tuple[Instruction, ...], parts: Parts) -> dict[Operand, list[Step]]:
