@@ -287,7 +287,7 @@ UNFIT = [
     ("LD X0\nMC N1 M0\nMCR N1\nEND", "2:1: MC N1 M0: levels are opened in order; expected N0"),
     (
         "LD X0\nMC N0 M0\nLD X1\nMC N1 M1\nMCR N0\nMCR N1\nEND",
-        "5:1: MCR N0: levels are closed in order; expected MCR N1",
+        "6:1: MCR N1: no level is open; write MC N1 before",
     ),
     ("MCR N0\nEND", "1:1: MCR N0: no level is open"),
     ("LD X0\nMC N0 M0\nEND", "3:1: END: master control is open; write MCR N0"),
@@ -327,7 +327,7 @@ def test_refused_with_place_reason_and_remedy(text: str, start: str) -> None:
         "LD X0\nOUT Y0\nAND X1\nOUT Y1\nMPS\nAND X2\nOUT Y2\nMPP\nINV\nOUT Y3\nEND",
         "LD X0\nMPS\nLD X1\nOR X2\nANB\nOUT Y0\nMPP\nOUT Y1\nEND",
         "LD X0\nNOP\nCJ P63\nWDT\nEND",
-        "LD X0\nOUT C200 K-2147483648\nOUT C235 H0FFFFFFFF\nDMOV K8M3040 D7998\nDMOV C200 C0\nMOV K4M8240 D8255\nEND",
+        "LD X0\nOUT C200 K-2147483648\nOUT C234 H0FFFFFFFF\nDMOV K8M3040 D7998\nDMOV C200 C0\nMOV K4M8240 D8255\nEND",
         "LD X0\nDROR D0 K32\nDMOV D0 Z7\nMOV D0 V7\nSET D0.F\nEND",
     ],
 )

@@ -14,7 +14,8 @@ from controller.fx.draw import draw
 from controller.fx.export import PulseTrain, acting, export
 from controller.fx.gx_csv import write_gx_csv
 from controller.fx.il import write_il
-from controller.fx.instruction import Ladder
+from controller.fx.instruction import Ladder, LadderError
+from controller.fx.parts import parts_of
 from controller.fx.reading import load_ladder
 from controller.fx.running import run
 from controller.fx.stimulus import load_stimulus
@@ -70,6 +71,8 @@ class LadderCommand:
         draw_.add_argument("--out", type=Path, required=True, help="folder for the pictures")
 
     def _export(self, options: argparse.Namespace) -> Answer:
+        if options.format == "st" and options.stepper == "plsy":
+            raise LadderError("--stepper plsy: only an FX2N has PLSY; leave it out, or take the format il or gx-csv")
         program = acting(self._program_of(options.io_map))
         ladder = export(program, self._stepper(program) if options.stepper == "plsy" else None)
         used = usage(ladder)
@@ -78,10 +81,11 @@ class LadderCommand:
         else:
             text = write_gx_csv(ladder) if options.format == "gx-csv" else write_il(ladder).encode()
         options.out.write_bytes(text)
-        return _report(options.out, used, program), 0 if used.steps <= MOST_STEPS else 1
+        return _report(options.out, used, program), 0 if used.steps <= MOST_STEPS or options.format == "st" else 1
 
     def _check(self, options: argparse.Namespace) -> Answer:
         ladder = load_ladder(options.file)
+        parts_of(ladder)  # what cannot be run is told as an error, not found
         findings = check(ladder)
         lines = [f"{ladder.source}:{each.line}: {each.severity}: {each.text}" for each in findings]
         errors = sum(each.severity == "error" for each in findings)
@@ -98,7 +102,10 @@ class LadderCommand:
         return "\n".join(lines + [" ".join(f"{scan[name]:>6}" for name in columns) for scan in scans]), 0
 
     def _draw(self, options: argparse.Namespace) -> Answer:
-        pictures = draw(load_ladder(options.file))
+        try:
+            pictures = draw(load_ladder(options.file))
+        except RecursionError:
+            raise LadderError(f"{options.file}: a rung is nested too deep to be drawn; divide it by relays") from None
         options.out.mkdir(parents=True, exist_ok=True)
         for name, text in pictures.items():
             (options.out / name).write_text(text, encoding="utf-8")

@@ -29,6 +29,8 @@ COLUMNS: Final = 9
 """Contacts in a row; longer rungs go on in the next row."""
 LONGEST_PAGE: Final = 2400
 """Height at which a block goes on in another file, px."""
+LONGEST_NAME: Final = 60
+"""Characters of a title that become part of a file's name."""
 COMMENT_LINES: Final = 2
 _CHARACTERS: Final = int((CELL - 10) / CHARACTER_WIDTH)
 _SPACE: Final = 10
@@ -46,7 +48,7 @@ def draw(ladder: Ladder) -> dict[str, str]:
     """
     files: dict[str, str] = {}
     for number, (title, rungs) in enumerate(_blocks(ladder), 1):
-        slug = re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_") or "program"
+        slug = re.sub(r"[^a-z0-9]+", "_", title.lower())[:LONGEST_NAME].strip("_") or "program"
         for part, page in enumerate(_pages(ladder, rungs), 1):
             name = f"{number:02}_{slug}{f'_{part}' if part > 1 else ''}.svg"
             files[name] = _Page(ladder, title if part == 1 else f"{title} ({part})", page).svg()

@@ -153,6 +153,11 @@ def check_together(instruction: Instruction, form: Form) -> str | None:
     return rule(instruction.operands) if rule else None
 
 
+SPECIAL: Final = 8000
+"""First special relay and register."""
+FIRST_HIGH_SPEED: Final = 235
+"""From here on counters count terminals, not their rung (FX.md 1.5, V)."""
+
 Rule = Callable[[tuple[Operand, ...]], str | None]
 
 
@@ -163,8 +168,11 @@ def _out(operands: tuple[Operand, ...]) -> str | None:
         return f"the preset of {coil} is missing; write OUT {coil} K10 or OUT {coil} D0"
     if preset and not timed:
         return f"{coil} takes no preset; only T and C do"
-    if preset and isinstance(preset[0], Constant) and not _counts_wide(coil) and not 1 <= preset[0].value <= 32767:
-        return f"{preset[0]} cannot be a preset; expected K1 to K32767"
+    if isinstance(coil, Device) and coil.kind == "C" and coil.number >= FIRST_HIGH_SPEED:
+        return f"{coil} is a high-speed counter, which is not executed here; use C0 to C234"
+    least = 1 if isinstance(coil, Device) and coil.kind == "T" else 0
+    if preset and isinstance(preset[0], Constant) and not _counts_wide(coil) and not least <= preset[0].value <= 32767:
+        return f"{preset[0]} cannot be a preset; expected K{least} to K32767"
     return None
 
 
@@ -190,6 +198,8 @@ def _zone(operands: tuple[Operand, ...]) -> str | None:
         return f"{first} and {last} are of two kinds; name the first and last device of one kind"
     if first.number > last.number and not (first.index or last.index):
         return f"{first} lies behind {last}; name the lower device first"
+    if first.kind in "MD" and first.number < SPECIAL <= last.number:
+        return f"{first} to {last} runs into the special devices; end it before {first.kind}{SPECIAL}"
     return None
 
 

@@ -48,7 +48,7 @@ class Parts:
     """The parts of a program.
 
     Attributes:
-        main: Main program, without its END or FEND.
+        main: Main program, without its END. An FEND within it, with code behind it that a jump leads to, ends the scan.
         subroutines: By label, what a CALL executes, without its SRET.
         step_count: Number of steps.
     """
@@ -82,9 +82,11 @@ class _Reading:
 
     def parts(self) -> Parts:
         after_main = next(i for i, x in enumerate(self._list) if x.name in ("FEND", "END"))
-        main, _ = self._body(0, after_main)
-        self._check_jumps(main, to_end=True)
         labels = {number_of(x): i for i, x in enumerate(self._list) if x.name == "P"}
+        jumps = (number_of(x) for x in self._list[:after_main] if x.name in ("CJ", "CJP"))
+        behind = any(labels.get(label, -1) > after_main for label in jumps)
+        main, _ = self._body(0, len(self._list) - 1 if behind else after_main)
+        self._check_jumps(main, to_end=True)
         called = dict.fromkeys(number_of(x) for x in self._list if x.name in ("CALL", "CALLP"))
         subroutines: dict[int, tuple[Part, ...]] = {}
         for label in called:
@@ -110,26 +112,32 @@ class _Reading:
                 parts.append(step)
             elif name == "FOR":
                 body, close = self._body(i + 1, end)
+                for inside in body:
+                    if isinstance(inside, int) and self._list[inside].name == "SRET":
+                        self._fault(inside, "stands between FOR and NEXT; put it behind NEXT")
                 parts.append(Loop(i, body))
                 i = close + 1
             elif name == "NEXT":
                 return tuple(parts), i
             else:
-                parts.append(i)
+                if name != "NOP":
+                    parts.append(i)
                 i += 1
         return tuple(parts), i
 
     def _step(self, start: int, end: int) -> tuple[Step, int]:
         i = start
         states: list[int] = []
-        while i < end and self._list[i].name == "STL":
-            states.append(number_of(self._list[i]))
+        while i < end and self._list[i].name in ("STL", "NOP"):
+            if self._list[i].name == "STL":
+                states.append(number_of(self._list[i]))
             i += 1
         body: list[int] = []
         while i < end and self._list[i].name not in ("STL", "RET", "NEXT"):
             if self._list[i].name in ("P", "I", "FOR", "MC", "MCR"):
                 self._fault(i, "stands inside a step; put it outside STL and RET")
-            body.append(i)
+            if self._list[i].name != "NOP":
+                body.append(i)
             i += 1
         self._steps += 1
         return Step(self._steps - 1, tuple(states), tuple(body)), i

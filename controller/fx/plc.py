@@ -23,7 +23,7 @@ from controller.core.expr import COMPARISONS
 from controller.core.filter import InputFilter
 from controller.fx.access import bit_writer, reader
 from controller.fx.applied import ACTIONS, LEVELS
-from controller.fx.cpu import Cpu, OperationError
+from controller.fx.cpu import RETENTIVE_TIMERS, Cpu, OperationError, index_register
 from controller.fx.instruction import Instruction, Ladder, WordBit
 from controller.fx.instruction_set import FORMS, JOINS, RELATIONS, steps
 from controller.fx.parts import parts_of
@@ -31,6 +31,8 @@ from controller.fx.translate import LISTS, Translator
 
 STEPS_A_MS: Final = 12_500
 """The FX2N executes a basic step in 0.08 us (FX.md 1.3, GK): what the watchdog counts."""
+LONGEST_SCAN_MS: Final = 2_000
+"""No scan is longer, whatever WDT says."""
 CALL_DEPTH: Final = 5
 """Subroutines within subroutines (GK)."""
 WATCHDOG_ERROR: Final = 6105
@@ -45,13 +47,18 @@ CLOCK_REGISTERS: Final = 8013
 PROVIDED: Final = {
     "M8000 M8001": "RUN monitor, on and off",
     "M8002 M8003": "initial pulse, on and off in the first scan after STOP to RUN",
+    "M8004 D8004": "an error has come, and the number of the relay that tells which",
     "M8011-M8014": "clocks of 10 ms, 100 ms, 1 s and 1 min; a clock faster than the scan is sampled by it",
     "M8020-M8022 M8029": "zero, borrow, carry; execution complete",
+    "M8024": "direction of BMOV",
+    "M8026": "RAMP stops at its end",
     "M8031 M8032": "clear the memory that is not latched, or that is",
     "M8033": "memory and outputs are kept in STOP",
     "M8034": "all outputs off while the program goes on",
     "M8035-M8037": "M8037 stops, M8036 with M8035 runs",
+    "M8039 D8039": "constant scan, ms: `ladder run` and `trial --ladder` keep it where it is longer than their own",
     "M8040": "no transfers",
+    "M8041-M8043 M8045": "transfer start, start pulse, zero return done, no reset of outputs: IST",
     "M8046 M8047 D8040-D8047": "a state is on, and the eight lowest, while M8047 is on",
     "M8048 M8049 D8049": "an annunciator is on, and the lowest, while M8049 is on",
     "M8061 D8061": "the watchdog of D8000 ms has stopped the CPU",
@@ -62,6 +69,9 @@ PROVIDED: Final = {
     "D8010-D8012": "time since the scan before, shortest and longest since RUN began, 0.1 ms",
     "D8013-D8019": "second, minute, hour, day, month, year, weekday",
     "D8020": "input filter, ms",
+    "D8028 D8182-D8194": "Z0, and Z1 to Z7 on even numbers",
+    "D8029 D8183-D8195": "V0, and V1 to V7 on odd numbers",
+    "D8140-D8143": "pulses put out at Y0 and Y1",
 }
 """Special devices that have a meaning here (FX.md 1.6)."""
 
@@ -118,14 +128,20 @@ class FxPlc:
         self._last_ms: int | None = None
         self._no_outputs = [False] * SIZES["Y"]
         self._steps_left = [0]
+        self._spent = 0
         self._edges: list[bool] = []
         self._were_active: list[bool] = []
         self._space: dict[str, object] = {}
         self._calls: dict[int, int] = {}
         self.program = self._compile()
         self.cpu.latches = self._no_outputs.copy()
-        self.memory.D[WATCHDOG_MS] = POWER_UP_WATCHDOG_MS
-        self.memory.D[FILTER_MS] = input_filter_ms
+        self._filter_ms = input_filter_ms
+        self._first_registers()
+
+    @property
+    def constant_scan_ms(self) -> int:
+        """Time from scan to scan that the program asks for with M8039 and D8039, ms; 0 = as fast as it can."""
+        return max(0, self.memory.D[8039]) if self.memory.M[8039] else 0
 
     def scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
         """Run one scan.
@@ -162,7 +178,10 @@ class FxPlc:
         self.cpu.terminals[:] = levels
         self._filter.latch(now_ms, levels)
         self._provide(now_ms)
-        self._watch()
+        if self.scans == 0:
+            self._resume_timers()
+        self._spent = 0
+        self._steps_left[0] = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
         try:
             self.program(now_ms // 100, now_ms // 10, now_ms)
         except CpuError as error:
@@ -175,8 +194,10 @@ class FxPlc:
     def run(self) -> None:
         """STOP to RUN: the first scan has M8002; what instructions had under way is forgotten."""
         self.running, self.error, self.scans = True, None, 0
-        for relay in (8061, 8066):
+        for relay in (8004, 8061, 8066, 8067):
             self.memory.M[relay], self.memory.D[relay] = False, 0
+        for timer in range(RETENTIVE_TIMERS, SIZES["T"]):
+            self.memory.TS[timer] = -1  # the time in STOP or without power is not theirs
         self._last_ms, self.memory.D[8010:8013] = None, [0] * 3
         self._make_instructions()
 
@@ -191,8 +212,23 @@ class FxPlc:
         self.clear(latched=False)
         for number in range(8000, 8256):
             self.memory.M[number] = False
+        self._first_registers()
         self.cpu.latches = self._no_outputs.copy()
         self.run()
+
+    def _first_registers(self) -> None:
+        """Give watchdog, filter, V and Z what they hold at power-up; other special registers stay."""
+        for name in (f"{kind}{number}" for kind in "VZ" for number in range(8)):
+            self.memory.D[index_register(name)] = 0
+        self.memory.D[WATCHDOG_MS] = POWER_UP_WATCHDOG_MS
+        self.memory.D[FILTER_MS] = self._filter_ms
+
+    def _resume_timers(self) -> None:
+        """Let timers that M8033 has kept in STOP go on from what they show."""
+        memory = self.memory
+        for timer in range(RETENTIVE_TIMERS):
+            if memory.TS[timer] >= 0:
+                memory.TS[timer] = self.cpu.ticks(timer) - memory.TV[timer]
 
     def clear(self, *, latched: bool) -> None:
         """Clear the memory that is latched, or the one that is not; special devices stay."""
@@ -254,8 +290,7 @@ class FxPlc:
         """Return what an applied instruction does; one that cannot be executed as things are sets M8067 instead."""
         form = FORMS[instruction.name]
         if form.kind.name == "FOR":
-            count = reader(self.cpu, instruction.operands[0], wide=False)
-            return lambda: max(1, count())
+            return self._repeats(instruction, at)
         table = LEVELS if form.kind.name in LEVELS else ACTIONS
         action: Callable[..., None] = table[form.kind.name](self.cpu, instruction.operands, form.wide)
 
@@ -266,6 +301,19 @@ class FxPlc:
                 self._note(error, at)
 
         return execute
+
+    def _repeats(self, instruction: Instruction, at: int) -> Callable[[], int]:
+        """Return what tells how often a loop runs: once where its number is below 1 or cannot be had (GK)."""
+        count = reader(self.cpu, instruction.operands[0], wide=False)
+
+        def times() -> int:
+            try:
+                return max(1, count())
+            except OperationError as error:
+                self._note(error, at)
+                return 1
+
+        return times
 
     def _comparison(self, instruction: Instruction, at: int) -> Callable[[], bool]:
         form = FORMS[instruction.name]
@@ -284,6 +332,7 @@ class FxPlc:
 
     def _note(self, error: OperationError, at: int) -> None:
         self.memory.M[8067], self.memory.D[8067], self.memory.D[8069] = True, error.code, at
+        self.memory.M[8004], self.memory.D[8004] = True, 8067
 
     def _transfer(self, target: int, sources: tuple[int, ...]) -> None:
         """Turn the destination on at once; the sources go off at END."""
@@ -291,7 +340,10 @@ class FxPlc:
         self._leaving |= set(sources)
         self._leaving.discard(target)
 
-    def _call(self, subroutine: Callable[[int, int, int], None], *ticks: int) -> None:
+    def _call(self, subroutine: Callable[[int, int, int], None], cost: int, *ticks: int) -> None:
+        self._steps_left[0] -= cost
+        if self._steps_left[0] < 0:
+            _overdue()
         if self._depth == CALL_DEPTH:
             raise CpuError(CALL_ERROR, 8066)
         self._depth += 1
@@ -301,8 +353,12 @@ class FxPlc:
             self._depth -= 1
 
     def _watch(self) -> None:
-        """Begin the watchdog's time anew."""
-        self._steps_left[0] = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
+        """WDT: begin the watchdog's time anew, but not for ever: a PLC would hang, here somebody waits."""
+        limit = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
+        self._spent += limit - self._steps_left[0]
+        if self._spent > LONGEST_SCAN_MS * STEPS_A_MS:
+            _overdue()
+        self._steps_left[0] = limit
 
     def _wide(self, number: int) -> int:
         low, high = self.memory.D[number] & 0xFFFF, self.memory.D[number + 1]
@@ -353,6 +409,7 @@ class FxPlc:
     def _fail(self, error: CpuError) -> None:
         self.error, self.running = error, False
         self.memory.M[error.relay], self.memory.D[error.relay] = True, error.code
+        self.memory.M[8004], self.memory.D[8004] = True, error.relay
         self._leaving.clear()
 
 

@@ -17,9 +17,7 @@ _LOADS: Final = {
     "ORI": "OR",
 }
 """How each contact is joined to what stands before it."""
-ALONE: Final = frozenset(
-    {"STL", "RET", "MCR", "FOR", "NEXT", "SRET", "IRET", "FEND", "END", "EI", "DI", "NOP", "P", "I"}
-)
+ALONE: Final = frozenset({"STL", "RET", "MCR", "FOR", "NEXT", "SRET", "IRET", "FEND", "END", "EI", "DI", "P", "I"})
 """Instructions that stand on the bus without a contact."""
 
 
@@ -112,7 +110,10 @@ class _Reading:
 
     def over(self, at: int, instruction: Instruction) -> None:
         name = instruction.name
-        if name in ALONE:
+        if name == "NOP" and self._rung is not None:
+            self._rung.joins.append(at)  # nothing to draw
+            return
+        if name in ALONE or name == "NOP":
             self.close()
             self.rungs.append(Rung(at))
             return

@@ -32,14 +32,13 @@ def run(ladder: Ladder, stimulus: Stimulus) -> list[dict[str, int]]:
     levels = [False] * SIZES["X"]
     _put(plc, levels, stimulus.initial)
     records: list[dict[str, int]] = []
-    then_ms = -1
-    for scan in range(stimulus.scans):
-        now_ms = scan * stimulus.scan_ms
+    then_ms, now_ms = -1, 0
+    for _ in range(stimulus.scans):
         plc.cpu.now_ms = now_ms  # the current value of a timer is set as of this scan
         _put(plc, levels, changes_until(stimulus, then_ms, now_ms))
         plc.scan(now_ms, levels)
         records.append({TIME: now_ms} | {str(place): place.read(plc.memory) for place in stimulus.watch})
-        then_ms = now_ms
+        then_ms, now_ms = now_ms, now_ms + max(stimulus.scan_ms, plc.constant_scan_ms)
     return records
 
 

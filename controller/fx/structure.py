@@ -237,8 +237,10 @@ class _Walk:
             self.wrong("master control cannot be used in a step; write RET before")
         if not self.levels:
             self.wrong(f"no level is open; write MC N{level} before")
-        elif self.levels.pop() != level:
-            self.wrong(f"levels are closed in order; expected MCR N{len(self.levels)}")
+        elif level not in self.levels:
+            self.wrong(f"level N{level} is not open; expected MCR N{self.levels[-1]}")
+        else:
+            del self.levels[self.levels.index(level) :]  # a level closes those within it, too (GK)
 
     def label(self, label: Operand) -> None:
         """Walk over a label."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -16,6 +17,15 @@ _STYLE: Final = (
     "rect.band{fill:#e8e8e8}rect.paper{fill:#fff;stroke:none}circle{fill:#000}"
     f"text{{font-family:monospace;font-size:{FONT_SIZE}px;fill:#000}}text.note{{fill:#555}}text.title{{font-weight:bold}}"
 )
+
+
+REPLACEMENT: Final = "\N{REPLACEMENT CHARACTER}"
+_NOT_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def _plain(text: str) -> str:
+    """Return a text as XML takes it: escaped, and without the characters that it has no place for."""
+    return escape(_NOT_XML.sub(REPLACEMENT, text))
 
 
 class Picture:
@@ -52,12 +62,12 @@ class Picture:
     def text(self, x: float, y: float, text: str, kind: str = "", *, middle: bool = False) -> None:
         """Write a text on a base line; kind is "", "note" or "title"."""
         own = (f' class="{kind}"' if kind else "") + (' text-anchor="middle"' if middle else "")
-        self._parts.append(f'<text{own} x="{x:g}" y="{y:g}">{escape(text)}</text>')
+        self._parts.append(f'<text{own} x="{x:g}" y="{y:g}">{_plain(text)}</text>')
 
     @contextmanager
     def group(self, kind: str, **attributes: str) -> Iterator[None]:
         """Draw what follows as one group of this kind."""
-        named = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
+        named = "".join(f" {name}={quoteattr(_NOT_XML.sub(REPLACEMENT, value))}" for name, value in attributes.items())
         self._parts.append(f'<g class="{kind}"{named}>')
         yield
         self._parts.append("</g>")
@@ -71,7 +81,7 @@ class Picture:
         )
         head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" {size}>',
-            f"<title>{escape(title)}</title>",
+            f"<title>{_plain(title)}</title>",
             f"<style>{_STYLE}</style>",
             arrow,
             f'<rect class="paper" x="0" y="0" width="{width:g}" height="{height:g}"/>',

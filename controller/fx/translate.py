@@ -6,6 +6,7 @@ Conditions become expressions, coils assignments: nothing is interpreted while s
 - An edge contact (LDP and its kin) remembers its device as it was when it was last executed itself.
 - Leaving a step executes its coils once with no power. A coil that another active step drives is left to that step;
   a PLF in it gives no pulse.
+- Timers that are jumped over go on by the clock: what they show when they are executed again includes the time between.
 - With master control off everything under it has no power; a jump into it finds it on.
 """
 
@@ -16,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Final
 
+from controller.core.devices import ANNUNCIATORS
 from controller.fx.applied import LEVELS
 from controller.fx.coils import contact, counter, driven_off, plain_word, set_to, timer
 from controller.fx.instruction import Device, Instruction, Operand, WordBit
@@ -47,7 +49,6 @@ _NEXT_RUNG: Final = frozenset(
         "NEXT",
         "P",
         "I",
-        "NOP",
         "MRD",
         "MPP",
     }
@@ -124,15 +125,17 @@ class Translator:
 
     def _function(self, name: str, body: tuple[Part, ...]) -> str:
         self._lines, self._depth, self._rung, self._gates = [], 1, _Rung(), {}
-        for number in sorted(
-            {number_of(self._list[i]) for i in body if isinstance(i, int) and self._list[i].name == "MC"}
-        ):
-            self._add(f"n{number} = True")
+        self._add(*(f"n{number} = True" for number in sorted(self._levels(body))))
         self._body(body)
         used = "\n".join(self._lines)
         lists = [name for name in LISTS if f"{name}[" in used]
         arguments = ", ".join(["tick_100", "tick_10", "tick_1", *(f"{name}={name}" for name in lists)])
         return f"def {name}({arguments}):\n{used or INDENT + 'pass'}\n"
+
+    def _levels(self, body: tuple[Part, ...]) -> set[int]:
+        """Return the levels of master control that a body opens, in its loops too."""
+        own = {number_of(self._list[i]) for i in body if isinstance(i, int) and self._list[i].name == "MC"}
+        return own.union(*(self._levels(part.body) for part in body if isinstance(part, Loop)))
 
     def _body(self, body: tuple[Part, ...]) -> None:
         """Write a body; where there are jumps, as sections of a loop that is run through once."""
@@ -221,8 +224,11 @@ class Translator:
         elif name in ("MRD", "MPP"):
             branches = self._rung.branches
             self._rung.blocks = [branches[-1] if name == "MRD" else branches.pop()]
-        elif name in ("NOP", "RET"):
-            self._rung = _Rung() if name == "RET" else self._rung
+        elif name == "RET":
+            self._rung = _Rung()
+        elif name in ("FEND", "SRET"):  # of the main program, with code behind it that a jump leads to
+            self._add("return")
+            self._rung = _Rung()
         elif name == "MCR":
             level = number_of(instruction)
             self._gates = {number: gate for number, gate in self._gates.items() if number < level}
@@ -301,7 +307,7 @@ class Translator:
                 self._rung = _Rung()
 
     def _ends(self, i: int) -> bool:
-        following = self._list[i + 1].name if i + 1 < len(self._list) else "END"
+        following = next((each.name for each in self._list[i + 1 :] if each.name != "NOP"), "END")
         return following in _NEXT_RUNG or (following.startswith("LD") and following not in FORMS) or (
             following in FORMS and FORMS[following].kind.name.startswith("LD"))  # fmt: skip
 
@@ -319,7 +325,7 @@ class Translator:
                 self._add(*timer(number, operands[1], power))
             case Device("C", number):
                 self._add(*counter(number, operands[1], power))
-            case Device("S", number) if self._step is not None:
+            case Device("S", number) as state if self._step is not None and _is_step(state):
                 self._transfer(number, power)
             case WordBit(number, bit):
                 self._add(f"put_bit({number}, {bit}, {power})")
@@ -327,9 +333,10 @@ class Translator:
                 self._add(f"{contact(device)} = {power}")
 
     def _latch(self, name: str, operand: Operand, power: str) -> None:
-        if name == "SET" and isinstance(operand, Device) and operand.kind == "S" and self._step is not None:
-            self._transfer(operand.number, power)
-            return
+        match operand:
+            case Device("S", number) as state if name == "SET" and self._step is not None and _is_step(state):
+                self._transfer(number, power)
+                return
         self._add(f"if {power}: {set_to(operand, on=name == 'SET')}")
 
     def _transfer(self, target: int, power: str) -> None:
@@ -357,7 +364,9 @@ class Translator:
             case "CJ", _:
                 return self._jump_to(i, number_of(self._list[i]))
             case "CALL", _:
-                return [f"call(sub_{number_of(self._list[i])}, tick_100, tick_10, tick_1)"]
+                label = number_of(self._list[i])
+                cost = self._cost(self._parts.subroutines[label])
+                return [f"call(sub_{label}, {cost}, tick_100, tick_10, tick_1)"]
             case "WDT", _:
                 return ["watch()"]
             case "MOV", (_, Device("D")) if all(words):
@@ -382,7 +391,7 @@ class Translator:
         instruction = self._list[i]
         name, operands, form = instruction.name, instruction.operands, FORMS.get(instruction.name)
         device = operands[0] if operands else None
-        if name == "OUT" and device is not None and not (isinstance(device, Device) and device.kind == "S"):
+        if name == "OUT" and device is not None and not (isinstance(device, Device) and _is_step(device)):
             line = driven_off(device)
             others = [other for other in self._drivers[device] if other is not step]
             guard = " or ".join(f"({' and '.join(f'S[{s}]' for s in other.states)})" for other in others)
@@ -407,6 +416,10 @@ class Translator:
         self._depth += 1
         yield
         self._depth -= 1
+
+
+def _is_step(device: Device) -> bool:
+    return device.kind == "S" and device.number < ANNUNCIATORS.start
 
 
 def _drivers(instructions: tuple[Instruction, ...], parts: Parts) -> dict[Operand, list[Step]]:

@@ -97,12 +97,13 @@ def run_ladder_trial(
     module, plc = IoModule(plant, io_map), FxPlc(ladder)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, let_go_ms = 0, PATIENCE_MS - PRESS_MS, 0, 0  # the first press comes soon
+    scan_ms = SCAN_MS
     while plc.error is None and now_ms < trays * TRAY_LIMIT_MS:
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:
             _write(plc, values or {})
         module.write_outputs(0, image)
-        still_ms = 0 if any(point.active(image[point.number]) for point in movers) else still_ms + SCAN_MS
+        still_ms = 0 if any(point.active(image[point.number]) for point in movers) else still_ms + scan_ms
         if still_ms >= PATIENCE_MS:
             counts = plant.counts()
             if presses == MOST_PRESSES or not (counts.in_tray or counts.in_claw):
@@ -110,8 +111,9 @@ def run_ladder_trial(
             plant.box.start, let_go_ms, still_ms, presses = True, now_ms + PRESS_MS, 0, presses + 1
         if plant.box.start and now_ms >= let_go_ms:
             plant.box.start = False
-        module.advance(SCAN_MS)
-        now_ms += SCAN_MS
+        scan_ms = max(SCAN_MS, plc.constant_scan_ms)
+        module.advance(scan_ms)
+        now_ms += scan_ms
     incidents = tuple(f"{event.kind.value}: {event.text}, at {event.time_ms} ms" for event in plant.events)
     return LadderReport(plant.counts(), presses, incidents, now_ms / 1_000, str(plc.error or ""))
 
