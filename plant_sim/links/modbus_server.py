@@ -22,9 +22,10 @@ import ipaddress
 
 from pymodbus.constants import ExcCodes
 
+from controller.modbus.mbap import Frontend, Traffic
+from controller.modbus.requests import RefusedError
 from plant_sim.links.io_module import IoModule
-from plant_sim.links.mbap import Frontend, Traffic
-from plant_sim.links.modbus_image import ModbusImage, exception_pdu
+from plant_sim.links.modbus_image import ModbusImage
 from plant_sim.links.pacing import Pacer
 
 DEFAULT_PORT = 5020
@@ -70,8 +71,9 @@ class PlantServer:
         self._host = _checked_host(host, allow_remote=allow_remote)
         self._port = port
         self._lock_step_ms = lock_step_ms
-        self._image = ModbusImage(module)
-        self._frontend = Frontend(self._answer, max_connections, idle_timeout_s)
+        self._blocks_seen = module.block_writes
+        image = ModbusImage(module, self._written)
+        self._frontend = Frontend(lambda _: image, max_connections, idle_timeout_s)
         self._listener: asyncio.Server | None = None
         self._time_base: asyncio.Task[None] | None = None
         self._ended: asyncio.Future[None]
@@ -126,13 +128,13 @@ class PlantServer:
         await self._listener.wait_closed()
         self._listener = None
 
-    def _answer(self, pdu: bytes) -> bytes:
-        blocks_before = self.module.block_writes
-        answer = self._image.answer(pdu)
-        if self._lock_step_ms is None or self.module.block_writes == blocks_before:
-            return answer
-        is_sound = self._advance(self._lock_step_ms)
-        return answer if is_sound else exception_pdu(pdu[0], ExcCodes.DEVICE_FAILURE)
+    def _written(self) -> None:
+        """In lock step, let plant time pass once the whole Y block has been written."""
+        if self._lock_step_ms is None or self.module.block_writes == self._blocks_seen:
+            return
+        self._blocks_seen = self.module.block_writes
+        if not self._advance(self._lock_step_ms):
+            raise RefusedError(ExcCodes.DEVICE_FAILURE)
 
     async def _follow_clock(self, pacer: Pacer) -> None:
         """Advance the plant by whole ticks, each due at an instant counted from the start."""

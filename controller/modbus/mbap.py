@@ -1,7 +1,7 @@
 """Modbus TCP connections: framing, limits and bookkeeping, but no idea what a request means.
 
 pymodbus' own server loses pipelined requests and gets stuck on a bad header, so frames are cut
-here and only whole requests reach `answer`. Trouble made by a client is counted, never logged: a
+here and only whole requests reach the device. Trouble made by a client is counted, never logged: a
 client that sends rubbish must not be able to fill a log. Source: Modbus Messaging on TCP/IP
 Implementation Guide V1.0b, section 3.
 """
@@ -13,6 +13,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import cast
+
+from controller.modbus.requests import Device, answer
 
 HEADER = struct.Struct(">HHHB")  # transaction, protocol, length of what follows it, unit
 HEADER_BEFORE_LENGTH_ENDS = 6
@@ -43,12 +45,12 @@ class Frontend:
     """All connections of a server; calling it makes the protocol of the next one.
 
     Attributes:
-        answer: From a request PDU to its answer PDU; never raises for what a client sent.
+        device_for: Gives a new client, named by its address, the device it talks to.
         max_connections: Connections beyond this many are closed at once.
         idle_timeout_s: A connection without a whole request for so long is closed, s.
     """
 
-    answer: Callable[[bytes], bytes]
+    device_for: Callable[[str], Device]
     max_connections: int = 8
     idle_timeout_s: float = 60.0
     traffic: Traffic = field(default_factory=Traffic)
@@ -77,6 +79,7 @@ class MbapConnection(asyncio.BufferedProtocol):
         self._loop = asyncio.get_running_loop()
         self._last_request_s = self._loop.time()
         self._idle_check: asyncio.TimerHandle | None = None
+        self._device: Device | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Take a place among the connections, or close when none is left."""
@@ -86,11 +89,15 @@ class MbapConnection(asyncio.BufferedProtocol):
             self._transport.close()
             return
         self._frontend.connections.add(self)
+        address = self._transport.get_extra_info("peername")
+        self._device = self._frontend.device_for(f"{address[0]}:{address[1]}")
         self._watch_idling()
 
     def connection_lost(self, _exc: Exception | None) -> None:
         """Give the place back."""
         self._frontend.connections.discard(self)
+        if self._device is not None:
+            self._device.end()
         if self._idle_check is not None:
             self._idle_check.cancel()
 
@@ -102,9 +109,9 @@ class MbapConnection(asyncio.BufferedProtocol):
         """Answer the whole requests received so far and keep the rest."""
         self._filled += nbytes
         transport = self._transport
-        if transport is None or transport.is_closing():
+        if transport is None or self._device is None or transport.is_closing():
             return
-        used, answers, is_sound = self._answer_whole_frames()
+        used, answers, is_sound = self._answer_whole_frames(self._device)
         if used:
             self._last_request_s = self._loop.time()
             rest = bytes(self._buffer[used : self._filled])
@@ -130,7 +137,7 @@ class MbapConnection(asyncio.BufferedProtocol):
         if self._transport is not None:
             self._transport.abort()
 
-    def _answer_whole_frames(self) -> tuple[int, bytes, bool]:
+    def _answer_whole_frames(self, device: Device) -> tuple[int, bytes, bool]:
         """Answer every whole frame in the buffer.
 
         Returns:
@@ -145,8 +152,8 @@ class MbapConnection(asyncio.BufferedProtocol):
             end = used + HEADER_BEFORE_LENGTH_ENDS + length
             if end > self._filled:
                 break
-            answer = self._frontend.answer(bytes(self._buffer[used + HEADER.size : end]))
-            answers.append(HEADER.pack(transaction, 0, len(answer) + 1, unit) + answer)
+            pdu = answer(device, bytes(self._buffer[used + HEADER.size : end]))
+            answers.append(HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu)
             self._frontend.traffic.requests += 1
             used = end
         return used, b"".join(answers), True
