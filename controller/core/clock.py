@@ -25,6 +25,11 @@ class MonotonicClock:
         return (time.monotonic_ns() - self._start_ns) // 1_000_000
 
 
+def utc_ms() -> int:
+    """Return the wall clock, ms since 1970 UTC: for records that people read, never for the program."""
+    return time.time_ns() // 1_000_000
+
+
 class SimulatedClock:
     """A clock that stands until it is advanced."""
 

@@ -18,7 +18,7 @@ _COILS: Final = {"M": 0x0000, "S": 0x2000, "T": 0x3000, "C": 0x3200, "Y": 0x3300
 _M8000: Final = 0x1E00
 _X: Final = 0x3400
 _REGISTERS: Final = {"D": 0x0000, "R": 0x2140, "TN": 0xA140, "CN": 0xA340}
-_CN200: Final = 0xA408
+_16_BIT_COUNTERS: Final = 200
 _SPECIAL: Final = 8000
 _RELAYS: Final = 3072
 """M0-M3071; behind them comes M8000."""
@@ -32,20 +32,18 @@ class Span:
         first: First address.
         kind: Device kind, as TN and CN for the current values of timers and counters.
         number: Device at the first address; X and Y by octal value.
-        count: Devices in the span.
-        words: Registers of each, 1 or 2; 1 for bits.
+        count: Addresses in the span: one a device, but two for a counter of 32 bits.
     """
 
     first: int
     kind: str
     number: int
     count: int
-    words: int = 1
 
     @property
     def end(self) -> int:
         """Address behind the last."""
-        return self.first + self.count * self.words
+        return self.first + self.count
 
 
 def bit_spans(table: Table) -> tuple[Span, ...]:
@@ -66,13 +64,12 @@ def register_spans(own_words: int) -> tuple[Span, ...]:
     Args:
         own_words: Length of the R area.
     """
-    counters = SIZES["C"]
+    counters_32_bit = SIZES["C"] - _16_BIT_COUNTERS
     return (
         Span(_REGISTERS["D"], "D", 0, SIZES["D"]),
         Span(_REGISTERS["R"], "R", 0, own_words),
         Span(_REGISTERS["TN"], "TN", 0, SIZES["T"]),
-        Span(_REGISTERS["CN"], "CN", 0, 200),
-        Span(_CN200, "CN", 200, counters - 200, words=2),
+        Span(_REGISTERS["CN"], "CN", 0, _16_BIT_COUNTERS + 2 * counters_32_bit),
     )
 
 
@@ -106,5 +103,5 @@ def register_address(kind: str, number: int) -> int:
         ['0x1f4a', '0x2140', '0xa40a']
     """
     if kind == "CN" and is_32_bit_counter(number):
-        return _CN200 + 2 * (number - 200)
+        number += number - _16_BIT_COUNTERS
     return _REGISTERS[kind] + number

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
+from controller.io.forcing import Forcing
 from controller.io.keeper import Keeper
 from controller.io.link import FieldLink, LinkWatchdog
 from controller.program.machine import Transplanter
@@ -34,8 +35,10 @@ class Runtime:
     Attributes:
         machine: The program and its tags.
         plc: The PLC that runs it.
+        forcing: Inputs that somebody holds at a level of his own.
         link_lost: Whether the field is silent beyond the limit.
         released: The Y image last written, raw levels.
+        now_ms: Time of the last scan, ms.
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class Runtime:
         link_wait_ms: int = 0,
         scan_limit_ms: int = SCAN_LIMIT_MS,
         panel_limit_ms: int | None = None,
+        allow_forcing: bool = False,
     ) -> None:
         """Put the PLC on the link; the link is opened by the first tick.
 
@@ -63,10 +67,13 @@ class Runtime:
             scan_limit_ms: Longest time between two scans, ms.
             panel_limit_ms: Silence of the operator panel, once it was heard, after which the machine finishes the
                 cycle and holds, ms; None = it may be silent.
+            allow_forcing: Whether inputs may be forced at all.
         """
         self.machine = machine
         self.plc = plc
+        self.forcing = Forcing(machine, plc, allowed=allow_forcing)
         self.link_lost = False
+        self.now_ms = 0
         self.observers: list[Observer] = []
         self.released = machine.io_map.safe_outputs()
         self._link = link
@@ -102,6 +109,7 @@ class Runtime:
             began_ms: When it really began, ms, by which silence and lateness are judged; None = when it was due.
         """
         began_ms = now_ms if began_ms is None else began_ms
+        self.now_ms = now_ms
         if self._open and self._watchdog.lost(began_ms):
             self.link_lost = True  # the module has switched off meanwhile, whatever it says now
         self._read(began_ms)
@@ -116,9 +124,12 @@ class Runtime:
             self._store_fault(now_ms),
             self._panel_silent(now_ms),
         )
-        image = self._scan(now_ms)
-        # A field that was lost takes nothing but the safe state first, lamps and horn included.
-        self.released = list(self._safe) if self.link_lost else self._release(now_ms, image)
+        levels = self.forcing.over(self._inputs, now_ms)
+        image = self._scan(now_ms, levels)
+        # A field that was lost takes nothing but the safe state first, lamps and horn included. Nothing moves on inputs
+        # that are not the machine's own, either.
+        safe = self.link_lost or levels is not self._inputs
+        self.released = list(self._safe) if safe else self._release(now_ms, image)
         self._write(began_ms)
         self._tell(now_ms)
 
@@ -165,10 +176,10 @@ class Runtime:
             for bit, value in zip(self._told_in, told, strict=True):
                 self.plc.write(bit, value)
 
-    def _scan(self, now_ms: int) -> Sequence[bool]:
+    def _scan(self, now_ms: int, levels: Sequence[bool]) -> Sequence[bool]:
         """Run the program and keep what it remembers; a scan that fails gives safe outputs and a latched fault."""
         try:
-            image = self.plc.scan(now_ms, self._inputs)[: len(self._safe)]
+            image = self.plc.scan(now_ms, levels)[: len(self._safe)]
             self._keep()
         except Exception:  # noqa: BLE001 - whatever it is, outputs go safe and the fault is latched
             if not self._failed:

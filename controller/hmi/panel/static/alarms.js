@@ -1,0 +1,202 @@
+// Alarms: their priority and state in shape, text and colour; the banner of every page; the list; the journal.
+
+import { app, get, obstacle, order } from "./app.js";
+import { OrderButton } from "./controls.js";
+import { draw, make, mark, refill, write } from "./dom.js";
+import { duration, say, t, wallClock } from "./texts.js";
+import { section } from "./parts.js";
+
+const UNSEEN = new Set(["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"]);
+const SHELVED = "shelved";
+const LONGEST_SHELF_MIN = 480;
+const JOURNAL_ROWS = 50;
+const SHAPES = {
+  safety: "M7 1 H17 L23 7 V17 L17 23 H7 L1 17 V7 Z",
+  stops: "M12 1 L23 12 L12 23 L1 12 Z",
+  warning: "M12 2 L23 22 H1 Z",
+};
+const LETTERS = { safety: "1", stops: "2", warning: "3" };
+
+function priority(alarm) {
+  if (alarm?.safety) return "safety";
+  return alarm === undefined || alarm.stops_work ? "stops" : "warning";
+}
+
+/** Return the mark of an alarm: its shape and number say the priority, filled says not yet acknowledged. */
+function sign(row) {
+  const rank = priority(app.alarms.get(row.number));
+  return draw("svg", {
+    class: "alarm-sign", viewBox: "0 0 24 24", role: "img", "aria-label": t(`priority.${rank}`),
+    "data-priority": rank, "data-unseen": UNSEEN.has(row.state) ? "1" : null,
+  }, draw("path", { d: SHAPES[rank] }), draw("text", { x: 12, y: rank === "warning" ? 20 : 16, text: LETTERS[rank] }));
+}
+
+function message(row) {
+  return say(app.alarms.get(row.number)?.text) || `S${row.number}`;
+}
+
+/** The strip at the top of every page: the first alarm of the list, how many more, and its acknowledgement. */
+export class AlarmBanner {
+  constructor(open) {
+    this.shown = null;
+    this.first = null;
+    this.sign = make("span", { class: "banner-sign" });
+    this.text = make("button", { type: "button", class: "banner-text", on: { click: open } });
+    this.more = make("span", { class: "banner-more" });
+    this.acknowledge = new OrderButton(t("alarms.acknowledge"), () => ({ type: "acknowledge", alarm: this.first }), {
+      data: { "data-banner": "acknowledge" },
+    });
+    this.node = make("div", { class: "banner", role: "region", "aria-label": t("alarms.banner"), "data-part": "banner" },
+      this.sign, make("span", { class: "banner-words", role: "alert" }, this.text), this.more, this.acknowledge.node);
+  }
+
+  update(view) {
+    const rows = view.alarms.rows.filter((row) => row.state !== SHELVED);
+    const row = rows[0] ?? null;
+    this.first = row?.number ?? null;
+    const key = row === null ? "" : `${row.number}/${row.state}/${row.first_out}`;
+    if (key !== this.shown) this.#show(row);
+    this.shown = key;
+    write(this.more, rows.length > 1 ? t("alarms.more", { n: rows.length - 1 }) : "");
+    this.acknowledge.button.hidden = row === null || !UNSEEN.has(row.state);
+    this.acknowledge.update();
+  }
+
+  #show(row) {
+    mark(this.node, "data-priority", row === null ? "none" : priority(app.alarms.get(row.number)));
+    mark(this.node, "data-alarm", row?.number);
+    if (row === null) {
+      refill(this.sign);
+      write(this.text, t("alarms.none"));
+      return;
+    }
+    refill(this.sign, sign(row));
+    const first = row.first_out ? `[${t("alarms.first_out")}] ` : "";
+    write(this.text, `${first}${message(row)} (${stateText(row.state)})`);
+  }
+}
+
+export class Alarms {
+  constructor() {
+    this.key = null;
+    this.rows = [];
+    this.all = new OrderButton(t("alarms.acknowledge_all"), { type: "acknowledge", alarm: null }, {
+      data: { "data-command": "acknowledge_all" },
+    });
+    this.list = make("ul", { class: "alarm-list" });
+    this.journal = new Journal();
+    this.node = make("div", { class: "column" },
+      section("alarms.active", make("div", { class: "orders" }, this.all.node), this.list), this.journal.node);
+  }
+
+  opened() {
+    void this.journal.load();
+  }
+
+  update(view) {
+    const { rows } = view.alarms;
+    const key = rows.map((row) => `${row.number}/${row.state}/${row.first_out}/${row.shelved_until_ms}`).join();
+    if (key !== this.key) {
+      if (this.key !== null) void this.journal.load();
+      this.key = key;
+      this.rows = rows.map((row) => new AlarmRow(row));
+      refill(this.list, ...(rows.length ? this.rows.map((row) => row.node) : [make("li", { text: t("alarms.none") })]));
+    }
+    this.all.update();
+    this.rows.forEach((row) => row.update(view));
+  }
+}
+
+class AlarmRow {
+  constructor(row) {
+    this.row = row;
+    this.when = make("span", { class: "alarm-when" });
+    this.orders = this.#buttons();
+    const alarm = app.alarms.get(row.number);
+    this.node = make("li", { class: "alarm-row", "data-alarm": row.number, "data-state": row.state }, sign(row),
+      make("div", { class: "alarm-words" },
+        make("strong", { text: `S${row.number} ${message(row)}` }),
+        row.first_out ? make("span", { class: "first-out", text: t("alarms.first_out") }) : null,
+        make("span", { class: "alarm-state", text: stateText(row.state) }),
+        this.when,
+        alarm === undefined ? null : make("p", { class: "alarm-check", text: `${t("alarms.check")}: ${say(alarm.check)}` })),
+      make("div", { class: "orders" }, ...this.orders.map((item) => item.node)));
+  }
+
+  #buttons() {
+    const { number, state } = this.row;
+    const button = (key, message, name) => new OrderButton(t(key), message, { data: { "data-action": name } });
+    if (state === SHELVED) return [button("alarms.unshelve", { type: "unshelve", alarm: number }, "unshelve")];
+    const items = [];
+    if (UNSEEN.has(state)) items.push(button("alarms.acknowledge", { type: "acknowledge", alarm: number }, "acknowledge"));
+    items.push(priority(app.alarms.get(number)) === "warning" ? new Shelf(number) : new NoShelf());
+    return items;
+  }
+
+  update(view) {
+    const now = view.machine.time_ms;
+    write(this.when, this.row.state === SHELVED
+      ? t("alarms.shelved_for", { left: duration(this.row.shelved_until_ms - now) })
+      : t("alarms.came", { ago: duration(now - this.row.came_ms) }));
+    this.orders.forEach((item) => item.update());
+  }
+}
+
+class NoShelf {
+  node = make("p", { class: "why", text: t("alarms.no_shelf") });
+
+  update() {}
+}
+
+/** Minutes and the order to shelve. */
+class Shelf {
+  constructor(number) {
+    this.minutes = make("input", { type: "number", min: 1, max: LONGEST_SHELF_MIN, value: 10, "aria-label": t("alarms.minutes") });
+    this.button = make("button", { type: "button", class: "order", "data-action": "shelve", text: t("alarms.shelve"),
+      on: { click: () => this.#shelve(number) } });
+    this.node = make("div", { class: "shelf" }, make("label", {}, `${t("alarms.minutes")} `, this.minutes), this.button);
+  }
+
+  update() {
+    mark(this.button, "aria-disabled", obstacle("operate") === null ? null : "true");
+    mark(this.button, "title", obstacle("operate"));
+  }
+
+  #shelve(number) {
+    const minutes = Number(this.minutes.value);
+    const right = Number.isInteger(minutes) && minutes >= 1 && minutes <= LONGEST_SHELF_MIN;
+    const wrong = right ? null : t("parameters.range", { lowest: 1, highest: LONGEST_SHELF_MIN });
+    const why = obstacle("operate") ?? wrong;
+    if (why === null) void order({ type: "shelve", alarm: number, minutes });
+    else app.notice(why, false);
+  }
+}
+
+/** What happened to alarms, from the history. */
+class Journal {
+  constructor() {
+    this.body = make("tbody");
+    this.none = make("p", { class: "why" });
+    const heading = ["alarms.time", "alarms.alarm", "alarms.change", "alarms.by"];
+    this.node = section("alarms.journal",
+      make("div", { class: "orders" }, make("button", { type: "button", class: "order", text: t("refresh"), on: { click: () => this.load() } })),
+      this.none,
+      make("div", { class: "wide" }, make("table", { "data-table": "journal" },
+        make("thead", {}, make("tr", {}, ...heading.map((key) => make("th", { scope: "col", text: t(key) })))), this.body)));
+  }
+
+  async load() {
+    const history = await get(`/api/history/alarms?last=${JOURNAL_ROWS}`);
+    const rows = history?.present ? history.rows : [];
+    write(this.none, !history?.present ? t("history.none") : rows.length === 0 ? t("history.empty") : "");
+    refill(this.body, ...rows.map((row) => make("tr", {},
+      make("td", { text: wallClock(row.utc_ms) }),
+      make("td", { text: `S${row.number} ${message(row)}` }),
+      make("td", { text: `${stateText(row.before)} → ${stateText(row.after)}` }),
+      make("td", { text: row.by_whom ?? t("alarms.machine") }))));
+  }
+}
+
+function stateText(name) {
+  return say(app.describe.alarm_states[name]);
+}

@@ -1,0 +1,79 @@
+// Who is at the panel: the level shown, the login and first-run dialogs.
+
+import { app, get, post } from "./app.js";
+import { make, refill, write } from "./dom.js";
+import { say, t } from "./texts.js";
+
+export class Login {
+  /** @param changed called when the level may be another: the connection is made anew */
+  constructor(changed) {
+    this.changed = changed;
+    this.level = make("span", { class: "level", "data-fact": "level" });
+    this.button = make("button", { type: "button", class: "order", "data-action": "login", text: t("login"), on: { click: () => this.ask() } });
+    this.out = make("button", { type: "button", class: "order", "data-action": "logout", text: t("logout"), on: { click: () => this.logout() } });
+    this.dialog = make("dialog", { class: "dialog", "aria-label": t("login") });
+    this.node = make("div", { class: "who" }, this.level, this.button, this.out, this.dialog);
+  }
+
+  update() {
+    const level = app.link.level;
+    write(this.level, t(`level.${level}`));
+    this.out.hidden = level !== "operate" && level !== "maintain";
+    this.button.hidden = level === "maintain";
+  }
+
+  /** Open what is due: the passwords on the first run, the login where nothing can be seen without. */
+  async welcome() {
+    const me = await get("/api/me");
+    if (me?.first_run) this.askFirst();
+    else if (me?.level === "none") this.ask();
+  }
+
+  ask() {
+    const user = make("select", { name: "user", autocomplete: "username" }, ...["operate", "maintain"].map((name) => make("option", { value: name, text: t(`level.${name}`) })));
+    const password = passwordField("current-password");
+    this.#show("login", [label("login.user", user), label("login.password", password)], "login", () => ["/api/login", { user: user.value, password: password.value }]);
+  }
+
+  askFirst() {
+    const [operate, maintain] = [passwordField("new-password"), passwordField("new-password")];
+    operate.minLength = maintain.minLength = 8;
+    this.#show("first.title", [make("p", { text: t("first.about") }), label("first.operate", operate), label("first.maintain", maintain)],
+      "first.save", () => ["/api/first", { operate: operate.value, maintain: maintain.value }]);
+  }
+
+  async logout() {
+    await post("/api/logout");
+    this.changed();
+  }
+
+  #show(title, fields, submit, request) {
+    const wrong = make("p", { class: "wrong", role: "alert" });
+    const form = make("form", { method: "dialog", on: { submit: (event) => this.#submit(event, request(), wrong) } },
+      make("h2", { text: t(title) }), ...fields, wrong,
+      make("div", { class: "orders" },
+        make("button", { type: "submit", class: "order", "data-action": "submit", text: t(submit) }),
+        make("button", { type: "button", class: "order", "data-action": "close", text: t("close"), on: { click: () => this.dialog.close() } })));
+    refill(this.dialog, form);
+    if (!this.dialog.open) this.dialog.showModal();
+  }
+
+  async #submit(event, [path, body], wrong) {
+    event.preventDefault();
+    const answer = await post(path, body);
+    if (!answer.ok) {
+      write(wrong, t("login.refused", { why: say(answer.body.text) || t("login.no_answer") }));
+      return;
+    }
+    this.dialog.close();
+    this.changed();
+  }
+}
+
+function label(key, field) {
+  return make("label", { class: "field" }, make("span", { text: t(key) }), field);
+}
+
+function passwordField(autocomplete) {
+  return make("input", { type: "password", name: autocomplete, autocomplete, required: true });
+}

@@ -1,0 +1,185 @@
+// The page: header, banners, tabs; the page that is open follows every view.
+
+import { app, useDescription } from "./app.js";
+import { AlarmBanner, Alarms } from "./alarms.js";
+import { Cycle } from "./cycle.js";
+import { InputsOutputs } from "./io.js";
+import { Link } from "./link.js";
+import { Login } from "./login.js";
+import { Manual } from "./manual.js";
+import { Overview } from "./overview.js";
+import { Parameters } from "./parameters.js";
+import { Recovery } from "./recovery.js";
+import { Steps } from "./steps.js";
+import { Trends } from "./trends.js";
+import { letGo } from "./controls.js";
+import { make, mark, refill, write } from "./dom.js";
+import { chooseLanguage, language, say, t, useTexts } from "./texts.js";
+
+const PAGES = { overview: Overview, alarms: Alarms, trends: Trends, cycle: Cycle, steps: Steps, io: InputsOutputs,
+  manual: Manual, recovery: Recovery, parameters: Parameters };
+const LANGUAGES = { en: "English", zh: "中文" };
+const NOTICE_MS = 8000;
+const DESCRIBE_AGAIN_MS = 1000;
+
+class Panel {
+  constructor() {
+    this.name = PAGES[window.location.hash.slice(1)] ? window.location.hash.slice(1) : "overview";
+    this.page = null;
+    app.notice = (text, ok) => this.#notice(text, ok);
+    app.link.addEventListener("view", () => this.update());
+    app.link.addEventListener("status", () => this.update());
+    app.link.addEventListener("drop", letGo);
+    app.link.addEventListener("ended", () => this.changed());
+    window.addEventListener("hashchange", () => this.open(window.location.hash.slice(1)));
+  }
+
+  /** Build everything in the language chosen. */
+  build() {
+    letGo();
+    this.page?.closed?.();
+    this.page = null;
+    document.title = t("title");
+    chooseLanguage(language());
+    this.login = new Login(() => this.changed());
+    this.banner = new AlarmBanner(() => this.open("alarms"));
+    this.state = make("strong", { class: "state", "data-fact": "state" });
+    this.reason = make("span", { class: "state-reason", "data-fact": "reason" });
+    this.mode = make("span", { class: "mode", "data-fact": "mode" });
+    this.linkLamp = make("span", { class: "link-lamp", "data-fact": "link" });
+    this.stale = make("p", { class: "strip stale", role: "alert", "data-part": "stale" });
+    this.paused = make("p", { class: "strip paused", role: "status", "data-part": "paused" });
+    this.field = make("p", { class: "strip stale", role: "alert", "data-part": "field-lost" });
+    this.forced = make("p", { class: "strip forced", role: "alert", "data-part": "forced" });
+    this.noticeLine = make("p", { class: "notice", role: "status", "data-part": "notice" });
+    this.tabs = Object.keys(PAGES).map((name) => this.#tab(name));
+    this.main = make("main", { id: "page", role: "tabpanel" });
+    refill(document.getElementById("panel"), this.#header(), this.stale, this.paused, this.field, this.forced, this.banner.node,
+      make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#walk(event) } }, ...this.tabs),
+      this.main, this.noticeLine);
+    this.open(this.name);
+  }
+
+  #header() {
+    return make("header", { class: "header" },
+      make("h1", { text: t("title") }),
+      make("div", { class: "machine" }, this.state, this.reason, this.mode),
+      this.linkLamp, this.login.node, this.#languages());
+  }
+
+  #languages() {
+    const choice = make("select", { "aria-label": t("language"), "data-action": "language", on: { change: () => {
+      chooseLanguage(choice.value);
+      this.build();
+    } } }, ...app.describe.languages.map((name) => make("option", { value: name, text: LANGUAGES[name] ?? name })));
+    choice.value = language();
+    return choice;
+  }
+
+  #tab(name) {
+    return make("button", { type: "button", role: "tab", id: `tab-${name}`, class: "tab", "data-page": name, "aria-controls": "page",
+      text: t(`page.${name}`), on: { click: () => this.open(name) } });
+  }
+
+  /** Arrow keys walk from tab to tab. */
+  #walk(event) {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (step === undefined) return;
+    const names = Object.keys(PAGES);
+    const next = (names.indexOf(this.name) + step + names.length) % names.length;
+    this.open(names[next]);
+    this.tabs[next].focus();
+  }
+
+  open(name) {
+    if (!(name in PAGES) || (name === this.name && this.page !== null)) return;
+    letGo();
+    this.page?.closed?.();
+    this.name = name;
+    this.page = new PAGES[name]();
+    for (const tab of this.tabs) {
+      const chosen = tab.dataset.page === name;
+      mark(tab, "aria-selected", String(chosen));
+      mark(tab, "tabindex", chosen ? "0" : "-1");
+    }
+    mark(this.main, "aria-labelledby", `tab-${name}`);
+    mark(this.main, "data-page", name);
+    refill(this.main, this.page.node);
+    if (window.location.hash.slice(1) !== name) window.history.replaceState(null, "", `#${name}`);
+    this.page.opened?.();
+    this.update();
+  }
+
+  update() {
+    const { link } = app;
+    mark(document.body, "data-link", link.status);
+    write(this.linkLamp, `${link.live ? "●" : "○"} ${t(link.live ? "link.live" : "link.stale_short")}`);
+    this.#strip(this.stale, link.live ? "" : t(`link.${link.status}`));
+    this.login.update();
+    const { view } = link;
+    if (view === null) return;
+    this.#strip(this.paused, link.live && view.link.paused ? t("link.paused") : "");
+    this.#strip(this.field, link.live && view.link.field_lost ? t("link.field_lost") : "");
+    this.#strip(this.forced, view.forced.length > 0 ? t("forced", { points: view.forced.join(" ") }) : "");
+    this.#machine(view.machine);
+    this.banner.update(view);
+    this.page.update(view);
+  }
+
+  #machine(machine) {
+    write(this.state, `${shapeOf(machine.state)} ${say(app.describe.states[machine.state])}`);
+    write(this.reason, say(app.describe.reasons[machine.reason]));
+    write(this.mode, say(app.describe.modes[machine.mode]));
+    mark(this.state, "data-state", machine.state);
+  }
+
+  #strip(node, text) {
+    write(node, text);
+    node.hidden = text === "";
+  }
+
+  #notice(text, ok) {
+    write(this.noticeLine, `${ok ? "✓" : "✕"} ${text}`);
+    mark(this.noticeLine, "data-ok", ok ? "1" : "0");
+    window.clearTimeout(this.noticeEnd);
+    this.noticeEnd = window.setTimeout(() => write(this.noticeLine, ""), NOTICE_MS);
+  }
+
+  /** Somebody logged in or out: what the server tells and allows is another now. */
+  changed() {
+    app.link.close();
+    void start(this);
+  }
+}
+
+/** Return a shape that tells standing, moving, waiting and aborted apart without colour. */
+function shapeOf(state) {
+  if (state === 8 || state === 9) return "✕";
+  if (state === 10 || state === 11 || state === 5 || state === 13) return "❚❚";
+  return state === 2 || state === 4 || state === 17 || state === 1 ? "■" : "▶";
+}
+
+/** Get the description and connect; where the server is not there yet, try again. */
+async function start(panel = null) {
+  const response = await fetch("/api/describe").catch(() => null);
+  const description = await response?.json().catch(() => null); // a stranger gets the texts of the login alone
+  if (!description?.texts) {
+    window.setTimeout(() => void start(panel), DESCRIBE_AGAIN_MS);
+    return;
+  }
+  useTexts(description.texts);
+  if (description.states === undefined) {
+    const login = new Login(() => void start());
+    refill(document.getElementById("panel"), login.dialog);
+    login.ask();
+    return;
+  }
+  useDescription(description);
+  const shown = panel ?? new Panel();
+  shown.build();
+  app.link.open();
+  await shown.login.welcome();
+}
+
+app.link = new Link();
+void start();

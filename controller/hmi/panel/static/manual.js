@@ -1,0 +1,69 @@
+// Manual: one button for each output that may be held by hand, and what it takes to get there.
+
+import { app, active } from "./app.js";
+import { jogButton } from "./controls.js";
+import { make, mark, write } from "./dom.js";
+import { named, say, t } from "./texts.js";
+import { commandButton, section } from "./parts.js";
+
+const READY = ["mode_manual", "reset", "start", "stop", "jog_release"];
+
+export class Manual {
+  constructor() {
+    this.jogs = app.describe.jogs.map((jog) => new Jog(jog));
+    this.ready = app.describe.commands.filter((command) => READY.includes(command.name) && command.group !== "jog")
+      .sort((one, other) => READY.indexOf(one.name) - READY.indexOf(other.name))
+      .map((command) => commandButton(command, { why: true }));
+    this.state = make("p", { class: "big-state" });
+    const group = (key, side) => section(key, make("div", { class: "jogs" },
+      ...this.jogs.filter((jog) => (jog.side ?? null) === side).map((jog) => jog.node)));
+    this.node = make("div", { class: "column" }, make("p", { text: t("manual.about") }),
+      section("manual.prepare", this.state, make("div", { class: "orders" }, ...this.ready.map((button) => button.node))),
+      make("div", { class: "two" }, group("left", "left"), group("right", "right")), group("manual.conveyor", null));
+  }
+
+  update(view) {
+    write(this.state, machineState(view));
+    this.ready.forEach((button) => button.update());
+    this.jogs.forEach((jog) => jog.update(view));
+  }
+}
+
+/** Return mode and state in words. */
+function machineState(view) {
+  const { state, mode } = view.machine;
+  return `${say(app.describe.modes[mode])}: ${say(app.describe.states[state])}`;
+}
+
+/** A button, whether its output is on, and which switches its device sees. */
+class Jog {
+  constructor(jog) {
+    this.side = jog.side ?? null;
+    this.output = jog.output;
+    const bare = this.side ? jog.output.slice(this.side.length + 1) : jog.output;
+    this.button = jogButton(named(`jog.${bare}`, jog.text), jog.output);
+    this.lamp = make("span", { class: "jog-lamp" });
+    this.seen = make("span", { class: "why" });
+    this.switches = (SWITCHES[bare] ?? []).map((name) => (this.side ? `${this.side}.${name}` : name));
+    this.node = make("div", { class: "jog" }, this.button.node, this.lamp, this.seen);
+  }
+
+  update(view) {
+    this.button.update();
+    const on = active(view, this.output) === true;
+    mark(this.node, "data-on", on ? "1" : null);
+    write(this.lamp, `${on ? "●" : "○"} ${app.points.get(this.output)?.address ?? ""} ${on ? t("manual.held") : ""}`);
+    const there = this.switches.filter((tag) => active(view, tag) === true);
+    write(this.seen, there.map((tag) => named(`point.${tag.replace(`${this.side}.`, "")}`, tag)).join(", "));
+  }
+}
+
+const SWITCHES = {
+  lift_extend: ["lift_down"],
+  lift_retract: ["lift_up"],
+  slide_inward: ["slide_at_pick_1", "slide_at_pick_2", "slide_at_pick_3"],
+  slide_outward: ["slide_at_feed"],
+  converge: ["claws_converged"],
+  spread: ["claws_spread"],
+  tray_run: ["tray_front_edge"],
+};

@@ -1,0 +1,150 @@
+// Overview: the mimic, the arms' devices as bars, state and orders, production, the simulated operator box.
+
+import { app, active, activeStep, measured } from "./app.js";
+import { ArmWatch } from "./devices.js";
+import { Bar } from "./bar.js";
+import { BoxPanel } from "./box.js";
+import { Mimic } from "./mimic.js";
+import { make, mark } from "./dom.js";
+import { Facts, commandButton, section } from "./parts.js";
+import { named, seconds, t } from "./texts.js";
+
+const SIDES = ["left", "right"];
+const CLAMP_HIGHEST_N = 40;
+const NOT_HERE = new Set(["jog", "answer", "discard", "mode"]);
+
+export class Overview {
+  constructor() {
+    const { geometry } = app.describe;
+    this.watches = Object.fromEntries(SIDES.map((side) => [side, new ArmWatch(side, geometry)]));
+    this.mimic = new Mimic(geometry);
+    this.arms = Object.fromEntries(SIDES.map((side) => [side, new ArmCard(side, geometry)]));
+    this.commands = app.describe.commands
+      .filter((command) => !NOT_HERE.has(command.group))
+      .map((command) => commandButton(command));
+    this.modes = new ModeChoice();
+    this.production = new Production();
+    this.box = new BoxPanel();
+    this.node = make("div", { class: "overview" },
+      make("div", { class: "picture" }, this.mimic.node),
+      make("div", { class: "side" },
+        section("commands", make("div", { class: "orders" }, ...this.commands.map((button) => button.node))),
+        this.modes.node,
+        this.production.node,
+        this.box.node),
+      make("div", { class: "arms" }, ...SIDES.map((side) => this.arms[side].node)));
+  }
+
+  update(view) {
+    const seen = Object.fromEntries(SIDES.map((side) => [side, this.watches[side].see(view)]));
+    this.mimic.update(view, seen);
+    SIDES.forEach((side) => this.arms[side].update(view, seen[side]));
+    this.commands.forEach((button) => button.update());
+    this.modes.update(view);
+    this.production.update(view);
+    this.box.update(view);
+  }
+}
+
+/** The operating modes: the one in force is pressed. */
+class ModeChoice {
+  constructor() {
+    const modes = app.describe.commands.filter((command) => command.group === "mode");
+    this.buttons = modes.map((command) => commandButton(command));
+    this.names = new Map(Object.entries(app.describe.modes).map(([number, text]) => [Number(number), text.en]));
+    this.node = section("modes", make("div", { class: "orders modes", role: "group", "aria-label": t("modes") },
+      ...this.buttons.map((button) => button.node)));
+  }
+
+  update(view) {
+    const now = `mode_${(this.names.get(view.machine.mode) ?? "").replaceAll(" ", "_")}`;
+    for (const button of this.buttons) {
+      mark(button.button, "aria-pressed", String(button.command === now));
+      button.update();
+    }
+  }
+}
+
+/** One arm: its devices as bars with looks, its step, row, cups and last cycle. */
+class ArmCard {
+  constructor(side, geometry) {
+    this.side = side;
+    this.steps = app.describe.sequences
+      .filter((sequence) => sequence.name.startsWith(side))
+      .flatMap((sequence) => sequence.steps);
+    const slide = geometry.slide_mm;
+    const tag = (name) => ({ "data-tag": `${side}.${name}.bar` });
+    this.bars = {
+      slide: new Bar(t("device.slide"), 0, Math.max(...Object.values(slide)), slide, tag("slide")),
+      lift: new Bar(t("device.lift"), 0, geometry.lift_mm, { up: 0, down: geometry.lift_mm }, tag("lift")),
+      belt: new Bar(t("device.belt"), 0, geometry.spread_mm, { converged: 0, spread: geometry.spread_mm }, tag("belt")),
+      claws: new Bar(t("device.claws"), -10, 30, { closed: -10, open: 30 }, tag("claws")),
+      cups: new Bar(t("cup_count"), 0, geometry.cups, { full: geometry.cups }, tag("cups")),
+    };
+    this.clamp = new Bar(t("device.clamp"), 0, CLAMP_HIGHEST_N, {}, tag("clamp"));
+    this.facts = new Facts([
+      ["step", t("step")], ["row", t("row")], ["loaded", t("loaded")], ["missed", t("missed_cups")],
+      ["cycle", t("cycle_time")], ["waiting", t("waiting_time")], ["gap", t("gap_cause")],
+    ]);
+    this.node = make("section", { class: "part arm-card", "data-arm": side }, make("h2", { text: t(side) }),
+      ...Object.values(this.bars).map((bar) => bar.node), this.clamp.node, this.facts.node);
+  }
+
+  update(view, seen) {
+    const facts = view.arms[this.side];
+    for (const device of ["slide", "lift", "belt"]) {
+      const measuredMm = measured(view, `${this.side}.${NAMES[device]}`);
+      this.bars[device].update(seen[device].mm, words(seen[device], measuredMm, "mm"), seen[device].look);
+    }
+    const angle = seen.claws.mm ?? (seen.claws.place === "closed" ? -10 : 30);
+    this.bars.claws.update(angle, words(seen.claws, seen.claws.mm, "°"), seen.claws.look);
+    this.bars.cups.update(facts.cup_count, String(facts.cup_count));
+    const clamp = measured(view, `${this.side}.clamp_n`);
+    this.clamp.node.hidden = clamp === null;
+    this.clamp.update(clamp, clamp === null ? "" : `${clamp.toFixed(1)} N`);
+    const step = activeStep(view, this.steps);
+    this.facts.write("step", step === null ? t("none") : `${step.s} ${named(`step.${step.title}`, step.title)}`);
+    this.facts.write("row", facts.row ?? "–");
+    this.facts.write("loaded", t(`loaded.${facts.loaded ? 1 : 0}`));
+    this.facts.write("missed", facts.missed_cups);
+    this.facts.write("cycle", `${seconds(facts.cycle_ms)} s`);
+    this.facts.write("waiting", `${seconds(facts.waiting_ms)} s`);
+    this.facts.write("gap", t(`gap.${facts.gap_cause}`));
+  }
+}
+
+const NAMES = { slide: "slide_mm", lift: "lift_mm", belt: "spreader_mm" };
+const ARROWS = { commanded: "▸", moving: "⇄", confirmed: "✓", fault: "✕", between: "?", remembered: "" };
+
+/** Return a device in words: where it is or goes, its look, the measured value. */
+function words({ place, towards, look }, value, unit) {
+  const where = t(`place.${place ?? towards ?? "between"}`);
+  const arrow = place === null && towards !== null ? "→ " : "";
+  const digits = value === null ? "" : `, ${value.toFixed(1)} ${unit}`;
+  return `${ARROWS[look]} ${arrow}${where}: ${t(`look.${look}`)}${digits}`;
+}
+
+/** Counters of the controller, and what only the plant's telemetry can know. */
+class Production {
+  constructor() {
+    this.facts = new Facts([
+      ["trays", t("trays")], ["cycles", t("cycles")], ["missed", t("missed_cups")], ["tray", t("tray")],
+      ["in_cups", t("in_cups")], ["lost", t("lost")], ["success", t("success")],
+    ]);
+    this.node = section("production", this.facts.node);
+  }
+
+  update(view) {
+    const { left, right } = view.arms;
+    this.facts.write("trays", view.machine.trays_done);
+    this.facts.write("cycles", left.cycles + right.cycles);
+    this.facts.write("missed", left.missed_cups + right.missed_cups);
+    const conveyor = active(view, "tray_run") ? "conveyor.runs" : "conveyor.stands";
+    this.facts.write("tray", `${t(`phase.${view.tray.phase}`)}, ${t(conveyor)}`);
+    const value = (name) => measured(view, name);
+    this.facts.write("in_cups", value("in_cups") === null ? null : `${value("in_cups")} / ${value("total") ?? "–"}`);
+    const losses = ["P", "D", "T"].map(value);
+    this.facts.write("lost", losses.includes(null) ? null : losses.join(" / "));
+    this.facts.write("success", value("S_pct") === null ? null : `${value("S_pct").toFixed(1)} %`);
+  }
+}

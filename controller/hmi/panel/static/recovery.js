@@ -1,0 +1,58 @@
+// Recovery: what the machine needs next, the open questions with their answers, and discarding a load.
+
+import { app } from "./app.js";
+import { OrderButton } from "./controls.js";
+import { make, refill, write } from "./dom.js";
+import { named, say, t } from "./texts.js";
+import { Facts, commandButton, section } from "./parts.js";
+
+const WAYS_OUT = ["clear", "reset", "start", "unhold"];
+
+export class Recovery {
+  constructor() {
+    this.open = null;
+    this.answers = [];
+    const named_ = new Map(app.describe.commands.map((command) => [command.name, command]));
+    const buttons = (names) => names.filter((name) => named_.has(name)).map((name) => commandButton(named_.get(name), { why: true }));
+    this.ways = buttons(WAYS_OUT);
+    this.discards = buttons(["left_discard", "right_discard"]);
+    this.facts = new Facts([["state", t("state")], ["mode", t("mode")], ["reason", t("reason")], ["refusal", t("recovery.last_refusal")]]);
+    this.next = make("p", { class: "big-state", "data-fact": "next" });
+    this.questions = make("div", {});
+    this.node = make("div", { class: "column" },
+      section("recovery.next", this.next, this.facts.node, orders(this.ways)),
+      section("recovery.questions", this.questions),
+      section("recovery.discard", make("p", { text: t("recovery.discard_about") }), orders(this.discards)));
+  }
+
+  update(view) {
+    const { machine } = view;
+    write(this.next, t(`next.${machine.state}`));
+    this.facts.write("state", say(app.describe.states[machine.state]));
+    this.facts.write("mode", say(app.describe.modes[machine.mode]));
+    this.facts.write("reason", say(app.describe.reasons[machine.reason]) || t("none"));
+    this.facts.write("refusal", say(machine.refusal) || t("none"));
+    const key = view.questions.open.join();
+    if (key !== this.open) this.#ask(view.questions.open);
+    this.open = key;
+    [...this.ways, ...this.discards, ...this.answers].forEach((button) => button.update());
+  }
+
+  #ask(open) {
+    const asked = app.describe.questions.filter((question) => open.includes(question.key));
+    this.answers = [];
+    refill(this.questions, ...(asked.length ? asked.map((question) => this.#question(question)) : [make("p", { text: t("recovery.no_questions") })]));
+  }
+
+  #question(question) {
+    const buttons = question.answers.map((answer) => new OrderButton(
+      named(`command.${answer.command}`, answer.text), { type: "command", command: answer.command },
+      { command: answer.command, data: { "data-command": answer.command }, why: true }));
+    this.answers.push(...buttons);
+    return make("div", { class: "question", "data-question": question.key }, make("p", { text: say(question.text) }), orders(buttons));
+  }
+}
+
+function orders(buttons) {
+  return make("div", { class: "orders" }, ...buttons.map((button) => button.node));
+}
