@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TextIO
 
@@ -43,7 +43,18 @@ REMIND_S = 5.0
 SWITCH_INTERVAL_S = 0.0005
 """Longest time the interpreter leaves the scan waiting for another thread's Python; its default is ten times that."""
 
-Tell = Callable[[Event | AlarmChange], None]
+
+@dataclass(frozen=True, slots=True)
+class ServingEvent:
+    """Operator panels can connect.
+
+    Attributes:
+        hmi_port: TCP port of the Modbus server.
+    """
+
+    at_ms: int
+    hmi_port: int
+    event: str = "serving"
 
 
 class UsageError(ValueError):
@@ -262,7 +273,7 @@ def _operators_side(
                 stack.enter_context(server)
             except ServerError as error:
                 raise UsageError(f"{error}; give another --hmi-port, or --no-hmi") from error
-            print(f"panels: Modbus at {options.hmi_host}:{server.port}", file=sys.stderr, flush=True)
+            teller.tell(ServingEvent(runtime.now_ms, server.port))
         if not options.no_console:
             console = Console(runtime, alarms)
             threading.Thread(target=_read_console, args=(console,), name="console", daemon=True).start()
@@ -393,11 +404,11 @@ class Teller:
 
     def __init__(self, form: str) -> None:
         self._form = form
-        self._events: queue.SimpleQueue[Event | AlarmChange | None] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event | AlarmChange | ServingEvent | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="events", daemon=True)
         self._thread.start()
 
-    def tell(self, event: Event | AlarmChange) -> None:
+    def tell(self, event: Event | AlarmChange | ServingEvent) -> None:
         """Take an event; it is written when its turn comes."""
         self._events.put(event)
 

@@ -87,6 +87,22 @@ def _parser() -> argparse.ArgumentParser:
     )
     _network(run)
     run.add_argument("--fast", action="store_true", help="in lock step in simulated time, without Modbus")
+    run.add_argument(
+        "--real-time",
+        action="store_true",
+        help="plant and controller follow the clock, as a machine does; no pause, no other speed",
+    )
+    run.add_argument(
+        "--pace",
+        type=int,
+        default=100,
+        metavar="PERCENT",
+        help="speed of simulated time at the start; a panel changes it (65535 = as fast as it can)",
+    )
+    run.add_argument("--by-hand", action="store_true", help="press nothing: start and stop with the panel's buttons")
+    run.add_argument("--hmi-port", type=int, default=5021, help="port for operator panels; 0 = a free one")
+    run.add_argument("--panel-port", type=int, default=8080, help="port of the web panel; 0 = a free one")
+    run.add_argument("--no-panel", action="store_true", help="start no web panel")
     run.add_argument("--keep", action="store_true", help="go on serving after the report, until Ctrl-C")
     run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
     trial = _add(commands, "trial", _trial, "the paper's trial in lock step")
@@ -206,8 +222,11 @@ def _run(options: argparse.Namespace) -> int:
     if options.port == 0:
         raise UsageError("--port 0: the controller must know the port; name one")
     live = LiveOptions(options.seed, options.trays, options.host, options.port, options.io_map, options.machine,
-                       options.language, tuple(options.fault), options.record)  # fmt: skip
+                       options.language, tuple(options.fault), options.record, options.hmi_port,
+                       None if options.no_panel else options.panel_port, options.real_time, options.pace,
+                       options.by_hand)  # fmt: skip
     with ProgressView() as view, live_trial(live, view) as trial:
+        print(trial.panel, file=sys.stderr, flush=True)
         report = trial.run()
         print(report.text(), flush=True)
         if options.keep:

@@ -84,9 +84,7 @@ class LiveMachine:
         figures = LoopFigures()
         machine = self.machine
         alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, self.history.tell)
-        server = HmiServer(
-            self.runtime, alarms, HmiOptions(port=0), figures=figures, pace=self.pace, audit=self.history.audit
-        )
+        server = HmiServer(self.runtime, alarms, HmiOptions(port=0), figures=figures, pace=self.pace, audit=self._audit)
 
         def tell(event: Event) -> None:
             server.cycles.take(event)
@@ -139,7 +137,7 @@ class LiveMachine:
         return max(at_ms for at_ms, outputs in self.levels if output in outputs)
 
     def counts(self) -> SeedlingCounts:
-        return self.plant.call(lambda: self.plant.server.module.plant.counts())
+        return self.plant.call(self.plant.server.module.plant.counts)
 
     def _runtime(self) -> Runtime:
         self._edges = CycleEdges(self.machine)
@@ -160,6 +158,9 @@ class LiveMachine:
             self.levels.append((now_ms, on))
             self._scanned.notify_all()
 
+    def _audit(self, peer: str, who: str, what: str, value: str, result: str) -> None:
+        self.history.audit(peer, who, what, value, result, self.now_ms)
+
     def _end(self) -> None:
         self._stop.set()
         self._thread.join()
@@ -168,16 +169,16 @@ class LiveMachine:
 class PanelProcess:
     """The panel in a process of its own."""
 
-    def __init__(self, live: LiveMachine, folder: Path, *, first_run: bool = False) -> None:
+    def __init__(self, live: LiveMachine, folder: Path, *, first_run: bool = False, port: int = 0) -> None:
         users = folder / "users.json"
-        if not first_run:
+        if not first_run and not users.exists():
             Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
         tags = folder / "tags.csv"
         write_tags(tags)
         self._arguments = [
             sys.executable, "-c", PANEL, "--controller", f"127.0.0.1:{live.port}", "--telemetry",
             f"127.0.0.1:{live.plant_port}", "--telemetry-tags", str(tags), "--history", str(folder / "history.sqlite"),
-            "--port", "0", "--users", str(users),
+            "--port", str(port), "--users", str(users),
         ]  # fmt: skip
 
     def __enter__(self) -> Self:

@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
+import json
+import socket
 import threading
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import httpx
+import uvicorn
 from hmi_rig import HmiRig
+from starlette.types import ASGIApp, Receive, Scope, Send
+from websockets.sync.client import ClientConnection, connect
 
 from controller.core.clock import MonotonicClock
 from controller.hmi.history_query import HistoryReader
 from controller.hmi.modbus_server import HmiOptions, HmiServer
 from controller.hmi.panel.app import Panel, Sources, application
+from controller.hmi.panel.command import server_config
 from controller.hmi.panel.line import Line
 from controller.hmi.panel.login import Cost, Users
 from controller.hmi.panel.telemetry import Telemetry
 from controller.io.pace import Pace
 from plant_sim.bench.twin import Twin
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # it would rather have another HTTP client than httpx
-    from starlette.testclient import TestClient, WebSocketTestSession
-
-URL = "http://127.0.0.1:8080"
-ORIGIN = {"origin": URL}
-HERE, ELSEWHERE = ("127.0.0.1", 50_000), ("192.0.2.7", 50_000)
+ELSEWHERE = "192.0.2.7"
+PEER = "x-test-peer"
 PASSWORDS = {"operate": "seedling-1", "maintain": "seedling-2"}
 CHEAP = Cost(n=2, r=1, p=1)
 MOST_MESSAGES = 300
@@ -39,7 +41,7 @@ PATIENT_S = 20.0
 class Browser:
     """A socket with the view it has been told, as a page keeps it."""
 
-    def __init__(self, socket: WebSocketTestSession) -> None:
+    def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket
         self.view: dict[str, Any] = {}
         self._replies: dict[Any, dict[str, Any]] = {}
@@ -48,7 +50,7 @@ class Browser:
 
     def read(self) -> dict[str, Any]:
         """Take one message; views must come without a gap."""
-        message: dict[str, Any] = self.socket.receive_json()
+        message: dict[str, Any] = json.loads(self.socket.recv(timeout=PATIENT_S))
         if message["type"] == "reply":
             self._replies[message["id"]] = message
             return message
@@ -69,7 +71,7 @@ class Browser:
     def send(self, **order: Any) -> int:
         """Send an order; return its id."""
         number = next(self._number)
-        self.socket.send_json({"id": number, **order})
+        self.socket.send(json.dumps({"id": number, **order}))
         return number
 
     def reply(self, id_: Any) -> dict[str, Any]:
@@ -129,7 +131,12 @@ class PanelRig:
             clock,
         )
         self.panel = Panel(sources, users)
-        self.app = application(self.panel, ["panel.test"])
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.host = "127.0.0.1:{1}".format(*self._listener.getsockname())
+        self.origin = f"http://{self.host}"
+        app = _seen_from_elsewhere(application(self.panel, ["panel.test"]))
+        self._web = uvicorn.Server(server_config(app))
+        self._web_thread = threading.Thread(target=self._serve, name="panel")
         self._scanned = threading.Condition()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._scan, name="scans")
@@ -137,7 +144,9 @@ class PanelRig:
     def __enter__(self) -> Self:
         self._thread.start()
         self._stack.callback(self._end)
-        self.here = self._stack.enter_context(self.client(HERE))
+        self._web_thread.start()
+        self._stack.callback(self._end_web)
+        self.here = self.client()
         return self
 
     def __exit__(
@@ -145,21 +154,33 @@ class PanelRig:
     ) -> None:
         self._stack.close()
 
-    def client(self, peer: tuple[str, int]) -> TestClient:
-        """A client of a peer; only the one that is entered runs the panel."""
-        return TestClient(self.app, base_url=URL, client=peer, headers=ORIGIN)
+    def client(self, peer: str | None = None) -> httpx.Client:
+        """A client with cookies of its own, on this computer or elsewhere."""
+        headers = {"origin": self.origin} | ({} if peer is None else {PEER: peer})
+        return self._stack.enter_context(httpx.Client(base_url=self.origin, headers=headers, timeout=PATIENT_S))
 
     def log_in(self, user: str) -> None:
         """Log in on this computer; the sockets opened from then on have the level."""
         answer = self.here.post("/api/login", json={"user": user, "password": PASSWORDS[user]})
         assert answer.status_code == 200, answer.text
 
+    def socket(self, client: httpx.Client | None = None, **headers: str) -> ClientConnection:
+        """Open a socket with the cookies of a client; a header given as "" is left out."""
+        client = client or self.here
+        cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+        sent = {"Origin": self.origin, "Cookie": cookie} | headers
+        if PEER in client.headers:
+            sent[PEER] = client.headers[PEER]
+        sent = {name: value for name, value in sent.items() if value}
+        return connect(f"ws://{self.host}/ws", additional_headers=sent, proxy=None, open_timeout=PATIENT_S,
+                       close_timeout=2, max_queue=None)  # fmt: skip
+
     @contextmanager
     def browser(self, user: str | None = None) -> Iterator[Browser]:
         """Open a socket and wait until it shows the controller."""
         if user is not None:
             self.log_in(user)
-        with self.here.websocket_connect("/ws", headers=ORIGIN) as socket:
+        with self.socket() as socket:
             browser = Browser(socket)
             browser.until(lambda view: bool(view["link"]["controller"]))
             yield browser
@@ -196,3 +217,22 @@ class PanelRig:
     def _end(self) -> None:
         self._stop.set()
         self._thread.join()
+
+    def _serve(self) -> None:
+        asyncio.run(self._web.serve(sockets=[self._listener]))
+
+    def _end_web(self) -> None:
+        self._web.should_exit = True
+        self._web_thread.join()
+
+
+def _seen_from_elsewhere(app: ASGIApp) -> ASGIApp:
+    """Let a header say where a request comes from."""
+
+    async def seen(scope: Scope, receive: Receive, send: Send) -> None:
+        for name, value in scope.get("headers", ()):
+            if name == PEER.encode():
+                scope["client"] = (value.decode(), 50_000)
+        await app(scope, receive, send)
+
+    return seen

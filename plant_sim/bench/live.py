@@ -1,4 +1,9 @@
-"""The trial in real time: plant and controller as two processes, Modbus TCP between them."""
+"""The live trial: plant, controller and operator panel as processes of their own, Modbus TCP between them.
+
+Time is simulated unless the clock on the wall is asked for: the plant goes on by one scan at each write of the outputs,
+the controller paces it, and a panel can pause it and change its speed. A computer that is busy slows the trial down but
+does not spoil it. In real time both follow the clock, as on a machine.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +28,8 @@ from plant_sim.bench.operator import Operator, counts_of
 from plant_sim.bench.progress import ProgressView, Situation
 from plant_sim.bench.report import TrialReport, make_report
 from plant_sim.bench.trial import ROWS_A_TRAY
+from plant_sim.bench.twin import SCAN_MS
+from plant_sim.links.tag_file import tag_csv
 from plant_sim.parameters import load_machine
 
 POLL_S = 0.2
@@ -30,6 +37,8 @@ STOP_S = 10.0
 START_LIMIT_S = 30.0
 HOMING_LIMIT_S = 60.0
 TRAY_LIMIT_S = 600.0
+LOCK_STEP_TIMEOUT_MS = 5_000
+"""In simulated time an answer may take as long as a busy computer needs."""
 
 Record = dict[str, Any]
 
@@ -182,7 +191,16 @@ class Story:
 
 @dataclass(frozen=True, slots=True)
 class LiveOptions:
-    """Options of a live run."""
+    """Options of a live run.
+
+    Attributes:
+        hmi_port: Port of the controller's Modbus server; 0 = a free one.
+        panel_port: Port of the panel's page; 0 = a free one, None = no panel.
+        real_time: Follow the clock on the wall.
+        pace: Speed of simulated time at the start, percent.
+        by_hand: Nobody but the user presses buttons.
+        users: File of the panel's passwords.
+    """
 
     seed: int
     trays: int
@@ -193,6 +211,12 @@ class LiveOptions:
     language: str
     faults: tuple[str, ...] = ()
     record: Path | None = None
+    hmi_port: int = 5021
+    panel_port: int | None = 8080
+    real_time: bool = False
+    pace: int = 100
+    by_hand: bool = False
+    users: Path = Path("var/panel-users.json")
 
 
 _BROKEN = (State.HELD, State.ABORTED)
@@ -207,37 +231,63 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
     """
     o = options
     common = ["--io-map", str(o.io_map), "--port", str(o.port), "--host", o.host]
+    with ExitStack() as stack:
+        interrupts = stack.enter_context(Interrupts())
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        plant = stack.enter_context(Process("plant", _serve(o, common)))
+        if plant.next_line(START_LIMIT_S) is None:
+            raise ChildError("plant", plant.stop())
+        operator = stack.enter_context(Operator(o.host, o.port))
+        controller = stack.enter_context(Process("controller", _control(o, common, folder)))
+        trial = LiveTrial(options, view, operator, controller, interrupts)
+        if o.panel_port is not None:
+            panel = Process("panel", _panel(o, folder, o.panel_port, trial.hmi_port()))
+            stack.enter_context(panel)
+            trial.panel = panel.next_line(START_LIMIT_S) or "no panel: see above"
+        yield trial
+
+
+def _serve(o: LiveOptions, common: Sequence[str]) -> list[str]:
+    """Return the plant's command."""
     serve = ["plant_sim", "serve", *common, "--machine", str(o.machine), "--seed", str(o.seed), "--trays", str(o.trays)]
     for fault in o.faults:
         serve += ["--fault", fault]
     if o.record is not None:
         serve += ["--record", str(o.record)]
-    with ExitStack() as stack:
-        interrupts = stack.enter_context(Interrupts())
-        memory = stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-"))
-        plant = stack.enter_context(Process("plant", serve))
-        if plant.next_line(START_LIMIT_S) is None:
-            raise ChildError("plant", plant.stop())
-        operator = stack.enter_context(Operator(o.host, o.port))
-        control = [
-            "controller",
-            "run",
-            *common,
-            "--retain",
-            str(Path(memory) / "retentive.json"),
-            "--events",
-            "json",
-            "--no-console",
-        ]
-        control += ["--language", o.language]
-        for name, value in {"trays_target": o.trays, **set_points_of(load_machine(o.machine))}.items():
-            control += ["--set", f"{name}={value}"]
-        controller = stack.enter_context(Process("controller", control))
-        yield LiveTrial(options, view, operator, controller, interrupts)
+    if not o.real_time:
+        serve += ["--lock-step-ms", str(SCAN_MS)]
+    return serve
+
+
+def _control(o: LiveOptions, common: Sequence[str], folder: Path) -> list[str]:
+    """Return the controller's command."""
+    control = ["controller", "run", *common, "--retain", str(folder / "retentive.json"), "--events", "json"]
+    control += ["--no-console", "--language", o.language, "--hmi-port", str(o.hmi_port), "--allow-forcing"]
+    control += ["--scan-ms", str(SCAN_MS)]
+    if not o.real_time:
+        control += ["--simulated-time", "--pace", str(o.pace), "--timeout-ms", str(LOCK_STEP_TIMEOUT_MS)]
+    for name, value in {"trays_target": o.trays, **set_points_of(load_machine(o.machine))}.items():
+        control += ["--set", f"{name}={value}"]
+    return control
+
+
+def _panel(o: LiveOptions, folder: Path, port: int, hmi_port: int) -> list[str]:
+    """Return the panel's command."""
+    tags = folder / "plant-tags.csv"
+    tags.write_text(tag_csv(), encoding="utf-8")
+    return [
+        "controller", "panel", "--io-map", str(o.io_map), "--port", str(port), "--users", str(o.users),
+        "--controller", f"127.0.0.1:{hmi_port}", "--history", str(folder / "history.sqlite"),
+        "--telemetry", f"{o.host}:{o.port}", "--telemetry-tags", str(tags),
+    ]  # fmt: skip
 
 
 class LiveTrial:
-    """A trial on a running plant and controller, with an operator at the box."""
+    """A trial on a running plant and controller, with an operator at the box.
+
+    Attributes:
+        panel: Where the panel is, one line; empty without one.
+    """
 
     def __init__(
         self,
@@ -253,17 +303,32 @@ class LiveTrial:
         self._operator = operator
         self._controller = controller
         self._story = Story()
+        self.panel = ""
+
+    def hmi_port(self) -> int:
+        """Wait until the controller serves panels; return the port.
+
+        Raises:
+            ChildError: The controller could not start.
+        """
+        line = self._controller.next_line(START_LIMIT_S)
+        if line is None:
+            raise ChildError("controller", self._controller.stop())
+        return int(json.loads(line)["hmi_port"])
 
     def run(self) -> TrialReport:
-        """Home, start, and wait until the trays are empty."""
+        """Home, start, and wait until the trays are empty; by hand, only wait."""
         began_s = time.perf_counter()
         operator, reason = self._operator, ""
         try:
             self._until(State.STOPPED, START_LIMIT_S, "controller in Stopped")
-            operator.press("start")
-            self._until(State.IDLE, HOMING_LIMIT_S, "homing")
-            operator.press("start")
-            self._until(State.COMPLETE, TRAY_LIMIT_S * self._options.trays, "the trial")
+            if self._options.by_hand:
+                self._until_complete()
+            else:
+                operator.press("start")
+                self._until(State.IDLE, HOMING_LIMIT_S, "homing")
+                operator.press("start")
+                self._until(State.COMPLETE, TRAY_LIMIT_S * self._options.trays, "the trial")
         except LiveError as error:
             reason = str(error)
         telemetry = operator.telemetry()
@@ -283,15 +348,25 @@ class LiveTrial:
             self._show()
 
     def _until(self, state: State, limit_s: float, what: str) -> None:
-        deadline_s = time.perf_counter() + limit_s
+        deadline_s = self._now_s() + limit_s
         while self._story.state != state:
-            if time.perf_counter() > deadline_s:
+            if self._now_s() > deadline_s:
                 raise LiveError(f"{what} not reached within {limit_s:.0f} s: {self._story.state_text}")
             self._follow(POLL_S)
             self._show()
             if self._story.state in _BROKEN:
                 alarms = "; ".join(self._story.alarms.values()) or "a question is open"
                 raise LiveError(f"{what} not reached: {self._story.state_text}, {alarms}")
+
+    def _until_complete(self) -> None:
+        """Wait for the user to bring the trays to their end, however long it takes and whatever happens."""
+        while self._story.state != State.COMPLETE:
+            self._follow(POLL_S)
+            self._show()
+
+    def _now_s(self) -> float:
+        """Return the time by which limits are judged: the plant's, which stands in a pause."""
+        return self._operator.telemetry()["time_ms"] / 1000
 
     def _follow(self, for_s: float) -> None:
         """Take in the controller's events for a while."""

@@ -9,6 +9,7 @@ import yaml
 
 from plant_sim.faults import fault_table
 from plant_sim.links.box import BOX_COILS
+from plant_sim.links.tag_file import tag_csv
 from plant_sim.links.telemetry import telemetry_table
 from plant_sim.parameters import DEFAULT_MACHINE
 
@@ -51,7 +52,12 @@ def fault_reference() -> str:
     return f"# Faults\n\n{GENERATED}\n\n{_table(fault_table())}"
 
 
-REFERENCE = {"plant-modbus.md": plant_modbus_table, "parameters.md": parameter_table, "faults.md": fault_reference}
+REFERENCE = {
+    "plant-modbus.md": plant_modbus_table,
+    "plant-tags.csv": tag_csv,
+    "parameters.md": parameter_table,
+    "faults.md": fault_reference,
+}
 
 
 def write_reference(folder: Path) -> list[Path]:

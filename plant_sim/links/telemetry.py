@@ -129,6 +129,12 @@ def _arm_points(side: str, first: int) -> tuple[TelemetryPoint, ...]:
     )
 
 
+def _success_pct(module: IoModule) -> float | None:
+    counts = module.plant.counts()
+    handled = counts.in_cups + counts.P + counts.D + counts.T
+    return 100 * counts.in_cups / handled if handled else None
+
+
 def _clamp_point(side: str, offset: int) -> TelemetryPoint:
     meaning = f"force of a {side} finger, clamping is positive"
     return TelemetryPoint(
@@ -182,6 +188,15 @@ TELEMETRY = (
     ),
     TelemetryPoint(
         "claw_pressure_kpa", 33, 1, 0.1, "gauge pressure of the claws", lambda m: m.plant.supply.claw_pressure_pa / 1e3
+    ),
+    TelemetryPoint(
+        "S_pct",
+        34,
+        1,
+        0.01,
+        "seedlings in cups, of those in cups or lost so far (the paper's S at the end of a trial)",
+        _success_pct,
+        may_be_none=True,
     ),
 )
 

@@ -52,6 +52,7 @@ _log = logging.getLogger(__name__)
 
 STATIC: Final = Path(__file__).parent / "static"
 COOKIE: Final = "panel_session"
+CANCEL_AGAIN_S: Final = 0.1
 LONGEST_BODY: Final = 4_096
 HISTORY_LOOK_S: Final = 2.0
 """How often it is looked whether there is a history."""
@@ -148,9 +149,7 @@ class Panel:
             yield
         finally:
             await self._jogging.close()
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await _end(tasks)
 
     async def me(self, request: Request) -> Response:
         """Tell who somebody is here."""
@@ -346,6 +345,15 @@ def _whole(request: Request, name: str, otherwise: str) -> int | None:
     """Return a whole number of the query; None = it is none."""
     text = request.query_params.get(name, otherwise)
     return int(text) if text.isascii() and text.isdecimal() and len(text) <= 18 else None
+
+
+async def _end(tasks: Iterable[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they have ended: one that waits for an answer may miss a cancellation that comes with it."""
+    running = {task for task in tasks if not task.done()}
+    while running:
+        for task in running:
+            task.cancel()
+        _, running = await asyncio.wait(running, timeout=CANCEL_AGAIN_S)
 
 
 def _tell_failure(task: asyncio.Task[None]) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 import uvicorn
+from starlette.types import ASGIApp
 
 from controller.core.clock import MonotonicClock
 from controller.hmi.history_query import HistoryReader
@@ -98,11 +99,10 @@ class _Server(uvicorn.Server):
         sys.stdout.flush()
 
 
-async def _serve(sources: Sources, users: Users, listener: socket.socket, options: argparse.Namespace) -> None:
-    secure = options.certificate is not None
-    panel = Panel(sources, users, secure=secure)
-    config = uvicorn.Config(
-        application(panel, [options.host, *options.names]),
+def server_config(app: ASGIApp, certificate: Path | None = None, key: Path | None = None) -> uvicorn.Config:
+    """Return how the application is served: small messages, sockets that must answer, no trust in forwarded headers."""
+    return uvicorn.Config(
+        app,
         log_config=None,
         access_log=False,
         lifespan="on",
@@ -113,9 +113,15 @@ async def _serve(sources: Sources, users: Users, listener: socket.socket, option
         ws_ping_interval=PING_S,
         ws_ping_timeout=PING_S,
         timeout_graceful_shutdown=CLOSING_S,
-        ssl_certfile=options.certificate,
-        ssl_keyfile=options.key,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
     )
+
+
+async def _serve(sources: Sources, users: Users, listener: socket.socket, options: argparse.Namespace) -> None:
+    secure = options.certificate is not None
+    panel = Panel(sources, users, secure=secure)
+    config = server_config(application(panel, [options.host, *options.names]), options.certificate, options.key)
     logging.getLogger("uvicorn").setLevel(logging.WARNING)
     host, port = listener.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host

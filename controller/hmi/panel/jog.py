@@ -137,7 +137,8 @@ class Jogging:
         """Wait for the next sign of life; return False when the output is to be let go."""
         left_ms = held.renewed_ms + LEASE_MS - self._clock.now_ms()
         try:
-            await asyncio.wait_for(held.news.wait(), max(left_ms, 0) / 1_000)
+            async with asyncio.timeout(max(left_ms, 0) / 1_000):
+                await held.news.wait()
         except TimeoutError:
             held.hand.spent = True
             return False

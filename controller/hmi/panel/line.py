@@ -131,7 +131,8 @@ class Line:
         async with self._one_at_a_time:
             client = await self._open()
             try:
-                reply = await asyncio.wait_for(request(client), 2 * self._timeout_s)
+                async with asyncio.timeout(2 * self._timeout_s):
+                    reply = await request(client)
             except asyncio.CancelledError:
                 self.close()
                 raise

@@ -1,11 +1,13 @@
 // Alarms: their priority and state in shape, text and colour; the banner of every page; the list; the journal.
 
-import { app, get, obstacle, order } from "./app.js";
+import { app, getHistory, obstacle, order } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { draw, make, mark, refill, write } from "./dom.js";
 import { duration, say, t, wallClock } from "./texts.js";
 import { section } from "./parts.js";
 
+const STATES = ["normal", "unacknowledged", "acknowledged", "returned_unacknowledged", "latched_unacknowledged",
+  "latched_acknowledged", "shelved"];
 const UNSEEN = new Set(["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"]);
 const SHELVED = "shelved";
 const LONGEST_SHELF_MIN = 480;
@@ -17,6 +19,11 @@ const SHAPES = {
 };
 const LETTERS = { safety: "1", stops: "2", warning: "3" };
 
+/** Return the state of a row by its name: the view has its number, the history the name. */
+export function stateOf(state) {
+  return STATES[state] ?? state;
+}
+
 function priority(alarm) {
   if (alarm?.safety) return "safety";
   return alarm === undefined || alarm.stops_work ? "stops" : "warning";
@@ -27,7 +34,7 @@ function sign(row) {
   const rank = priority(app.alarms.get(row.number));
   return draw("svg", {
     class: "alarm-sign", viewBox: "0 0 24 24", role: "img", "aria-label": t(`priority.${rank}`),
-    "data-priority": rank, "data-unseen": UNSEEN.has(row.state) ? "1" : null,
+    "data-priority": rank, "data-unseen": UNSEEN.has(stateOf(row.state)) ? "1" : null,
   }, draw("path", { d: SHAPES[rank] }), draw("text", { x: 12, y: rank === "warning" ? 20 : 16, text: LETTERS[rank] }));
 }
 
@@ -51,14 +58,14 @@ export class AlarmBanner {
   }
 
   update(view) {
-    const rows = view.alarms.rows.filter((row) => row.state !== SHELVED);
+    const rows = view.alarms.rows.filter((row) => stateOf(row.state) !== SHELVED);
     const row = rows[0] ?? null;
     this.first = row?.number ?? null;
     const key = row === null ? "" : `${row.number}/${row.state}/${row.first_out}`;
     if (key !== this.shown) this.#show(row);
     this.shown = key;
     write(this.more, rows.length > 1 ? t("alarms.more", { n: rows.length - 1 }) : "");
-    this.acknowledge.button.hidden = row === null || !UNSEEN.has(row.state);
+    this.acknowledge.button.hidden = row === null || !UNSEEN.has(stateOf(row.state));
     this.acknowledge.update();
   }
 
@@ -113,7 +120,7 @@ class AlarmRow {
     this.when = make("span", { class: "alarm-when" });
     this.orders = this.#buttons();
     const alarm = app.alarms.get(row.number);
-    this.node = make("li", { class: "alarm-row", "data-alarm": row.number, "data-state": row.state }, sign(row),
+    this.node = make("li", { class: "alarm-row", "data-alarm": row.number, "data-state": stateOf(row.state) }, sign(row),
       make("div", { class: "alarm-words" },
         make("strong", { text: `S${row.number} ${message(row)}` }),
         row.first_out ? make("span", { class: "first-out", text: t("alarms.first_out") }) : null,
@@ -124,7 +131,8 @@ class AlarmRow {
   }
 
   #buttons() {
-    const { number, state } = this.row;
+    const { number } = this.row;
+    const state = stateOf(this.row.state);
     const button = (key, message, name) => new OrderButton(t(key), message, { data: { "data-action": name } });
     if (state === SHELVED) return [button("alarms.unshelve", { type: "unshelve", alarm: number }, "unshelve")];
     const items = [];
@@ -135,7 +143,7 @@ class AlarmRow {
 
   update(view) {
     const now = view.machine.time_ms;
-    write(this.when, this.row.state === SHELVED
+    write(this.when, stateOf(this.row.state) === SHELVED
       ? t("alarms.shelved_for", { left: duration(this.row.shelved_until_ms - now) })
       : t("alarms.came", { ago: duration(now - this.row.came_ms) }));
     this.orders.forEach((item) => item.update());
@@ -186,10 +194,9 @@ class Journal {
   }
 
   async load() {
-    const history = await get(`/api/history/alarms?last=${JOURNAL_ROWS}`);
-    const rows = history?.present ? history.rows : [];
-    write(this.none, !history?.present ? t("history.none") : rows.length === 0 ? t("history.empty") : "");
-    refill(this.body, ...rows.map((row) => make("tr", {},
+    const rows = await getHistory(`alarms?last=${JOURNAL_ROWS}`);
+    write(this.none, rows === null ? t("history.none") : rows.length === 0 ? t("history.empty") : "");
+    refill(this.body, ...(rows ?? []).map((row) => make("tr", {},
       make("td", { text: wallClock(row.utc_ms) }),
       make("td", { text: `S${row.number} ${message(row)}` }),
       make("td", { text: `${stateText(row.before)} → ${stateText(row.after)}` }),
@@ -197,6 +204,6 @@ class Journal {
   }
 }
 
-function stateText(name) {
-  return say(app.describe.alarm_states[name]);
+function stateText(state) {
+  return t(`alarm_state.${stateOf(state)}`);
 }

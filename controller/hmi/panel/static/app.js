@@ -62,6 +62,11 @@ export async function get(path) {
   }
 }
 
+/** Get something of the history; null where there is none. */
+export async function getHistory(query) {
+  return app.link.view?.link.history ? get(`/api/history/${query}`) : null;
+}
+
 /** Post JSON to the server; returns {ok, body}. */
 export async function post(path, body = {}) {
   try {

@@ -1,12 +1,12 @@
 // Cycle: the last cycle of each arm as a timing diagram, from the edges the history keeps.
 
-import { app, get } from "./app.js";
+import { app, getHistory } from "./app.js";
 import { draw, make, refill, write } from "./dom.js";
 import { named, t } from "./texts.js";
 import { section } from "./parts.js";
 import { pointMeaning } from "./io.js";
 
-const LABEL = 250;
+const LABEL = 285;
 const WIDTH = 1000;
 const ROW = 22;
 const TOP = 8;
@@ -40,10 +40,9 @@ class Timing {
   }
 
   async load() {
-    const history = await get(`/api/history/last_cycle?side=${this.side}`);
-    const cycle = history?.cycle ?? null;
+    const cycle = await getHistory(`last_cycle?side=${this.side}`);
     if (!cycle?.edges.length) {
-      write(this.about, t(history?.present ? "cycle.none" : "history.none"));
+      write(this.about, t(app.link.view?.link.history ? "cycle.none" : "history.none"));
       refill(this.drawing);
       return;
     }

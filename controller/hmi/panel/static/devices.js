@@ -4,6 +4,7 @@
 // the place is on; fault = two switches of one device, or an alarm of it; between = no coil, no switch.
 
 import { app, active, measured } from "./app.js";
+import { stateOf } from "./alarms.js";
 
 /** Follows the devices of one arm; what it remembers is the last place each was seen at. */
 export class ArmWatch {
@@ -86,5 +87,5 @@ function estimate(places, at, from, towards) {
 
 /** An alarm whose description names this device is in the list, and its cause has not been reset. */
 function faulty(view, device) {
-  return view.alarms.rows.some((row) => app.alarms.get(row.number)?.device === device && row.state !== "returned_unacknowledged");
+  return view.alarms.rows.some((row) => app.alarms.get(row.number)?.device === device && stateOf(row.state) !== "returned_unacknowledged");
 }

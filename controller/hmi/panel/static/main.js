@@ -20,6 +20,7 @@ const PAGES = { overview: Overview, alarms: Alarms, trends: Trends, cycle: Cycle
   manual: Manual, recovery: Recovery, parameters: Parameters };
 const LANGUAGES = { en: "English", zh: "中文" };
 const NOTICE_MS = 8000;
+const DONE_MS = 3000;
 const DESCRIBE_AGAIN_MS = 1000;
 
 class Panel {
@@ -54,7 +55,8 @@ class Panel {
     this.noticeLine = make("p", { class: "notice", role: "status", "data-part": "notice" });
     this.tabs = Object.keys(PAGES).map((name) => this.#tab(name));
     this.main = make("main", { id: "page", role: "tabpanel" });
-    refill(document.getElementById("panel"), this.#header(), this.stale, this.paused, this.field, this.forced, this.banner.node,
+    refill(document.getElementById("panel"), this.#header(),
+      make("div", { class: "always" }, this.stale, this.paused, this.field, this.forced, this.banner.node),
       make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#walk(event) } }, ...this.tabs),
       this.main, this.noticeLine);
     this.open(this.name);
@@ -142,7 +144,7 @@ class Panel {
     write(this.noticeLine, `${ok ? "✓" : "✕"} ${text}`);
     mark(this.noticeLine, "data-ok", ok ? "1" : "0");
     window.clearTimeout(this.noticeEnd);
-    this.noticeEnd = window.setTimeout(() => write(this.noticeLine, ""), NOTICE_MS);
+    this.noticeEnd = window.setTimeout(() => write(this.noticeLine, ""), ok ? DONE_MS : NOTICE_MS);
   }
 
   /** Somebody logged in or out: what the server tells and allows is another now. */
