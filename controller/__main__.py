@@ -20,13 +20,13 @@ from controller.fx.instruction import LadderError
 from controller.fx.stimulus import StimulusError
 from controller.hmi.history_command import HistoryCommand
 from controller.hmi.history_schema import HistoryError
-from controller.hmi.reference import write_reference
+from controller.hmi.reference import write_reference, write_tags
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
 from controller.program.machine import RuleError, Transplanter, build
 from controller.program.proof import specification as specification_of
 from controller.run_command import RunCommand, UsageError
 
-COMMANDS = ("run", "panel", "history", "docs", "prove", "replay", "ladder")
+COMMANDS = ("run", "panel", "history", "tags", "docs", "prove", "replay", "ladder")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,6 +83,10 @@ def _parser(*, with_panel: bool = True) -> argparse.ArgumentParser:
     panel.set_defaults(command=_panel)
     if with_panel:
         _panel_module().PanelCommand().add_to(panel, DEFAULT_IO_MAP)
+    tag_list = commands.add_parser("tags", help="write the list of Modbus tags for panel builders")
+    tag_list.set_defaults(command=_tags)
+    tag_list.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
+    tag_list.add_argument("--out", type=Path, required=True, help="folder for hmi-tags.md and hmi-tags.csv")
     docs = commands.add_parser("docs", help="write the reference tables made from the program")
     docs.set_defaults(command=_docs)
     docs.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
@@ -94,6 +98,15 @@ def _parser(*, with_panel: bool = True) -> argparse.ArgumentParser:
 def _docs(options: argparse.Namespace) -> int:
     for path in write_reference(build(load_io_map(options.io_map)), options.out):
         print(path)
+    return 0
+
+
+def _tags(options: argparse.Namespace) -> int:
+    try:
+        for path in write_tags(build(load_io_map(options.io_map)), options.out):
+            print(path)
+    except OSError as error:
+        raise UsageError(f"--out {options.out}: {error.strerror}; name a folder that can be written") from error
     return 0
 
 

@@ -82,6 +82,12 @@ def test_reference_tables_are_those_of_program_and_plant(tmp_path: Path) -> None
     assert {path.name for path in REFERENCE.iterdir()} == {path.name for path in made}
 
 
+def test_the_tag_list_is_that_of_the_program(tmp_path: Path) -> None:
+    for path in controller_reference.write_tags(build(load_io_map(DEFAULT_IO_MAP)), tmp_path):
+        same = (DOCS / path.name).exists() and path.read_bytes() == (DOCS / path.name).read_bytes()
+        assert same, f"docs/{path.name} is not up to date; run: .venv/bin/python -m controller tags --out docs"
+
+
 # --- links, names, versions ---------------------------------------------------------------------
 
 

@@ -48,7 +48,8 @@ def plant_process(*options: str) -> Iterator[tuple[Process, int]]:
 def controller_process(port: int, folder: Path, *options: str) -> Process:
     retain = str(folder / "retentive.json")
     return Process(
-        "controller", ["controller", "run", "--port", str(port), "--retain", retain, "--events", "json", *options]
+        "controller",
+        ["controller", "run", "--port", str(port), "--retain", retain, "--events", "json", "--no-hmi", *options],
     )
 
 
@@ -89,6 +90,15 @@ def test_help_names_the_options(program: str) -> None:
         (("controller", "--retain", "."), "is a folder"),
         (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
         (("controller", "--scan-ms", "0"), "--scan-ms"),
+        (("controller", "--hmi-port", "65536"), "--hmi-port 65536: give 0 to 65535"),
+        (("controller", "--hmi-host", "0.0.0.0"), "--hmi-allow-remote"),
+        (("controller", "--hmi-host", "panel"), "give an IP address"),
+        (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
+        (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),
+        (("controller", "--simulated-time", "--pace", "6000"), "--pace"),
+        (("controller", "--history", "/proc/no/history.sqlite"), "--history"),
+        (("controller", "history", "no.sqlite"), "no.sqlite"),
+        (("controller", "panel", "--telemetry", "127.0.0.1:5020"), "--telemetry-tags"),
         (("controller", "--input-filter-ms", "99"), "--input-filter-ms"),
         (("controller", "--panel-limit-ms", "5"), "--panel-limit-ms 5"),
         (("controller", "--link-limit-ms", "40"), "more than a time-out and a scan, 40 ms"),
@@ -117,7 +127,7 @@ def test_a_controller_without_a_plant_says_so_and_keeps_trying(tmp_path: Path) -
         port = reserved.getsockname()[1]
     command = [sys.executable, "-m", "controller", "--port", str(port), "--retain", str(tmp_path / "retentive.json")]
     waiting = subprocess.Popen(
-        [*command, "--events", "json"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [*command, "--events", "json", "--no-hmi"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
         assert waiting.stderr is not None
@@ -147,7 +157,7 @@ def test_commands_are_taken_from_standard_input(tmp_path: Path) -> None:
             str(tmp_path / "retentive.json"),
         ]
         running = subprocess.Popen(
-            [*command, "--events", "json", *PATIENT],
+            [*command, "--events", "json", "--no-hmi", *PATIENT],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         try:
@@ -278,7 +288,7 @@ def test_the_live_run_is_stopped_by_ctrl_c_in_order() -> None:
     """Given a live run, Ctrl-C ends controller and plant cleanly, outputs written safe, ports free again."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
-    command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port)]
+    command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port), "--hmi-port", "0", "--no-panel"]
     live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert live.stderr is not None
@@ -311,7 +321,7 @@ def test_sigterm_ends_the_live_run_with_its_children() -> None:
     """Given a live run, SIGTERM leaves nobody on the port."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
-    command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port)]
+    command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port), "--hmi-port", "0", "--no-panel"]
     live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert live.stderr is not None
@@ -334,7 +344,7 @@ def test_the_full_trial_over_modbus_in_real_time(tmp_path: Path) -> None:
     """Given the command of the README, 144 seedlings are transplanted in real time and accounted for."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
-    done = run("plant_sim", "run", "--port", str(port), timeout_s=380)
+    done = run("plant_sim", "run", "--real-time", "--port", str(port), "--hmi-port", "0", "--no-panel", timeout_s=380)
     assert done.returncode == 0, done.stderr
     assert "seedlings 144" in done.stdout
     assert "alarms none" in done.stdout

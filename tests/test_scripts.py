@@ -111,11 +111,15 @@ def machine(tmp_path: Path) -> Iterator[Machine]:
         (machine.tools / tool).symlink_to(found)
     machine.tool("python3", PYTHON)
     machine.tool("id", "#!/usr/bin/env bash\necho 1000\n")
+    for tool in DEBIAN_TOOLS:
+        machine.tool(tool, "#!/usr/bin/env bash\n")
     yield machine
     machine.switch_off()
 
 
 FROM_NOTHING = ["venv", "pip .[dev]"]
+DEBIAN_TOOLS = ["mbpoll", "chromium"]
+"""What the tests need beside Python."""
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -131,7 +135,7 @@ def test_a_second_set_up_does_nothing(machine: Machine) -> None:
 
 
 def test_dev_after_plant_is_added_to_what_is_there(machine: Machine) -> None:
-    assert machine.setup("plant") == ["venv", "pip .[plant]"]
+    assert machine.setup("plant") == ["venv", "pip .[plant,panel]"]
     assert machine.setup("dev") == ["pip .[dev]"]
 
 
@@ -153,7 +157,7 @@ def test_an_interrupted_set_up_begins_anew(machine: Machine) -> None:
 def test_an_interrupted_addition_begins_anew(machine: Machine) -> None:
     machine.setup("plant")
     assert machine.run("scripts/setup", "dev", PIP_FAILS="1")[0] == 2
-    assert machine.setup("plant") == ["venv", "pip .[plant]"]
+    assert machine.setup("plant") == ["venv", "pip .[plant,panel]"]
 
 
 def test_another_python_begins_anew(machine: Machine) -> None:
@@ -226,7 +230,32 @@ def test_without_venv_root_installs_it(machine: Machine) -> None:
     assert done == ["apt-get -qq update", "apt-get -qq install -y python3-venv python3-pip", *FROM_NOTHING]
 
 
-@pytest.mark.parametrize(("word", "extra"), [("run", "plant"), ("bench", "dev")])
+def test_tools_of_the_tests_are_installed_by_root(machine: Machine) -> None:
+    machine.tool("id", "#!/usr/bin/env bash\necho 0\n")
+    for tool in DEBIAN_TOOLS:
+        (machine.tools / tool).rename(machine.tools / f"{tool}.waiting")
+    install = "".join(f"cp {machine.tools}/{tool}.waiting {machine.tools}/{tool};" for tool in DEBIAN_TOOLS)
+    machine.tool(
+        "apt-get", f'#!/usr/bin/env bash\necho "apt-get $*" >>"$LOG"\n[[ $* != *install* ]] || {{ {install} }}\n'
+    )
+    done = machine.setup("dev")
+    assert done == ["apt-get -qq update", "apt-get -qq install -y mbpoll chromium", *FROM_NOTHING]
+    assert machine.setup("dev") == []
+
+
+@pytest.mark.parametrize("there", [[], ["mbpoll"]])
+def test_another_user_is_told_which_tools_to_have_installed(machine: Machine, there: list[str]) -> None:
+    missing = [tool for tool in DEBIAN_TOOLS if tool not in there]
+    for tool in missing:
+        (machine.tools / tool).unlink()
+    named = " ".join(missing)
+    told = f"scripts/setup: the tests need {named}; ask the administrator to run: apt-get install -y {named}\n"
+    assert machine.run("scripts/test") == (2, "", told)
+    assert not machine.log.exists()
+    assert machine.run("scripts/run")[0] == 0, "the machine itself needs none of them"
+
+
+@pytest.mark.parametrize(("word", "extra"), [("run", "plant,panel"), ("bench", "dev")])
 def test_run_and_bench_hand_their_arguments_on(machine: Machine, word: str, extra: str) -> None:
     code, output, _ = machine.run(f"scripts/{word}", "--speed", "2 x")
     assert (code, output) == (0, f"python|-P|-m|plant_sim|{word}|--speed|2 x\n")

@@ -11,6 +11,7 @@ from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
 from controller.fx.instruction_set import FORMS, KINDS
 from controller.fx.plc import PROVIDED
+from controller.hmi.tag_list import COLUMNS, tag_csv, tag_rows
 from controller.program.alarms import Alarm
 from controller.program.interlocks import Rule
 from controller.program.machine import Transplanter
@@ -194,3 +195,29 @@ def write_reference(machine: Transplanter, folder: Path) -> list[Path]:
         path.write_text(make(machine), encoding="utf-8")
         paths.append(path)
     return paths
+
+
+TAGS_HEAD = """# Tags for operator panels
+
+Made by `python -m controller tags` from the program; do not edit. The same as CSV: [hmi-tags.csv](hmi-tags.csv). How to
+connect a panel: [hmi.md](hmi.md). What only the plant knows, S % among it, the plant serves itself:
+[plant-tags.csv](reference/plant-tags.csv).
+
+Addresses count from 0; many panels count from 1, or write coils as 0xxxx, discrete inputs as 1xxxx, holding registers
+as 4xxxx. A coil can be read as a discrete input too, a holding register as an input register. 32 bits: low word first.
+Commands are presses: write 1.
+"""
+
+
+def tag_page(machine: Transplanter) -> str:
+    """Return the Modbus tags of the controller as a page."""
+    return f"{TAGS_HEAD}\n{table(COLUMNS, tag_rows(machine))}"
+
+
+def write_tags(machine: Transplanter, folder: Path) -> list[Path]:
+    """Write the tag list as a page and as CSV; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {folder / "hmi-tags.md": tag_page(machine), folder / "hmi-tags.csv": tag_csv(machine)}
+    for path, text in texts.items():
+        path.write_text(text, encoding="utf-8")
+    return list(texts)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
+from controller.core.expr import Bit
 from controller.core.sequence import Sequence, Step
 from controller.hmi.panel.telemetry import Tag, Telemetry
 from controller.hmi.panel.texts import TEXTS
@@ -39,6 +40,7 @@ def public() -> Json:
 def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
     """Return the whole description."""
     points = (*machine.io_map.inputs, *machine.io_map.outputs)
+    devices = _alarmed_devices(machine)
     return {
         **public(),
         "states": _numbered(STATES),
@@ -55,7 +57,7 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
         "questions": list(_questions()),
         "alarms": [
             {"number": alarm.bit.number, "text": in_both(alarm.text.message), "check": in_both(alarm.text.check),
-             "safety": alarm.safety, "stops_work": alarm.stops_work}
+             "safety": alarm.safety, "stops_work": alarm.stops_work, "device": devices.get(alarm.bit.number)}
             for alarm in machine.alarms
         ],
         "sequences": [
@@ -67,8 +69,31 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
     }  # fmt: skip
 
 
+def _alarmed_devices(machine: Transplanter) -> dict[int, str]:
+    """Return the device that an alarm is about, by annunciator: what its step was to move, or whose switches."""
+    devices: dict[int, str] = {}
+    for side, arm in machine.tags.arms.items():
+        moved = {bit: f"{side}.{_DEVICE_OF[name]}" for name, bit in arm.want.items()}
+        for sequence in (machine.cycles[side], machine.homings[side]):
+            for _, step in sequence:
+                wanted = [moved[bit] for bit in step.hold if bit in moved]
+                if step.watch is not None and isinstance(step.watch.alarm, Bit) and wanted:
+                    devices[step.watch.alarm.number] = wanted[0]
+    for alarm in machine.alarms:
+        device, _, what = alarm.key.partition(" ")
+        if what == "switches":
+            devices[alarm.bit.number] = f"{alarm.side}.{device}"
+    return devices
+
+
 def _numbered(table: dict[int, Text]) -> Json:
     return {str(number): in_both(text) for number, text in table.items()}
+
+
+_DEVICE_OF: Final = {
+    "lift_extend": "lift", "lift_retract": "lift", "slide_inward": "slide", "slide_outward": "slide",
+    "converge": "belt", "spread": "belt", "claws_open": "claws", "claws_close": "claws",
+}  # fmt: skip
 
 
 def _label(key: str, otherwise: str) -> Json:

@@ -1,0 +1,307 @@
+"""What the operator's side costs the machine, and how fast and robust it is: real processes on loopback."""
+
+from __future__ import annotations
+
+import json
+import socket
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from controller.hmi import own_registers as own
+from controller.hmi.fx3u import register_address
+from controller.io.loop import BOUNDS_US
+from controller.program.states import State
+from plant_sim.bench.commissioning import set_points_of
+from plant_sim.bench.hmi_load import MANY, connect, percentile_ms, read_registers
+from plant_sim.bench.live import LiveError, Process
+from plant_sim.bench.operator import Operator
+from plant_sim.bench.twin import SCAN_MS
+from plant_sim.links.tag_file import tag_csv
+from plant_sim.parameters import load_machine
+
+LATE_GOAL_MS: Final = 2.0
+RATIO_GOAL: Final = 2.0
+LEAST_RATIO: Final = 1.0
+
+WAITS_S: Final = 5
+QUIET_S: Final = 10
+SETTLING_S: Final = 3
+LOADED_S: Final = 20
+LOAD_PROCESSES: Final = 2
+CLIENTS_A_PROCESS: Final = 4
+BROWSERS: Final = 2
+FRAMES: Final = 20_000
+CONNECTIONS: Final = 10_000
+SEED: Final = 1
+
+START_LIMIT_S: Final = 30.0
+HOMING_LIMIT_S: Final = 60.0
+WORK_LIMIT_S: Final = 120.0
+_LOAD: Final = "plant_sim.bench.hmi_load"
+_R_OVERRUNS: Final = 10
+_MB: Final = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Punctuality:
+    """How well a period of 10 ms was kept.
+
+    Attributes:
+        p99_ms: Bound of the histogram's bucket that holds the 99th percentile of how late a scan began, ms.
+        latest_ms: The same of the latest, ms.
+        missed: Scans that ended after the next one was due.
+    """
+
+    p99_ms: float
+    latest_ms: float
+    missed: int
+
+    @classmethod
+    def of(cls, counts: Sequence[int], missed: int) -> Punctuality:
+        """Return what a histogram of lateness tells."""
+        return cls(percentile_ms(list(counts), 99), percentile_ms(list(counts), 100), missed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HmiFigures:
+    """What was measured of the operator's side.
+
+    Attributes:
+        bare_p99_ms: Lateness of a bare loop of 10 ms waits, alone on the computer, ms; the computer's own noise.
+        bare_latest_ms: Its latest, ms.
+        bare_missed: Its waits that ended after the next deadline.
+        quiet_p99_ms: Lateness of the scans of a machine at work that nobody looks at, ms.
+        quiet_latest_ms: Its latest, ms.
+        quiet_missed: Its scans that ended after the next was due.
+        loaded_p99_ms: The same with eight Modbus clients and a panel with two browsers, ms.
+        loaded_latest_ms: Its latest, ms.
+        loaded_missed: Its scans that ended after the next was due.
+        answers_per_s: Requests of the eight clients that were answered, 1/s.
+        views_per_s: Views the two browsers were sent, 1/s.
+        rate_per_s: Readings of 64 registers that the controller answers over one connection, 1/s.
+        reference_per_s: The same by pymodbus' own server with a plain datastore, 1/s.
+        many_per_s: The controller over eight connections, 1/s.
+        reference_many_per_s: pymodbus' own server over eight connections, 1/s.
+        memory_before_mb: Resident memory of the controller before the mutated frames and the connections, MB.
+        memory_after_mb: Afterwards; it has been asked for its scans then, and answered, MB.
+        frames_answered: Mutated frames that were whole, and answered.
+    """
+
+    bare_p99_ms: float
+    bare_latest_ms: float
+    bare_missed: float
+    quiet_p99_ms: float
+    quiet_latest_ms: float
+    quiet_missed: float
+    loaded_p99_ms: float
+    loaded_latest_ms: float
+    loaded_missed: float
+    answers_per_s: float
+    views_per_s: float
+    rate_per_s: float
+    reference_per_s: float
+    many_per_s: float
+    reference_many_per_s: float
+    memory_before_mb: float
+    memory_after_mb: float
+    frames_answered: float
+
+    def hmi_text(self) -> str:
+        """Return the figures with the goals beside them."""
+        f = self
+        one, many = f.rate_per_s / f.reference_per_s, f.many_per_s / f.reference_many_per_s
+        goals = f"(goal: {RATIO_GOAL:.0f}, at least {LEAST_RATIO:.0f})"
+        return "\n".join(
+            [
+                f"bare loop of {SCAN_MS} ms waits    {_late(f.bare_p99_ms, f.bare_latest_ms, f.bare_missed)}",
+                f"scans, nobody looking     {_late(f.quiet_p99_ms, f.quiet_latest_ms, f.quiet_missed)}",
+                f"scans, panel and clients  {_late(f.loaded_p99_ms, f.loaded_latest_ms, f.loaded_missed)} "
+                f"(goal: {LATE_GOAL_MS:g} ms, 0)",
+                f"  under {f.answers_per_s:.0f} answers and {f.views_per_s:.0f} views a second",
+                f"Modbus, one connection    {f.rate_per_s:7.0f} readings/s, pymodbus' server {f.reference_per_s:.0f}: "
+                f"{one:.2f} times as many {goals}",
+                f"  eight connections       {f.many_per_s:7.0f} readings/s, pymodbus' server "
+                f"{f.reference_many_per_s:.0f}: {many:.2f} times as many {goals}",
+                f"rubbish and connections   {f.frames_answered:7.0f} frames answered, memory "
+                f"{f.memory_before_mb:.1f} MB before, {f.memory_after_mb:.1f} MB after",
+            ]
+        )
+
+
+def _late(p99_ms: float, latest_ms: float, missed: float) -> str:
+    return f"{p99_ms:7.1f} ms late at most in 99 of 100, the latest {latest_ms:.1f} ms, {missed:.0f} missed"
+
+
+def measure_hmi() -> HmiFigures:
+    """Measure punctuality, throughput and robustness, one after the other.
+
+    Raises:
+        LiveError: A process or the machine did not do what the measurement needs.
+    """
+    return HmiFigures(**measure_punctuality(), **measure_service())
+
+
+def measure_punctuality(
+    *, waits_s: int = WAITS_S, quiet_s: int = QUIET_S, loaded_s: int = LOADED_S
+) -> dict[str, float]:
+    """Measure how late scans begin, with and without the operator's side at work; first the computer's own noise.
+
+    Args:
+        waits_s: How long a bare loop waits, s.
+        quiet_s: How long nobody looks at the machine, s.
+        loaded_s: How long everybody does, s.
+
+    Returns:
+        The figures of `HmiFigures` that tell it.
+
+    Raises:
+        LiveError: A process or the machine did not do what the measurement needs.
+    """
+    with Process("bare loop", [_LOAD, "waits", str(waits_s)]) as waiting:
+        told = _told(waiting, waits_s + START_LIMIT_S)
+    bare = Punctuality.of(told["late"], told["missed"])
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        plant_port, _, hmi_port = stack.enter_context(_controller(folder, at_work=True))
+        line = stack.enter_context(connect(hmi_port))
+        quiet = _punctuality(line, quiet_s)
+        url = _panel(stack, folder, plant_port, hmi_port)
+        for_s = str(SETTLING_S + loaded_s + 1)
+        load = [
+            stack.enter_context(Process("clients", [_LOAD, "clients", str(hmi_port), str(CLIENTS_A_PROCESS), for_s]))
+            for _ in range(LOAD_PROCESSES)
+        ]
+        watching = stack.enter_context(Process("browsers", [_LOAD, "browsers", url, str(BROWSERS), for_s]))
+        for each in (*load, watching):
+            _told(each, START_LIMIT_S)
+        threading.Event().wait(SETTLING_S)
+        loaded = _punctuality(line, loaded_s)
+        answers = sum(_told(each, START_LIMIT_S)["answers"] for each in load)
+        views = _told(watching, START_LIMIT_S)["messages"]
+    parts = {"bare": bare, "quiet": quiet, "loaded": loaded}
+    figures = {f"{part}_{name}": value for part, found in parts.items() for name, value in asdict(found).items()}
+    return figures | {"answers_per_s": round(answers / int(for_s)), "views_per_s": round(views / int(for_s), 1)}
+
+
+def measure_service(*, frames: int = FRAMES, connections: int = CONNECTIONS) -> dict[str, float]:
+    """Measure how many readings the controller answers beside pymodbus' own server, and what rubbish does to it.
+
+    Args:
+        frames: Mutated frames.
+        connections: Connections made and ended.
+
+    Returns:
+        The figures of `HmiFigures` that tell it.
+
+    Raises:
+        LiveError: A process did not do what the measurement needs.
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        _, controller, port = stack.enter_context(_controller(folder, at_work=False))
+        theirs = stack.enter_context(Process("pymodbus server", [_LOAD, "reference"]))
+        their_port = _told(theirs, START_LIMIT_S)["port"]
+        with Process("client", [_LOAD, "rates", str(port), str(their_port)]) as asking:
+            rates = _told(asking, WORK_LIMIT_S)
+        theirs.stop()
+        before_mb = controller.memory_mb
+        given = [str(each) for each in (port, frames, connections, SEED)]
+        with Process("rubbish", [_LOAD, "rubbish", *given]) as spoiling:
+            answered = _told(spoiling, WORK_LIMIT_S)["answered"]
+        with connect(port) as line:
+            read_registers(line, register_address("R", 0), 2)
+        after_mb = controller.memory_mb
+    return {
+        "rate_per_s": rates["ours"],
+        "reference_per_s": rates["theirs"],
+        "many_per_s": rates["ours_many"],
+        "reference_many_per_s": rates["theirs_many"],
+        "memory_before_mb": before_mb,
+        "memory_after_mb": after_mb,
+        "frames_answered": answered,
+    }
+
+
+class _Measured(Process):
+    """A process whose memory can be read."""
+
+    @property
+    def memory_mb(self) -> float:
+        """Resident memory, MB."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
+        kib = next(line for line in status.splitlines() if line.startswith("VmRSS:")).split()[1]
+        return round(int(kib) * 1024 / _MB, 1)
+
+
+@contextmanager
+def _controller(folder: Path, *, at_work: bool) -> Iterator[tuple[int, _Measured, int]]:
+    """Run a plant and a controller in real time; give the plant's port, the controller and its Modbus port."""
+    with ExitStack() as stack:
+        plant = stack.enter_context(Process("plant", ["plant_sim", "serve", "--port", "0"]))
+        plant_port = int(_line(plant, START_LIMIT_S).rpartition(":")[2])
+        command = ["controller", "run", "--port", str(plant_port), "--scan-ms", str(SCAN_MS), "--hmi-port", "0",
+                   "--retain", str(folder / "retentive.json"), "--events", "json", "--no-console"]  # fmt: skip
+        for name, value in set_points_of(load_machine()).items():
+            command += ["--set", f"{name}={value}"]
+        controller = stack.enter_context(_Measured("controller", command))
+        hmi_port = int(_told(controller, START_LIMIT_S)["hmi_port"])
+        _until(controller, State.STOPPED, START_LIMIT_S)
+        if at_work:
+            operator = stack.enter_context(Operator("127.0.0.1", plant_port))
+            operator.press("start")
+            _until(controller, State.IDLE, HOMING_LIMIT_S)
+            operator.press("start")
+            _until(controller, State.EXECUTE, START_LIMIT_S)
+        yield plant_port, controller, hmi_port
+
+
+def _panel(stack: ExitStack, folder: Path, plant_port: int, hmi_port: int) -> str:
+    """Start a panel; return its address."""
+    tags = folder / "plant-tags.csv"
+    tags.write_text(tag_csv(), encoding="utf-8")
+    command = ["controller", "panel", "--port", "0", "--users", str(folder / "users.json"),
+               "--controller", f"127.0.0.1:{hmi_port}", "--history", str(folder / "history.sqlite"),
+               "--telemetry", f"127.0.0.1:{plant_port}", "--telemetry-tags", str(tags)]  # fmt: skip
+    panel = stack.enter_context(Process("panel", command))
+    return _line(panel, START_LIMIT_S).removeprefix("panel at ")
+
+
+def _punctuality(line: socket.socket, for_s: int) -> Punctuality:
+    """Return how punctual the scans of the next seconds are, by the controller's own figures."""
+    before_late, before_missed = _read_figures(line)
+    threading.Event().wait(for_s)
+    late, missed = _read_figures(line)
+    return Punctuality.of([now - then for now, then in zip(late, before_late, strict=True)], missed - before_missed)
+
+
+def _read_figures(line: socket.socket) -> tuple[list[int], int]:
+    """Return the histogram of lateness and the scans missed, since the start."""
+    buckets = len(BOUNDS_US) + 1
+    words = read_registers(line, register_address("R", own.R_LATENESS), 2 * buckets)
+    late = [low | high << 16 for low, high in zip(words[::2], words[1::2], strict=True)]
+    low, high = read_registers(line, register_address("R", _R_OVERRUNS), 2)
+    return late, low | high << 16
+
+
+def _until(controller: Process, state: State, limit_s: float) -> None:
+    """Wait until the controller tells that the machine is in a state."""
+    while (event := _told(controller, limit_s)).get("state") != state:
+        if event.get("state") in (State.HELD, State.ABORTED):
+            raise LiveError(f"{state.name} not reached: {event['text']} {event['reason']}".rstrip())
+
+
+def _told(process: Process, within_s: float) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads(_line(process, within_s))
+    return told
+
+
+def _line(process: Process, within_s: float) -> str:
+    line = process.next_line(within_s)
+    if line is None:
+        raise LiveError(f"the {process.name} ended with exit code {process.stop()}")
+    return line
