@@ -11,6 +11,7 @@ from hmi_rig import SERVER_BUSY, HmiRig, read_long, read_words
 from modbus_rig import ILLEGAL_ADDRESS, Client, exception, read_pdu
 
 from controller.core.devices import Memory
+from controller.hmi.tag_list import tags
 
 COILS = [
     *[(0x0000, "M", 0), (0x0190, "M", 400), (0x0BFF, "M", 3071), (0x1E00, "M", 8000), (0x1E0D, "M", 8013)],
@@ -79,9 +80,9 @@ def test_a_bit_is_at_its_address_and_nowhere_near(
     functions = (2,) if kind == "X" else (1, 2)
     for function_code in functions:
         assert bits(client, function_code, address, 1) == [True]
-        for near in (address - 1, address + 1):
-            answer = client.ask(read_pdu(function_code, near, 1)) if near >= 0 else b"\x81\x02"
-            assert answer in (bytes([function_code, 1, 0]), exception(function_code, ILLEGAL_ADDRESS), b"\x81\x02")
+        off_or_none = (bytes([function_code, 1, 0]), exception(function_code, ILLEGAL_ADDRESS))
+        for near in {max(address - 1, 0), address + 1} - {address}:
+            assert client.ask(read_pdu(function_code, near, 1)) in off_or_none
 
 
 @pytest.mark.parametrize(("address", "kind", "number"), REGISTERS)
@@ -210,3 +211,34 @@ def test_scan_times_are_counted_once_in_their_bucket() -> None:
         assert {n: low for n, low in enumerate(counts[::2]) if low} == {0: 1, 1: 1, 8: 1, 9: 1, 12: 1, 13: 1}
         assert read_long(client, "R", 50) == 220_203
         assert read_words(client, "R", 10, 3) == (1, 2, 65_535)
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "address", "words"),
+    [
+        ("left.cycle.row", "holding", 0x2140 + 60, 1),
+        ("left.cycle.ms", "holding", 0x2140 + 62, 2),
+        ("right.cycle.row", "holding", 0x2140 + 68, 1),
+        ("right.cycle.waiting_ms", "holding", 0x2140 + 72, 2),
+        ("right.cycle.seen", "holding", 0x2140 + 75, 1),
+        ("controller.scans", "holding", 0x2140, 2),
+        ("controller.time_ms", "holding", 0x2142, 2),
+        ("controller.forced", "holding", 0x2148, 2),
+        ("controller.refused_writes", "holding", 0x214E, 2),
+        ("controller.scan_time.13", "holding", 0x2140 + 46, 2),
+        ("controller.scan_sum_us", "holding", 0x2140 + 50, 2),
+        ("alarm.0.number", "holding", 0x2140 + 100, 1),
+        ("alarm.15.shelved_until_ms", "holding", 0x2140 + 226, 2),
+        ("alarm.action", "holding", 0x2140 + 300, 1),
+        ("operator.name", "holding", 0x2140 + 310, 8),
+        ("simulation.pace", "holding", 0x2140 + 320, 1),
+        ("force.level", "holding", 0x2140 + 323, 1),
+        ("command.reset", "coil", 400, 0),
+        ("set.trays_target", "holding", 512, 1),
+        ("set.no_tray", "holding", 526, 1),
+        ("machine.mode", "holding", 562, 1),
+    ],
+)
+def test_the_tag_list_tells_the_same_addresses(rig: HmiRig, name: str, table: str, address: int, words: int) -> None:
+    [tag] = [tag for tag in tags(rig.twin.machine) if tag.name == name]
+    assert (tag.table, tag.address, tag.words) == (table, address, words)

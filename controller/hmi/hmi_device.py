@@ -48,6 +48,8 @@ class Desk:
         audit: Told of every write.
         identity: Vendor, product and revision.
         refused_writes: Writes refused since the start.
+        jogger: Who holds an output; the last to press.
+        forcer: Who keeps inputs forced; the last to force one.
     """
 
     runtime: Runtime
@@ -57,6 +59,8 @@ class Desk:
     audit: Audit
     identity: dict[int, str]
     refused_writes: int = 0
+    jogger: HmiDevice | None = None
+    forcer: HmiDevice | None = None
     commands: dict[int, Command] = field(init=False)
     set_points: dict[int, tuple[str, Word]] = field(init=False)
     spans: dict[Table, tuple[Span, ...]] = field(init=False)
@@ -122,7 +126,7 @@ class HmiDevice(Device):
         self._name = ""
         self._jog: Command | None = None
         self._jog_since = 0
-        self._forces = False
+        self._taken_over = 0
 
     def heard(self) -> None:
         """Renew what lasts only as long as its client is heard."""
@@ -134,14 +138,15 @@ class HmiDevice(Device):
             else:
                 self._note(self._jog.name, "0", "ended")
                 self._jog = None
-        if self._forces:
+        if self._desk.forcer is self:
             runtime.forcing.renew()
 
     def end(self) -> None:
         """Let go what this client holds."""
         if self._jog is not None:
             self._release()
-        if self._forces:
+        if self._desk.forcer is self:
+            self._desk.forcer = None
             self._desk.runtime.forcing.let_go()
             self._note("force", "", "ended with the connection")
 
@@ -221,25 +226,36 @@ class HmiDevice(Device):
                 self._release()
             return
         if self._jog is not command:
-            self._jog, self._jog_since = command, self._desk.snapshot().scans
+            snapshot = self._desk.snapshot()
+            self._jog, self._jog_since = command, snapshot.scans
+            self._taken_over = snapshot.words["D"][self._desk.runtime.machine.tags.machine.jog.number]
             self._note(command.name, "1")
+        self._desk.jogger = self
         self._desk.runtime.order(command.name)
 
     def _release(self) -> None:
-        if self._jog is not None:
+        if self._jog is None:
+            return
+        if self._desk.jogger is self:
             self._desk.runtime.order(JOG_RELEASE)
-            self._note(self._jog.name, "0")
-            self._jog = None
+            self._desk.jogger = None
+        self._note(self._jog.name, "0")
+        self._jog = None
 
     def _still_jogs(self, jog: Command) -> bool:
-        """Whether the program still holds this client's output: not when it was refused, let go, or another's came."""
+        """Whether this client's output is still held: not when it was refused, let go, or another client pressed.
+
+        An order of the output taken over may come in the same scan as the press and win there, once.
+        """
+        if self._desk.jogger is not self:
+            return False
         snapshot = self._desk.snapshot()
         if snapshot.scans < self._jog_since + _TAKES_EFFECT:
             return True
         tags = self._desk.runtime.machine.tags
         names = list(tags.commands.jog.values())
         held = snapshot.words["D"][tags.machine.jog.number]
-        return held == 1 + names.index(jog.bit)
+        return held != 0 and held in (1 + names.index(jog.bit), self._taken_over)
 
     def _change_set_points(self, first: int, values: Sequence[int]) -> None:
         desk = self._desk
@@ -288,7 +304,8 @@ class HmiDevice(Device):
         if level > own.LET_GO:
             raise self._refused("force", str(list(values)), ExcCodes.ILLEGAL_VALUE, "give 0, 1, or 2 to let go")
         self._desk.runtime.forcing.force(number, None if level == own.LET_GO else bool(level))
-        self._forces = True
+        if level != own.LET_GO:
+            self._desk.forcer = self
         self._note(f"force X{number:o}", "let go" if level == own.LET_GO else str(level))
 
     def _note(self, what: str, value: str, result: str = "done") -> None:

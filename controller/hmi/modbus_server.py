@@ -235,11 +235,14 @@ def _checked_host(options: HmiOptions) -> str:
 
 def _tls(options: HmiOptions) -> ssl.SSLContext | None:
     if options.certificate is None:
+        if options.key is not None or options.clients is not None:
+            raise ServerError("HMI key or clients' authorities without a certificate; give --hmi-certificate, too")
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
-        context.load_cert_chain(options.certificate, options.key)
+        # a key with a password of its own would be asked for at a terminal that nobody watches
+        context.load_cert_chain(options.certificate, options.key, password="")
         if options.clients is not None:
             context.load_verify_locations(options.clients)
             context.verify_mode = ssl.CERT_REQUIRED

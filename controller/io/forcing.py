@@ -71,8 +71,8 @@ class Forcing:
             if level is None:
                 self._levels.pop(number, None)
             else:
+                self._renewed = True  # first: the scan must not judge the new level by the silence before it
                 self._levels[number] = level
-                self._renewed = True
 
     def renew(self) -> None:
         """Take a sign of life of whoever forces."""

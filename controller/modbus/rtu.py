@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import logging
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -27,6 +28,10 @@ _FIXED: Final = {
 _COUNTED: Final = {15: 6, 16: 6, 20: 2, 21: 2, 23: 10}
 """Place of the byte count in those that have one."""
 _SHORTEST: Final = 4
+_WRITE_LIMIT_S: Final = 0.1
+"""A line that takes no answer within this time is as good as gone."""
+
+_log = logging.getLogger(__name__)
 
 
 class SerialError(ValueError):
@@ -61,7 +66,8 @@ class SerialLine:
         path, *rest = text.split(":")
         baud, frame, unit = (*rest, *("19200", "8E1", "1")[len(rest) :])[:3] if len(rest) <= 3 else ("", "", "")
         good_frame = len(frame) == 3 and frame[0] == "8" and frame[1] in "NEO" and frame[2] in "12"
-        if not (path and baud.isdecimal() and good_frame and unit.isdecimal() and 1 <= int(unit) <= 247):
+        good_baud = baud.isdecimal() and int(baud) > 0
+        if not (path and good_baud and good_frame and unit.isdecimal() and 1 <= int(unit) <= 247):
             raise SerialError(
                 f"serial line {text!r}: give DEVICE:BAUD:8N1, 8E1 or 8O1:UNIT, as /dev/ttyUSB0:19200:8E1:1"
             )
@@ -95,26 +101,46 @@ class RtuServer:
         serial = importlib.import_module("serial")
         line = self._line
         self._port = serial.Serial(
-            line.path, line.baud, parity=line.parity, stopbits=line.stop_bits, timeout=0, write_timeout=1.0
+            line.path,
+            line.baud,
+            parity=line.parity,
+            stopbits=line.stop_bits,
+            timeout=0,
+            write_timeout=_WRITE_LIMIT_S,
         )
         self._loop = loop
         loop.add_reader(self._port.fileno(), self._read)
 
     def stop(self) -> None:
-        """Close the line."""
+        """Close the line, if it is open."""
+        if self._port is None:
+            return
         self._loop.remove_reader(self._port.fileno())
         self._port.close()
+        self._port = None
         if self._gap is not None:
             self._gap.cancel()
         self._device.end()
 
     def _read(self) -> None:
-        self._buffer += self._port.read(LONGEST_FRAME)
+        try:
+            self._buffer += self._port.read(LONGEST_FRAME)
+        except OSError as error:
+            self._lose(error)
+            return
         if self._gap is not None:
             self._gap.cancel()
         self._take()
         if self._buffer:
             self._gap = self._loop.call_later(GAP_S, self._give_up)
+
+    def _lose(self, error: OSError) -> None:
+        """Give up a line that is gone: a descriptor that only fails would keep the server busy for ever."""
+        _log.warning(
+            "serial line %s is gone (%s); panels on it are served again after a restart", self._line.path, error
+        )
+        self._buffer.clear()
+        self.stop()
 
     def _take(self) -> None:
         """Serve the requests in the buffer and slide over what is none; leave the beginning of one."""
@@ -123,6 +149,7 @@ class RtuServer:
             length = request_length(buffer)
             if buffer[0] not in (self._line.unit, BROADCAST) or (length or 0) > LONGEST_FRAME:
                 del buffer[0]
+                self.slid += 1
             elif length is None or len(buffer) < length:
                 return
             elif _checksum_right(buffer[:length]):
@@ -144,7 +171,10 @@ class RtuServer:
         unit = frame[0]
         reply = bytes([unit]) + answer(self._device, frame[1:-2])
         if unit != BROADCAST:
-            self._port.write(reply + FramerRTU.compute_CRC(reply).to_bytes(2))
+            try:
+                self._port.write(reply + FramerRTU.compute_CRC(reply).to_bytes(2))
+            except OSError as error:
+                self._lose(error)
 
 
 def request_length(received: bytes | bytearray) -> int | None:

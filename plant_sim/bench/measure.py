@@ -11,6 +11,7 @@ from controller.core.scan import Plc
 from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from plant_sim.bench.measure_fx import instruction_ns
+from plant_sim.bench.measure_hmi import HmiFigures, measure_hmi
 from plant_sim.bench.trial import run_trial
 from plant_sim.bench.twin import SCAN_MS, Twin
 from plant_sim.parameters import load_machine
@@ -32,9 +33,9 @@ print(time.perf_counter() - began_s)
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """What was measured.
+@dataclass(frozen=True)
+class Figures(HmiFigures):
+    """What was measured; the figures of the operator's side are described there.
 
     Attributes:
         scan_us: CPU of one scan of the whole program, mean over the recorded inputs of a trial, us.
@@ -83,18 +84,22 @@ class Figures:
                 f"(goal: at most {INSTRUCTION_GOAL_NS:.0f})",
                 f"  an interpreter of it      {self.interpreted_ns:7.2f} ns CPU, {slower:.1f} times as long "
                 f"(goal: at least {INTERPRETER_GOAL:.0f})",
+                self.hmi_text(),
             ]
         )
 
 
 def measure(*, seed: int = 1) -> Figures:
-    """Run a trial, then its recorded images through the PLC and the plant alone.
+    """Run a trial, then its recorded images through the PLC and the plant alone; then the operator's side.
 
     Args:
         seed: Seed of the trial.
 
     Returns:
         The figures; CPU times are of this process.
+
+    Raises:
+        LiveError: A process of the operator's side, or its machine, did not do what the measurement needs.
     """
     Twin(seed=seed).scan()  # compiles or loads the plant
     began_s = time.process_time()
@@ -108,6 +113,7 @@ def measure(*, seed: int = 1) -> Figures:
     engine_ns, interpreter_ns = instruction_ns()
     parts = [sum(scans[start : start + tenth]) / tenth for start in range(0, count - tenth + 1, tenth)]
     return Figures(
+        **asdict(measure_hmi()),
         scan_us=round(1e6 * sum(scans) / count, 2),
         worst_scan_us=round(1e6 * max(parts), 2),
         plant_us=round(1e6 * plant_s / count, 2),
