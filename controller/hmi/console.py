@@ -50,7 +50,7 @@ class Console:
         match word, rest:
             case "set", [text]:
                 name, _, value = text.partition("=")
-                self._runtime.set_point(name, value)
+                self._runtime.set_points({name: value})
             case "acknowledge", []:
                 self._alarms.acknowledge(by=OPERATOR)
                 self._runtime.order(word)

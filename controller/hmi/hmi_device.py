@@ -262,11 +262,9 @@ class HmiDevice(Device):
         addresses = range(first, first + len(values))
         if any(address not in desk.set_points for address in addresses):
             raise self._refused(f"register {first}", str(list(values)), ExcCodes.ILLEGAL_ADDRESS)
-        changes = [(desk.set_points[address][0], str(value)) for address, value in zip(addresses, values, strict=True)]
-        for name, value in changes:
-            desk.runtime.machine.tags.sp.checked(name, value)
-        for name, value in changes:
-            desk.runtime.set_point(name, value)
+        changes = {desk.set_points[address][0]: str(value) for address, value in zip(addresses, values, strict=True)}
+        desk.runtime.set_points(changes)
+        for name, value in changes.items():
             self._note(f"set {name}", value)
 
     def _act_on_alarm(self, values: Sequence[int]) -> None:

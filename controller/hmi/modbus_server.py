@@ -29,6 +29,8 @@ from controller.modbus.rtu import RtuServer, SerialLine
 
 DEFAULT_PORT: Final = 5021
 LOG_EVERY_S: Final = 60.0
+HANDSHAKE_S: Final = 5.0
+"""A client that has not finished the TLS handshake by then is dropped; it does not count as a connection yet."""
 REFUSALS_NOTED_A_MINUTE: Final = 600
 """Refused writes beyond these are counted, not audited: a client gone mad must not fill the audit."""
 
@@ -180,7 +182,10 @@ class HmiServer:
         self._loop = asyncio.get_running_loop()
         self._ended = asyncio.Event()
         options = self._options
-        listener = await self._loop.create_server(self._frontend, self._host, options.port, ssl=self._tls)
+        handshake_s = None if self._tls is None else HANDSHAKE_S
+        listener = await self._loop.create_server(
+            self._frontend, self._host, options.port, ssl=self._tls, ssl_handshake_timeout=handshake_s
+        )
         self._port = listener.sockets[0].getsockname()[1]
         reporting = self._loop.create_task(self._report())
         try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
@@ -88,7 +88,8 @@ class Runtime:
         self._failed = False
         self._store_refused = False
         self._held_since_ms: int | None = None
-        self._orders: deque[tuple[Bit | Word, int]] = deque()
+        self._orders: deque[Sequence[tuple[Bit | Word, int]]] = deque()
+        """What is written together, in one scan."""
         self._panel_limit_ms = panel_limit_ms
         self._panel_heard = False
         self._panel_heard_ms: int | None = None
@@ -116,7 +117,8 @@ class Runtime:
         late = self._last_scan_ms is not None and began_ms - self._last_scan_ms > self._scan_limit_ms
         self._last_scan_ms = began_ms
         while self._orders:
-            self.plc.write(*self._orders.popleft())
+            for device, value in self._orders.popleft():
+                self.plc.write(device, value)
         self._tell_program(
             self.link_lost,
             late or self._failed,
@@ -139,19 +141,20 @@ class Runtime:
         Raises:
             KeyError: There is no such command; nothing happens.
         """
-        self._orders.append((self.machine.tags.commands[command], 1))
+        self._orders.append([(self.machine.tags.commands[command], 1)])
         self.heard()
 
-    def set_point(self, name: str, value: str) -> None:
-        """Change a set-point, from any thread; it takes effect with the next scan.
+    def set_points(self, values: Mapping[str, str]) -> None:
+        """Change set-points, from any thread; they take effect together with the next scan.
 
         Raises:
-            SetPointError: There is no such set-point, or the value is out of its range; nothing happens.
+            SetPointError: There is no such set-point, or a value is out of its range; nothing happens.
         """
-        word, number = self.machine.tags.sp.checked(name, value)
-        if word in self.machine.tags.sp.at_start:
+        set_points = self.machine.tags.sp
+        changes = [set_points.checked(name, value) for name, value in values.items()]
+        if any(word in set_points.at_start for word, _ in changes):
             raise SetPointError("it belongs to the machine; give it at the start with --set")
-        self._orders.append((word, number))
+        self._orders.append(changes)
         self.heard()
 
     def heard(self) -> None:
