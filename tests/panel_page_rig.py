@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import signal
 import subprocess
@@ -33,23 +32,16 @@ from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.bench.commissioning import set_points_of
 from plant_sim.crop.seedling import SeedlingCounts
-from plant_sim.links.box import BOX_COILS
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
-from plant_sim.links.telemetry import TELEMETRY
+from plant_sim.links.tag_file import tag_csv
 from plant_sim.plant import Plant
 
 SCAN_MS = 10
 PATIENT_S = 60.0
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
-PANEL = (
-    "import argparse, sys; from pathlib import Path; from controller.hmi.panel.command import PanelCommand;"
-    "from controller.io_map import DEFAULT_IO_MAP; parser = argparse.ArgumentParser();"
-    "PanelCommand().add_to(parser, DEFAULT_IO_MAP); options = parser.parse_args(sys.argv[1:]);"
-    "sys.exit(options.action(options))"
-)
 
 
 class LiveMachine:
@@ -174,9 +166,9 @@ class PanelProcess:
         if not first_run and not users.exists():
             Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
         tags = folder / "tags.csv"
-        write_tags(tags)
+        tags.write_text(tag_csv(), encoding="utf-8")
         self._arguments = [
-            sys.executable, "-c", PANEL, "--controller", f"127.0.0.1:{live.port}", "--telemetry",
+            sys.executable, "-m", "controller", "panel", "--controller", f"127.0.0.1:{live.port}", "--telemetry",
             f"127.0.0.1:{live.plant_port}", "--telemetry-tags", str(tags), "--history", str(folder / "history.sqlite"),
             "--port", str(port), "--users", str(users),
         ]  # fmt: skip
@@ -205,15 +197,3 @@ class PanelProcess:
     def send(self, number: int) -> None:
         if self.process.poll() is None:
             os.kill(self.process.pid, number)
-
-
-def write_tags(path: Path) -> None:
-    """Write the plant's telemetry and operator box as the panel wants them named."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file)
-        rows.writerow(["name", "table", "address", "words", "scale", "signed", "none", "writable", "meaning"])
-        for point in TELEMETRY:
-            rows.writerow([point.name, "input", point.offset, point.words, point.scale, point.signed,
-                           point.may_be_none, False, point.meaning])  # fmt: skip
-        for coil in BOX_COILS:
-            rows.writerow([f"box.{coil.button}", "coil", coil.offset, 1, 1, False, False, True, coil.meaning])

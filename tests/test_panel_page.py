@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import re
 import signal
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,7 +18,7 @@ from panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
 from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
 from controller.hmi.panel import texts
-from controller.io.pace import PAUSED
+from controller.io.pace import FLAT_OUT, PAUSED
 from controller.program.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
 from controller.program.texts import MODES, STATES
@@ -145,6 +148,39 @@ def test_a_trial_started_by_the_box_shows_what_the_plant_counts(
         expect(screen.find("[data-timing=right] [data-device=X23]").first).to_be_attached()
         screen.open("trends")
         expect(screen.find("[data-chart='Pressures']")).to_be_visible()
+
+
+@pytest.mark.timeout(240)
+def test_the_live_run_is_worked_by_hand_in_the_browser(tmp_path: Path, browser: Browser) -> None:
+    """Given the command of the README with nobody at the buttons, a newcomer sets passwords and transplants 144."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = str(reserved.getsockname()[1])
+    command = [sys.executable, "-m", "plant_sim", "run", "--by-hand", "--keep", "--pace", str(FLAT_OUT), "--port", port,
+               "--hmi-port", "0", "--panel-port", "0"]  # fmt: skip
+    run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert run.stderr is not None
+        url = next(line for line in run.stderr if line.startswith("panel at ")).removeprefix("panel at ").strip()
+        with Screen(browser, url) as screen:
+            for user, field in zip(PASSWORDS, screen.find("dialog input[type=password]").all(), strict=True):
+                field.fill(PASSWORDS[user])
+            screen.find("dialog [data-action=submit]").click()
+            screen.log_in("operate")
+            screen.press("[data-box=start]")
+            stands_in(screen, State.IDLE)
+            screen.press("[data-box=start]")
+            complete = re.compile(STATES[State.COMPLETE].en)
+            expect(screen.find("header [data-fact=state]")).to_contain_text(complete, timeout=180_000)
+            expect(screen.find("[data-fact=in_cups]")).to_have_text("135 / 144")
+            expect(screen.find("[data-fact=lost]")).to_have_text("2 / 4 / 3")
+        run.send_signal(signal.SIGINT)
+        report, said = run.communicate(timeout=PATIENT_MS / 1_000)
+    finally:
+        run.kill()
+        run.communicate()
+    assert run.returncode == 0, said
+    assert "seedlings 144: in cups 135" in report
+    assert "Traceback" not in said
 
 
 def test_an_emergency_stop_is_announced_on_every_page_and_acknowledged(

@@ -91,7 +91,7 @@ def test_help_names_the_options(program: str) -> None:
         (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
         (("controller", "--scan-ms", "0"), "--scan-ms"),
         (("controller", "--hmi-port", "65536"), "--hmi-port 65536: give 0 to 65535"),
-        (("controller", "--hmi-host", "0.0.0.0"), "--hmi-allow-remote"),
+        (("controller", "--hmi-host", "192.0.2.1"), "--hmi-allow-remote"),
         (("controller", "--hmi-host", "panel"), "give an IP address"),
         (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
         (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import socket
 import tempfile
 import threading
@@ -24,6 +26,8 @@ from plant_sim.bench.twin import SCAN_MS
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.parameters import load_machine
 
+MOST_STOLEN_S = 0.01
+"""Processor time the host may take in a second that counts as calm: one tick of its account, s."""
 LATE_GOAL_MS: Final = 2.0
 RATIO_GOAL: Final = 2.0
 LEAST_RATIO: Final = 1.0
@@ -73,6 +77,10 @@ class Punctuality:
         return cls(percentile_ms(list(counts), 99), percentile_ms(list(counts), 100), missed)
 
 
+NOTHING = Punctuality(math.nan, math.nan, 0)
+"""Of no second at all."""
+
+
 @dataclass(frozen=True)
 class HmiFigures:
     """What was measured of the operator's side.
@@ -87,6 +95,12 @@ class HmiFigures:
         loaded_p99_ms: The same with eight Modbus clients and a panel with two browsers, ms.
         loaded_latest_ms: Its latest, ms.
         loaded_missed: Its scans that ended after the next was due.
+        calm_p99_ms: The same over those seconds alone in which the host of a virtual machine took no processor
+            time, ms; nan if there was none.
+        calm_latest_ms: Its latest, ms.
+        calm_missed: Its scans that ended after the next was due.
+        calm_s: How many such seconds there were.
+        stolen_pct: Processor time that the host took meanwhile, % of one processor.
         beside_p99_ms: The bare loop again, at the same time, ms: what the scans cannot be better than.
         beside_latest_ms: Its latest, ms.
         beside_missed: Its waits that ended after the next deadline.
@@ -110,6 +124,11 @@ class HmiFigures:
     loaded_p99_ms: float
     loaded_latest_ms: float
     loaded_missed: float
+    calm_p99_ms: float
+    calm_latest_ms: float
+    calm_missed: float
+    calm_s: float
+    stolen_pct: float
     beside_p99_ms: float
     beside_latest_ms: float
     beside_missed: float
@@ -134,6 +153,8 @@ class HmiFigures:
                 f"scans, nobody looking      {_late(f.quiet_p99_ms, f.quiet_latest_ms, f.quiet_missed)}",
                 f"scans, panel and clients   {_late(f.loaded_p99_ms, f.loaded_latest_ms, f.loaded_missed)} "
                 f"(goal: {LATE_GOAL_MS:g} ms, 0)",
+                f"  {f.calm_s:2.0f} s without the host    {_late(f.calm_p99_ms, f.calm_latest_ms, f.calm_missed)}; "
+                f"it took {f.stolen_pct:.0f} % of a processor",
                 f"  a bare loop beside them  {_late(f.beside_p99_ms, f.beside_latest_ms, f.beside_missed)}",
                 f"  under {f.answers_per_s:.0f} answers and {f.views_per_s:.0f} views a second",
                 f"Modbus, one connection     {f.rate_per_s:7.0f} readings/s, pymodbus' server {f.reference_per_s:.0f}: "
@@ -181,7 +202,7 @@ def measure_punctuality(
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
         plant_port, _, hmi_port = stack.enter_context(_controller(folder, at_work=True))
         line = stack.enter_context(connect(hmi_port))
-        quiet = _punctuality(line, quiet_s)
+        quiet = _sum(_seconds(line, quiet_s))
         url = _panel(stack, folder, plant_port, hmi_port)
         for_s = str(SETTLING_S + loaded_s + 2)
         load = [
@@ -193,13 +214,21 @@ def measure_punctuality(
             _told(each, START_LIMIT_S)
         threading.Event().wait(SETTLING_S)
         waiting = stack.enter_context(_bare_loop(loaded_s))
-        loaded = _punctuality(line, loaded_s)
+        seconds = _seconds(line, loaded_s)
         beside = _waited(waiting)
         answers = sum(_told(each, START_LIMIT_S)["answers"] for each in load)
         views = _told(watching, START_LIMIT_S)["messages"]
-    parts = {"bare": bare, "quiet": quiet, "loaded": loaded, "beside": beside}
+    calm = [second for second in seconds if second.stolen_s <= MOST_STOLEN_S]
+    parts = {"bare": bare, "quiet": quiet, "loaded": _sum(seconds), "calm": _sum(calm) if calm else NOTHING,
+             "beside": beside}  # fmt: skip
+    stolen_s = sum(second.stolen_s for second in seconds)
     figures = {f"{part}_{name}": value for part, found in parts.items() for name, value in asdict(found).items()}
-    return figures | {"answers_per_s": round(answers / int(for_s)), "views_per_s": round(views / int(for_s), 1)}
+    return figures | {
+        "calm_s": len(calm),
+        "stolen_pct": round(100 * stolen_s / loaded_s, 1),
+        "answers_per_s": round(answers / int(for_s)),
+        "views_per_s": round(views / int(for_s), 1),
+    }
 
 
 def measure_service(*, frames: int = FRAMES, connections: int = CONNECTIONS) -> dict[str, float]:
@@ -296,12 +325,39 @@ def _waited(waiting: Process) -> Punctuality:
     return Punctuality.of(told["late"], told["missed"])
 
 
-def _punctuality(line: socket.socket, for_s: int) -> Punctuality:
+@dataclass(frozen=True, slots=True)
+class _Second:
+    """Lateness of the scans of one second, and the processor time the host took in it, s."""
+
+    late: list[int]
+    missed: int
+    stolen_s: float
+
+
+def _seconds(line: socket.socket, for_s: int) -> list[_Second]:
     """Return how punctual the scans of the next seconds are, by the controller's own figures."""
+    seconds = []
     before_late, before_missed = _read_figures(line)
-    threading.Event().wait(for_s)
-    late, missed = _read_figures(line)
-    return Punctuality.of([now - then for now, then in zip(late, before_late, strict=True)], missed - before_missed)
+    before_stolen_s = _stolen_s()
+    for _ in range(for_s):
+        threading.Event().wait(1)
+        late, missed = _read_figures(line)
+        stolen_s = _stolen_s()
+        counted = [now - then for now, then in zip(late, before_late, strict=True)]
+        seconds.append(_Second(counted, missed - before_missed, stolen_s - before_stolen_s))
+        before_late, before_missed, before_stolen_s = late, missed, stolen_s
+    return seconds
+
+
+def _sum(seconds: Sequence[_Second]) -> Punctuality:
+    counts = [sum(buckets) for buckets in zip(*(second.late for second in seconds), strict=True)]
+    return Punctuality.of(counts, sum(second.missed for second in seconds))
+
+
+def _stolen_s() -> float:
+    """Return the processor time that the host of this virtual machine has taken since its start, s."""
+    total = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()
+    return int(total[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def _read_figures(line: socket.socket) -> tuple[list[int], int]:
