@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import fcntl
 import importlib.metadata
 import json
 import os
@@ -15,8 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TextIO
 
+from controller.core.claim import ClaimError, claim
 from controller.core.clock import MonotonicClock, utc_ms
 from controller.core.expr import Word
 from controller.core.retain import DamagedStoreError, FileStore
@@ -218,8 +217,11 @@ def _check_times(options: argparse.Namespace) -> None:
 def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Iterator[FileStore]:
     """Put back what was kept, with the first set-points, and keep the file for this process."""
     store = FileStore(options.retain)
-    claim = _claim(options.retain)
-    with claim:
+    try:
+        lock = claim(options.retain)
+    except ClaimError as error:
+        raise UsageError(f"--retain {options.retain}: {error}") from error
+    with lock:
         _restore(machine, plc, store)
         for word, value in _set_points(machine, options.set_points):
             plc.write(word, value)
@@ -324,25 +326,6 @@ def _server(
 
 def _version() -> str:
     return importlib.metadata.version("seedling-transplanter")
-
-
-def _claim(retain: Path) -> TextIO:
-    """Take the retentive memory for this process alone; the operating system lets it go when the process ends."""
-    if retain.is_dir():
-        raise UsageError(f"--retain {retain}: is a folder; name a file")
-    try:
-        retain.parent.mkdir(parents=True, exist_ok=True)
-        claim = retain.with_name(retain.name + ".lock").open("w", encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"--retain {retain}: {error.strerror}; name a file that can be written") from error
-    try:
-        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        claim.close()
-        raise UsageError(
-            f"--retain {retain}: another controller is using it; stop that one or name another file"
-        ) from None
-    return claim
 
 
 def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:

@@ -202,7 +202,7 @@ def test_two_controllers_do_not_share_a_history(tmp_path: Path) -> None:
     path = tmp_path / "history.sqlite"
     with (
         history(path) as kept,
-        pytest.raises(HistoryError, match="another controller is writing its history there"),
+        pytest.raises(HistoryError, match="another controller is using it"),
         history(path),
     ):
         pass

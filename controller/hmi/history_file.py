@@ -7,14 +7,14 @@ pages are used again.
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, NamedTuple, TextIO
+from typing import Final, NamedTuple
 
+from controller.core.claim import ClaimError, claim
 from controller.hmi.history_schema import TABLES, HistoryError, check_schema, create_statements, is_empty, number
 
 LEAST_LIMIT_BYTES: Final = 4_000_000
@@ -79,7 +79,10 @@ class HistoryFile:
         if limit_bytes < LEAST_LIMIT_BYTES:
             raise HistoryError(f"limit of the history {limit_bytes} bytes: give at least {LEAST_LIMIT_BYTES}")
         self.batch_bytes = limit_bytes // 64
-        self._claim = _claim(path)
+        try:
+            self._claim = claim(path)
+        except ClaimError as error:
+            raise HistoryError(f"{path}: {error}") from error
         try:
             self._db = _open(path)
         except BaseException:
@@ -174,25 +177,6 @@ class HistoryFile:
             if self._db.in_transaction:  # some errors have rolled back already
                 self._db.execute("ROLLBACK")
             raise
-
-
-def _claim(path: Path) -> TextIO:
-    """Take the file for this process alone; the operating system lets it go when the process ends."""
-    if path.is_dir():
-        raise HistoryError(f"{path}: is a folder; name a file")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        claim = path.with_name(path.name + ".lock").open("w", encoding="utf-8")
-    except OSError as error:
-        raise HistoryError(f"{path}: {error.strerror}; name a file that can be written") from error
-    try:
-        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        claim.close()
-        raise HistoryError(
-            f"{path}: another controller is writing its history there; stop that one or name another file"
-        ) from None
-    return claim
 
 
 def _open(path: Path) -> sqlite3.Connection:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import logging
 import ssl
 import threading
@@ -24,6 +23,7 @@ from controller.hmi.snapshot import Snapshots
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
+from controller.modbus.address import checked_host
 from controller.modbus.mbap import Frontend, Traffic
 from controller.modbus.rtu import RtuServer, SerialLine
 
@@ -106,7 +106,12 @@ class HmiServer:
         self.refused_unaudited = 0
         self._audit_to = audit
         self._noted = 0
-        self._host = _checked_host(self._options)
+        try:
+            self._host = checked_host(
+                self._options.host, allow_remote=self._options.allow_remote, option="--hmi-allow-remote"
+            )
+        except ValueError as error:
+            raise ServerError(f"HMI server: {error}") from error
         self._tls = _tls(self._options)
         snapshots = Snapshots()
         facts = Facts(
@@ -223,19 +228,6 @@ class HmiServer:
                 self.refused_unaudited += 1
                 return
         self._audit_to(peer, who, what, value, result)
-
-
-def _checked_host(options: HmiOptions) -> str:
-    try:
-        address = ipaddress.ip_address("127.0.0.1" if options.host == "localhost" else options.host)
-    except ValueError as error:
-        raise ServerError(f"HMI address {options.host!r}: give an IP address or localhost") from error
-    if not address.is_loopback and not options.allow_remote:
-        raise ServerError(
-            f"HMI address {options.host}: Modbus has no password, so the controller listens on 127.0.0.1 only; "
-            "--hmi-allow-remote permits others"
-        )
-    return str(address)
 
 
 def _tls(options: HmiOptions) -> ssl.SSLContext | None:

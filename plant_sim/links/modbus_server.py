@@ -18,10 +18,10 @@ sockets is then deterministic, however fast or slow the computers are.
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 
 from pymodbus.constants import ExcCodes
 
+from controller.modbus.address import checked_host
 from controller.modbus.mbap import Frontend, Traffic
 from controller.modbus.requests import RefusedError
 from plant_sim.links.io_module import IoModule
@@ -68,7 +68,7 @@ class PlantServer:
         _check_lock_step(lock_step_ms, module.watchdog_ms)
         self.module = module
         self.pacer = Pacer() if lock_step_ms is None else None
-        self._host = _checked_host(host, allow_remote=allow_remote)
+        self._host = checked_host(host, allow_remote=allow_remote, option="--allow-remote")
         self._port = port
         self._lock_step_ms = lock_step_ms
         self._blocks_seen = module.block_writes
@@ -166,16 +166,3 @@ def _check_lock_step(lock_step_ms: int | None, watchdog_ms: int) -> None:
             f"lock_step_ms is {lock_step_ms}: it must be 1 to {watchdog_ms} ms, "
             "or the output watchdog would trip between two writes"
         )
-
-
-def _checked_host(host: str, *, allow_remote: bool) -> str:
-    try:
-        address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
-    except ValueError as error:
-        raise ValueError(f"host {host!r}: give an IP address or localhost") from error
-    if not address.is_loopback and not allow_remote:
-        raise ValueError(
-            f"host {host}: Modbus has no password, so the plant listens on 127.0.0.1 only; "
-            "--allow-remote permits others"
-        )
-    return str(address)

@@ -1,0 +1,28 @@
+"""Where a Modbus server listens: on this computer, unless somebody says otherwise."""
+
+from __future__ import annotations
+
+import ipaddress
+
+
+def checked_host(host: str, *, allow_remote: bool, option: str) -> str:
+    """Return an address to listen on.
+
+    Args:
+        host: An IP address, or localhost for 127.0.0.1.
+        allow_remote: Permit an address that other computers can reach.
+        option: The option that permits it, for the message.
+
+    Raises:
+        ValueError: It is no address, or one that others can reach; one line with the remedy.
+    """
+    try:
+        address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
+    except ValueError as error:
+        raise ValueError(f"host {host!r}: give an IP address or localhost") from error
+    if not address.is_loopback and not allow_remote:
+        raise ValueError(
+            f"host {host}: Modbus has no password, so only this computer is listened to, on 127.0.0.1; {option} "
+            "permits others"
+        )
+    return str(address)
