@@ -27,7 +27,7 @@ from controller.hmi.history import History
 from controller.hmi.history_schema import HistoryError
 from controller.hmi.modbus_server import DEFAULT_PORT, HmiOptions, HmiServer, ServerError
 from controller.hmi.production import Event, ProductionLog
-from controller.io.keeper import ThreadKeeper
+from controller.io.keeper import DirectKeeper, Keeper, ThreadKeeper
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.modbus_tcp import ModbusTcpLink
 from controller.io.pace import Pace, PaceError
@@ -136,7 +136,9 @@ class RunCommand:
                 options.host, options.port, machine.io_map, unit=options.unit, timeout_s=options.timeout_ms / 1000
             )
             stack.callback(link.close)
-            keeper = ThreadKeeper(store)
+            pace = _pace(options)
+            # Simulated time waits for the disk, as for everything; on a real clock the outputs wait alone.
+            keeper: Keeper = ThreadKeeper(store) if pace is None else DirectKeeper(store)
             stack.callback(keeper.close)
             runtime = Runtime(
                 machine,
@@ -149,7 +151,6 @@ class RunCommand:
                 allow_forcing=options.allow_forcing,
             )
             figures = LoopFigures()
-            pace = _pace(options)
             stack.enter_context(_operators_side(runtime, figures, pace, options))
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: stop.set())

@@ -176,7 +176,7 @@ def test_the_live_run_is_worked_by_hand_in_the_browser(tmp_path: Path, browser: 
         run.send_signal(signal.SIGINT)
         report, said = run.communicate(timeout=PATIENT_MS / 1_000)
     finally:
-        run.kill()
+        run.send_signal(signal.SIGINT)  # it ends what it has started; killed, it could not
         run.communicate()
     assert run.returncode == 0, said
     assert "seedlings 144: in cups 135" in report

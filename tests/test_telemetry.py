@@ -37,7 +37,7 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
 def test_telemetry_of_a_machine_as_found(client: Client) -> None:
     """Two full trays, arms at feed against their bumpers, down and open; nothing written yet."""
     telemetry = read_registers(client)
-    assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms"))
+    assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms", "S_pct"))
     arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "clamp_n": -7.8, "missed_cups": 0}
     assert telemetry == {
         **{f"{side}.{name}": value for side in ("left", "right") for name, value in arm.items()},
@@ -115,6 +115,7 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         "planting_frequency_per_min": 60.5,
         "main_pressure_kpa": 500.0,
         "claw_pressure_kpa": 400.0,
+        "S_pct": 16.67,
     }
     registers = read_raw_registers(client)
     assert registers[:2] == (1, 4_464), "high word first"
