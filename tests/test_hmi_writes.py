@@ -68,10 +68,11 @@ def set_point(rig: HmiRig, name: str) -> int:
 def until(condition: Callable[[], bool], bystander: Client) -> None:
     """Let the server's thread get on with what is under way; each question is one round of its loop."""
     for asked in count():
-        if condition():
+        done = condition()
+        bystander.ask(READ_D0)  # once more when done: its thread may be in the middle of it
+        if done:
             return
         assert asked < MOST_ASKED, "the server has not done it"
-        bystander.ask(READ_D0)
 
 
 # --- commands -------------------------------------------------------------------------------------
