@@ -3,6 +3,7 @@
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.grip import Grip
 from plant_sim.crop.incident import Report
+from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
 from plant_sim.crop.seedling import Seedlings
@@ -33,6 +34,7 @@ class ArmPlant:
     __slots__ = (
         "_bed",
         "_down_m",
+        "_force_n_pa",
         "_pose",
         "_state",
         "_stirred",
@@ -54,6 +56,7 @@ class ArmPlant:
         records: Records,
         seedlings: Seedlings,
         *,
+        mechanics: Mechanics,
         bed: Bed,
         report: Report,
         seed: str,
@@ -65,6 +68,7 @@ class ArmPlant:
             machine: All parameters.
             records: Where it lies in the memory of the kernel.
             seedlings: All of them.
+            mechanics: What claws do to them.
             bed: What lies under the arms.
             report: Takes note of incidents.
             seed: Decides where the cups stand and how their flags are bent.
@@ -90,6 +94,7 @@ class ArmPlant:
         self._state = state
         self._stirred = 0.0
         self._down_m = machine.lift.stroke_m
+        self._force_n_pa = machine.claws.moment_nm_pa / machine.claws.finger_m
         self.row = PlantingRow(
             side,
             seedlings,
@@ -105,7 +110,7 @@ class ArmPlant:
             spread_m=machine.spreader.travel_m,
             reach_m=machine.handling.reach_m,
         )
-        self.grip = Grip(machine.handling, reach, seedlings, bed, row=self.row, report=report)
+        self.grip = Grip(machine.handling, mechanics, reach, seedlings, bed, row=self.row, report=report)
         self._sweep = Sweep(machine.handling, reach, seedlings, bed, report)
         self._bed = bed
         self._trays_m = bed.trays_m
@@ -158,14 +163,16 @@ class ArmPlant:
             now_s: Time, s.
             sight: Where everything of the arm is, as the kernel's `SIGHT`.
         """
-        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, slips = sight
+        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, slips, clamp_pa = sight
         self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
         if slips and self.grip.held:
             self.grip.let_slip(self._pose, now_s)
         if stirred != self._stirred or self._bed.trays_m != self._trays_m:
             self._stirred = stirred
             self._trays_m = self._bed.trays_m
-            self._pose.take(x_m, self._down_m - y_m, travel_m, freed_s)
+            self._pose.take(
+                x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=self._force_n_pa * clamp_pa
+            )
             self._pose.gripping = claws_m <= self.claws.grips_below_m
             self._pose.free = claws_m >= self.claws.frees_above_m
             self.grip.step(self._pose)
@@ -174,7 +181,10 @@ class ArmPlant:
     def _sync(self) -> None:
         """Take up the situation as it is."""
         pose, freed_s = self._pose, float(self._state["freed_s"])
-        pose.take(self.slide.x_m, self.lift.rise_m, self.spreader.travel_m, freed_s)
+        pose.take(
+            self.slide.x_m, self.lift.rise_m, self.spreader.travel_m,
+            freed_s=freed_s, now_s=pose.now_s, force_n=self.claws.clamp_n,
+        )  # fmt: skip
         pose.gripping, pose.free = self.claws.gripping, self.claws.free
         self.grip.sync(pose)
         self._sweep.sync(pose)

@@ -98,6 +98,7 @@ SIGHT = (
     "stirred",
     "freed_s",
     "slips",
+    "clamp_pa",
 )
 
 #: Everything that moves, and everything that decides how.
@@ -146,6 +147,7 @@ def advance(machine: Any, make: Any, coils: Any, fed: bool, first: int, steps: i
         sight[place + 6] = arm.stirred
         sight[place + 7] = arm.freed_s
         sight[place + 8] = arm.slips
+        sight[place + 9] = arm.clamp_pa
     sight[2 * len(SIGHT)] = m.conveyor.trays_m
 
 

@@ -13,6 +13,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from plant_sim.crop.handling import HandlingSpec
+from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import CropSpec
 from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS
 from plant_sim.devices.claws import ClawsSpec
@@ -66,6 +67,7 @@ class Machine:
         conveyor: Tray conveyor and magazine.
         cups: The rotating cups.
         crop: Seedlings and how they are gripped; the pressure of the claws is here.
+        seedling: Properties of seedlings and foam.
         handling: Distances that decide what happens to a seedling.
     """
 
@@ -90,6 +92,7 @@ class Machine:
     conveyor: ConveyorSpec
     cups: CupsSpec
     crop: CropSpec
+    seedling: SeedlingSpec
     handling: HandlingSpec
 
     def __post_init__(self) -> None:

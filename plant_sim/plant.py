@@ -9,6 +9,7 @@ from controller.io_map import IoMap
 from plant_sim.arm import ArmPlant
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.incident import Incident
+from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.seedling import SeedlingCounts, Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.operator_box import OperatorBox
@@ -18,6 +19,7 @@ from plant_sim.devices.supply import Supply
 from plant_sim.faults import Fault, FaultSchedule
 from plant_sim.kernel import ARM_COILS, MACHINE, MACHINE_MAKE, SENSORS, SIGHT, advance, look
 from plant_sim.parameters import Machine
+from plant_sim.pneumatics.flow import REFERENCE_KG_M3
 
 __all__ = ["ArmPlant", "Event", "Plant"]
 
@@ -72,7 +74,7 @@ class Plant:
         Args:
             io_map: The wires.
             machine: All parameters.
-            seed: Decides the fate of every seedling and where the cups stand.
+            seed: Decides what every seedling is like and where the cups stand.
             trays: How many trays there are.
             faults: What breaks, and when.
 
@@ -95,7 +97,10 @@ class Plant:
         gas["step_s"] = machine.simulation.step_s
         self.supply = Supply(machine.supply, state["air"], make["air"], gas, claw_pressure_pa=machine.claw_pressure_pa)
         self.conveyor = Conveyor(machine.conveyor, state["conveyor"], make["conveyor"], trays=trays)
-        self.seedlings = Seedlings(trays=trays, failure_share=machine.crop.failure_share, seed=seed)
+        self.seedlings = Seedlings(trays=trays, seed=seed)
+        mechanics = Mechanics(
+            machine.seedling, foam_mm=machine.crop.foam_thickness_mm, age_d=machine.crop.seedling_age_d
+        )
         self._half_tray_m = machine.handling.tray_half_width_m
         self._bed = Bed(self.seedlings, pitch_m=machine.handling.cell_pitch_m)
         self._lay_bed()
@@ -105,6 +110,7 @@ class Plant:
                 machine,
                 Records(state["arms"][number], make["arms"][number], gas),
                 self.seedlings,
+                mechanics=mechanics,
                 bed=self._bed,
                 report=self._note,
                 seed=f"seed {seed}, {side} cups",
@@ -146,6 +152,12 @@ class Plant:
     def missed_cups(self) -> dict[str, int]:
         """Cups of each row that passed empty between its first and its last filled one."""
         return {side: arm.row.missed_cups for side, arm in self.arms.items()}
+
+    @property
+    def air_l(self) -> float:
+        """Air that the valves of slides, lifts and claws have let in so far, L ANR."""
+        lines = [self.state[0]["arms"][drive][port] for drive in ("slide", "lift", "claws") for port in ("plus", "minus")]
+        return 1e3 * sum(abs(float(kg)) for line in lines for kg in line["drawn_kg"]) / REFERENCE_KG_M3
 
     @property
     def planting_frequency_per_min(self) -> float:

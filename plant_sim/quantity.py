@@ -29,6 +29,7 @@ _SPELLINGS: dict[str, dict[str, float]] = {
     "N m/Pa": {"N m/Pa": 1.0},
     "kg m2": {"kg m2": 1.0},
     "W/(m2 K)": {"W/(m2 K)": 1.0},
+    "mm/d": {"mm/d": 1.0, "cm/d": 10.0},
     "cells": {"cells": 1.0, "cell": 1.0, "%": 0.72},  # of a tray of 72
 }
 
@@ -41,6 +42,7 @@ _ENDINGS = {
     "_n_s_m": "N s/m",
     "_v_s_m": "V s/m",
     "_kg_m2": "kg m2",
+    "_mm_d": "mm/d",
     "_m3_s": "m3/s",
     "_m_s2": "m/s2",
     "_ohm": "ohm",

@@ -6,14 +6,33 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import fmean
-from typing import Any
+from typing import Any, Final
+
+from scipy.special import betaincinv
 
 from plant_sim.crop.seedling import SeedlingCounts
 
-EQ_5_NOTE = (
-    "until the seedling model comes, pick, carry and throw fail at random with the probabilities of "
-    "eq. 5 of the paper, split evenly"
-)
+EXTRAPOLATES: Final = "crop settings outside the trials of the paper: extrapolated"
+CONFIDENCE: Final = 0.95
+
+
+def binomial_interval(hits: int, draws: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Exact (Clopper-Pearson) confidence interval of a share, 0 to 1.
+
+    Args:
+        hits: How many of them.
+        draws: Of how many; 0 leaves the whole range.
+        confidence: Probability that the interval holds the share, 0 to 1.
+
+    >>> [round(end, 4) for end in binomial_interval(136, 144)]
+    [0.8935, 0.9757]
+    """
+    if draws == 0:
+        return 0.0, 1.0
+    tail = (1 - confidence) / 2
+    low = 0.0 if hits == 0 else float(betaincinv(hits, draws - hits + 1, tail))
+    high = 1.0 if hits == draws else float(betaincinv(hits + 1, draws - hits, 1 - tail))
+    return low, high
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +68,11 @@ class TrialReport:
         P: Pick failures (stems missed or cut while picking, plugs not pulled out).
         D: Carry failures (stems cut while carrying).
         T: Throw failures (plugs outside the cups).
-        S: Success, percent of all seedlings.
+        S: Success, percent of all seedlings, eq. 1 of the paper.
+        F_p: P in percent of all seedlings, eq. 2.
+        F_d: D in percent, eq. 3.
+        F_t: T in percent, eq. 4.
+        intervals: 95 % confidence intervals of S, F_p, F_d and F_t, exact binomial, percent.
         cycles: Rows transplanted.
         cycle_time_s: Mean time of a cycle, s.
         cycle_times: Times by arm and row.
@@ -57,6 +80,7 @@ class TrialReport:
         missed_cups_by_row: The same for each row.
         missed_cups_by_cause: The same by what kept the arm: tray change, the other arm in the centre, or the
             length of its own way to row 1, 2 or 3.
+        air_l_min: Air that the valves let in from power-up to the end, both arms, L/min ANR; None if not known.
         alarms: Texts of the alarms that came on, in order.
         reason: Why the trial did not complete; empty if it did.
         simulated_s: Machine time from power-up to the end, s.
@@ -71,12 +95,17 @@ class TrialReport:
     D: int
     T: int
     S: float
+    F_p: float
+    F_d: float
+    F_t: float
+    intervals: dict[str, tuple[float, float]]
     cycles: int
     cycle_time_s: float
     cycle_times: dict[str, RowTimes]
     missed_cups: int
     missed_cups_by_row: dict[str, int]
     missed_cups_by_cause: dict[str, int]
+    air_l_min: float | None
     alarms: list[str]
     reason: str
     simulated_s: float
@@ -95,14 +124,16 @@ class TrialReport:
 
     def record(self) -> dict[str, object]:
         """Return the report as one JSON object."""
-        return {**asdict(self), "note": EQ_5_NOTE}
+        return asdict(self)
 
     def text(self) -> str:
         """Return the report for a person."""
         lines = [
             f"seedlings {self.seedlings}: in cups {self.in_cups}, lost picking P {self.P}, carrying D {self.D}, "
-            f"throwing T {self.T}; S = {self.S:.1f} %",
-            f"({EQ_5_NOTE}{'; outside its range: extrapolated' if self.extrapolates else ''})",
+            f"throwing T {self.T}",
+            "  ".join(f"{name} {getattr(self, name):.1f} % ({low:.1f} to {high:.1f})" for name, (low, high)
+                      in self.intervals.items()) + ", 95 % binomial",
+            *([f"({EXTRAPOLATES})"] if self.extrapolates else []),
             f"cycles {self.cycles}, mean cycle {self.cycle_time_s:.2f} s, "
             f"{self.simulated_s:.1f} s of machine time in {self.wall_s:.1f} s",
         ]
@@ -111,6 +142,7 @@ class TrialReport:
         causes = ", ".join(f"{cause} {count}" for cause, count in self.missed_cups_by_cause.items())
         lines += [
             f"missed cups {self.missed_cups} ({gaps}){': ' + causes if causes else ''}",
+            *([f"air {self.air_l_min:.1f} L/min"] if self.air_l_min is not None else []),
             "alarms " + ("none" if not self.alarms else "; ".join(self.alarms)),
         ]
         if not self.completed:
@@ -127,6 +159,7 @@ def make_report(
     simulated_s: float,
     wall_s: float,
     extrapolates: bool = False,
+    air_l_min: float | None = None,
 ) -> TrialReport:
     """Put a report together.
 
@@ -138,6 +171,7 @@ def make_report(
         simulated_s: Machine time, s.
         wall_s: Time it took, s.
         extrapolates: Whether the crop settings lie outside the paper's trials.
+        air_l_min: Air that the valves let in, L/min ANR; None if not known.
 
     Returns:
         The report.
@@ -153,19 +187,35 @@ def make_report(
         P=counts.P,
         D=counts.D,
         T=counts.T,
-        S=100 * counts.in_cups / counts.total if counts.total else 0.0,
+        S=_percent(counts.in_cups, counts.total),
+        F_p=_percent(counts.P, counts.total),
+        F_d=_percent(counts.D, counts.total),
+        F_t=_percent(counts.T, counts.total),
+        intervals=success_intervals(counts.in_cups, counts.P, counts.D, counts.T, seedlings=counts.total),
         cycles=len(cycles),
         cycle_time_s=round(fmean(event["cycle_ms"] for event in cycles) / 1000, 3) if cycles else 0.0,
         cycle_times=_row_times(cycles),
         missed_cups=sum(missed.values()),
         missed_cups_by_row=missed,
         missed_cups_by_cause=_gap_causes(cycles),
+        air_l_min=air_l_min,
         alarms=alarms,
         reason=reason,
         simulated_s=simulated_s,
         wall_s=wall_s,
         extrapolates=extrapolates,
     )
+
+
+def success_intervals(in_cups: int, P: int, D: int, T: int, *, seedlings: int) -> dict[str, tuple[float, float]]:  # noqa: N803
+    """Confidence intervals of S, F_p, F_d and F_t, percent; arguments as in `TrialReport`."""
+    counts = {"S": in_cups, "F_p": P, "F_d": D, "F_t": T}
+    ends = {name: binomial_interval(count, seedlings) for name, count in counts.items()}
+    return {name: (100 * low, 100 * high) for name, (low, high) in ends.items()}
+
+
+def _percent(count: int, total: int) -> float:
+    return 100 * count / total if total else 0.0
 
 
 def _gap_causes(cycles: Sequence[Mapping[str, Any]]) -> dict[str, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from controller.hmi.production import as_record
@@ -14,6 +14,7 @@ from plant_sim.bench.progress import ProgressView, Situation
 from plant_sim.bench.recording import recorded
 from plant_sim.bench.report import TrialReport, make_report
 from plant_sim.bench.twin import NotReachedError, Twin
+from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.faults import Fault
 from plant_sim.parameters import Machine
 
@@ -27,8 +28,10 @@ def run_trial(
     *,
     seed: int,
     trays: int = 2,
+    seedlings: int | None = None,
     io_map: IoMap | None = None,
     parameters: Machine | None = None,
+    set_points: Mapping[str, int] | None = None,
     faults: Iterable[Fault] = (),
     record: Path | None = None,
     progress: Callable[[Twin], None] | None = None,
@@ -38,8 +41,10 @@ def run_trial(
     Args:
         seed: Seed of the plant; the same seed gives the same report but for `wall_s`.
         trays: Trays in the magazine, 72 seedlings each.
+        seedlings: How many seedlings instead, in as many trays as they need; the last has empty cells.
         io_map: Wires; None = the map of the repository.
         parameters: Machine parameters; None = those of the repository.
+        set_points: First values of set-points, by name of `SetPoints`.
         faults: What breaks in the plant, and when.
         record: Where a recording of the run is to lie; None = nowhere.
         progress: Called after every scan.
@@ -52,8 +57,14 @@ def run_trial(
         RecordingError: the recording cannot be had.
     """
     began_s = time.perf_counter()
-    set_points = {"trays_target": trays}
-    twin = Twin(seed=seed, trays=trays, io_map=io_map, parameters=parameters, set_points=set_points, faults=faults)
+    if seedlings is not None:
+        trays = -(-seedlings // TRAY_CELLS)
+    twin = Twin(
+        seed=seed, trays=trays, io_map=io_map, parameters=parameters,
+        set_points={**(set_points or {}), "trays_target": trays}, faults=faults,
+    )  # fmt: skip
+    if seedlings is not None and seedlings < trays * TRAY_CELLS:
+        twin.plant.seedlings.leave_out(trays - 1, trays * TRAY_CELLS - seedlings)
     if progress is not None:
         twin.watch(progress)
     reason = ""
@@ -72,6 +83,7 @@ def run_trial(
         simulated_s=twin.now_ms / 1000,
         wall_s=round(time.perf_counter() - began_s, 3),
         extrapolates=twin.plant.extrapolates,
+        air_l_min=60 * twin.plant.air_l / (twin.now_ms / 1000),
     )
 
 

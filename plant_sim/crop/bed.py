@@ -73,6 +73,10 @@ class Bed:
         angle = self._turned.get(seedling.tray, 0.0)
         return angle * (seedling.along - (CELLS_ALONG - 1) / 2) * self._pitch_m
 
+    def ahead_m(self, seedling: Seedling) -> float:
+        """How far a seedling stands past its claw because of where its tray stopped, m."""
+        return next((offset_m for number, offset_m in self._trays if number == seedling.tray), 0.0)
+
     def _is_in_reach(self, along: int, offset_m: float) -> bool:
         """Whether a cell lies within the row of claws; a tray past its place brings it forward."""
         claw = along - offset_m / self._pitch_m

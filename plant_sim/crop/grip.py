@@ -1,12 +1,39 @@
 """What the twelve claws of one arm do to seedlings, decided by where things are at that moment."""
 
+from dataclasses import dataclass
+
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident, Report
+from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
-from plant_sim.crop.response import Fate
 from plant_sim.crop.seedling import CELLS_ALONG, Place, Seedling, Seedlings
+
+
+@dataclass(slots=True)
+class Felt:
+    """What the seedlings gripped last have felt of the machine.
+
+    Attributes:
+        since_s: When they were gripped, s.
+        x_m: Where the slide stood then, m.
+        rise_m: How high the arm was, m.
+        trays_m: How far the trays had gone, m.
+        along_m: How far their cells were past the claws, m; that of the first of them.
+        across_m: How far the claws were inward of the middle of the column, m.
+        peak_n: Greatest force of a finger since then, N.
+        least_n: Least force while they were pulled, N.
+    """
+
+    since_s: float = 0.0
+    x_m: float = 0.0
+    rise_m: float = 0.0
+    trays_m: float = 0.0
+    along_m: float = 0.0
+    across_m: float = 0.0
+    peak_n: float = 0.0
+    least_n: float = float("inf")
 
 
 class Grip:
@@ -16,15 +43,14 @@ class Grip:
         held: Seedlings clamped or carried; a seedling's cell along the tray is its claw.
         extracted: Whether the plugs of what is held are out of their cells.
         delivered: Whether what is held has come to the feed.
+        felt: What it has felt so far.
     """
 
     __slots__ = (
         "_bed",
-        "_clamp_rise_m",
-        "_clamp_trays_m",
-        "_clamp_x_m",
         "_closed",
         "_loosened",
+        "_mechanics",
         "_reach",
         "_report",
         "_row",
@@ -32,12 +58,14 @@ class Grip:
         "_spec",
         "delivered",
         "extracted",
+        "felt",
         "held",
     )
 
     def __init__(
         self,
         spec: HandlingSpec,
+        mechanics: Mechanics,
         reach: Reach,
         seedlings: Seedlings,
         bed: Bed,
@@ -49,6 +77,7 @@ class Grip:
 
         Args:
             spec: Distances.
+            mechanics: What claws do to stems and plugs.
             reach: What the arm can get at.
             seedlings: All of them.
             bed: What lies under the arms.
@@ -56,6 +85,7 @@ class Grip:
             report: Takes note of incidents.
         """
         self._spec = spec
+        self._mechanics = mechanics
         self._reach = reach
         self._seedlings = seedlings
         self._bed = bed
@@ -63,7 +93,7 @@ class Grip:
         self._report = report
         self._closed = False
         self._loosened = False
-        self._clamp_x_m = self._clamp_rise_m = self._clamp_trays_m = 0.0
+        self.felt = Felt()
         self.held: list[Seedling] = []
         self.extracted = False
         self.delivered = False
@@ -90,6 +120,7 @@ class Grip:
             self._close(pose)
         if not self.held:
             return
+        self.felt.peak_n = max(self.felt.peak_n, pose.force_n)
         if self.extracted:
             self._carry(pose)
         else:
@@ -105,8 +136,11 @@ class Grip:
             stems = self._between_the_fingers(stems)
             self.held = stems
             self.extracted = self.delivered = self._loosened = False
-            self._clamp_x_m, self._clamp_rise_m = pose.x_m, pose.rise_m
-            self._clamp_trays_m = self._bed.trays_m
+            self.felt = Felt(
+                pose.now_s, pose.x_m, pose.rise_m, self._bed.trays_m,
+                along_m=self._bed.ahead_m(stems[0]) if stems else 0.0,
+                across_m=pose.x_m - self._reach.columns_m[index],
+            )  # fmt: skip
             self._move(stems, Place.CLAMPED)
         elif stems:
             self._move(stems, Place.LOST_PICK)
@@ -144,43 +178,44 @@ class Grip:
     def _pull(self, pose: Pose) -> None:
         """Pull the plugs out of their cells, or tear what is moved sideways before that."""
         spec = self._spec
-        shift_m = max(abs(pose.x_m - self._clamp_x_m), abs(self._bed.trays_m - self._clamp_trays_m))
-        risen_m = pose.rise_m - self._clamp_rise_m
+        felt = self.felt
+        shift_m = max(abs(pose.x_m - felt.x_m), abs(self._bed.trays_m - felt.trays_m))
+        risen_m = pose.rise_m - felt.rise_m
+        if risen_m > 0.0:
+            felt.least_n = min(felt.least_n, pose.force_n)
         if shift_m > spec.grip_tolerance_m or pose.travel_m > spec.pitch_tolerance_m:
             self._note(Incident.TORN, f"{len(self.held)} clamped seedlings were torn sideways")
             self._lose_all(Place.LOST_PICK)
         elif risen_m >= spec.extraction_rise_m:
             self.extracted = True
             self._move(self.held, Place.IN_CLAW)
-            self._lose(Fate.FAILS_PICK, Place.LOST_PICK)
+            self._lose([seedling for seedling in self.held if not self._is_picked(seedling)], Place.LOST_PICK)
         elif risen_m >= spec.put_back_rise_m:
             self._loosened = True
 
     def _carry(self, pose: Pose) -> None:
         """Carry the plugs, over the tray not too low, to the feed."""
         spec = self._spec
-        lowest_m = self._clamp_rise_m + spec.extraction_rise_m - spec.put_back_rise_m
+        lowest_m = self.felt.rise_m + spec.extraction_rise_m - spec.put_back_rise_m
         if pose.rise_m < lowest_m and self._is_over_tray(pose):
             text = f"{len(self.held)} plugs were driven against the tray"
             self._note(Incident.ARM_THROUGH_TRAY, text)
             self._lose_all(Place.LOST_CARRY)
         elif not self.delivered and pose.x_m <= spec.feed_tolerance_m:
             self.delivered = True
-            self._lose(Fate.FAILS_CARRY, Place.LOST_CARRY)
+            self._lose_broken(pose.now_s)
 
     def _open(self, pose: Pose, *, slipped: bool = False) -> None:
         """Let go of everything; what has slipped has been told already."""
+        if self.extracted:
+            self._lose_broken(pose.freed_s)
         released, self.held = self.held, []
         if not released:
             return
         if not self.extracted:
-            self._move(released, Place.LOST_PICK if self._loosened else Place.STANDING)
+            self._put_back(released)
         elif self._is_over_cups(pose):
-            claw_pitch_m = self._spec.cell_pitch_m + pose.travel_m / (CELLS_ALONG - 1)
-            lands_s = pose.freed_s + self._spec.fall_s(pose.rise_m)
-            for seedling in released:
-                position_m = seedling.along * claw_pitch_m
-                self._row.let_fall(seedling, position_m=position_m, lands_s=lands_s)
+            self._throw(released, pose)
         else:
             self._move(released, Place.LOST_THROW if self.delivered else Place.LOST_CARRY)
             if not slipped:
@@ -199,14 +234,51 @@ class Grip:
     def _is_over_tray(self, pose: Pose) -> bool:
         return pose.x_m > self._reach.tray_edge_m and not self._bed.is_empty
 
-    def _lose(self, fate: Fate, place: Place) -> None:
-        """Lose those of the held seedlings that fail by themselves at this stage."""
-        self._move([seedling for seedling in self.held if seedling.fate is fate], place)
-        self.held = [seedling for seedling in self.held if seedling.fate is not fate]
+    def _is_picked(self, seedling: Seedling) -> bool:
+        """Whether the claws hold a seedling's stem, whole, and have pulled its plug."""
+        felt, mechanics, traits = self.felt, self._mechanics, seedling.traits
+        askew_m = -self._bed.off_m(seedling) if self._reach.mirrored else self._bed.off_m(seedling)
+        along_m = self._bed.ahead_m(seedling)
+        return not (
+            mechanics.is_missed(traits, along_m=along_m, across_m=felt.across_m + askew_m)
+            or mechanics.is_cut(traits, felt.peak_n)
+            or mechanics.slips(traits, felt.least_n)
+        )
+
+    def _lose_broken(self, now_s: float) -> None:
+        """Lose those of the held seedlings whose stem has not borne being held so long."""
+        felt = self.felt
+        held_s = now_s - felt.since_s
+        broken = [each for each in self.held if self._mechanics.breaks(each.traits, felt.peak_n, held_s)]
+        self._lose(broken, Place.LOST_CARRY)
+
+    def _put_back(self, released: list[Seedling]) -> None:
+        """Leave seedlings in the cells they have not left; what the claws have cut or loosened is lost."""
+        for seedling in released:
+            harmed = self._loosened or self._mechanics.is_cut(seedling.traits, self.felt.peak_n)
+            self._seedlings.move(seedling, Place.LOST_PICK if harmed else Place.STANDING)
+
+    def _throw(self, released: list[Seedling], pose: Pose) -> None:
+        """Let plugs fall to the cups."""
+        claw_pitch_m = self._spec.cell_pitch_m + pose.travel_m / (CELLS_ALONG - 1)
+        fall_s = self._spec.fall_s(pose.rise_m)
+        for seedling in released:
+            drift_m, across_m = self._mechanics.drift_m(seedling.traits, self.felt.peak_n, fall_s)
+            self._row.let_fall(
+                seedling,
+                position_m=seedling.along * claw_pitch_m,
+                lands_s=pose.freed_s + fall_s,
+                drift_m=drift_m,
+                across_m=pose.x_m + across_m,
+            )
+
+    def _lose(self, lost: list[Seedling], place: Place) -> None:
+        """Lose some of the held seedlings."""
+        self._move(lost, place)
+        self.held = [seedling for seedling in self.held if seedling not in lost]
 
     def _lose_all(self, place: Place) -> None:
-        self._move(self.held, place)
-        self.held = []
+        self._lose(self.held, place)
 
     def _move(self, seedlings: list[Seedling], place: Place) -> None:
         for seedling in seedlings:

@@ -1,9 +1,9 @@
 """A row of cups as the seedlings see it: falling in, sitting there, leaving for the soil."""
 
+import math
 from dataclasses import dataclass
 
 from plant_sim.crop.incident import Incident, Report
-from plant_sim.crop.response import Fate
 from plant_sim.crop.seedling import CELLS_ALONG, Place, Seedling, Seedlings
 
 
@@ -12,6 +12,8 @@ class _Fall:
     seedling: Seedling
     position_m: float
     lands_s: float
+    drift_m: float
+    across_m: float
 
 
 class PlantingRow:
@@ -22,6 +24,7 @@ class PlantingRow:
     Attributes:
         falling: Whether anything is in the air.
         missed_cups: Cups that left empty between the first and the last that left filled.
+        off_m: How far the cups were off the claws when the last plug came down, m.
     """
 
     __slots__ = (
@@ -36,6 +39,7 @@ class PlantingRow:
         "_seedlings",
         "_side",
         "missed_cups",
+        "off_m",
     )
 
     def __init__(self, side: str, seedlings: Seedlings, report: Report, *, pitch_m: float, catch_m: float) -> None:
@@ -59,22 +63,27 @@ class PlantingRow:
         self._leaves_at_m = self._leaving_m(self._gone + 1)
         self._empty_since_filled: int | None = None
         self.missed_cups = 0
+        self.off_m = 0.0
 
     @property
     def falling(self) -> bool:
         """Whether anything is in the air."""
         return bool(self._falls)
 
-    def let_fall(self, seedling: Seedling, *, position_m: float, lands_s: float) -> None:
+    def let_fall(
+        self, seedling: Seedling, *, position_m: float, lands_s: float, drift_m: float = 0.0, across_m: float = 0.0
+    ) -> None:
         """Let a seedling fall towards the cups; nothing stops it.
 
         Args:
             seedling: The seedling.
             position_m: Where along the row, m from claw 0.
             lands_s: When it comes down, s.
+            drift_m: How far past that place it comes down, m.
+            across_m: How far beside the row, m.
         """
         self._seedlings.move(seedling, Place.FALLING)
-        self._falls.append(_Fall(seedling, position_m, lands_s))
+        self._falls.append(_Fall(seedling, position_m, lands_s, drift_m, across_m))
 
     def step(self, now_s: float, *, chain_m: float, chain_m_s: float) -> None:
         """Take note of what has come down and of which cups have left.
@@ -99,14 +108,16 @@ class PlantingRow:
         self._falls = still
 
     def _land(self, fall: _Fall, chain_m: float) -> None:
-        way_m = chain_m - fall.position_m
+        under_m = chain_m - fall.position_m
+        self.off_m = under_m - round(under_m / self._pitch_m) * self._pitch_m
+        way_m = under_m - fall.drift_m
         cup = round(way_m / self._pitch_m)
         place = Place.LOST_THROW
-        if abs(way_m - cup * self._pitch_m) <= self._catch_m:
+        if math.hypot(way_m - cup * self._pitch_m, fall.across_m) <= self._catch_m:
             if cup in self._holds:
                 text = f"{self._side} cup {cup} got a second plug"
                 self._report(Incident.DOUBLE, text)
-            elif fall.seedling.fate is not Fate.FAILS_THROW:
+            else:
                 self._holds[cup] = fall.seedling
                 place = Place.IN_CUP
         self._seedlings.move(fall.seedling, place)

@@ -16,6 +16,8 @@ class Pose:
         free: Claws open enough to touch nothing between them.
         travel_m: Belt travel of the spreader from converged, m.
         freed_s: When the claws last came to touch nothing, s.
+        now_s: Time, s.
+        force_n: Force of a finger, N; positive clamps.
     """
 
     x_m: float
@@ -24,13 +26,19 @@ class Pose:
     free: bool
     travel_m: float
     freed_s: float
+    now_s: float = 0.0
+    force_n: float = 0.0
 
-    def take(self, x_m: float, rise_m: float, travel_m: float, freed_s: float) -> None:
-        """Bring places and time up to date."""
+    def take(
+        self, x_m: float, rise_m: float, travel_m: float, *, freed_s: float, now_s: float, force_n: float
+    ) -> None:
+        """Bring places, times and force up to date."""
         self.x_m = x_m
         self.rise_m = rise_m
         self.travel_m = travel_m
         self.freed_s = freed_s
+        self.now_s = now_s
+        self.force_n = force_n
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,24 @@
-"""Response surface of the pepper seedling trial, and the outcome it gives a single seedling."""
+"""Response surface of the pepper seedling trial, eq. 5 of the paper, and the settings it speaks of."""
 
-import enum
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from plant_sim.spec import require_within
 
-_AXIAL_LEVEL = 1.525
-_FACTORIAL_RADIUS = math.sqrt(3)
+AXIAL_LEVEL = 1.525
+"""Coded distance of the axial points from the centre of the paper's design. Source: MACHINE.md 5."""
+
+FACTORIAL_RADIUS = math.sqrt(3)
+"""Coded distance of the corners from the centre."""
+
+Number = float | NDArray[np.float64]
+"""One value, or an array of them."""
 
 
-def coded_factors(foam_mm: float, age_d: float, pressure_mpa: float) -> tuple[float, float, float]:
+def coded_factors(foam_mm: Number, age_d: Number, pressure_mpa: Number) -> tuple[Number, Number, Number]:
     """Factors of the trial as the regression counts them, without unit.
 
     Args:
@@ -23,7 +31,15 @@ def coded_factors(foam_mm: float, age_d: float, pressure_mpa: float) -> tuple[fl
     return (foam_mm - 12) / 3.6, (age_d - 50) / 5, (pressure_mpa - 0.45) / 0.13
 
 
-def success_percent(foam_mm: float, age_d: float, pressure_mpa: float) -> float:
+def natural_factors(x1: Number, x2: Number, x3: Number) -> tuple[Number, Number, Number]:
+    """Foam, mm, age, d, and claw pressure, MPa, from the factors as the regression counts them.
+
+    Source: MACHINE.md 5.
+    """
+    return 12 + 3.6 * x1, 50 + 5 * x2, 0.45 + 0.13 * x3
+
+
+def success_percent(foam_mm: Number, age_d: Number, pressure_mpa: Number) -> Number:
     """Share of the seedlings of a trial that end in a cup, eq. 5 of the pepper paper, %.
 
     Not limited to 0 to 100: outside the design region it is an extrapolation and may be anything.
@@ -78,43 +94,5 @@ class CropSpec:
         """
         coded = coded_factors(self.foam_thickness_mm, self.seedling_age_d, self.claw_pressure_mpa)
         rounding = 1e-9
-        beyond_axis = max(map(abs, coded)) > _AXIAL_LEVEL + rounding
-        return beyond_axis or math.hypot(*coded) > _FACTORIAL_RADIUS + rounding
-
-    @property
-    def failure_share(self) -> float:
-        """Expected share of seedlings that never reach a cup, 0 to 1."""
-        percent = success_percent(self.foam_thickness_mm, self.seedling_age_d, self.claw_pressure_mpa)
-        return 1 - min(max(percent, 0.0), 100.0) / 100
-
-
-class Fate(enum.Enum):
-    """What a seedling does by itself when the machine makes no mistake."""
-
-    THRIVES = "ends in a cup"
-    FAILS_PICK = "is not pulled out of its cell"
-    FAILS_CARRY = "breaks off on the way"
-    FAILS_THROW = "falls beside its cup"
-
-
-def fate_of(draw: float, failure_share: float) -> Fate:
-    """Outcome of one seedling; failures are split evenly between pick, carry and throw.
-
-    A single draw decides all three, so that a seedling that fails at one setting fails at every
-    worse one.
-
-    Args:
-        draw: Uniform in 0 to 1, the seedling's own.
-        failure_share: Expected share of failures, 0 to 1.
-
-    >>> [fate_of(draw, 0.06).name for draw in (0.019, 0.021, 0.041, 0.061)]
-    ['FAILS_PICK', 'FAILS_CARRY', 'FAILS_THROW', 'THRIVES']
-
-    Source: MACHINE.md 5 for the sum; the even split is assumed until seedlings have mechanics.
-    """
-    third = failure_share / 3
-    if draw < third:
-        return Fate.FAILS_PICK
-    if draw < 2 * third:
-        return Fate.FAILS_CARRY
-    return Fate.FAILS_THROW if draw < failure_share else Fate.THRIVES
+        beyond_axis = max(map(abs, coded)) > AXIAL_LEVEL + rounding
+        return beyond_axis or math.hypot(*coded) > FACTORIAL_RADIUS + rounding

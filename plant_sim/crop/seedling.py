@@ -5,12 +5,14 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from plant_sim.crop.response import Fate, fate_of
+from plant_sim.crop.traits import Traits, draw_traits
 
 #: Cells of a tray in the direction of travel; also claws an arm. Source: MACHINE.md 1.
 CELLS_ALONG = 12
 #: Columns of cells across a tray: three pick positions for either arm. Source: MACHINE.md 1.
 COLUMNS = 6
+#: Cells of a tray.
+TRAY_CELLS = COLUMNS * CELLS_ALONG
 
 
 class Place(enum.IntEnum):
@@ -33,18 +35,18 @@ class Seedling:
         tray: Number of its tray.
         column: Column in the tray, 0 at the left.
         along: Cell in the column, 0 at the front edge; also the claw that takes it.
-        fate: What it does by itself.
+        traits: What makes it differ from the next one.
         place: Where it is.
     """
 
-    __slots__ = ("along", "column", "fate", "place", "tray")
+    __slots__ = ("along", "column", "place", "traits", "tray")
 
-    def __init__(self, tray: int, column: int, along: int, fate: Fate) -> None:
+    def __init__(self, tray: int, column: int, along: int, traits: Traits) -> None:
         """Let it stand in its cell."""
         self.tray = tray
         self.column = column
         self.along = along
-        self.fate = fate
+        self.traits = traits
         self.place = Place.STANDING
 
 
@@ -74,26 +76,25 @@ class SeedlingCounts:
 class Seedlings:
     """All seedlings of a run, in trays of 6 columns with 12 cells each.
 
-    A seedling's fate depends on the seed, its tray and its cell, not on when or how it is handled.
+    A seedling's traits depend on the seed, its tray and its cell, not on when or how it is handled.
 
     Attributes:
         total: How many there are.
         moves: Every move since somebody began to record them, who also empties it; None: nobody does.
     """
 
-    def __init__(self, *, trays: int, failure_share: float, seed: int) -> None:
+    def __init__(self, *, trays: int, seed: int) -> None:
         """Sow every tray.
 
         Args:
             trays: How many trays.
-            failure_share: Expected share of failures, 0 to 1.
             seed: Seed of the run.
         """
         self._seed = seed
         self.moves: list[tuple[Seedling, Place]] | None = None
-        self._trays = [_sow(tray, failure_share, seed) for tray in range(trays)]
+        self._trays = [_sow(tray, seed) for tray in range(trays)]
         self._at = [0] * len(Place)
-        self._at[Place.STANDING] = self.total = trays * COLUMNS * CELLS_ALONG
+        self._at[Place.STANDING] = self.total = trays * TRAY_CELLS
 
     def __iter__(self) -> Iterator[Seedling]:
         return (plant for tray in self._trays for column in tray for plant in column)
@@ -105,10 +106,10 @@ class Seedlings:
 
     def empty_cells(self, tray: int) -> int:
         """How many cells of a tray never held a seedling."""
-        return COLUMNS * CELLS_ALONG - sum(len(column) for column in self._trays[tray])
+        return TRAY_CELLS - sum(len(column) for column in self._trays[tray])
 
     def leave_out(self, tray: int, cells: int) -> None:
-        """Let cells of a tray hold no seedling, drawn at random; the others keep their fate.
+        """Let cells of a tray hold no seedling, drawn at random; the others keep their traits.
 
         Args:
             tray: The tray; nothing has touched it yet.
@@ -147,9 +148,9 @@ class Seedlings:
         )
 
 
-def _sow(tray: int, failure_share: float, seed: int) -> list[list[Seedling]]:
+def _sow(tray: int, seed: int) -> list[list[Seedling]]:
     draws = random.Random(f"seed {seed}, tray {tray}")
     return [
-        [Seedling(tray, column, along, fate_of(draws.random(), failure_share)) for along in range(CELLS_ALONG)]
+        [Seedling(tray, column, along, draw_traits(draws)) for along in range(CELLS_ALONG)]
         for column in range(COLUMNS)
     ]
