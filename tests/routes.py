@@ -22,7 +22,7 @@ from plant_sim.bench.twin import Twin
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 BRISK = MACHINE.with_values({"cups.planting_frequency_per_min": 60.0})
-"""A faster tractor: these stories are not about the pace, and the seedlings' fate does not depend on it."""
+"""A faster tractor: these stories are not about the pace."""
 NUDGE_M = 0.012
 """Out of a row's switch and its hysteresis, but not yet at the next row."""
 

@@ -1,9 +1,9 @@
-"""Response surface, fates, trays and counting, without a machine around them."""
+"""Response surface, traits, trays and counting, without a machine around them."""
 
 import dataclasses
 import math
-from collections import Counter
 
+import numpy as np
 import pytest
 
 from plant_sim.crop.bed import Bed
@@ -12,8 +12,10 @@ from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
-from plant_sim.crop.response import CropSpec, Fate, fate_of, success_percent
+from plant_sim.crop.mechanics import Mechanics
+from plant_sim.crop.response import CropSpec, success_percent
 from plant_sim.crop.seedling import Place, Seedling, Seedlings
+from plant_sim.crop.traits import TYPICAL, Traits
 from plant_sim.parameters import load_machine
 from plant_sim.spec import SpecError
 
@@ -45,7 +47,6 @@ def percent_of(crop: CropSpec) -> float:
 
 def test_eq_5_at_the_optimum_of_the_paper() -> None:
     assert success_percent(10, 51, 0.40) == pytest.approx(94.93, abs=0.01)
-    assert DEFAULT.failure_share == pytest.approx(0.0507, abs=0.0001)
 
 
 def test_eq_5_is_best_where_the_paper_says() -> None:
@@ -82,59 +83,42 @@ def test_the_trials_are_inside_the_design_region_and_what_is_beyond_them_is_not(
     assert all(at_coded(*(1.02 * x for x in coded)).extrapolates for coded, _ in TRIALS if any(coded))
 
 
-def test_success_is_kept_between_nothing_and_everything() -> None:
-    hopeless = CropSpec(foam_thickness_mm=30, seedling_age_d=90, claw_pressure_mpa=1.0)
-    assert percent_of(hopeless) < 0
-    assert hopeless.failure_share == 1.0
-    assert hopeless.extrapolates
+def traits_of(seed: int, trays: int) -> list[list[Traits]]:
+    seedlings = Seedlings(trays=trays, seed=seed)
+    return [[plant.traits for column in range(6) for plant in seedlings.column(tray, column)] for tray in range(trays)]
 
 
-def test_failures_are_split_evenly_between_pick_carry_and_throw() -> None:
-    seedlings = Seedlings(trays=200, failure_share=0.30, seed=7)
-    fates = Counter(seedling.fate for seedling in seedlings)
-    for fate in (Fate.FAILS_PICK, Fate.FAILS_CARRY, Fate.FAILS_THROW):
-        assert fates[fate] == pytest.approx(1_440, abs=4 * 36)  # SD of 14400 draws at 0.1
-    assert sum(fates.values()) == 14_400
-
-
-def test_failures_at_the_default_add_up_to_eq_5_over_many_seeds() -> None:
-    lost = Counter(
-        seedling.fate
-        for seed in range(100)
-        for seedling in Seedlings(trays=2, failure_share=DEFAULT.failure_share, seed=seed)
-    )
-    for fate in (Fate.FAILS_PICK, Fate.FAILS_CARRY, Fate.FAILS_THROW):
-        assert lost[fate] == pytest.approx(243, abs=4 * 15.5)  # 14400 draws at 0.0169
-    assert lost[Fate.THRIVES] == pytest.approx(13_670, abs=4 * 26.3)
-
-
-def test_a_seedling_that_fails_fails_at_every_worse_setting() -> None:
-    for draw in (0.0, 0.01, 0.049, 0.3, 0.99):
-        failed = [fate_of(draw, share) is not Fate.THRIVES for share in (0.0, 0.05, 0.5, 1.0)]
-        assert failed == sorted(failed)
-
-
-def fates_of(seed: int, trays: int) -> list[list[Fate]]:
-    seedlings = Seedlings(trays=trays, failure_share=0.5, seed=seed)
-    return [[plant.fate for column in range(6) for plant in seedlings.column(tray, column)] for tray in range(trays)]
-
-
-def test_fates_depend_on_seed_and_tray_only() -> None:
-    assert fates_of(3, trays=2) == fates_of(3, trays=5)[:2]
-    assert fates_of(3, trays=1) != fates_of(4, trays=1)
-    first, second = fates_of(3, trays=2)
+def test_traits_depend_on_seed_and_tray_only() -> None:
+    assert traits_of(3, trays=2) == traits_of(3, trays=5)[:2]
+    assert traits_of(3, trays=1) != traits_of(4, trays=1)
+    first, second = traits_of(3, trays=2)
     assert first != second
 
 
+def test_traits_are_standard_normal_and_independent() -> None:
+    """14,400 seedlings: means within 4/sqrt(n), variances within 4 sqrt(2/n), correlations within 4/sqrt(n)."""
+    drawn = np.array([plant.traits for plant in Seedlings(trays=200, seed=7)])
+    assert np.abs(drawn.mean(axis=0)).max() < 4 / math.sqrt(14_400)
+    assert np.abs(drawn.var(axis=0) - 1).max() < 4 * math.sqrt(2 / 14_400)
+    correlations = np.corrcoef(drawn.T) - np.eye(drawn.shape[1])
+    assert np.abs(correlations).max() < 4 / math.sqrt(14_400)
+
+
+def test_typical_seedlings_are_all_alike() -> None:
+    seedlings = Seedlings(trays=1, seed=1)
+    seedlings.make_typical()
+    assert {plant.traits for plant in seedlings} == {TYPICAL}
+
+
 def test_a_tray_has_twelve_seedlings_in_each_of_six_columns() -> None:
-    seedlings = Seedlings(trays=2, failure_share=0.0, seed=1)
+    seedlings = Seedlings(trays=2, seed=1)
     cells = {(plant.tray, plant.column, plant.along) for plant in seedlings}
     assert cells == {(tray, column, along) for tray in (0, 1) for column in range(6) for along in range(12)}
     assert [plant.along for plant in seedlings.column(1, 4)] == list(range(12))
 
 
 def test_moving_a_seedling_counts_it_once() -> None:
-    seedlings = Seedlings(trays=1, failure_share=0.0, seed=1)
+    seedlings = Seedlings(trays=1, seed=1)
     seedling = seedlings.column(0, 0)[0]
     for place in (Place.CLAMPED, Place.IN_CLAW, Place.FALLING, Place.IN_CUP):
         seedlings.move(seedling, place)
@@ -149,7 +133,7 @@ def test_moving_a_seedling_counts_it_once() -> None:
 )
 def test_the_claws_reach_what_lies_under_them(offset_m: float, count: int) -> None:
     """A tray that is off by half a cell and a little has one cell less under the claws, and so on."""
-    seedlings = Seedlings(trays=1, failure_share=0.0, seed=1)
+    seedlings = Seedlings(trays=1, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
     bed.lay([(0, offset_m)], trays_m=0.0, is_placed=True, turned={})
     standing = bed.standing(2)
@@ -160,7 +144,7 @@ def test_the_claws_reach_what_lies_under_them(offset_m: float, count: int) -> No
 
 def test_a_tray_askew_has_its_seedlings_off_their_line_by_the_way_along() -> None:
     """10 mrad about the middle: cells 0 and 11 are 5.5 pitches of 43 mm from it, 2.365 mm off, one each way."""
-    seedlings = Seedlings(trays=2, failure_share=0.0, seed=1)
+    seedlings = Seedlings(trays=2, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
     bed.lay([(0, 0.0)], trays_m=0.0, is_placed=True, turned={0: 0.010})
     column = seedlings.column(0, 0)
@@ -183,10 +167,12 @@ def test_a_tray_askew_has_its_seedlings_off_their_line_by_the_way_along() -> Non
 def test_claws_clamp_only_where_everything_is_right(pose: Pose, is_placed: bool, place: Place) -> None:
     machine = load_machine()
     row = Row()
+    row.seedlings.make_typical()
     bed = Bed(row.seedlings, pitch_m=0.043)
     bed.lay([(0, 0.0)], trays_m=0.0, is_placed=is_placed, turned={})
     reach = Reach("left", machine.columns_m, tray_edge_m=0.16, mirrored=False, spread_m=0.187, reach_m=0.015)
-    grip = Grip(machine.handling, reach, row.seedlings, bed, row=row.row, report=lambda *_: None)
+    mechanics = Mechanics(machine.seedling, foam_mm=10.0, age_d=51.0)
+    grip = Grip(machine.handling, mechanics, reach, row.seedlings, bed, row=row.row, report=lambda *_: None)
     grip.step(dataclasses.replace(pose, gripping=False, free=True))
     grip.step(pose)
     assert {plant.place for plant in row.seedlings.column(0, 0)} == {place}
@@ -196,7 +182,7 @@ class Row:
     """A row of cups moved by hand; the chain stands so that cup -n is under claw n."""
 
     def __init__(self) -> None:
-        self.seedlings = Seedlings(trays=2, failure_share=0.0, seed=1)
+        self.seedlings = Seedlings(trays=2, seed=1)
         self.told: list[Incident] = []
         self.row = PlantingRow(
             "left", self.seedlings, lambda kind, _: self.told.append(kind), pitch_m=0.060, catch_m=0.016

@@ -398,12 +398,12 @@ def test_missing_cells_hold_nothing_from_the_start() -> None:
     assert after.in_claw + after.P == before
 
 
-def test_missing_cells_depend_on_the_seed_alone_and_leave_the_others_their_fate() -> None:
+def test_missing_cells_depend_on_the_seed_alone_and_leave_the_others_as_they_are() -> None:
     def sown(seed: int, *faults: str) -> dict[tuple[int, int, int], object]:
         rig = Rig(seed=seed)
         for fault in faults:
             rig.plant.faults.add(parse_fault(fault))
-        return {(each.tray, each.column, each.along): each.fate for each in rig.plant.seedlings}
+        return {(each.tray, each.column, each.along): each.traits for each in rig.plant.seedlings}
 
     full, thin = sown(1), sown(1, "missing_cells:tray_2=6")
     assert len(thin) == len(full) - 6

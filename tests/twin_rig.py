@@ -38,8 +38,9 @@ def switched_on(
     io_map: IoMap | None = None,
     mode: Mode = Mode.CONTINUOUS,
 ) -> Twin:
-    """Return a machine in Stopped, guarded by every monitor."""
+    """Return a machine in Stopped, guarded by every monitor; its seedlings are such that none fails by itself."""
     twin = guard(Twin(seed=seed, trays=trays, io_map=io_map, parameters=parameters, set_points=set_points))
+    twin.plant.seedlings.make_typical()
     twin.scan()
     twin.command(f"mode_{mode.name.lower()}")
     twin.scan()
@@ -95,7 +96,7 @@ def to_complete(twin: Twin, *, within_ms: int = 4 * TRAY_MS) -> SeedlingCounts:
 
 @cache
 def undisturbed(seed: int = 1, trays: int = 1) -> SeedlingCounts:
-    """Return where the seedlings are after a run that nothing disturbed; their fate depends on the seed alone."""
+    """Return where the seedlings are after a run that nothing disturbed."""
     return to_complete(at_work({"trays_target": trays}, seed=seed, trays=trays))
 
 

@@ -97,7 +97,7 @@ class Setting:
             IoMapError: the wires cannot be used.
             MachineError: the parameters cannot.
         """
-        return Twin(
+        twin = Twin(
             seed=self.seed,
             trays=self.trays,
             io_map=_io_map(self.io_map),
@@ -105,6 +105,8 @@ class Setting:
             set_points={"trays_target": self.trays},
             faults=faults,
         )
+        twin.plant.seedlings.make_typical()  # whatever is lost is lost to the fault
+        return twin
 
 
 @cache
@@ -135,7 +137,7 @@ class Undisturbed(NamedTuple):
 
 @cache
 def undisturbed(setting: Setting) -> Undisturbed:
-    """Run a trial without a fault; the fate of a seedling depends on the seed alone."""
+    """Run a trial without a fault."""
     twin = setting.twin()
     twin.home()
     twin.start()

@@ -5,7 +5,7 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from plant_sim.crop.traits import Traits, draw_traits
+from plant_sim.crop.traits import TYPICAL, Traits, draw_traits
 
 #: Cells of a tray in the direction of travel; also claws an arm. Source: MACHINE.md 1.
 CELLS_ALONG = 12
@@ -121,6 +121,11 @@ class Seedlings:
             columns[seedling.column].remove(seedling)
         self._at[Place.STANDING] -= cells
         self.total -= cells
+
+    def make_typical(self) -> None:
+        """Let every seedling be the typical one of its age: under good motion none fails by itself."""
+        for seedling in self:
+            seedling.traits = TYPICAL
 
     def column(self, tray: int, column: int) -> list[Seedling]:
         """The seedlings of one column, front edge first, wherever they are now."""

@@ -1,0 +1,164 @@
+"""What decides over a seedling: each law for itself, and the share of a population by the same laws."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from plant_sim.crop.expectation import Motion, expected
+from plant_sim.crop.mechanics import Mechanics, SeedlingSpec
+from plant_sim.crop.seedling import Seedlings
+from plant_sim.crop.traits import TYPICAL
+from plant_sim.parameters import load_machine
+from plant_sim.spec import SpecError
+
+MACHINE = load_machine()
+SPEC = MACHINE.seedling
+FORCE_N = 7.8
+MOTION = Motion(0.004, 0.0029, FORCE_N, 11.9, 0.0005, 0.0016, 0.1277, 0.016)
+
+
+def mechanics(foam_mm: float = 10.0, age_d: float = 51.0, spec: SeedlingSpec = SPEC) -> Mechanics:
+    return Mechanics(spec, foam_mm=foam_mm, age_d=age_d)
+
+
+def test_the_free_stem_by_hand() -> None:
+    """128 mm at 51 d, and so much a day; the fingers' height below it counts in its standard deviations."""
+    need_m, sd_m, growth_m_d = SPEC.finger_height_m, SPEC.height_sd_m, 1e-3 * SPEC.growth_mm_d
+    for age_d in (41.0, 51.0, 58.0):
+        margin = (0.128 + growth_m_d * (age_d - 51) - need_m) / sd_m
+        assert float(mechanics(age_d=age_d).height_margin()) == pytest.approx(margin)
+
+
+def test_the_grip_by_hand() -> None:
+    """Two fingers, friction as at 50 d, less the weight, over the adhesion."""
+    spec = dataclasses.replace(SPEC, friction_age=0.0, friction_age2=0.0)
+    holds_n = 2 * 0.5 * FORCE_N - spec.plug_kg * 9.80665
+    margin = math.log(holds_n / spec.adhesion_n) / spec.adhesion_sd
+    assert float(mechanics(age_d=58.0, spec=spec).slip_margin(FORCE_N)) == pytest.approx(margin)
+
+
+def test_foam_as_thick_as_the_yield_takes_half_of_the_force() -> None:
+    at_10_mm = 1 / (1 + (10 / SPEC.yield_mm) ** SPEC.yield_exponent)
+    weaker = mechanics(foam_mm=SPEC.yield_mm).slip_margin(FORCE_N)
+    assert float(weaker) == pytest.approx(float(mechanics().slip_margin(FORCE_N * 0.5 / at_10_mm)))
+
+
+def test_a_contact_pressure_as_great_as_the_endurance_breaks_half_of_the_stems() -> None:
+    spec = dataclasses.replace(SPEC, contact_force=0.5)
+    plain = mechanics(age_d=50.0, spec=spec)
+    force_n = 8.0 * spec.endurance**2
+    assert float(plain.break_margin(force_n, 12.5)) == pytest.approx(0.0, abs=1e-12)
+    assert plain.breaks(TYPICAL, 1.01 * force_n, 12.5)
+    assert not plain.breaks(TYPICAL, 0.99 * force_n, 12.5)
+    assert plain.breaks(TYPICAL, 0.99 * force_n, 25.0)  # 2 to the power of 0.1 is 7 % more, and 1 % of force 0.5 %
+
+
+def test_drifts_add_as_squares_and_grow_with_the_fall() -> None:
+    alone = [
+        dataclasses.replace(SPEC, **{name: 0.0 for name in ("crown_m", "sway_m", "stick_m") if name != kept})
+        for kept in ("crown_m", "sway_m", "stick_m")
+    ]
+    parts = [float(mechanics(spec=spec).drift_sd_m(FORCE_N, 0.1277)) for spec in alone]
+    assert min(parts) > 0
+    whole = float(mechanics().drift_sd_m(FORCE_N, 0.1277))
+    assert whole == pytest.approx(math.hypot(*parts))
+    assert float(mechanics().drift_sd_m(FORCE_N, 0.2554)) == pytest.approx(2 * whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "worse"),
+    [("height", "height"), ("grasp", "grasp"), ("strength", "strength"), ("endurance", "endurance")],
+)
+def test_a_seedling_fails_where_its_own_deviation_is_below_the_margin(name: str, worse: str) -> None:
+    plain = mechanics()
+    margin = float({
+        "height": plain.height_margin(), "grasp": plain.slip_margin(FORCE_N),
+        "strength": plain.cut_margin(FORCE_N), "endurance": plain.break_margin(FORCE_N, 11.9),
+    }[name])  # fmt: skip
+
+    def fails(deviation: float) -> bool:
+        traits = TYPICAL._replace(**{worse: deviation})
+        return (
+            plain.is_missed(traits, along_m=0.0, across_m=0.0)
+            or plain.slips(traits, FORCE_N)
+            or plain.is_cut(traits, FORCE_N)
+            or plain.breaks(traits, FORCE_N, 11.9)
+        )
+
+    assert not fails(-margin + 1e-6)
+    assert fails(-margin - 1e-6)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_stem_between_the_pads_is_missed_where_lean_and_error_add_up(sign: int) -> None:
+    plain, lean_m = mechanics(), SPEC.lean_sd_m
+    for off_m, reach_m, lean in ((0.004, SPEC.gap_m, "lean_along"), (0.003, SPEC.strip_reach_m, "lean_across")):
+        limit = (reach_m - off_m) / lean_m
+        for deviation, missed in ((limit - 1e-6, False), (limit + 1e-6, True), (-limit - 1e-6, False)):
+            traits = TYPICAL._replace(**{lean: sign * deviation})
+            errors = {"along_m": 0.0, "across_m": 0.0}
+            errors["along_m" if lean == "lean_along" else "across_m"] = sign * off_m
+            assert plain.is_missed(traits, **errors) is missed, (lean, deviation)
+
+
+@pytest.mark.parametrize("setting", [(10.0, 51.0, 7.8), (16.0, 45.0, 5.0), (7.0, 57.0, 11.0)])
+def test_the_expected_shares_are_those_of_many_seedlings(setting: tuple[float, float, float]) -> None:
+    """28,800 seedlings, each decided over for itself; four standard deviations of a binomial share."""
+    foam_mm, age_d, force_n = setting
+    plain = mechanics(foam_mm, age_d)
+    motion = dataclasses.replace(MOTION, force_n=force_n)
+    lost = np.zeros(3)
+    crowd = list(Seedlings(trays=400, seed=5))
+    for plant in crowd:
+        traits = plant.traits
+        drift = plain.drift_m(traits, force_n, 0.1277)
+        if (
+            plain.is_missed(traits, along_m=0.004, across_m=0.0029)
+            or plain.is_cut(traits, force_n)
+            or plain.slips(traits, force_n)
+        ):
+            lost[0] += 1
+        elif plain.breaks(traits, force_n, 11.9):
+            lost[1] += 1
+        elif math.hypot(drift[0] - 0.0005, drift[1] + 0.0016) > 0.016:
+            lost[2] += 1
+    shares = np.array(expected(plain, motion)[:3], float)
+    assert np.abs(lost / len(crowd) - shares).max() < 4 * math.sqrt(0.25 / len(crowd))
+    assert (np.abs(lost / len(crowd) - shares) <= 4 * np.sqrt(shares * (1 - shares) / len(crowd)) + 1e-9).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "share"),
+    [
+        ({"along_m": 0.007}, "missed"),
+        ({"across_m": 0.0059}, "missed"),
+        ({"force_n": 2.0}, "slipped"),
+        ({"force_n": 14.0}, "cut"),
+        ({"held_s": 600.0}, "D"),
+        ({"throw_along_m": 0.010}, "T"),
+        ({"throw_across_m": 0.010}, "T"),
+        ({"fall_s": 0.2}, "T"),
+    ],
+)
+def test_bad_motion_makes_it_worse(change: dict[str, float], share: str) -> None:
+    good = expected(mechanics(), MOTION)
+    bad = expected(mechanics(), dataclasses.replace(MOTION, **change))
+    assert float(getattr(bad, share)) > 1.2 * float(getattr(good, share))
+    assert float(bad.success_percent) < float(good.success_percent)
+
+
+@pytest.mark.parametrize("foam_mm", [0.0, 1.0, 30.0])
+@pytest.mark.parametrize("age_d", [1.0, 200.0])
+@pytest.mark.parametrize("force_n", [0.0, 0.1, 500.0])
+def test_success_stays_between_nothing_and_everything(foam_mm: float, age_d: float, force_n: float) -> None:
+    shares = expected(mechanics(foam_mm, age_d), dataclasses.replace(MOTION, force_n=force_n))
+    assert all(-1e-12 <= float(share) <= 1 + 1e-12 for share in shares)
+    assert -1e-9 <= float(shares.success_percent) <= 100 + 1e-9
+
+
+def test_properties_that_cannot_be_are_refused() -> None:
+    for name, value in (("friction", 0.0), ("cut_sd", -0.1), ("stick_age", 3.0), ("height_m", math.nan)):
+        with pytest.raises(SpecError, match=name):
+            dataclasses.replace(SPEC, **{name: value})

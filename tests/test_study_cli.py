@@ -1,0 +1,189 @@
+"""The command `study`: what it prints and writes, and how it refuses, in one line and before anything runs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from plant_sim.bench.study import cli, runner
+from plant_sim.bench.study.cli import add_study_arguments, study_command
+from plant_sim.parameters import DEFAULT_MACHINE
+
+OWN = """\
+name: one-factor
+title: One factor
+design: factorial
+factors:
+  crop.claw_pressure_mpa: {levels: [0.4, 0.7]}
+seedlings: 12
+responses: [S, cycle_time_s, missed_cups]
+"""
+
+
+def study(*arguments: str) -> int:
+    """Run the command; return its exit code."""
+    parser = argparse.ArgumentParser()
+    add_study_arguments(parser)
+    return study_command(parser.parse_args(arguments))
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """A file of a study."""
+    path = tmp_path / "one factor.yaml"
+    path.write_text(OWN)
+    return path
+
+
+@pytest.fixture
+def nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials fail the test."""
+
+    def trial(**_: object) -> None:
+        raise AssertionError("a trial ran")
+
+    monkeypatch.setattr(runner, "run_trial", trial)
+
+
+def test_a_study_is_printed_and_written(own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Text to stdout, progress and files to stderr; the report names the command that makes it again."""
+    out = tmp_path / "out"
+    assert study("own", str(own), "--workers", "1", "--seed", "4", "--out", str(out)) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("One factor\n==========\n")
+    told = printed.err.splitlines()
+    assert told[:2] == ["1 of 2 trials", "2 of 2 trials"]
+    assert sorted(told[2:]) == sorted(map(str, out.iterdir()))
+    command = f"python -m plant_sim study own '{own}' --seed 4"
+    assert f"```sh\n{command}\n```" in (out / "report.md").read_text()
+    assert json.loads((out / "study.json").read_text())["command"] == command
+
+
+def test_json_is_one_object_and_equal_seeds_give_equal_studies(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command line overrides the file; the number of workers changes nothing."""
+    assert study("own", str(own), "--json", "--trials", "2", "--seed", "7", "--workers", "1") == 0
+    alone = capsys.readouterr().out
+    record = json.loads(alone)
+    assert (record["study"], record["trials_per_run"], record["seed"]) == ("one-factor", 2, 7)
+    assert [len(run["trials"]) for run in record["runs"]] == [2, 2]
+    assert study("own", str(own), "--json", "--trials", "2", "--seed", "7", "--workers", "2") == 0
+    assert capsys.readouterr().out == alone
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("own",), "FILE: is missing; name the YAML file of the study"),
+        (("throughput", "x.yaml"), "FILE: means nothing with throughput; leave it out"),
+        (("own", "there-is-none.yaml"), "there-is-none.yaml: cannot be read (No such file or directory); "),
+        (("cabbage-rsm",), "--data: cabbage-rsm has two data sets; give printed or reconciled"),
+        (("cabbage-rsm", "--data", "paper"), "--data paper: is no data set of cabbage-rsm; give printed or reconciled"),
+        (("cabbage-rsm", "--data", "printed", "--seed", "1"), "--seed: means nothing with cabbage-rsm, which runs no"),
+        (("pepper-rsm", "--data", "paper", "--io-map", "x"), "--io-map: means nothing with --data, which runs no"),
+        (("pepper-rsm", "--data", "printed"), "--data printed: is no data set of pepper-rsm; give paper"),
+        (("throughput", "--data", "paper"), "--data paper: is no data set of throughput; leave it out"),
+        (("throughput", "--trials", "0"), "--trials 0: give 1 or more"),
+        (("throughput", "--workers", "0"), "--workers 0: give 1 or more"),
+        (("pepper-single", "--seed", "-1"), "--seed -1: give 0 or more"),
+        (("own", "FILE", "--machine", "none.yaml"), "none.yaml: cannot be read"),
+        (("own", "FILE", "--io-map", "none.yaml"), "none.yaml: cannot be read"),
+        (("own", "FILE", "--out", "."), "--out .: "),
+    ],
+)
+def test_a_wrong_option_is_refused_in_one_line_and_nothing_is_written(
+    own: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    nothing_runs: None,
+    arguments: Sequence[str],
+    complaint: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = [str(own) if argument == "FILE" else argument for argument in arguments]
+    if "--out" not in given:
+        given += ["--out", "out"]
+    assert study(*given) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(complaint)
+    assert printed.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [own]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("crop.claw_pressure_mpa", "crop.claw_presure_mpa", ":5: factors.crop.claw_presure_mpa: is no parameter"),
+        ("0.7]", "1.7]", ":5: factors.crop.claw_pressure_mpa: must lie within 0 to 1, not 1.7"),
+        ("0.7]", "0.7 mm]", ":5: factors.crop.claw_pressure_mpa.levels: '0.7 mm': mm does not fit"),
+        ("  crop.claw_pressure_mpa: {levels: [0.4, 0.7]}\n", "", ":4: factors: "),
+        ("missed_cups]", "missed_cup]\nmodel: quadratic", ":7: responses: 'missed_cup' is no number of a trial; did "),
+        ("missed_cups]", "missed_cups]\nmodel: quadratic", ":8: model: quadratic cannot be fitted to this design: "),
+        ("seedlings: 12", "seed: 1\nseed: 2", ":7: file: key 'seed' is already on line 6; delete one"),
+    ],
+    ids=["unknown factor", "impossible level", "wrong unit", "empty design", "response", "singular design", "twice"],
+)
+def test_a_wrong_file_is_refused_in_one_line_and_nothing_is_written(
+    own: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    nothing_runs: None,
+    old: str,
+    new: str,
+    complaint: str,
+) -> None:
+    own.write_text(OWN.replace(old, new))
+    assert study("own", str(own), "--out", str(tmp_path / "out")) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"{own}{complaint}")
+    assert printed.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [own]
+
+
+def test_a_folder_that_is_taken_is_refused_before_anything_runs(
+    own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nothing_runs: None
+) -> None:
+    assert study("own", str(own), "--out", str(tmp_path)) == 2
+    assert capsys.readouterr().err == f"--out {tmp_path}: exists and is not empty; name a new folder or empty it\n"
+
+
+def test_another_machine_is_run_and_named(own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where cups come half as often, an arm waits longer for them."""
+    machine, text = tmp_path / "machine.yaml", DEFAULT_MACHINE.read_text()
+    assert text.count("planting_frequency_per_min: {value: 45.0") == 1
+    machine.write_text(
+        text.replace("planting_frequency_per_min: {value: 45.0", "planting_frequency_per_min: {value: 22.0")
+    )
+    assert study("own", str(own), "--json", "--workers", "1") == 0
+    usual = json.loads(capsys.readouterr().out)
+    assert study("own", str(own), "--json", "--workers", "1", "--machine", str(machine)) == 0
+    slow = json.loads(capsys.readouterr().out)
+    assert slow["command"].endswith(f"--machine {machine}")
+    cycle_s, usual_s = (each["runs"][0]["estimates"]["cycle_time_s"]["mean"] for each in (slow, usual))
+    assert cycle_s > usual_s
+
+
+def test_without_the_extra_one_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, own: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(_: argparse.Namespace) -> None:
+        raise ModuleNotFoundError("No module named 'joblib'", name="joblib")
+
+    entry = cli._Entry("", missing, ("file",))  # type: ignore[arg-type]
+    monkeypatch.setattr(cli, "_STUDIES", {"own": entry})
+    assert study("own", str(own)) == 2
+    assert capsys.readouterr().err == "study: joblib is not installed; install seedling-transplanter[studies]\n"
+
+
+def test_the_command_line_does_not_import_what_only_a_study_needs() -> None:
+    """Statsmodels takes a second: every other command would pay for it."""
+    check = "import sys, plant_sim.bench.study.cli; sys.exit(any(m in sys.modules for m in ('statsmodels', 'joblib')))"
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

@@ -1,0 +1,149 @@
+"""Factors of studies: which names there are, which levels they take, and what a machine becomes by them."""
+
+from __future__ import annotations
+
+import pytest
+
+from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.factors import Setting, knob, ratings_exceeded
+from plant_sim.parameters import load_machine
+
+MACHINE = load_machine()
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "is_whole", "label"),
+    [
+        ("crop.foam_thickness_mm", "mm", False, "crop.foam_thickness_mm, mm"),
+        ("cups.planting_frequency_per_min", "1/min", False, "cups.planting_frequency_per_min, 1/min"),
+        ("cups.pulse_share", "-", False, "cups.pulse_share"),
+        ("claws.grippers", "-", True, "claws.grippers"),
+        ("layout.arms_may_meet_in_plant", "-", True, "layout.arms_may_meet_in_plant"),
+        ("program.release_delay", "x10 ms", True, "program.release_delay, x10 ms"),
+        ("program.no_cups", "x100 ms", True, "program.no_cups, x100 ms"),
+        ("program.descend_at_count", "-", True, "program.descend_at_count"),
+    ],
+)
+def test_a_name_has_its_unit(name: str, unit: str, is_whole: bool, label: str) -> None:
+    found = knob(name, MACHINE)
+    assert (found.name, found.unit, found.is_whole, found.label) == (name, unit, is_whole, label)
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("foam_thickness_mm", "is no factor; did you mean crop.foam_thickness_mm?"),
+        ("zzz", "is no factor; write section.parameter of the machine, or program.SET_POINT"),
+        ("crop.foam_thicknes_mm", "is no parameter of the machine; did you mean foam_thickness_mm?"),
+        ("crops.foam_thickness_mm", "is in no section of the machine; did you mean crop?"),
+        ("progam.release_delay", "is in no section of the machine; did you mean program?"),
+        ("program.releasedelay", "is no set-point of the program; did you mean release_delay?"),
+        ("program.trays_target", "follows from the number of seedlings; set seedlings instead"),
+        ("program.limits", "is no set-point of the program; there are step_sequence, "),
+        ("crop.extrapolates", "is no parameter of the machine; there are "),
+        ("picks_m.count", "is in no section of the machine; "),
+        ("crop.", "is no parameter of the machine; "),
+    ],
+)
+def test_an_unknown_name_is_refused_with_a_remedy(name: str, complaint: str) -> None:
+    with pytest.raises(StudyError) as refusal:
+        knob(name, MACHINE)
+    assert str(refusal.value).startswith(f"{name}: {complaint}")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "level"),
+    [
+        ("crop.foam_thickness_mm", "1 cm", 10.0),
+        ("crop.foam_thickness_mm", "12.5", 12.5),
+        ("crop.claw_pressure_mpa", "4 bar", 0.4),
+        ("cups.planting_frequency_per_min", "1 /s", 60.0),
+        ("program.release_delay", "150 ms", 15.0),
+        ("program.release_delay", "15", 15.0),
+        ("program.no_cups", "4 s", 40.0),
+        ("program.descend_at_count", "9", 9.0),
+        ("layout.arms_may_meet_in_plant", "true", 1.0),
+        ("layout.arms_may_meet_in_plant", "false", 0.0),
+    ],
+)
+def test_a_level_may_be_written_with_its_unit(name: str, text: str, level: float) -> None:
+    assert knob(name, MACHINE).read(text) == pytest.approx(level, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "complaint"),
+    [
+        ("crop.foam_thickness_mm", "10 MPa", "MPa does not fit; write it in m or cm or mm or um"),
+        ("crop.foam_thickness_mm", "10 furlong", "unknown unit furlong"),
+        ("crop.foam_thickness_mm", "thick", "is no number"),
+        ("crop.foam_thickness_mm", "nan", "is no number"),
+        ("program.release_delay", "1.5", "a time needs its unit"),
+        ("program.descend_at_count", "9 ms", "ms does not fit"),
+    ],
+)
+def test_a_level_that_is_no_such_quantity_is_refused(name: str, text: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        knob(name, MACHINE).read(text)
+
+
+def test_a_setting_changes_what_it_names_and_nothing_else() -> None:
+    setting = Setting({"crop.foam_thickness_mm": 12.5, "claws.grippers": 11.0, "layout.arms_may_meet_in_plant": 1.0,
+                       "program.release_delay": 15.0})  # fmt: skip
+    machine = setting.machine(MACHINE)
+    assert (machine.crop.foam_thickness_mm, machine.claws.grippers) == (12.5, 11)
+    assert machine.layout.arms_may_meet_in_plant is True
+    assert isinstance(machine.claws.grippers, int)
+    back = {"crop.foam_thickness_mm": MACHINE.crop.foam_thickness_mm, "claws.grippers": MACHINE.claws.grippers,
+            "layout.arms_may_meet_in_plant": False}  # fmt: skip
+    assert machine.with_values(back) == MACHINE
+    assert setting.set_points() == {"release_delay": 15}
+
+
+def test_an_empty_setting_is_the_machine_as_it_is() -> None:
+    assert Setting({}).machine(MACHINE) == MACHINE
+    assert Setting({}).set_points() == {}
+
+
+def test_whole_numbers_may_be_given_as_such() -> None:
+    setting = Setting({"crop.seedling_age_d": 50, "claws.grippers": 12, "program.release_delay": 15})
+    assert setting.machine(MACHINE).crop.seedling_age_d == 50.0
+    assert setting.set_points() == {"release_delay": 15}
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ({"crop.foam_thickness_mm": 31.0}, "crop.foam_thickness_mm: must lie within 0 to 30, not 31"),
+        ({"crop.foam_thickness_mm": float("inf")}, "crop.foam_thickness_mm: must be a finite number, not inf"),
+        ({"crop.foam": 1.0}, "crop.foam: is no parameter of the machine; there are "),
+        ({"claws.grippers": 11.5}, "claws.grippers: must be a whole number, not 11.5"),
+        ({"layout.arms_may_meet_in_plant": 0.5}, "layout.arms_may_meet_in_plant: is a switch and must be 0 or 1"),
+        (
+            {"handling.cell_pitch_m": 0.05},
+            "spreader.travel_m: spreads the claws to 0.067 m; it must be cups.pitch_m to a millimetre (with "
+            "handling.cell_pitch_m = 0.05)",
+        ),
+    ],
+)
+def test_an_impossible_machine_is_refused(values: dict[str, float], complaint: str) -> None:
+    with pytest.raises(StudyError) as refusal:
+        Setting(values).machine(MACHINE)
+    assert str(refusal.value).startswith(complaint)
+
+
+@pytest.mark.parametrize("value", [-1.0, 101.0, 1.5, float("nan")])
+def test_an_impossible_set_point_is_refused(value: float) -> None:
+    with pytest.raises(StudyError, match=r"^program.release_delay: must be a whole number, 0 to 100, not "):
+        Setting({"program.release_delay": value}).set_points()
+    with pytest.raises(StudyError, match="did you mean release_delay"):
+        Setting({"program.release_dely": 1.0}).set_points()
+
+
+def test_what_exceeds_a_rating_is_told_once() -> None:
+    high = Setting({"crop.claw_pressure_mpa": 0.65})
+    also = Setting({"crop.claw_pressure_mpa": 0.65, "crop.foam_thickness_mm": 12.0})
+    found = ratings_exceeded([Setting({}), high, also], MACHINE)
+    assert len(found) == 1
+    assert found[0].startswith("crop.claw_pressure_mpa: 0.65 MPa is outside the rating of the MHC2 claws")
+    assert ratings_exceeded([Setting({})], MACHINE) == []

@@ -1,0 +1,111 @@
+"""The best setting is the best in the box, and a front holds what nothing beats."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant_sim.bench.study.design import full_factorial
+from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.optimum import best, pareto
+from plant_sim.bench.study.regression import Polynomial, terms
+
+LOW, HIGH = (-1.0, -1.0), (1.0, 1.0)
+GRID = full_factorial([np.linspace(-1, 1, 41).tolist()] * 2)
+
+quadratics = st.lists(st.integers(-9, 9), min_size=6, max_size=6).map(
+    lambda values: Polynomial(dict(zip(("1", *terms(2, "quadratic")), map(float, values), strict=True)))
+)
+
+
+def test_an_optimum_inside_the_box_is_where_the_slope_is_none() -> None:
+    """S = 90 - (X1 - 0.3)^2 - 2 (X2 + 0.4)^2."""
+    surface = Polynomial({"1": 90 - 0.09 - 0.32, "X1": 0.6, "X2": -1.6, "X1^2": -1.0, "X2^2": -2.0})
+    point, value = best(surface, LOW, HIGH)
+    assert point == pytest.approx([0.3, -0.4], abs=1e-4)
+    assert value == pytest.approx(90.0, abs=1e-6)
+
+
+def test_an_optimum_beyond_the_box_lies_on_its_edge() -> None:
+    surface = Polynomial({"X1": 1.0, "X2": -1.6, "X2^2": -2.0})
+    point, value = best(surface, LOW, (0.5, 1.0))
+    assert point == pytest.approx([0.5, -0.4], abs=1e-4)
+    assert value == pytest.approx(0.82, abs=1e-6)
+    point, _ = best(surface, LOW, HIGH, maximise=False)
+    assert point == pytest.approx([-1.0, 1.0])
+
+
+@settings(deadline=None, max_examples=40)
+@given(quadratics, st.booleans())
+def test_nothing_in_the_box_is_better(surface: Polynomial, maximise: bool) -> None:
+    point, value = best(surface, LOW, HIGH, maximise=maximise)
+    everywhere = surface.predict(GRID)
+    assert value == pytest.approx(float(surface.predict(point)[0]))
+    assert np.all(np.abs(point) <= 1)
+    if maximise:
+        assert value >= everywhere.max() - 1e-5
+    else:
+        assert value <= everywhere.min() + 1e-5
+
+
+@settings(deadline=None, max_examples=15)
+@given(quadratics, quadratics)
+def test_no_setting_beats_a_front_in_both(a: Polynomial, b: Polynomial) -> None:
+    front = pareto(a, b, LOW, HIGH, 9)
+    assert np.all(np.abs(front.coded) <= 1)
+    assert front.a == pytest.approx(a.predict(front.coded))
+    assert np.all(np.diff(front.a) >= 0)
+    assert np.all(np.diff(front.b) <= 0)
+    for grid_a, grid_b in zip(a.predict(GRID), b.predict(GRID), strict=True):
+        assert not np.any((grid_a < front.a - 1e-4) & (grid_b < front.b - 1e-4))
+    assert front.a[0] == pytest.approx(best(a, LOW, HIGH, maximise=False)[1], abs=1e-4)
+    assert front.b[-1] == pytest.approx(best(b, LOW, HIGH, maximise=False)[1], abs=1e-4)
+
+
+def test_a_known_front_between_two_aims() -> None:
+    """The squared distances from (-1, 0) and (1, 0): the front is the line between them."""
+    a = Polynomial({"1": 1.0, "X1": 2.0, "X1^2": 1.0, "X2^2": 1.0})
+    b = Polynomial({"1": 1.0, "X1": -2.0, "X1^2": 1.0, "X2^2": 1.0})
+    front = pareto(a, b, LOW, HIGH, 9)
+    assert len(front.a) == 9
+    assert front.coded[:, 1] == pytest.approx(np.zeros(9), abs=1e-3)
+    assert np.sqrt(front.a) + np.sqrt(front.b) == pytest.approx(np.full(9, 2.0), abs=1e-3)
+
+
+def test_a_front_that_bends_inward_is_found() -> None:
+    """On the edge X2 = -1, b = 1 - a^2 for a = (X1 + 1) / 2: weighted sums would find only its ends."""
+    a = Polynomial({"1": 1.5, "X1": 0.5, "X2": 1.0})
+    b = Polynomial({"1": 1.75, "X1": -0.5, "X1^2": -0.25, "X2": 1.0})
+    front = pareto(a, b, LOW, HIGH, 11)
+    assert len(front.a) == 11
+    assert front.coded[:, 1] == pytest.approx(np.full(11, -1.0), abs=1e-3)
+    assert front.b == pytest.approx(1 - front.a**2, abs=1e-3)
+
+
+def test_responses_that_agree_have_a_front_of_one_point() -> None:
+    surface = Polynomial({"X1": 1.0, "X2": 1.0})
+    assert pareto(surface, surface, LOW, HIGH, 9).coded.tolist() == [[-1.0, -1.0]]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "says"),
+    [
+        ((), (), "give one pair a factor"),
+        ((-1.0,), (1.0, 1.0), "1 lower and 2 upper"),
+        ((-1.0, 1.0), (1.0, -1.0), "bounds of X2: 1 to -1 is no range"),
+        ((-1.0, 0.0), (1.0, 0.0), "bounds of X2"),
+        ((float("-inf"), 0.0), (1.0, 1.0), "bounds of X1"),
+        ((-1.0,) * 7, (1.0,) * 7, "7 factors are too many"),
+    ],
+)
+def test_bounds_that_are_none_are_refused(low: tuple[float, ...], high: tuple[float, ...], says: str) -> None:
+    with pytest.raises(StudyError, match=says):
+        best(Polynomial({"X1": 1.0}), low, high)
+
+
+def test_a_front_of_one_point_is_refused() -> None:
+    surface = Polynomial({"X1": 1.0, "X2": 1.0})
+    with pytest.raises(StudyError, match="at least 2"):
+        pareto(surface, surface, LOW, HIGH, 1)

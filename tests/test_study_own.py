@@ -1,0 +1,370 @@
+"""Studies of one's own: the file, the design it makes, the analysis of known responses, and one run on the twin."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
+from plant_sim.bench.report import TrialReport
+from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.factors import Setting
+from plant_sim.bench.study.own import Estimate, estimate, own_study
+from plant_sim.bench.study.own_file import load_own_study, responses
+from plant_sim.bench.study.parts import Heading, Picture, Table
+from plant_sim.bench.study.report import Study
+from plant_sim.bench.study.runner import RunOptions
+from plant_sim.bench.trial import run_trial
+from plant_sim.parameters import load_machine
+
+EXAMPLE = Path(__file__).parents[1] / "docs/examples/own-study.yaml"
+MACHINE = load_machine()
+FOAM, PRESSURE = "crop.foam_thickness_mm", "crop.claw_pressure_mpa"
+
+GOOD = """\
+name: foam-and-pressure
+title: Foam and pressure
+design: factorial
+factors:
+  crop.foam_thickness_mm: {levels: [8 mm, 1 cm, 12]}
+  crop.claw_pressure_mpa: {low: 0.3, high: 5 bar}
+replicates: 2
+seedlings: 12
+responses: [S, cycle_time_s]
+model: interactions
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    """A file of a study."""
+    path = tmp_path / "study.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def edited(old: str, new: str) -> str:
+    """The good study with one place changed."""
+    assert GOOD.count(old) == 1
+    return GOOD.replace(old, new)
+
+
+@cache
+def some_report() -> TrialReport:
+    """A report to change."""
+    return run_trial(seed=1, seedlings=12)
+
+
+def report(**values: object) -> TrialReport:
+    """A report with some values."""
+    return replace(some_report(), **values)  # type: ignore[arg-type]
+
+
+class Known(RunOptions):
+    """Trials whose cycle time is a known function of the setting, and whose scatter is known too."""
+
+    __slots__ = ()
+
+    @staticmethod
+    def cycle_time_s(foam_mm: float, pressure_mpa: float) -> float:
+        """The function, s."""
+        return 8.0 + 0.5 * (foam_mm - 10) - 20.0 * (pressure_mpa - 0.4) + 10.0 * (foam_mm - 10) * (pressure_mpa - 0.4)
+
+    def run(self, settings: Sequence[Setting], *, seedlings: int = 144) -> list[list[TrialReport]]:
+        """Give every setting its reports; the scatter of its trials has mean 0."""
+        scatter_s = np.linspace(-0.1, 0.1, self.trials)
+        return [
+            [
+                report(
+                    seedlings=seedlings,
+                    in_cups=seedlings - 1,
+                    cycle_time_s=self.cycle_time_s(setting.values[FOAM], setting.values[PRESSURE]) + float(error_s),
+                )
+                for error_s in scatter_s
+            ]
+            for setting in settings
+        ]
+
+
+def options(kind: type[RunOptions] = Known) -> RunOptions:
+    """How to run a study in a test."""
+    return kind(trials=5, seed=9, workers=1, machine=MACHINE, io_map=load_io_map(DEFAULT_IO_MAP))
+
+
+def table(study: Study, name: str) -> Table:
+    """A table of a study."""
+    return next(part for part in study.parts if isinstance(part, Table) and part.name == name)
+
+
+def test_a_factorial_has_every_combination_in_the_units_of_the_parameters(tmp_path: Path) -> None:
+    own = load_own_study(written(tmp_path, GOOD), MACHINE)
+    assert own.points.tolist() == [[8, 0.3], [10, 0.3], [12, 0.3], [8, 0.5], [10, 0.5], [12, 0.5]]
+    assert np.allclose(own.coded, [[-1, -1], [0, -1], [1, -1], [-1, 1], [0, 1], [1, 1]])
+    assert own.settings[3].values == {FOAM: 8.0, PRESSURE: 0.5}
+    assert (own.replicates, own.seed, own.seedlings, own.model) == (2, 1, 12, "interactions")
+    assert own.responses == ("S", "cycle_time_s")
+
+
+def test_a_central_composite_reaches_beyond_low_and_high_by_its_axial_level(tmp_path: Path) -> None:
+    text = edited("design: factorial", "design: central-composite\ncentres: 3").replace(
+        "{levels: [8 mm, 1 cm, 12]}", "{centre: 12, step: 3.6}"
+    )
+    own = load_own_study(written(tmp_path, text), MACHINE)
+    assert len(own.points) == 4 + 4 + 3
+    assert np.abs(own.coded).max() == pytest.approx(2**0.5)
+    assert own.points[:, 0].max() == pytest.approx(12 + 3.6 * 2**0.5)
+    own = load_own_study(written(tmp_path, text + "axial: 1\n"), MACHINE)
+    assert np.abs(own.coded).max() == pytest.approx(1.0)
+
+
+def test_a_latin_hypercube_stays_between_low_and_high_and_follows_its_seed(tmp_path: Path) -> None:
+    text = edited("design: factorial", "design: latin-hypercube\nruns: 20").replace(
+        "{levels: [8 mm, 1 cm, 12]}", "{low: 8, high: 12}"
+    )
+    own = load_own_study(written(tmp_path, text), MACHINE)
+    again = load_own_study(written(tmp_path, text), MACHINE)
+    other = load_own_study(written(tmp_path, text + "seed: 2\n"), MACHINE)
+    assert own.points.shape == (20, 2)
+    assert np.array_equal(own.points, again.points)
+    assert not np.array_equal(own.points, other.points)
+    assert 8 <= own.points[:, 0].min() < 8.2
+    assert 11.8 < own.points[:, 0].max() <= 12
+
+
+def test_set_points_stay_whole_numbers_and_are_coded_as_they_are(tmp_path: Path) -> None:
+    text = edited("design: factorial", "design: latin-hypercube\nruns: 9").replace(
+        "crop.foam_thickness_mm: {levels: [8 mm, 1 cm, 12]}", "program.release_delay: {low: 50 ms, high: 180 ms}"
+    )
+    own = load_own_study(written(tmp_path, text), MACHINE)
+    assert np.array_equal(own.points[:, 0], np.round(own.points[:, 0]))
+    assert np.allclose(own.coded[:, 0], (own.points[:, 0] - 11.5) / 6.5)
+
+
+def test_what_is_fixed_holds_in_every_run(tmp_path: Path) -> None:
+    own = load_own_study(written(tmp_path, GOOD + "fixed: {crop.seedling_age_d: 45 d}\n"), MACHINE)
+    assert {setting.values["crop.seedling_age_d"] for setting in own.settings} == {45.0}
+
+
+def test_every_number_of_a_trial_may_be_looked_at() -> None:
+    assert {"S", "P", "D", "T", "missed_cups", "cycle_time_s", "simulated_s", "in_cups"} <= set(responses())
+    assert not {"seed", "wall_s", "reason", "alarms", "cycle_times", "completed", "accounted"} & set(responses())
+    for name in responses():
+        assert isinstance(getattr(some_report(), name), int | float | None), name
+
+
+BAD: list[tuple[str, int, str]] = [
+    (edited("crop.foam_thickness_mm", "crop.foam_thicknes_mm"), 5,
+     "factors.crop.foam_thicknes_mm: is no parameter of the machine; did you mean foam_thickness_mm?"),
+    (edited("crop.foam_thickness_mm", "program.relase_delay"), 5,
+     "factors.program.relase_delay: is no set-point of the program; did you mean release_delay?"),
+    (edited("12]", "31 mm]"), 5, "factors.crop.foam_thickness_mm: must lie within 0 to 30, not 31"),
+    (edited("12]", "12 MPa]"), 5, "factors.crop.foam_thickness_mm.levels: '12 MPa': MPa does not fit; write it in m "),
+    (edited("12]", "twelve]"), 5, "factors.crop.foam_thickness_mm.levels: 'twelve': is no number; "),
+    (edited("12]", "10 mm]"), 5, "factors.crop.foam_thickness_mm.levels: has a level twice; delete one"),
+    (edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [8 mm]}"), 5,
+     "factors.crop.foam_thickness_mm.levels: needs two levels or more"),
+    (edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [{a: 8}, 9]}"), 5,
+     "factors.crop.foam_thickness_mm.levels[1].a: is no key here"),
+    (edited("{levels: [8 mm, 1 cm, 12]}", "{level: [8 mm]}"), 5,
+     "factors.crop.foam_thickness_mm.level: is no key here; did you mean levels?"),
+    (edited("{levels: [8 mm, 1 cm, 12]}", "[8, 9]"), 5, "factors.crop.foam_thickness_mm: must be a mapping"),
+    (edited("low: 0.3, ", ""), 6, "factors.crop.claw_pressure_mpa: must have {levels: [...]}, {low:, high:} or "),
+    (edited("low: 0.3", "low: 0.6"), 6, "factors.crop.claw_pressure_mpa.low: must be below high"),
+    (edited("{low: 0.3, high: 5 bar}", "{centre: 0.3, step: 0}"), 6,
+     "factors.crop.claw_pressure_mpa.step: must be more than 0"),
+    (edited("crop.claw_pressure_mpa", "crop.foam_thickness_mm"), 6,
+     "factors: key 'crop.foam_thickness_mm' is already on line 5; delete one"),
+    (GOOD + "model: linear\n", 11, "file: key 'model' is already on line 10; delete one"),
+    (GOOD[: GOOD.index("factors:")] + "factors: {}\n" + GOOD[GOOD.index("replicates"):], 4,
+     "factors: is empty; name at least one parameter or set-point and its levels"),
+    (GOOD[: GOOD.index("factors:")] + GOOD[GOOD.index("replicates"):], 1, "factors: is empty; "),
+    (edited("[S, cycle_time_s]", "[S, cycle_times_s]"), 9,
+     "responses: 'cycle_times_s' is no number of a trial; did you mean cycle_time_s?"),
+    (edited("[S, cycle_time_s]", "[S, S]"), 9, "responses: 'S' is there twice; delete one"),
+    (edited("[S, cycle_time_s]", "[]"), 9, "responses: is missing or empty; there are "),
+    (edited("[S, cycle_time_s]", "S"), 9, "responses: must be a list"),
+    (edited("interactions", "cubic"), 10, "model: 'cubic' is no model; there are none, linear, "),
+    (edited("interactions", "quadratic"), 10,
+     "model: quadratic cannot be fitted to this design: regression: the design cannot tell these terms apart: 1, X2^2"),
+    (edited("interactions", "quadratic").replace("replicates: 2", "replicates: 1"), 10,
+     "model: quadratic cannot be fitted to this design: regression: 6 runs for 6 coefficients"),
+    (edited("factorial", "factory"), 3, "design: 'factory' is no design; did you mean factorial?"),
+    (edited("factorial", "central-composite"), 5, "factors.crop.foam_thickness_mm: must have {low:, high:} or "),
+    (edited("factorial", "factorial\nruns: 5"), 4, "runs: means nothing with design factorial; leave it out"),
+    (edited("factorial", "latin-hypercube").replace("{levels: [8 mm, 1 cm, 12]}", "{low: 8, high: 12}"), 1,
+     "runs: is missing; add it"),
+    (edited("name: foam-and-pressure", "name: ../foam"), 1, "name: must be lower-case words with hyphens"),
+    (edited("title: Foam and pressure", "title: ''"), 2, "title: is empty; write what the study is about"),
+    (edited("replicates: 2", "replicates: 0"), 7, "replicates: must be a whole number, 1 to 100000, not '0'"),
+    (edited("replicates: 2", "replicates: 99999"), 7, "replicates: make more than 100000 trials; take fewer"),
+    (edited("seedlings: 12", "seedlings: 0"), 8, "seedlings: must be a whole number, 1 to "),
+    (edited("seedlings: 12", "sedlings: 12"), 8, "sedlings: is no key here; did you mean seedlings?"),
+    (GOOD + "fixed: {crop.foam_thickness_mm: 9}\n", 11, "fixed.crop.foam_thickness_mm: is a factor too; delete one"),
+    (GOOD + "fixed: {crop.seedling_age_d: 9 mm}\n", 11, "fixed.crop.seedling_age_d: '9 mm': mm does not fit"),
+    (GOOD + "fixed: {crop.seedling_age_d: 300}\n", 11, "fixed.crop.seedling_age_d: must lie within 1 to 200"),
+    (GOOD + "fixed: {program.clamp: 2 s, handling.cell_pitch_m: 50 mm}\n", 4,
+     "factors: spreader.travel_m: spreads the claws to 0.067 m; it must be cups.pitch_m to a millimetre (with "),
+    (GOOD + "fixed: {program.clamp: 20 s}\n", 11, "fixed.program.clamp: must be a whole number, 10 to 200, not 2000"),
+    (GOOD + "fixed: {program.trays_target: 4}\n", 11, "fixed.program.trays_target: follows from the number of"),
+    ("", 1, "file: is empty; write its sections"),
+    ("- a\n", 1, "file: does not begin with a section"),
+    ("name: [\n", 2, "file: is not YAML"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "line", "complaint"), BAD, ids=[case[2][:50] for case in BAD])
+def test_a_wrong_file_is_refused_with_line_key_and_remedy(tmp_path: Path, text: str, line: int, complaint: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(StudyError) as refusal:
+        load_own_study(path, MACHINE)
+    told = str(refusal.value)
+    assert told.startswith(f"{path}:{line}: {complaint}")
+    assert "\n" not in told
+
+
+def test_trials_and_seed_of_the_command_line_are_checked_as_those_of_the_file(tmp_path: Path) -> None:
+    """With one trial a point nothing would be left to judge the error by: told before it runs."""
+    text = edited("levels: [8 mm, 1 cm, 12]", "levels: [8 mm, 12 mm]")
+    path = written(tmp_path, text)
+    assert load_own_study(path, MACHINE).replicates == 2
+    assert (load_own_study(path, MACHINE, trials=3, seed=0).replicates, load_own_study(path, MACHINE, seed=0).seed) == (
+        3,
+        0,
+    )
+    with pytest.raises(StudyError, match=r":10: model: interactions cannot be fitted .* 4 runs for 4 coefficients"):
+        load_own_study(path, MACHINE, trials=1)
+
+
+def test_parts_that_only_fit_together_may_change_together(tmp_path: Path) -> None:
+    """The claws' pitch follows the cups': neither may change alone, both may."""
+    text = edited("crop.claw_pressure_mpa: {low: 0.3, high: 5 bar}", "crop.seedling_age_d: {low: 45, high: 55}")
+    text += "fixed: {handling.cell_pitch_m: 42 mm, spreader.travel_m: 198 mm}\n"
+    own = load_own_study(written(tmp_path, text), MACHINE)
+    assert own.settings[0].machine(MACHINE).handling.cell_pitch_m == 0.042
+
+
+def test_percentages_are_pooled_and_get_the_exact_binomial_interval() -> None:
+    """Clopper and Pearson's interval by quantiles of the beta distribution; 130 and 140 of 144."""
+    found = estimate("S", [report(in_cups=130, seedlings=144), report(in_cups=140, seedlings=144)])
+    assert found.mean == pytest.approx(100 * 270 / 288)
+    assert found.low == pytest.approx(100 * stats.beta.ppf(0.025, 270, 19))
+    assert found.high == pytest.approx(100 * stats.beta.ppf(0.975, 271, 18))
+    every = estimate("S", [report(in_cups=144, seedlings=144)])
+    assert (every.mean, every.high) == (100.0, 100.0)
+    assert every.low == pytest.approx(100 * 0.025 ** (1 / 144))
+
+
+def test_other_means_get_students_interval_if_there_is_a_scatter_to_tell() -> None:
+    trials = [report(cycle_time_s=value) for value in (8.0, 8.3, 8.9)]
+    found = estimate("cycle_time_s", trials)
+    half = stats.t.ppf(0.975, 2) * np.std([8.0, 8.3, 8.9], ddof=1) / 3**0.5
+    assert found.mean == pytest.approx(8.4)
+    assert [found.low, found.high] == pytest.approx([8.4 - half, 8.4 + half])
+    assert estimate("cycle_time_s", trials[:1]) == Estimate(8.0)
+    assert estimate("missed_cups", [report(missed_cups=3)] * 2) == Estimate(3.0, 3.0, 3.0)
+
+
+def test_a_model_finds_the_function_that_the_trials_follow(tmp_path: Path) -> None:
+    """Coded coefficients of the known function; the scatter of the trials is all of the error."""
+    study = own_study(load_own_study(written(tmp_path, GOOD), MACHINE), options())
+    record = json.loads(study.json())
+    model = record["models"]["cycle_time_s"]
+    values = {term: each["value"] for term, each in model["coefficients"].items()}
+    assert values == pytest.approx({"1": 8.0, "X1": 1.0, "X2": -2.0, "X1 X2": 2.0})
+    assert model["anova"]["pure error"]["sum_of_squares"] == pytest.approx(6 * 2 * 0.1**2)
+    assert model["anova"]["lack of fit"]["sum_of_squares"] == pytest.approx(0.0, abs=1e-9)
+    assert table(study, "runs").rows[5][:3] == (6, 12, 0.5)
+    assert table(study, "runs").rows[5][4] == pytest.approx(8 + 1 - 2 + 2)
+    assert table(study, "factors").rows == (("X1", FOAM, "mm", 8, 12), ("X2", PRESSURE, "MPa", 0.3, 0.5))
+    assert [len(run["trials"]) for run in record["runs"]] == [2] * 6
+    assert record["runs"][3]["setting"] == {FOAM: 8.0, PRESSURE: 0.5}
+
+
+def test_a_response_that_never_changes_is_said_to_and_not_fitted(tmp_path: Path) -> None:
+    study = own_study(load_own_study(written(tmp_path, GOOD), MACHINE), options())
+    assert "S is " in study.text()
+    assert "in every trial: there is nothing for a model to explain" in study.text()
+    assert "S" not in json.loads(study.json())["models"]
+    assert "s-coefficients" not in [part.name for part in study.parts if isinstance(part, Table)]
+
+
+@pytest.mark.parametrize(
+    ("change", "pictures", "line"),
+    [
+        (lambda text: text, ["s-main-effects", "cycle-time-s-main-effects"], "joins the means of the levels"),
+        (
+            lambda text: text.replace("interactions", "none"),
+            ["s-main-effects", "cycle-time-s-main-effects"],
+            "joins the means of the levels",
+        ),
+        (
+            lambda text: (
+                text.replace("factorial", "latin-hypercube\nruns: 12")
+                .replace("{levels: [8 mm, 1 cm, 12]}", "{low: 8, high: 12}")
+                .replace("interactions", "quadratic")
+            ),
+            ["s-main-effects", "cycle-time-s-contours", "cycle-time-s-main-effects"],
+            "the line is the model with the other factors at their coded 0",
+        ),
+    ],
+    ids=["factorial", "without a model", "latin hypercube, quadratic"],
+)
+def test_the_pictures_suit_design_and_model(
+    tmp_path: Path, change: Callable[[str], str], pictures: list[str], line: str
+) -> None:
+    study = own_study(load_own_study(written(tmp_path, change(GOOD)), MACHINE), options())
+    assert [part.name for part in study.parts if isinstance(part, Picture)] == pictures
+    assert line in study.text()
+    if "cycle-time-s-contours" not in pictures:
+        effects = next(part for part in study.parts if isinstance(part, Picture) and part.name.startswith("cycle"))
+        drawn = effects.figure.axes[1].lines[1].get_ydata()
+        assert np.asarray(drawn) == pytest.approx([10.0, 6.0])  # mean over foam at 0.3 and 0.5 MPa
+
+
+class Troubled(Known):
+    """Trials of which one does not complete and some lie outside the paper's."""
+
+    __slots__ = ()
+
+    def run(self, settings: Sequence[Setting], *, seedlings: int = 144) -> list[list[TrialReport]]:
+        """Give every setting its reports."""
+        reports = super().run(settings, seedlings=seedlings)
+        reports[2][1] = replace(reports[2][1], reason="COMPLETE not reached within 600000 ms")
+        reports[4][0] = replace(reports[4][0], extrapolates=True)
+        return reports
+
+
+def test_what_casts_doubt_on_the_figures_is_told_before_them(tmp_path: Path) -> None:
+    text = edited("high: 5 bar", "high: 6.5 bar")
+    study = own_study(load_own_study(written(tmp_path, text), MACHINE), options(Troubled))
+    before = study.parts[: study.parts.index(Heading("Runs"))]
+    told = "\n".join(part for part in before if isinstance(part, str))
+    assert "Outside the maker's rating: crop.claw_pressure_mpa: 0.65 MPa" in told
+    assert "Runs 5 lie outside the trials of the pepper paper" in told
+    assert "1 of 12 trials did not complete; they count as they ended. run 3: COMPLETE not reached" in told
+
+
+def test_a_small_study_runs_on_the_twin(tmp_path: Path) -> None:
+    """Real trials, as many as asked for: where cups come half as often, an arm waits longer for them."""
+    text = edited(
+        "crop.claw_pressure_mpa: {low: 0.3, high: 5 bar}", "cups.planting_frequency_per_min: {low: 30, high: 1 /s}"
+    )
+    own = load_own_study(written(tmp_path, text), MACHINE, trials=1)
+    record = json.loads(own_study(own, options(RunOptions)).json())
+    assert [run["setting"]["cups.planting_frequency_per_min"] for run in record["runs"]] == [30, 30, 30, 60, 60, 60]
+    assert all(trial["completed"] for run in record["runs"] for trial in run["trials"])
+    cycles_s = [run["estimates"]["cycle_time_s"]["mean"] for run in record["runs"]]
+    assert min(cycles_s[:3]) > max(cycles_s[3:])
+    assert record["seedlings"] == 12
+
+
+def test_the_documented_example_can_be_run() -> None:
+    own = load_own_study(EXAMPLE, MACHINE)
+    assert (own.name, own.design, own.model) == ("foam-and-pressure", "central-composite", "quadratic")
+    assert own.settings[1].values == {"crop.seedling_age_d": 50.0, FOAM: 15.6, PRESSURE: pytest.approx(0.32)}

@@ -1,0 +1,108 @@
+"""Trials of a study: the same whoever runs them, and nothing runs before all of it is known to be possible."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from controller.io_map import DEFAULT_IO_MAP, load_io_map
+from plant_sim.bench.report import TrialReport
+from plant_sim.bench.study import runner
+from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.factors import Setting
+from plant_sim.bench.study.runner import MOST_TRIALS, RunOptions, run, trial_seed
+from plant_sim.bench.trial import run_trial
+from plant_sim.parameters import load_machine
+
+SEEDLINGS = 12
+SETTINGS = [Setting({}), Setting({"crop.claw_pressure_mpa": 0.7, "program.descend_at_count": 6})]
+
+
+def untimed(reports: Sequence[Sequence[TrialReport]]) -> list[list[TrialReport]]:
+    """Reports without the time that they took."""
+    return [[replace(report, wall_s=0.0) for report in trials] for trials in reports]
+
+
+def nothing_runs(**_: object) -> TrialReport:
+    """Stands where a trial would run."""
+    raise AssertionError("a trial ran")
+
+
+def test_workers_change_nothing_and_every_trial_is_told() -> None:
+    """One process and two give the same reports in the same order; each is the trial of its setting and seed."""
+    told: list[tuple[int, int]] = []
+    alone = run(SETTINGS, trials=2, seed=3, seedlings=SEEDLINGS, workers=1,
+                progress=lambda done, total: told.append((done, total)))  # fmt: skip
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    both = run(SETTINGS, trials=2, seed=3, seedlings=SEEDLINGS, workers=2)
+    assert untimed(both) == untimed(alone)
+
+    assert [len(trials) for trials in alone] == [2, 2]
+    assert all(report.seedlings == SEEDLINGS for trials in alone for report in trials)
+    seeds = [[report.seed for report in trials] for trials in alone]
+    assert seeds == [[trial_seed(3, setting, trial) for trial in range(2)] for setting in range(2)]
+    direct = run_trial(seed=trial_seed(3, 1, 0), seedlings=SEEDLINGS, set_points={"descend_at_count": 6},
+                       parameters=load_machine().with_values({"crop.claw_pressure_mpa": 0.7}))  # fmt: skip
+    assert replace(direct, wall_s=0.0) == untimed(alone)[1][0]
+
+
+def test_a_setting_gives_the_same_whatever_comes_after_it() -> None:
+    """A study that is cut short gives the beginning of the whole one."""
+    options = RunOptions(trials=1, seed=3, workers=1, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP))
+    whole = run(SETTINGS, trials=1, seed=3, seedlings=SEEDLINGS, workers=1)
+    assert untimed(options.run(SETTINGS[:1], seedlings=SEEDLINGS)) == untimed(whole)[:1]
+
+
+def test_workers_run_in_processes_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one worker a trial runs here, with two elsewhere."""
+    monkeypatch.setattr(runner, "run_trial", own_process)
+    here: list[list[object]] = list(map(list, run(SETTINGS, trials=1, seed=1, workers=1)))
+    assert here == [[os.getpid()], [os.getpid()]]
+    there: list[list[object]] = list(map(list, run(SETTINGS, trials=2, seed=1, workers=2)))
+    assert all(process != os.getpid() for trials in there for process in trials)
+
+
+def own_process(**_: object) -> int:
+    """Stands where a trial would run, and tells where."""
+    return os.getpid()
+
+
+def test_seeds_differ_and_depend_on_nothing_but_their_numbers() -> None:
+    seeds = {trial_seed(seed, setting, trial) for seed in range(4) for setting in range(30) for trial in range(30)}
+    assert len(seeds) == 4 * 30 * 30
+    assert all(0 <= seed < 2**53 for seed in seeds)
+    assert trial_seed(1, 2, 3) == trial_seed(1, 2, 3)
+    assert trial_seed(1, 2, 3) != trial_seed(1, 3, 2)
+
+
+@pytest.mark.parametrize(
+    ("settings", "trials", "workers", "complaint"),
+    [
+        ([], 1, 1, "settings: the study has none"),
+        ([Setting({})], 0, 1, "--trials 0: give 1 or more"),
+        ([Setting({})], MOST_TRIALS + 1, 1, "give fewer trials or fewer levels"),
+        ([Setting({})], 1, 0, "--workers 0: give 1 or more"),
+        ([Setting({}), Setting({"crop.foam_thickness_mm": 99.0})], 1, 1, "crop.foam_thickness_mm: must lie within"),
+        ([Setting({}), Setting({"program.clamp": 1.0})], 1, 1, "program.clamp: must be a whole number, 10 to 200"),
+    ],
+)
+def test_what_is_impossible_is_refused_before_anything_runs(
+    monkeypatch: pytest.MonkeyPatch, settings: list[Setting], trials: int, workers: int, complaint: str
+) -> None:
+    monkeypatch.setattr(runner, "run_trial", nothing_runs)
+    with pytest.raises(StudyError, match=complaint):
+        run(settings, trials=trials, seed=1, seedlings=SEEDLINGS, workers=workers)
+
+
+def dies(**_: object) -> TrialReport:
+    """Stands where a trial would run, in a process that the system kills."""
+    os._exit(1)
+
+
+def test_a_killed_process_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "run_trial", dies)
+    with pytest.raises(StudyError, match=r"^--workers: a process was killed, .*; give a smaller number$"):
+        run(SETTINGS, trials=1, seed=1, workers=2)
