@@ -19,10 +19,12 @@ from plant_sim.bench.matrix_cli import add_matrix_arguments, matrix_command
 from plant_sim.bench.measure import measure
 from plant_sim.bench.progress import ProgressView
 from plant_sim.bench.recording import recorded
+from plant_sim.bench.repeats import Repeats
 from plant_sim.bench.report import TrialReport
 from plant_sim.bench.scenario import run_scenario
 from plant_sim.bench.scenario_cli import add_fault_arguments, add_scenario_arguments, faults_of, scenario_of
 from plant_sim.bench.scenario_section import ScenarioError
+from plant_sim.bench.study.cli import add_study_arguments, study_command
 from plant_sim.bench.trial import run_trial, show_progress
 from plant_sim.bench.twin import Twin
 from plant_sim.faults import FaultError
@@ -36,7 +38,7 @@ from plant_sim.scope.cli import add_plot_arguments, add_record_argument, plot_co
 from plant_sim.scope.recorder import LIVE_ROWS_A_GROUP, Recorder
 from plant_sim.scope.store import RecordingError
 
-COMMANDS = ("serve", "run", "trial", "scenario", "faults", "plot", "air", "bench", "docs")
+COMMANDS = ("serve", "run", "trial", "scenario", "faults", "plot", "air", "study", "bench", "docs")
 INTERRUPTED = 130
 MAX_PLANTING_FREQUENCY_PER_MIN = 300.0
 
@@ -106,7 +108,13 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--keep", action="store_true", help="go on serving after the report, until Ctrl-C")
     run.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
     trial = _add(commands, "trial", _trial, "the paper's trial in lock step")
-    trial.add_argument("--json", action="store_true", help="print one JSON object")
+    form = trial.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print one JSON object")
+    form.add_argument("--csv", action="store_true", help="print a heading and one line a trial")
+    trial.add_argument("--seedlings", type=int, default=None, metavar="N",
+                       help="this many seedlings instead of full trays; the last tray has empty cells")  # fmt: skip
+    trial.add_argument("--repeat", type=int, default=1, metavar="K",
+                       help="this many trials, with one seed after the other")  # fmt: skip
     trial.add_argument("--ladder", type=Path, default=None, metavar="FILE",
                        help="an FX program, instruction list or GX Works2 CSV, in the controller's place")  # fmt: skip
     for breakable in (serve_, run, trial):
@@ -119,6 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     add_matrix_arguments(faults)
     add_plot_arguments(_bare(commands, "plot", plot_command, "turn a recording into timing diagram and curves"))
     add_air_arguments(_bare(commands, "air", _air, "air consumption: Table 1 of the paper beside a run's own"))
+    add_study_arguments(_bare(commands, "study", study_command, "the papers' experiments, or one's own, on the twin"))
     bench = _add(commands, "bench", _bench, "measure the speeds the project promises, as ratios in one run")
     bench.add_argument("--json", action="store_true", help="print one JSON object")
     docs = _add(commands, "docs", _docs, "write the reference tables made from the plant")
@@ -160,6 +169,12 @@ def _network(parser: argparse.ArgumentParser) -> None:
 def _check(options: argparse.Namespace) -> None:
     if not 1 <= getattr(options, "trays", 1) <= 1000:
         raise UsageError(f"--trays {options.trays}: give 1 to 1000")
+    if not 1 <= (1 if getattr(options, "seedlings", None) is None else options.seedlings) <= 72_000:
+        raise UsageError(f"--seedlings {options.seedlings}: give 1 to 72000")
+    if not 1 <= getattr(options, "repeat", 1) <= 10_000:
+        raise UsageError(f"--repeat {options.repeat}: give 1 to 10000")
+    if getattr(options, "repeat", 1) > 1 and options.record is not None:
+        raise UsageError("--record: holds one trial; leave --repeat out")
     if (getattr(options, "seed", None) or 0) < 0:
         raise UsageError(f"--seed {options.seed}: give 0 or more")
     if not 0 <= getattr(options, "port", 0) <= 65535:
@@ -238,7 +253,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _fast(options: argparse.Namespace) -> int:
     with ProgressView() as view:
-        report = _trial_report(options, show_progress(view, options.trays, options.language))
+        report = _trial_report(options, show_progress(view, options.trays, options.language), seed=options.seed)
     print(report.text())
     return _exit_code(report)
 
@@ -246,24 +261,32 @@ def _fast(options: argparse.Namespace) -> int:
 def _trial(options: argparse.Namespace) -> int:
     if options.ladder is not None:
         return _ladder_trial(options)
-    report = _trial_report(options, None)
-    print(json.dumps(report.record()) if options.json else report.text())
-    return _exit_code(report)
+    reports = [_trial_report(options, None, seed=options.seed + number) for number in range(options.repeat)]
+    repeats = Repeats(reports)
+    if options.csv:
+        print(repeats.csv(), end="")
+    else:
+        shown = repeats if options.repeat > 1 else reports[0]
+        print(json.dumps(shown.record()) if options.json else shown.text())
+    return 0 if repeats.completed and repeats.accounted else 1
 
 
 def _ladder_trial(options: argparse.Namespace) -> int:
     if options.fault or options.record is not None:
         raise UsageError("--ladder: there are no faults and no recording with it; leave --fault and --record out")
+    if options.csv or options.seedlings is not None or options.repeat > 1:
+        raise UsageError("--ladder: runs full trays once; leave --csv, --seedlings and --repeat out")
     report = run_ladder_trial(load_ladder(options.ladder), seed=options.seed, trays=options.trays,
                               io_map=load_io_map(options.io_map), parameters=_machine(options))  # fmt: skip
     print(json.dumps(report.record()) if options.json else report.text())
     return 0 if report.completed else 1
 
 
-def _trial_report(options: argparse.Namespace, progress: Callable[[Twin], None] | None) -> TrialReport:
+def _trial_report(options: argparse.Namespace, progress: Callable[[Twin], None] | None, *, seed: int) -> TrialReport:
     return run_trial(
-        seed=options.seed,
+        seed=seed,
         trays=options.trays,
+        seedlings=getattr(options, "seedlings", None),
         io_map=load_io_map(options.io_map),
         parameters=_machine(options),
         faults=faults_of(options),

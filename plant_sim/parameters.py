@@ -184,6 +184,11 @@ class Machine:
             for name, value, low, high, symbol, unit, part in checks
             if not low <= value <= high
         ]
+        if claws_pa > self.supply.compressor_on_pa - self.supply.check_crack_pa:
+            beyond.append(
+                f"crop.claw_pressure_mpa: {claws_pa / _MPA:.3g} MPa is more than the receiver always holds, "
+                f"supply.compressor_on_pa less the check valve: {self.supply.compressor_on_pa / _MPA:.3g} MPa"
+            )
         if self.slide.recouples_m_s < self.slide.speed_m_s:
             beyond.append(
                 f"slide.recouples_m_s: {self.slide.recouples_m_s:.3g} m/s is less than the speed of the piston, "

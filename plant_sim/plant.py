@@ -156,8 +156,10 @@ class Plant:
     @property
     def air_l(self) -> float:
         """Air that the valves of slides, lifts and claws have let in so far, L ANR."""
-        lines = [self.state[0]["arms"][drive][port] for drive in ("slide", "lift", "claws") for port in ("plus", "minus")]
-        return 1e3 * sum(abs(float(kg)) for line in lines for kg in line["drawn_kg"]) / REFERENCE_KG_M3
+        arms = self.state[0]["arms"]
+        drives, ports = ("slide", "lift", "claws"), ("plus", "minus")
+        drawn_kg = [arms[drive][port]["drawn_kg"].sum() for drive in drives for port in ports]
+        return 1e3 * float(sum(drawn_kg)) / REFERENCE_KG_M3
 
     @property
     def planting_frequency_per_min(self) -> float:

@@ -418,8 +418,8 @@ class Supply:
         self._compress(make, step_s)
         main_pa, claw_pa = make.regulated_pa + ATMOSPHERE_PA, make.claw_regulated_pa + ATMOSPHERE_PA
         _regulate(self.receiver, self.header, main_pa, make.regulator_m3_s_pa, make, step_s)
-        one_way(self.header, self.claw_reservoir, make.crack_pa, make.check_m3_s_pa, critical, step_s)
-        one_way(self.claw_reservoir, self.header, 0.0, make.slip_m3_s_pa, critical, step_s)
+        one_way(self.receiver, self.claw_reservoir, make.crack_pa, make.check_m3_s_pa, critical, step_s)
+        one_way(self.claw_reservoir, self.receiver, 0.0, make.slip_m3_s_pa, critical, step_s)
         _regulate(self.claw_reservoir, self.claw_manifold, claw_pa, make.claw_regulator_m3_s_pa, make, step_s)
         self.fed_s = self.fed_s + step_s if fed else 0.0
         if self.fed_s > make.dump_delay_s:

@@ -10,9 +10,9 @@ from plant_sim.crop.bed import Bed
 from plant_sim.crop.grip import Grip
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident
+from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
-from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.response import CropSpec, success_percent
 from plant_sim.crop.seedling import Place, Seedling, Seedlings
 from plant_sim.crop.traits import TYPICAL, Traits

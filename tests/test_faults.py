@@ -272,11 +272,11 @@ def test_a_failing_compressor_lets_the_receiver_run_empty() -> None:
 
 
 def test_claws_lose_their_air_past_the_check_valve_of_their_reservoir() -> None:
-    """Given no main pressure, sound claws still grip with their own air; with their check valve leaking, weakly."""
+    """Given an empty receiver, sound claws still grip with their own air; with their check valve leaking, weakly."""
 
     def clamp_n(*faults: str) -> float:
-        rig = struck("low_supply:supply=0MPa", "leak:supply=5e-8", *faults)
-        rig.run(4_000)
+        rig = struck("failing_supply:compressor=0%", "leak:supply=5e-8", *faults)
+        rig.run(60_000)
         for coil in ("left.claws_close", "left.claws_open", "left.claws_close"):
             rig.run(1_000, coil)
         return rig.left.claws.clamp_n

@@ -8,6 +8,7 @@ from plant_rig import Rig
 from plant_sim.crop.seedling import Place, SeedlingCounts
 from plant_sim.crop.traits import TYPICAL, Traits
 
+
 def thriving(rig: Rig) -> Rig:
     """A crop of which none fails by itself."""
     rig.plant.seedlings.make_typical()

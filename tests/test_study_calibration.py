@@ -71,7 +71,7 @@ def test_foam(motion: NominalMotion) -> None:
 
 
 def test_age(motion: NominalMotion) -> None:
-    """43 d and less: many P and D; from 52 d on they fall on. Eq. 5 loses 9 points there: all of them and more are T."""
+    """43 d and less: many P and D; from 52 d on they fall on. Eq. 5 loses 9 points there: all that and more is T."""
     age = courses(SPEC, motion).age
     p, d, t = (percent(age, name) for name in "PDT")
     assert (p[:2] > 1.5 * p[4]).all()

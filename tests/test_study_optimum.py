@@ -72,6 +72,7 @@ def test_a_known_front_between_two_aims() -> None:
     assert len(front.a) == 9
     assert front.coded[:, 1] == pytest.approx(np.zeros(9), abs=1e-3)
     assert np.sqrt(front.a) + np.sqrt(front.b) == pytest.approx(np.full(9, 2.0), abs=1e-3)
+    assert front.b == pytest.approx(np.linspace(4.0, 0.0, 9), abs=1e-3)  # evenly spaced, off the grid it starts from
 
 
 def test_a_front_that_bends_inward_is_found() -> None:
@@ -87,6 +88,11 @@ def test_a_front_that_bends_inward_is_found() -> None:
 def test_responses_that_agree_have_a_front_of_one_point() -> None:
     surface = Polynomial({"X1": 1.0, "X2": 1.0})
     assert pareto(surface, surface, LOW, HIGH, 9).coded.tolist() == [[-1.0, -1.0]]
+
+
+def test_of_settings_equal_in_one_response_the_front_holds_the_better_in_the_other() -> None:
+    front = pareto(Polynomial({"X1": 1.0}), Polynomial({"X2": -1.0}), LOW, HIGH, 9)
+    assert front.coded == pytest.approx(np.array([[-1.0, 1.0]]), abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -131,8 +131,11 @@ class TrialReport:
         lines = [
             f"seedlings {self.seedlings}: in cups {self.in_cups}, lost picking P {self.P}, carrying D {self.D}, "
             f"throwing T {self.T}",
-            "  ".join(f"{name} {getattr(self, name):.1f} % ({low:.1f} to {high:.1f})" for name, (low, high)
-                      in self.intervals.items()) + ", 95 % binomial",
+            "  ".join(
+                f"{name} {getattr(self, name):.1f} % ({low:.1f} to {high:.1f})"
+                for name, (low, high) in self.intervals.items()
+            )
+            + ", 95 % binomial",
             *([f"({EXTRAPOLATES})"] if self.extrapolates else []),
             f"cycles {self.cycles}, mean cycle {self.cycle_time_s:.2f} s, "
             f"{self.simulated_s:.1f} s of machine time in {self.wall_s:.1f} s",

@@ -30,8 +30,8 @@ _FALL_S = 0.1277  # 80 mm of free fall
 class SeedlingSpec:
     """Properties of pepper seedlings and of the foam that holds them.
 
-    An `_age` and an `_age2` are the logarithmic change of a property for every 5 d from 50 d on, and that for the square
-    of it; an `_sd` without a unit is the standard deviation of a logarithm. Forces are those of one finger.
+    An `_age` and an `_age2` are the logarithmic change of a property for every 5 d from 50 d on, and that for the
+    square of it; an `_sd` without a unit is the standard deviation of a logarithm. Forces are those of one finger.
 
     Attributes:
         height_m: Free stem below the lowest leaf at 51 d, m.
@@ -181,7 +181,8 @@ class Mechanics:
         spec = self._spec
         friction = spec.friction * np.exp(spec.friction_age * self._age + spec.friction_age2 * self._age**2)
         spare_n = 2 * friction * self._yields * np.maximum(force_n, 0.0) - spec.plug_kg * _GRAVITY_M_S2
-        return np.log(np.maximum(spare_n, 1e-9) / spec.adhesion_n) / spec.adhesion_sd
+        margin: Number = np.log(np.maximum(spare_n, 1e-9) / spec.adhesion_n) / spec.adhesion_sd
+        return margin
 
     def cut_margin(self, force_n: Number) -> Number:
         """Margin of a stem over the closing force.
@@ -191,7 +192,8 @@ class Mechanics:
         """
         spec = self._spec
         strength = np.log(spec.cut_n / _FORCE_N) + spec.cut_age * self._age + spec.cut_age2 * self._age**2
-        return (strength + spec.cut_foam * self._foam - _log_force(force_n)) / spec.cut_sd
+        margin: Number = (strength + spec.cut_foam * self._foam - _log_force(force_n)) / spec.cut_sd
+        return margin
 
     def break_margin(self, force_n: Number, held_s: Number) -> Number:
         """Margin of a stem over being held.
@@ -204,7 +206,8 @@ class Mechanics:
         endurance = np.log(spec.endurance) + spec.endurance_age * self._age + spec.endurance_age2 * self._age**2
         pressure = spec.contact_force * _log_force(force_n) - spec.contact_foam * self._foam
         tired = spec.hold_exponent * np.log(np.maximum(held_s, 0.01) / _HELD_S)
-        return (endurance - pressure - tired) / spec.endurance_sd
+        margin: Number = (endurance - pressure - tired) / spec.endurance_sd
+        return margin
 
     def drift_sd_m(self, force_n: Number, fall_s: Number) -> Number:
         """Standard deviation of where a plug comes down, either way, m.
@@ -220,7 +223,8 @@ class Mechanics:
         stick_m = spec.stick_m * np.exp(
             spec.stick_force * force + spec.stick_foam * self._foam + spec.stick_age * self._age
         )
-        return np.sqrt(crown_m**2 + sway_m**2 + stick_m**2) * fall_s / _FALL_S
+        drift_m: Number = np.sqrt(crown_m**2 + sway_m**2 + stick_m**2) * fall_s / _FALL_S
+        return drift_m
 
     def is_missed(self, traits: Traits, *, along_m: float, across_m: float) -> bool:
         """Whether the fingers close beside a stem.
@@ -262,4 +266,5 @@ def _share(foam_mm: Number, spec: SeedlingSpec) -> Number:
 
 def _log_force(force_n: Number) -> Number:
     """Logarithm of a force over the reference; no force counts as almost none."""
-    return np.log(np.maximum(force_n, 1e-3) / _FORCE_N)
+    force: Number = np.log(np.maximum(force_n, 1e-3) / _FORCE_N)
+    return force

@@ -29,9 +29,7 @@ class Pose:
     now_s: float = 0.0
     force_n: float = 0.0
 
-    def take(
-        self, x_m: float, rise_m: float, travel_m: float, *, freed_s: float, now_s: float, force_n: float
-    ) -> None:
+    def take(self, x_m: float, rise_m: float, travel_m: float, *, freed_s: float, now_s: float, force_n: float) -> None:
         """Bring places, times and force up to date."""
         self.x_m = x_m
         self.rise_m = rise_m

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,10 @@ FACTORIAL_RADIUS = math.sqrt(3)
 Number = float | NDArray[np.float64]
 """One value, or an array of them."""
 
+N = TypeVar("N", float, NDArray[np.float64])
 
-def coded_factors(foam_mm: Number, age_d: Number, pressure_mpa: Number) -> tuple[Number, Number, Number]:
+
+def coded_factors(foam_mm: N, age_d: N, pressure_mpa: N) -> tuple[N, N, N]:
     """Factors of the trial as the regression counts them, without unit.
 
     Args:
@@ -31,7 +34,7 @@ def coded_factors(foam_mm: Number, age_d: Number, pressure_mpa: Number) -> tuple
     return (foam_mm - 12) / 3.6, (age_d - 50) / 5, (pressure_mpa - 0.45) / 0.13
 
 
-def natural_factors(x1: Number, x2: Number, x3: Number) -> tuple[Number, Number, Number]:
+def natural_factors(x1: N, x2: N, x3: N) -> tuple[N, N, N]:
     """Foam, mm, age, d, and claw pressure, MPa, from the factors as the regression counts them.
 
     Source: MACHINE.md 5.
@@ -39,7 +42,7 @@ def natural_factors(x1: Number, x2: Number, x3: Number) -> tuple[Number, Number,
     return 12 + 3.6 * x1, 50 + 5 * x2, 0.45 + 0.13 * x3
 
 
-def success_percent(foam_mm: Number, age_d: Number, pressure_mpa: Number) -> Number:
+def success_percent(foam_mm: N, age_d: N, pressure_mpa: N) -> N:
     """Share of the seedlings of a trial that end in a cup, eq. 5 of the pepper paper, %.
 
     Not limited to 0 to 100: outside the design region it is an extrapolation and may be anything.

@@ -156,6 +156,5 @@ class Seedlings:
 def _sow(tray: int, seed: int) -> list[list[Seedling]]:
     draws = random.Random(f"seed {seed}, tray {tray}")
     return [
-        [Seedling(tray, column, along, draw_traits(draws)) for along in range(CELLS_ALONG)]
-        for column in range(COLUMNS)
+        [Seedling(tray, column, along, draw_traits(draws)) for along in range(CELLS_ALONG)] for column in range(COLUMNS)
     ]

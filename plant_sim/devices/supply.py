@@ -110,8 +110,9 @@ def charge(a: Any, make: Any, volumes_m3: Any, gas: Any) -> None:
     fill(network.receiver, volumes_m3[0], full_pa, gas)
     fill(network.header, volumes_m3[1], main_pa, gas)
     fill(network.manifold, volumes_m3[2], main_pa, gas)
-    fill(network.claw_reservoir, volumes_m3[3], main_pa - supply.crack_pa, gas)
-    fill(network.claw_manifold, volumes_m3[4], ATMOSPHERE_PA + supply.claw_regulated_pa, gas)
+    fill(network.claw_reservoir, volumes_m3[3], full_pa - supply.crack_pa, gas)
+    claw_pa = min(ATMOSPHERE_PA + supply.claw_regulated_pa, full_pa - supply.crack_pa)
+    fill(network.claw_manifold, volumes_m3[4], claw_pa, gas)
     network.fed_s = 1e3
     network.soft_started = 1
     settle_supply(network, gas)

@@ -9,7 +9,7 @@ from plant_sim.pneumatics.compiled import compiled
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, HEAT_P, REFERENCE_K, REFERENCE_KG_M3
 
 #: State. receiver -> regulator -> header -> dump valve -> manifold (slides and lifts), and
-#: header -> check valve -> claw reservoir -> claw regulator -> claw manifold. Of the `outside` only the
+#: receiver -> check valve -> claw reservoir -> claw regulator -> claw manifold. Of the `outside` only the
 #: mass changes: what the machine blew out less what the compressor took in. `fed_s` is for how long the
 #: relay has held the dump valve.
 SUPPLY = np.dtype(
@@ -66,8 +66,8 @@ def step_supply(s: Any, make: Any, fed: bool, gas: Any) -> None:
     step_s, critical = gas.step_s, make.critical_ratio
     _compress(s, make, step_s)
     _regulate(s.receiver, s.header, make.regulated_pa, make.band_pa, make.regulator_m3_s_pa, critical, step_s)
-    check(s.header, s.claw_reservoir, make.crack_pa, make.check_m3_s_pa, critical, step_s)
-    check(s.claw_reservoir, s.header, 0.0, make.slip_m3_s_pa, critical, step_s)
+    check(s.receiver, s.claw_reservoir, make.crack_pa, make.check_m3_s_pa, critical, step_s)
+    check(s.claw_reservoir, s.receiver, 0.0, make.slip_m3_s_pa, critical, step_s)
     _regulate(
         s.claw_reservoir,
         s.claw_manifold,

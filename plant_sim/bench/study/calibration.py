@@ -26,9 +26,16 @@ MotionAt = Callable[[Any], Motion]
 FOAMS_MM: Final = np.array([2.5, 5.0, 7.5, 10.0, 12.5, 15.0, 17.5])
 AGES_D: Final = np.array([40.0, 43.0, 46.0, 49.0, 52.0, 55.0, 58.0])
 PRESSURES_MPA: Final = np.array([0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75])
-"""Levels of the single-factor tests; the others stand at 12.5 mm, 52 d, 0.45 MPa. Source: paper, 3.3."""
+"""Levels of the single-factor tests. Source: paper, 3.3."""
 
-_AT_FOAM_MM, _AT_AGE_D, _AT_PRESSURE_MPA = 12.5, 52.0, 0.45
+_EVEN = np.ones(7)
+SINGLE_FACTOR: Final = (
+    (FOAMS_MM, 52.0 * _EVEN, 0.45 * _EVEN),
+    (12.5 * _EVEN, AGES_D, 0.45 * _EVEN),
+    (12.5 * _EVEN, 52.0 * _EVEN, PRESSURES_MPA),
+)
+"""Foam, age and pressure of the three tests, mm, d, MPa."""
+
 _OPTIMUM: Final = (10.0, 51.0, 0.40)
 _GRID = 13
 _WEIGHT_WORDS, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 1.0, 0.08, 5.0, 0.02
@@ -85,7 +92,8 @@ def design_region() -> tuple[Array, Array, Array]:
     level = np.linspace(-AXIAL_LEVEL, AXIAL_LEVEL, _GRID)
     coded = np.array(np.meshgrid(level, level, level)).reshape(3, -1)
     inside = coded[:, np.linalg.norm(coded, axis=0) <= FACTORIAL_RADIUS + 1e-9]
-    return natural_factors(*inside)
+    x1, x2, x3 = inside
+    return natural_factors(x1, x2, x3)
 
 
 def shares_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: Any, age_d: Any, pressure_mpa: Any) -> Shares:
@@ -109,11 +117,7 @@ def differences(spec: SeedlingSpec, motion: MotionAt) -> Array:
 
 def courses(spec: SeedlingSpec, motion: MotionAt) -> Courses:
     """Expected failures along the single-factor tests of the paper."""
-    return Courses(
-        shares_at(spec, motion, FOAMS_MM, _AT_AGE_D, _AT_PRESSURE_MPA),
-        shares_at(spec, motion, _AT_FOAM_MM, AGES_D, _AT_PRESSURE_MPA),
-        shares_at(spec, motion, _AT_FOAM_MM, _AT_AGE_D, PRESSURES_MPA),
-    )
+    return Courses(*(shares_at(spec, motion, *setting) for setting in SINGLE_FACTOR))
 
 
 def words(spec: SeedlingSpec, motion: MotionAt) -> Array:
@@ -156,11 +160,13 @@ def _pressure_words(s: Shares) -> Array:
 
 
 def _at_least(shares: Array, wanted: Any) -> Array:
-    return np.maximum(np.asarray(wanted) - shares, 0.0)
+    missing: Array = np.maximum(np.asarray(wanted) - shares, 0.0)
+    return missing
 
 
 def _at_most(shares: Array, wanted: Any) -> Array:
-    return np.maximum(shares - np.asarray(wanted), 0.0)
+    excess: Array = np.maximum(shares - np.asarray(wanted), 0.0)
+    return excess
 
 
 def _rising(shares: Array, by: Any) -> Array:
@@ -190,19 +196,15 @@ def calibrate(start: SeedlingSpec, motion: MotionAt) -> SeedlingSpec:
     def residuals(scaled: Array) -> Array:
         spec = spec_of(scaled)
         off = differences(spec, motion)
-        lines = np.concatenate([
-            shares_at(spec, motion, foam, age, pressure).success_percent - np.clip(success_percent(foam, age, pressure), 0, 100)
-            for foam, age, pressure in (
-                (FOAMS_MM, _AT_AGE_D, _AT_PRESSURE_MPA),
-                (_AT_FOAM_MM, AGES_D, _AT_PRESSURE_MPA),
-                (_AT_FOAM_MM, _AT_AGE_D, PRESSURES_MPA),
-            )
-        ])  # fmt: skip
+        lines = [
+            course.success_percent - np.clip(success_percent(*setting), 0, 100)
+            for course, setting in zip(courses(spec, motion), SINGLE_FACTOR, strict=True)
+        ]
         best = shares_at(spec, motion, *_OPTIMUM).success_percent - success_percent(*_OPTIMUM)
         return np.concatenate([
             10 * off / np.sqrt(off.size),
             _WEIGHT_WORDS * words(spec, motion),
-            _WEIGHT_LINES * lines,
+            _WEIGHT_LINES * np.concatenate(lines),
             _WEIGHT_OPTIMUM * np.atleast_1d(best),
             _WEIGHT_START * (scaled - (first - low) / size),
         ])  # fmt: skip

@@ -64,9 +64,15 @@ class MotionWatch:
                 fall_s = twin.parameters.handling.fall_s(arm.lift.rise_m)
                 self.rows.append(
                     RowMotion(
-                        side, felt.along_m, felt.across_m, felt.peak_n, thrown_s - felt.since_s,
-                        arm.row.off_m, arm.slide.x_m, fall_s,
-                    )  # fmt: skip
+                        side,
+                        felt.along_m,
+                        felt.across_m,
+                        felt.peak_n,
+                        thrown_s - felt.since_s,
+                        arm.row.off_m,
+                        arm.slide.x_m,
+                        fall_s,
+                    )
                 )
 
 

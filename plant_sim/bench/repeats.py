@@ -1,0 +1,93 @@
+"""Trials repeated with one seed after the other, and what they give together: table, CSV, JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import fmean, stdev
+from typing import Any
+
+from plant_sim.bench.report import TrialReport, success_intervals
+
+_COLUMNS = ("seed", "seedlings", "in_cups", "P", "D", "T")
+_SHARES = ("S", "F_p", "F_d", "F_t")
+_REST = ("missed_cups", "cycles", "cycle_time_s", "air_l_min", "simulated_s", "extrapolates")
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Several trials of one setting.
+
+    Attributes:
+        reports: Each trial, in the order of the seeds.
+    """
+
+    reports: Sequence[TrialReport]
+
+    @property
+    def completed(self) -> bool:
+        """Whether every trial reached Complete."""
+        return all(report.completed for report in self.reports)
+
+    @property
+    def accounted(self) -> bool:
+        """Whether every seedling of every trial is counted, once."""
+        return all(report.accounted for report in self.reports)
+
+    def pooled(self) -> dict[str, object]:
+        """Return counts, shares (percent) and 95 % binomial intervals of all seedlings together, and S over trials."""
+        names = ("seedlings", "in_cups", "P", "D", "T")
+        total: dict[str, int] = {name: sum(getattr(report, name) for report in self.reports) for name in names}
+        seedlings = total["seedlings"]
+        counts = dict(zip(_SHARES, (total[name] for name in names[1:]), strict=True))
+        successes = [report.S for report in self.reports]
+        return {
+            "trials": len(self.reports),
+            **total,
+            **{name: 100 * count / seedlings for name, count in counts.items()},
+            "intervals": success_intervals(*counts.values(), seedlings=seedlings),
+            "S_mean": fmean(successes),
+            "S_sd": stdev(successes) if len(successes) > 1 else None,
+        }
+
+    def record(self) -> dict[str, object]:
+        """Return trials and pool as one JSON object."""
+        return {"trials": [report.record() for report in self.reports], "pooled": self.pooled()}
+
+    def csv(self) -> str:
+        """Return one line a trial, the heading first; intervals as `S_low`, `S_high` and so on."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        ends = [f"{name}_{end}" for name in _SHARES for end in ("low", "high")]
+        writer.writerow([*_COLUMNS, *_SHARES, *ends, *_REST, "completed"])
+        for report in self.reports:
+            intervals = [end for name in _SHARES for end in report.intervals[name]]
+            values = [getattr(report, name) for name in (*_COLUMNS, *_SHARES)]
+            writer.writerow([*values, *intervals, *(getattr(report, name) for name in _REST), report.completed])
+        return text.getvalue()
+
+    def text(self) -> str:
+        """Return a table for a person."""
+        heading = f"{'seed':>6} {'seedlings':>9} {'in cups':>8} {'P':>4} {'D':>4} {'T':>4} {'S %':>6}  95 % binomial"
+        lines = [heading, *(self._line(report) for report in self.reports)]
+        pool: dict[str, Any] = self.pooled()
+        intervals = pool["intervals"]
+        shares = "  ".join(
+            f"{name} {pool[name]:.2f} % ({intervals[name][0]:.2f} to {intervals[name][1]:.2f})" for name in _SHARES
+        )
+        spread = "" if pool["S_sd"] is None else f"; S of a trial {pool['S_mean']:.2f} +- {pool['S_sd']:.2f} %"
+        lines.append(f"all {pool['seedlings']} seedlings: {shares}, 95 % binomial{spread}")
+        lines += [
+            f"seed {report.seed}: the trial did not complete: {report.reason}"
+            for report in self.reports
+            if not report.completed
+        ]
+        return "\n".join(lines)
+
+    @staticmethod
+    def _line(report: TrialReport) -> str:
+        low, high = report.intervals["S"]
+        counts = f"{report.seed:6} {report.seedlings:9} {report.in_cups:8} {report.P:4} {report.D:4} {report.T:4}"
+        return f"{counts} {report.S:6.1f}  {low:.1f} to {high:.1f}"

@@ -1,0 +1,250 @@
+"""A study of one's own: its trials, means with intervals, regression, main effects and contours."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from statsmodels.stats.proportion import proportion_confint
+from statsmodels.stats.weightstats import DescrStatsW
+
+from plant_sim.bench.report import TrialReport
+from plant_sim.bench.study.factors import ratings_exceeded
+from plant_sim.bench.study.fit_parts import anova_table, coefficient_table, fit_record
+from plant_sim.bench.study.own_figures import main_effects
+from plant_sim.bench.study.own_file import OwnStudy
+from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table
+from plant_sim.bench.study.regression import Fit, fit, terms
+from plant_sim.bench.study.report import Study
+from plant_sim.bench.study.runner import RunOptions
+from plant_sim.bench.study.surface import contours
+
+_COUNTED = {"S": "in_cups", "F_p": "P", "F_d": "D", "F_t": "T"}
+"""Responses that are percentages of the seedlings, and what is counted for them."""
+_UNITS = {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min"} | dict.fromkeys(_COUNTED, "%")
+_MOST_REASONS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A response at one setting.
+
+    Attributes:
+        mean: Mean of its trials; None where no trial gave a number.
+        low: Lower end of the 95 % confidence interval of the mean; None where it cannot be told.
+        high: Upper end.
+    """
+
+    mean: float | None
+    low: float | None = None
+    high: float | None = None
+
+
+def estimate(response: str, trials: Sequence[TrialReport]) -> Estimate:
+    """Return the mean of a response at one setting with its 95 % interval.
+
+    Percentages of the seedlings are pooled over the trials and get the exact binomial interval (Clopper and
+    Pearson); anything else gets that of Student's t, for which it takes two trials.
+
+    Args:
+        response: Name of a number of a trial.
+        trials: All trials at the setting.
+    """
+    if response in _COUNTED:
+        count = sum(getattr(trial, _COUNTED[response]) for trial in trials)
+        seedlings = sum(trial.seedlings for trial in trials)
+        low, high = proportion_confint(count, seedlings, alpha=0.05, method="beta")
+        return Estimate(100 * count / seedlings, 100 * float(low), 100 * float(high))
+    values = numbers(response, trials)
+    if len(values) == 0:
+        return Estimate(None)
+    if len(values) == 1:
+        return Estimate(float(values[0]))
+    described = DescrStatsW(values)
+    low, high = described.tconfint_mean(alpha=0.05)
+    return Estimate(float(described.mean), float(low), float(high))
+
+
+def numbers(response: str, trials: Sequence[TrialReport]) -> NDArray[np.float64]:
+    """Return what those trials gave that have a number for a response."""
+    values = [getattr(trial, response) for trial in trials]
+    return np.array([value for value in values if value is not None], dtype=np.float64)
+
+
+def own_study(own: OwnStudy, options: RunOptions) -> Study:
+    """Run a study of one's own.
+
+    Args:
+        own: The study as read; trials and seed are its own.
+        options: How to run it otherwise.
+
+    Raises:
+        StudyError: it cannot be run.
+    """
+    options = dataclasses.replace(options, trials=own.replicates, seed=own.seed)
+    reports = options.run(own.settings, seedlings=own.seedlings)
+    estimates = {name: [estimate(name, trials) for trials in reports] for name in own.responses}
+    parts: list[Part] = [*_about(own, options), *_cautions(own, options, reports), Heading("Runs")]
+    parts.append(_runs(own, estimates))
+    record: dict[str, object] = {
+        "title": own.title,
+        "design": own.design,
+        "seed": options.seed,
+        "trials_per_run": options.trials,
+        "seedlings": own.seedlings,
+        "runs": _run_records(own, estimates, reports),
+    }
+    models = {}
+    for name in own.responses:
+        found, model = _response_parts(own, name, estimates[name], reports)
+        parts += found
+        if model is not None:
+            models[name] = fit_record(model)
+    if own.model != "none":
+        record["models"] = models
+    command = shlex.join(["python", "-m", "plant_sim", "study", "own", str(own.path)])
+    return Study(own.name, own.title, command, tuple(parts), record)
+
+
+def _about(own: OwnStudy, options: RunOptions) -> list[Part]:
+    """What was done."""
+    parts: list[Part] = [
+        f"Design {own.design}: {len(own.points)} runs. Trials a run: {options.trials}, of {own.seedlings} seedlings, "
+        f"on the twin (program and simulated machine in lock step), seed {options.seed}.",
+        Table(
+            "factors",
+            "Factors, and what the coded levels -1 and 1 stand for",
+            ("term", "factor", "unit", "-1", "1"),
+            tuple(
+                (f"X{number}", each.name, each.unit, _level(each.natural(-1)), _level(each.natural(1)))
+                for number, each in enumerate(own.factors, 1)
+            ),
+        ),
+    ]
+    if own.fixed:
+        fixed = ", ".join(f"{name} = {value:.6g}" for name, value in own.fixed.items())
+        parts.append(f"Held in every run: {fixed}. Everything else is as machine and program have it.")
+    return parts
+
+
+def _cautions(own: OwnStudy, options: RunOptions, reports: Sequence[Sequence[TrialReport]]) -> list[Part]:
+    """What to know before the figures are believed."""
+    parts: list[Part] = [
+        f"Outside the maker's rating: {line}." for line in ratings_exceeded(own.settings, options.machine)
+    ]
+    beyond = [str(run) for run, trials in enumerate(reports, 1) if any(trial.extrapolates for trial in trials)]
+    if beyond:
+        parts.append(f"Runs {', '.join(beyond)} lie outside the trials of the pepper paper: what happens to a seedling "
+                     "there is extrapolated.")  # fmt: skip
+    broken = [(run, trial.reason) for run, trials in enumerate(reports, 1) for trial in trials if not trial.completed]
+    if broken:
+        reasons = "; ".join(f"run {run}: {reason}" for run, reason in broken[:_MOST_REASONS])
+        more = "; and others" if len(broken) > _MOST_REASONS else ""
+        total = sum(map(len, reports))
+        parts.append(f"{len(broken)} of {total} trials did not complete; they count as they ended. {reasons}{more}.")
+    return parts
+
+
+def _runs(own: OwnStudy, estimates: Mapping[str, Sequence[Estimate]]) -> Table:
+    rows = (
+        (run + 1, *map(_level, point), *(each[run].mean for each in estimates.values()))
+        for run, point in enumerate(own.points)
+    )
+    heading = ("run", *(each.label for each in own.knobs), *map(_label, estimates))
+    return Table("runs", "Levels and mean responses of the runs", heading, tuple(rows))
+
+
+def _intervals(name: str, estimates: Sequence[Estimate]) -> Table:
+    rows = tuple((run, each.mean, each.low, each.high) for run, each in enumerate(estimates, 1))
+    kind = "exact binomial, trials pooled" if name in _COUNTED else "Student's t"
+    caption = f"{_label(name)}: mean of each run and its 95 % confidence interval ({kind})"
+    return Table(f"{_stem(name)}-intervals", caption, ("run", "mean", "low", "high"), rows)
+
+
+def _response_parts(
+    own: OwnStudy, name: str, estimates: Sequence[Estimate], reports: Sequence[Sequence[TrialReport]]
+) -> tuple[list[Part], Fit | None]:
+    """Everything about one response."""
+    parts: list[Part] = [Heading(_label(name)), _intervals(name, estimates)]
+    means = np.array([np.nan if each.mean is None else each.mean for each in estimates])
+    model = None
+    values = [numbers(name, trials) for trials in reports]
+    response = np.concatenate(values)
+    if own.model != "none" and len(response) < sum(map(len, reports)):
+        parts.append(f"Not every trial has a number for {name}, so no model is fitted.")
+    elif own.model != "none" and np.ptp(response) == 0:
+        parts.append(f"{name} is {response[0]:g} in every trial: there is nothing for a model to explain.")
+    elif own.model != "none":
+        coded = np.repeat(own.coded, [len(each) for each in values], axis=0)
+        model = fit(coded, response, terms(len(own.knobs), own.model))
+        parts += _model_parts(own, name, model)
+    parts.append(Picture(f"{_stem(name)}-main-effects", f"Main effects on {_label(name)}: {_line(own, model)}",
+                         main_effects(own, means, _label(name), model)))  # fmt: skip
+    return parts, model
+
+
+def _line(own: OwnStudy, model: Fit | None) -> str:
+    """What the line in the main effects is."""
+    if own.design == "factorial":
+        return "points are runs, the line joins the means of the levels"
+    if model is not None:
+        return "points are runs, the line is the model with the other factors at their coded 0"
+    return "points are runs"
+
+
+def _model_parts(own: OwnStudy, name: str, model: Fit) -> list[Part]:
+    stem, label = _stem(name), _label(name)
+    caption = f"Least squares on the single trials, coded factors: {label}"
+    parts: list[Part] = [
+        coefficient_table(f"{stem}-coefficients", caption, {"estimate": model.values}, fit=model, digits=4),
+        anova_table(f"{stem}-anova", f"Analysis of variance of {label}; terms are partial (type III)",
+                    {"twin": model.anova}, digits=4),
+        f"R² = {model.r2:.4f}, adjusted {model.adjusted_r2:.4f}.",
+    ]  # fmt: skip
+    if own.model == "quadratic" and len(own.knobs) > 1:
+        middle, edge = [0.0] * len(own.knobs), [1.0] * len(own.knobs)
+        figure = contours(model, own.factors, response=label, held=middle, reach=edge)
+        parts.append(Picture(f"{stem}-contours", f"Fitted {label}; factors not shown are at their coded 0", figure))
+    return parts
+
+
+def _run_records(
+    own: OwnStudy, estimates: Mapping[str, Sequence[Estimate]], reports: Sequence[Sequence[TrialReport]]
+) -> list[dict[str, object]]:
+    return [
+        {
+            "setting": dict(setting.values),
+            "coded": coded.tolist(),
+            "estimates": {
+                name: {"mean": each[run].mean, "low": each[run].low, "high": each[run].high}
+                for name, each in estimates.items()
+            },
+            "trials": [
+                {"seed": trial.seed, "completed": trial.completed, **{name: getattr(trial, name) for name in estimates}}
+                for trial in reports[run]
+            ],
+        }
+        for run, (setting, coded) in enumerate(zip(own.settings, own.coded, strict=True))
+    ]
+
+
+def _label(response: str) -> str:
+    """A response with its unit."""
+    return f"{response}, {_UNITS[response]}" if response in _UNITS else response
+
+
+def _stem(response: str) -> str:
+    """A response as the beginning of a file name."""
+    return response.lower().replace("_", "-")
+
+
+def _level(value: float) -> Cell:
+    """A level as it stands in a table: a whole number as one, a long one with six digits."""
+    value = float(f"{value:.12g}")  # without what coding and decoding leave behind
+    if value.is_integer() and abs(value) < 1e9:
+        return int(value)
+    return value if round(value, 2) == value else f"{value:.6g}"

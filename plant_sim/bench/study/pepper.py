@@ -1,0 +1,347 @@
+"""The pepper paper's experiments on the twin: the three single-factor tests and the orthogonal test.
+
+Every figure of the paper is of [P], section 3.3 to 3.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from plant_sim.bench.report import TrialReport, success_intervals
+from plant_sim.bench.study.design import to_coded, to_natural
+from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.factors import Setting, ratings_exceeded
+from plant_sim.bench.study.fit_parts import anova_table, fit_pictures, fit_record, optimum_table, runs_table
+from plant_sim.bench.study.optimum import best
+from plant_sim.bench.study.paper import (
+    PEPPER_FACTORS,
+    pepper_experiment,
+    pepper_optimum,
+    printed_anova,
+    sheet,
+)
+from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table
+from plant_sim.bench.study.pepper_paper import HIGH, LOW, RESPONSE, coefficients, equation_5, refit
+from plant_sim.bench.study.regression import Fit, fit, terms
+from plant_sim.bench.study.report import Study, drawing
+from plant_sim.bench.study.runner import RunOptions
+from plant_sim.crop.response import CropSpec, success_percent
+from plant_sim.scope.style import COLOURS, QUIET
+
+NAMES: Final = ("crop.foam_thickness_mm", "crop.seedling_age_d", "crop.claw_pressure_mpa")
+"""The factors of the paper as parameters of the machine, in its order."""
+
+_SHARES: Final = ("S", "F_p", "F_d", "F_t")
+_AXES: Final = {"foam": "foam thickness, mm", "age": "age of the seedlings, d", "pressure": "claw pressure, MPa"}
+_LINES: Final = {"F_p": COLOURS["left"], "F_d": COLOURS["right"], "F_t": COLOURS["supply"]}
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """What the trials at one setting gave together.
+
+    Attributes:
+        crop: Foam, mm, age, d, and claw pressure, MPa.
+        shares: S, F_p, F_d and F_t of all seedlings together, %.
+        intervals: Their 95 % binomial intervals, %.
+    """
+
+    crop: CropSpec
+    shares: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+
+    @property
+    def by_equation_5(self) -> float:
+        """S by equation 5, not limited to 0 to 100, %."""
+        crop = self.crop
+        return success_percent(crop.foam_thickness_mm, crop.seedling_age_d, crop.claw_pressure_mpa)
+
+
+def point_of(crop: CropSpec, reports: Sequence[TrialReport]) -> Point:
+    """Take the trials at a setting together.
+
+    Args:
+        crop: The setting.
+        reports: Its trials.
+
+    Raises:
+        StudyError: one of them did not complete.
+    """
+    for report in reports:
+        if not report.completed:
+            raise StudyError(
+                f"seed {report.seed}: a trial did not complete ({report.reason}); give a machine that works"
+            )
+    in_cups, P, D, T, seedlings = (  # noqa: N806 - as the paper names them
+        sum(getattr(report, name) for report in reports) for name in ("in_cups", "P", "D", "T", "seedlings")
+    )
+    shares = {name: 100 * count / seedlings for name, count in zip(_SHARES, (in_cups, P, D, T), strict=True)}
+    return Point(crop, shares, success_intervals(in_cups, P, D, T, seedlings=seedlings))
+
+
+def setting_of(natural: Sequence[float]) -> Setting:
+    """Return the setting of a foam, mm, an age, d, and a claw pressure, MPa."""
+    return Setting(dict(zip(NAMES, map(float, natural), strict=True)))
+
+
+def single_study(options: RunOptions) -> Study:
+    """Return the study ``pepper-single``: each factor of the paper by itself.
+
+    Raises:
+        StudyError: a setting is impossible or a trial does not complete.
+    """
+    levels = sheet("pepper-single-factor")
+    natural = levels.points("foam_mm", "age_d", "pressure_mpa")
+    settings = [setting_of(each) for each in natural]
+    reports = options.run(settings)
+    tests: dict[str, list[Point]] = {name: [] for name in _AXES}
+    for name, each, trials in zip(levels.texts("factor"), natural, reports, strict=True):
+        tests[name].append(point_of(CropSpec(*map(float, each)), trials))
+    parts: list[Part] = [
+        f"Trials of {reports[0][0].seedlings} seedlings, {options.trials} at each level, on the twin. The paper "
+        "prints the results as pictures only and describes them in words.",
+        *_cautions(settings, options),
+    ]
+    for place, (name, points) in enumerate(tests.items()):
+        parts += [
+            Heading(_AXES[name].partition(",")[0].capitalize()),
+            _single_table(name, points, place),
+            Picture(f"single-{name}", f"Failures and success over {_AXES[name]}; bars: 95 % binomial.",
+                    _single_figure(name, points, place)),
+            _words_table(name, points),
+        ]  # fmt: skip
+    parts.append(_what_equation_5_implies(tests["age"]))
+    record = {
+        name: [{**_natural_record(each), **each.shares, "intervals": dict(each.intervals),
+                "S_by_equation_5": each.by_equation_5} for each in points]
+        for name, points in tests.items()
+    }  # fmt: skip
+    return Study(
+        name="pepper-single",
+        title="Pepper seedlings: each factor by itself",
+        command=f"python -m plant_sim study pepper-single --trials {options.trials} --seed {options.seed}",
+        parts=tuple(parts),
+        record=record,
+    )
+
+
+def _cautions(settings: Sequence[Setting], options: RunOptions) -> list[Part]:
+    beyond = sum(setting.machine(options.machine).crop.extrapolates for setting in settings)
+    told = ratings_exceeded(settings, options.machine)
+    parts: list[Part] = []
+    if beyond:
+        parts.append(
+            f"{beyond} of {len(settings)} settings lie outside the paper's orthogonal test, where equation 5 and the "
+            "calibration of the seedling extrapolate."
+        )
+    if told:
+        parts.append("Outside the makers' ratings: " + "; ".join(told) + ".")
+    return parts
+
+
+def _level(point: Point, place: int) -> float:
+    crop = point.crop
+    return (crop.foam_thickness_mm, crop.seedling_age_d, crop.claw_pressure_mpa)[place]
+
+
+def _natural_record(point: Point) -> dict[str, float]:
+    return {name.partition(".")[2]: _level(point, place) for place, name in enumerate(NAMES)}
+
+
+def _single_table(name: str, points: Sequence[Point], place: int) -> Table:
+    heading = (_AXES[name], "F_p, %", "F_d, %", "F_t, %", "S, %", "S from", "to", "S by equation 5", "extrapolated")
+    rows: list[tuple[Cell, ...]] = []
+    for point in points:
+        shares, (low, high) = point.shares, point.intervals["S"]
+        rows.append((
+            f"{_level(point, place):g}", shares["F_p"], shares["F_d"], shares["F_t"], shares["S"], low, high,
+            point.by_equation_5, "yes" if point.crop.extrapolates else "no",
+        ))  # fmt: skip
+    return Table(f"single-{name}", f"Failures over {_AXES[name]}", heading, tuple(rows), 1)
+
+
+def _single_figure(name: str, points: Sequence[Point], place: int) -> Figure:
+    levels = [_level(point, place) for point in points]
+    with drawing():
+        figure = Figure(figsize=(7.0, 3.2), layout="constrained")
+        failures, success = figure.subplots(1, 2)
+        for share, colour in _LINES.items():
+            failures.errorbar(levels, [each.shares[share] for each in points], _bars(points, share), color=colour,
+                              marker="o", markersize=4, capsize=2, label=share)  # fmt: skip
+        failures.set(xlabel=_AXES[name], ylabel="failures, %", ylim=(0, None))
+        failures.legend()
+        success.errorbar(levels, [each.shares["S"] for each in points], _bars(points, "S"), color=COLOURS["left"],
+                         marker="o", markersize=4, capsize=2, label="twin")  # fmt: skip
+        success.plot(levels, [each.by_equation_5 for each in points], "--", color=QUIET, label="equation 5")
+        success.set(xlabel=_AXES[name], ylabel="S, %")
+        success.legend()
+    return figure
+
+
+def _bars(points: Sequence[Point], share: str) -> NDArray[np.float64]:
+    """Distances from each share down and up to the ends of its interval, 2 rows."""
+    ends = [(each.shares[share] - each.intervals[share][0], each.intervals[share][1] - each.shares[share])
+            for each in points]  # fmt: skip
+    bars: NDArray[np.float64] = np.maximum(np.array(ends).T, 0.0)
+    return bars
+
+
+def _words_table(name: str, points: Sequence[Point]) -> Table:
+    """What the paper says of a factor, and what the twin gives for it."""
+    p, d, t = (np.array([each.shares[share] for each in points]) for share in ("F_p", "F_d", "F_t"))
+    said: dict[str, tuple[tuple[str, str, bool], ...]] = {
+        "foam": (
+            ("7.5 mm and less: pick failures low", f"F_p {_listed(p[:3])}", bool(p[:3].max() < 5)),
+            ("7.5 mm and less: carry failures high", f"F_d {_listed(d[:3])}", bool(d[:3].min() > d[4:].max())),
+            ("15 mm and more: pick failures up", f"F_p {_listed(p[4:])}", bool(p[5] > p[3] and p[6] > p[4])),
+            ("15 mm and more: carry failures far lower", f"F_d {_listed(d[5:])}", bool(d[5:].max() < d[2] / 2)),
+            ("throw failures unchanged", f"F_t {_listed(t)}", bool(np.ptp(t) < 5)),
+        ),
+        "age": (
+            ("43 d and less: pick failures high", f"F_p {_listed(p[:2])}", bool(p[:2].min() > p[4:].max())),
+            ("43 d and less: carry failures high", f"F_d {_listed(d[:2])}", bool(d[:2].min() > d[4:].max())),
+            ("52 d and more: pick failures fall", f"F_p {_listed(p[4:])}", bool(p[6] <= p[3])),
+            ("52 d and more: carry failures fall", f"F_d {_listed(d[4:])}", bool(d[6] <= d[3])),
+        ),
+        "pressure": (
+            ("0.25 MPa and less: plugs stay in their cells", f"F_p {_listed(p[:2])}", bool(p[:2].min() > p[3])),
+            ("0.65 MPa and more: stems are cut", f"F_p {_listed(p[5:])}", bool(p[5:].min() > p[3])),
+            ("carry failures fluctuate, then rise a little", f"F_d {_listed(d)}", bool(d[5:].mean() > d[:3].mean())),
+            ("throw failures fall fast", f"F_t {_listed(t[:3])}", bool(t[0] > 2 * t[2])),
+            ("throw failures then rise a little", f"F_t {_listed(t[3:])}", bool(t[4:].mean() > t[2:4].min())),
+        ),
+    }
+    rows = tuple((words, found, "yes" if holds else "no") for words, found, holds in said[name])
+    caption = "What the paper says in words, and what these trials give; few seedlings decide little"
+    return Table(f"words-{name}", caption, ("paper", "twin, %", "holds"), rows)
+
+
+def _listed(shares: NDArray[np.float64]) -> str:
+    return ", ".join(f"{share:.1f}" for share in shares)
+
+
+def _what_equation_5_implies(points: Sequence[Point]) -> str:
+    at = {each.crop.seedling_age_d: each for each in points}
+    young, old = at[52.0], at[58.0]
+    lost = young.by_equation_5 - old.by_equation_5
+    picked = sum(old.shares[name] - young.shares[name] for name in ("F_p", "F_d"))
+    return (
+        f"From 52 to 58 d equation 5 loses {lost:.1f} points, while the paper says that pick and carry failures fall. "
+        f"Both can only be true if throw failures rise by more than that: on the twin F_p and F_d together change by "
+        f"{picked:+.1f} points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
+    )
+
+
+def rsm_study(options: RunOptions) -> Study:
+    """Return the study ``pepper-rsm`` on the twin: Table 4's design, its regression, optimum and verification.
+
+    Raises:
+        StudyError: a setting is impossible or a trial does not complete.
+    """
+    experiment, claim = pepper_experiment(), pepper_optimum()
+    natural = to_natural(PEPPER_FACTORS, experiment.coded)
+    *reports, verification = options.run([setting_of(each) for each in (*natural, claim.natural)])
+    points = [point_of(CropSpec(*map(float, each)), trials) for each, trials in zip(natural, reports, strict=True)]
+    success = np.array([each.shares["S"] for each in points])
+    twin = fit(experiment.coded, success, terms(len(PEPPER_FACTORS), "quadratic"))
+    optimum, _ = best(twin, LOW, HIGH)
+    checks = np.array([report.S for report in verification])
+    parts = [
+        f"The paper's design (Table 4) run on the twin: {len(points)} runs of {options.trials} trials with "
+        f"{verification[0].seedlings} seedlings each.",
+        *_run_parts(experiment.coded, experiment.responses["S"], points),
+        *_fit_parts(twin),
+        *_best_parts(twin, optimum),
+        *_check_parts(checks, point_of(CropSpec(*map(float, claim.natural)), verification)),
+    ]
+    record = {
+        "data": "twin",
+        "runs": [{**_natural_record(each), **each.shares} for each in points],
+        "twin": fit_record(twin),
+        "refit": fit_record(refit()),
+        "paper": {"coefficients": dict(equation_5().coefficients)},
+        "optimum": _setting_record(optimum, twin),
+        "paper_optimum": _setting_record(best(refit(), LOW, HIGH)[0], refit()),
+        "verification": {"S": checks.tolist(), "mean": float(checks.mean()),
+                         "paper": sheet("pepper-verification").numbers("S").tolist()},
+    }  # fmt: skip
+    return Study(
+        name="pepper-rsm",
+        title="Pepper seedlings: the paper's orthogonal test on the twin",
+        command=f"python -m plant_sim study pepper-rsm --trials {options.trials} --seed {options.seed}",
+        parts=tuple(parts),
+        record=record,
+    )
+
+
+def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points: Sequence[Point]) -> list[Part]:
+    columns = {
+        "S, paper": printed,
+        "S by equation 5": np.array([each.by_equation_5 for each in points]),
+        **{f"{name}, twin": np.array([each.shares[name] for each in points]) for name in _SHARES},
+    }
+    return [
+        Heading("The runs"),
+        runs_table("runs", "Success and failures, %", PEPPER_FACTORS, coded, columns, digits=1),
+    ]
+
+
+def _fit_parts(twin: Fit) -> list[Part]:
+    lack = twin.row("lack of fit")
+    return [
+        Heading("The model"),
+        f"R² of the twin's regression {twin.r2:.3f} (paper's data {refit().r2:.3f}); lack of fit P {lack.p:.3f}.",
+        coefficients({"paper": equation_5().coefficients, "refit": refit().values, "twin": twin.values}, twin),
+        anova_table(
+            "anova", "Analysis of variance: [P] Table 5, the refit of Table 4, and the twin",
+            {"paper": printed_anova("pepper-table-5"), "refit": refit().anova, "twin": twin.anova},
+        ),
+    ]  # fmt: skip
+
+
+def _best_parts(twin: Fit, optimum: NDArray[np.float64]) -> list[Part]:
+    claimed = to_coded(PEPPER_FACTORS, np.array(pepper_optimum().natural))
+    of_paper, _ = best(refit(), LOW, HIGH)
+    marks = {"best of the twin": optimum, "rounded by the paper": claimed}
+    off = to_natural(PEPPER_FACTORS, optimum) - to_natural(PEPPER_FACTORS, of_paper)
+    return [
+        Heading("The optimum"),
+        optimum_table(
+            "optimum", "Best setting with every factor from -1 to 1", PEPPER_FACTORS, response=RESPONSE,
+            points={**marks, "best of the refit": of_paper},
+            surfaces={"twin": twin, "refit": refit(), "equation 5": equation_5()},
+        ),
+        f"The twin's optimum lies {off[0]:+.2f} mm, {off[1]:+.2f} d and {off[2]:+.3f} MPa from that of the refit.",
+        *fit_pictures("success", twin, PEPPER_FACTORS, response=RESPONSE, marks=marks, held=optimum),
+    ]  # fmt: skip
+
+
+def _check_parts(checks: NDArray[np.float64], pooled: Point) -> list[Part]:
+    paper = sheet("pepper-verification").numbers("S")
+    low, high = pooled.intervals["S"]
+    rows: list[tuple[Cell, ...]] = [
+        (str(number + 1), float(paper[number]) if number < len(paper) else None,
+         float(checks[number]) if number < len(checks) else None)
+        for number in range(max(len(paper), len(checks)))
+    ]  # fmt: skip
+    rows.append(("mean", float(paper.mean()), float(checks.mean())))
+    return [
+        Heading("The verification"),
+        Table("verification", "Trials at 10 mm, 51 d, 0.40 MPa: S, %", ("trial", "paper", "twin"), tuple(rows)),
+        f"All seedlings of the twin's trials together: S {pooled.shares['S']:.2f} %, 95 % binomial {low:.2f} to "
+        f"{high:.2f}; equation 5 gives {pooled.by_equation_5:.2f}.",
+    ]
+
+
+def _setting_record(coded: NDArray[np.float64], fitted: Fit) -> dict[str, object]:
+    return {
+        "coded": coded.tolist(),
+        "natural": to_natural(PEPPER_FACTORS, coded).tolist(),
+        "S": float(fitted.predict(coded)[0]),
+    }

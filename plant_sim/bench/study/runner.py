@@ -1,0 +1,155 @@
+"""Many trials on the twin, spread over processes; what comes out does not depend on how many there are."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+import joblib
+import numpy as np
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from controller.io_map import DEFAULT_IO_MAP, IoMap, load_io_map
+from plant_sim.bench.report import TrialReport
+from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.factors import Setting
+from plant_sim.bench.trial import run_trial
+from plant_sim.parameters import Machine, load_machine
+
+SEEDLINGS = 144
+"""Seedlings of the paper's trial, two trays."""
+MOST_TRIALS = 100_000
+
+Progress = Callable[[int, int], None]
+"""Is told how many trials are done, and of how many."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """How a study is to be run.
+
+    Attributes:
+        trials: Trials at each setting.
+        seed: Seed of the study.
+        workers: Processes side by side; None = one a core.
+        machine: The machine that the study's settings change.
+        io_map: Its wires.
+        progress: Is told of every trial that is done.
+    """
+
+    trials: int
+    seed: int
+    workers: int | None
+    machine: Machine
+    io_map: IoMap
+    progress: Progress | None = None
+
+    def run(self, settings: Sequence[Setting], *, seedlings: int = SEEDLINGS) -> list[list[TrialReport]]:
+        """Run a study's settings so; see the function `run`."""
+        return run(
+            settings,
+            trials=self.trials,
+            seed=self.seed,
+            seedlings=seedlings,
+            workers=self.workers,
+            progress=self.progress,
+            machine=self.machine,
+            io_map=self.io_map,
+        )
+
+
+def run(
+    settings: Sequence[Setting],
+    *,
+    trials: int,
+    seed: int,
+    seedlings: int = SEEDLINGS,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    machine: Machine | None = None,
+    io_map: IoMap | None = None,
+) -> list[list[TrialReport]]:
+    """Run some trials at each of some settings.
+
+    Args:
+        settings: The settings; all of them are checked before anything runs.
+        trials: Trials at each.
+        seed: Seed of the study; see `trial_seed`.
+        seedlings: Seedlings of a trial.
+        workers: Processes side by side; 1 = this one, None = one a core.
+        progress: Is told of every trial that is done.
+        machine: The machine that the settings change; None = that of the repository.
+        io_map: Its wires; None = those of the repository.
+
+    Returns:
+        The reports, by setting and trial; the same for any number of workers, but for `wall_s`.
+
+    Raises:
+        StudyError: a setting or a number is impossible, or a process was killed.
+    """
+    base, wires = machine or load_machine(), io_map or load_io_map(DEFAULT_IO_MAP)
+    _check_numbers(len(settings), trials, workers)
+    made = [(setting.machine(base), setting.set_points()) for setting in settings]
+    jobs = [
+        joblib.delayed(run_trial)(
+            seed=trial_seed(seed, index, trial),
+            seedlings=seedlings,
+            parameters=parameters,
+            set_points=set_points,
+            io_map=wires,
+        )
+        for index, (parameters, set_points) in enumerate(made)
+        for trial in range(trials)
+    ]
+    reports: list[TrialReport] = []
+    try:
+        with closing(_results(jobs, workers)) as results:
+            for report in results:
+                reports.append(report)
+                if progress is not None:
+                    progress(len(reports), len(jobs))
+    except TerminatedWorkerError:
+        raise StudyError("--workers: a process was killed, perhaps for want of memory; give a smaller number") from None
+    return [reports[first : first + trials] for first in range(0, len(jobs), trials)]
+
+
+def trial_seed(seed: int, setting: int, trial: int) -> int:
+    """Return the seed of a trial: of the study's seed, its setting and its number alone.
+
+    Args:
+        seed: Seed of the study, 0 or more.
+        setting: Which setting of the study, from 0.
+        trial: Which trial at that setting, from 0.
+
+    Returns:
+        53 bits, so that programs which read JSON numbers as floats do not round it.
+    """
+    sequence = np.random.SeedSequence(seed, spawn_key=(setting, trial))
+    return int(sequence.generate_state(1, np.uint64)[0]) >> 11
+
+
+def _check_numbers(settings: int, trials: int, workers: int | None) -> None:
+    if settings < 1:
+        raise StudyError("settings: the study has none; give at least one")
+    if trials < 1:
+        raise StudyError(f"--trials {trials}: give 1 or more")
+    if settings * trials > MOST_TRIALS:
+        raise StudyError(f"--trials {trials}: {settings} settings make {settings * trials} trials, more than "
+                         f"{MOST_TRIALS}; give fewer trials or fewer levels")  # fmt: skip
+    if workers is not None and workers < 1:
+        raise StudyError(f"--workers {workers}: give 1 or more, or leave it out for one a core")
+
+
+def _results(jobs: Sequence[object], workers: int | None) -> Generator[TrialReport, None, None]:
+    """The reports in the order of the jobs, each as soon as it and those before it are there."""
+    here = workers == 1 or len(jobs) == 1
+    pool = {} if here else {"backend": "loky", "initializer": _leave_interrupts_to_the_parent}
+    parallel = joblib.Parallel(n_jobs=1 if here else workers or -1, return_as="generator", **pool)
+    results: Generator[TrialReport, None, None] = parallel(jobs)
+    return results
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,163 @@
+"""Figures of fitted responses: contours over pairs of factors, observed against predicted, a Pareto front."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from plant_sim.bench.study.design import Factor, to_natural
+from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.optimum import Front, Surface
+from plant_sim.bench.study.report import drawing
+from plant_sim.scope.style import COLOURS, QUIET, SERIES
+
+_PANEL_IN: Final = (3.1, 2.9)
+_COLUMNS = 3
+_GRID = 81
+_SHADES = 4  # of colour between two lines
+
+Panel = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+Marks = Mapping[str, NDArray[np.float64]]
+
+
+def contours(
+    surface: Surface,
+    factors: Sequence[Factor],
+    *,
+    response: str,
+    held: Sequence[float],
+    reach: Sequence[float],
+    marks: Marks | None = None,
+    box: float | None = None,
+) -> Figure:
+    """Draw a response over every pair of factors, the others held.
+
+    Args:
+        surface: The response.
+        factors: Its factors; at least two.
+        response: Its name and unit, for the colour bar.
+        held: Coded levels at which the factors stand that a panel does not show.
+        reach: How far the panels reach to either side of the centre, coded, one a factor.
+        marks: Points to mark, coded, by their name in the legend.
+        box: Half the edge of the searched box, coded, drawn as a frame; None for none.
+
+    Raises:
+        StudyError: there are fewer than two factors.
+    """
+    pairs = list(itertools.combinations(range(len(factors)), 2))
+    if not pairs:
+        raise StudyError(f"contours of {response}: one factor has no pair; draw a line instead")
+    columns = min(len(pairs), _COLUMNS)
+    rows = math.ceil(len(pairs) / columns)
+    grids = [_grid(surface, pair, held, reach) for pair in pairs]
+    lines, fills = _levels(grids)
+    with drawing():
+        figure = Figure(figsize=(_PANEL_IN[0] * columns + 0.6, _PANEL_IN[1] * rows), layout="constrained")
+        panels = [figure.add_subplot(rows, columns, place + 1) for place in range(len(pairs))]
+        for axes, pair, (x, y, values) in zip(panels, pairs, grids, strict=True):
+            x_axis, y_axis = factors[pair[0]], factors[pair[1]]
+            natural = x_axis.centre + x_axis.step * x, y_axis.centre + y_axis.step * y
+            filled = axes.contourf(*natural, values, levels=fills, cmap="viridis")
+            drawn = axes.contour(*natural, values, levels=lines, colors="white", linewidths=0.5)
+            axes.clabel(drawn, fmt="%g", fontsize=6)
+            axes.set_xlabel(x_axis.label)
+            axes.set_ylabel(y_axis.label)
+            axes.set_title(_held_text(factors, pair, held), fontsize=7, color=QUIET)
+            _mark(axes, factors, pair, marks or {}, box)
+        figure.colorbar(filled, ax=panels, label=response, ticks=lines)
+        if marks:
+            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(marks))
+    return figure
+
+
+def _grid(surface: Surface, pair: tuple[int, int], held: Sequence[float], reach: Sequence[float]) -> Panel:
+    """Return coded coordinates of a panel and the response there."""
+    x, y = np.meshgrid(*(np.linspace(-reach[place], reach[place], _GRID) for place in pair))
+    points = np.tile(np.asarray(held, dtype=np.float64), (x.size, 1))
+    points[:, pair[0]], points[:, pair[1]] = x.ravel(), y.ravel()
+    return x, y, surface.predict(points).reshape(x.shape)
+
+
+def _levels(grids: Sequence[Panel]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return round levels for the lines, common to all panels, and finer ones for the colours."""
+    values = np.concatenate([each.ravel() for _, _, each in grids])
+    lines = np.asarray(MaxNLocator(nbins=10, steps=[1, 2, 5, 10]).tick_values(values.min(), values.max()))
+    return lines, np.linspace(lines[0], lines[-1], _SHADES * (len(lines) - 1) + 1)
+
+
+def _held_text(factors: Sequence[Factor], pair: tuple[int, int], held: Sequence[float]) -> str:
+    rest = [(factor, held[place]) for place, factor in enumerate(factors) if place not in pair]
+    return "; ".join(f"{factor.name} {factor.natural(level):.4g} {factor.unit}" for factor, level in rest)
+
+
+def _mark(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], marks: Marks, box: float | None) -> None:
+    """Draw the frame of the searched box and the marked points as they are seen from this pair."""
+    if box is not None:
+        corners = np.array([(-box, -box), (box, -box), (box, box), (-box, box), (-box, -box)])
+        frame = to_natural([factors[place] for place in pair], corners)
+        axes.plot(frame[:, 0], frame[:, 1], color="white", linewidth=0.8, linestyle=(0, (4, 2)))
+    for (name, point), sign in zip(marks.items(), itertools.cycle("oXs^D")):
+        natural = to_natural(factors, point)
+        axes.plot(
+            natural[pair[0]], natural[pair[1]], sign, color=COLOURS["right"], markeredgecolor="white", markersize=7,
+            linestyle="none", label=name,
+        )  # fmt: skip
+
+
+def observed_against_predicted(
+    observed: NDArray[np.float64], predicted: NDArray[np.float64], *, response: str, r2: float
+) -> Figure:
+    """Draw what was measured over what the model says, with the line on which both agree.
+
+    Args:
+        observed: What was measured, a number a run.
+        predicted: What the model says for the same runs.
+        response: Name and unit of both.
+        r2: Share of the variation that the model explains, 0 to 1.
+    """
+    ends = [float(min(observed.min(), predicted.min())), float(max(observed.max(), predicted.max()))]
+    with drawing():
+        figure = Figure(figsize=(3.6, 3.4), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot(ends, ends, color=QUIET, linewidth=0.8)
+        axes.plot(predicted, observed, "o", color=COLOURS["left"], markersize=4, markeredgewidth=0)
+        axes.set_xlabel(f"predicted {response}")
+        axes.set_ylabel(f"observed {response}")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(f"R² = {r2:.4f}, {len(observed)} runs", fontsize=8)
+    return figure
+
+
+def pareto_front(
+    front: Front, *, a: str, b: str, marks: Mapping[str, tuple[float, float]], cloud: NDArray[np.float64]
+) -> Figure:
+    """Draw a Pareto front in the plane of its two responses.
+
+    Args:
+        front: The front.
+        a: Name and unit of the first response.
+        b: The same of the second.
+        marks: Pairs of responses to mark, by their name in the legend.
+        cloud: Pairs of responses all over the box, one row each, drawn behind.
+    """
+    with drawing():
+        figure = Figure(figsize=(4.8, 3.6), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot(
+            cloud[:, 0], cloud[:, 1], ".", color="#CCCCCC", markersize=2, markeredgewidth=0, label="settings in the box"
+        )
+        axes.plot(front.a, front.b, color=COLOURS["left"], label="Pareto front")
+        for (name, point), colour, sign in zip(marks.items(), itertools.cycle(SERIES), itertools.cycle("oXs^D")):
+            axes.plot(*point, sign, color=colour, markeredgecolor="white", markersize=7, linestyle="none", label=name)
+        axes.set_xlabel(a)
+        axes.set_ylabel(b)
+        axes.legend(fontsize=7)
+    return figure
