@@ -1,13 +1,18 @@
 """The seedling of machine.yaml is the calibrated one: eq. 5 over the design region, and every sentence of the paper."""
 
 import dataclasses
+import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from plant_sim.bench.study.calibration import FITTED, calibrate, courses, design_region, differences, shares_at, words
+from plant_sim.bench.study.calibration_study import calibration_study
 from plant_sim.bench.study.nominal import NominalMotion, nominal_motion
+from plant_sim.bench.study.parts import Table
 from plant_sim.crop.expectation import Shares
 from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import CropSpec
@@ -15,6 +20,7 @@ from plant_sim.parameters import load_machine
 
 MACHINE = load_machine()
 SPEC = MACHINE.seedling
+GUIDE = Path(__file__).parents[1] / "docs/seedling.md"
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +121,32 @@ def test_only_what_is_named_is_fitted(motion: NominalMotion) -> None:
     assert set(FITTED) < set(SeedlingSpec.__slots__)
     for name, (low, high) in FITTED.items():
         assert low <= getattr(SPEC, name) <= high
+
+
+def test_the_guide_tells_the_courses_as_they_are(motion: NominalMotion) -> None:
+    """Rows P, D and T of its three tables, in percent to one decimal."""
+    rows = re.findall(r"^\| ([PDT]) \| ([\d. |]+) \|$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert [name for name, _ in rows] == list("PDT") * 3
+    for (name, cells), course in zip(rows, [each for each in courses(SPEC, motion) for _ in range(3)], strict=True):
+        told = [float(cell) for cell in cells.split(" | ")]
+        assert told == pytest.approx(percent(course, name).tolist(), abs=0.051), name
+
+
+def test_the_guide_tells_how_well_it_fits(motion: NominalMotion) -> None:
+    off = differences(SPEC, motion)
+    text = GUIDE.read_text(encoding="utf-8")
+    assert f"| root mean square | {rms(off):.2f} |" in text
+    assert f"| largest | {np.abs(off).max():.1f} |" in text
+    assert f"{len(off):,} points of the design region" in text
+
+
+def test_the_study_sets_the_machine_beside_a_new_fit() -> None:
+    study = calibration_study(MACHINE, seed=1)
+    tables = {part.name: part for part in study.parts if isinstance(part, Table)}
+    assert len(tables["motion"].rows) == 12
+    assert [row[0] for row in tables["constants"].rows] == list(FITTED)
+    assert [row[1] for row in tables["constants"].rows] == [getattr(SPEC, name) for name in FITTED]
+    agreement = study.record["agreement"]
+    assert isinstance(agreement, dict)
+    assert agreement["machine"]["rms"] == pytest.approx(agreement["fit"]["rms"], abs=0.02)
+    assert json.loads(study.json())["single_factor"]["age"]["T"][6] == pytest.approx(12.3, abs=0.1)

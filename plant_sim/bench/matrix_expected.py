@@ -155,11 +155,15 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "leaking_check_valve": {
         **dict.fromkeys(("slide.plus", "slide.minus"), _CREEPING),
         **dict.fromkeys(("lift.plus", "lift.minus"), _SINKING),
-        "claw_reservoir": _untold("the reservoir holds its air only while the main pressure is there, and it is"),
+        "claw_reservoir": _untold("the reservoir holds air only when the receiver has none, and it has"),
     },
     "low_supply": {
         "supply": _harms(_AIR, f"{_PASSED_ROW}; a pressure switch (`air_pressure_ok`) tells it at once",
                          "arm_through_tray"),
+    },
+    "low_claw_supply": {
+        "supply": _untold("nothing senses the force of the claws: plugs stay in their cells; a pressure switch behind "
+                          "the regulator of the claws would tell it", loses=True),
     },
     "failing_supply": {
         "compressor": _harms(_AIR, "the receiver feeds the machine to the end of the trial; a pressure switch "

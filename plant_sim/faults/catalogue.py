@@ -97,6 +97,10 @@ _KINDS = (
         "supply", Size("Pa", 0.0, 1e6, "gauge pressure", "0.35 MPa"),
     ),
     FaultKind(
+        "low_claw_supply", "regulator", "that of the claws is set to another pressure", parts.regulator,
+        ("claw_regulated_pa",), _as_big, "supply", Size("Pa", 0.0, 1e6, "gauge pressure", "0.15 MPa"),
+    ),
+    FaultKind(
         "failing_supply", "compressor", "it delivers less; the pressure falls as air is used", parts.compressor,
         ("compressor_kg_s",), _part, "compressor", Size("-", 0.0, 1.0, "share left", "0 %"),
     ),
