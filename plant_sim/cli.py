@@ -112,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     form.add_argument("--json", action="store_true", help="print one JSON object")
     form.add_argument("--csv", action="store_true", help="print a heading and one line a trial")
     trial.add_argument("--seedlings", type=int, default=None, metavar="N",
-                       help="this many seedlings instead of full trays; the last tray has empty cells")  # fmt: skip
+                       help="this many seedlings, in as many trays as they need; --trays is not looked at")  # fmt: skip
     trial.add_argument("--repeat", type=int, default=1, metavar="K",
                        help="this many trials, with one seed after the other")  # fmt: skip
     trial.add_argument("--ladder", type=Path, default=None, metavar="FILE",
@@ -253,7 +253,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _fast(options: argparse.Namespace) -> int:
     with ProgressView() as view:
-        report = _trial_report(options, show_progress(view, options.trays, options.language), seed=options.seed)
+        (report,) = _trials(options, 1, show_progress(view, options.trays, options.language))
     print(report.text())
     return _exit_code(report)
 
@@ -261,7 +261,7 @@ def _fast(options: argparse.Namespace) -> int:
 def _trial(options: argparse.Namespace) -> int:
     if options.ladder is not None:
         return _ladder_trial(options)
-    reports = [_trial_report(options, None, seed=options.seed + number) for number in range(options.repeat)]
+    reports = _trials(options, options.repeat)
     repeats = Repeats(reports)
     if options.csv:
         print(repeats.csv(), end="")
@@ -282,17 +282,24 @@ def _ladder_trial(options: argparse.Namespace) -> int:
     return 0 if report.completed else 1
 
 
-def _trial_report(options: argparse.Namespace, progress: Callable[[Twin], None] | None, *, seed: int) -> TrialReport:
-    return run_trial(
-        seed=seed,
-        trays=options.trays,
-        seedlings=getattr(options, "seedlings", None),
-        io_map=load_io_map(options.io_map),
-        parameters=_machine(options),
-        faults=faults_of(options),
-        record=options.record,
-        progress=progress,
-    )
+def _trials(
+    options: argparse.Namespace, count: int, progress: Callable[[Twin], None] | None = None
+) -> list[TrialReport]:
+    """Run trials with one seed after the other."""
+    io_map, machine, faults = load_io_map(options.io_map), _machine(options), faults_of(options)
+    return [
+        run_trial(
+            seed=seed,
+            trays=options.trays,
+            seedlings=getattr(options, "seedlings", None),
+            io_map=io_map,
+            parameters=machine,
+            faults=faults,
+            record=options.record,
+            progress=progress,
+        )
+        for seed in range(options.seed, options.seed + count)
+    ]
 
 
 def _air(options: argparse.Namespace) -> int:

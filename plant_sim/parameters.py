@@ -184,10 +184,11 @@ class Machine:
             for name, value, low, high, symbol, unit, part in checks
             if not low <= value <= high
         ]
-        if claws_pa > self.supply.compressor_on_pa - self.supply.check_crack_pa:
+        held_pa = self.supply.compressor_on_pa - self.supply.check_crack_pa
+        if claws_pa > held_pa:
             beyond.append(
-                f"crop.claw_pressure_mpa: {claws_pa / _MPA:.3g} MPa is more than the receiver always holds, "
-                f"supply.compressor_on_pa less the check valve: {self.supply.compressor_on_pa / _MPA:.3g} MPa"
+                f"crop.claw_pressure_mpa: {claws_pa / _MPA:.4g} MPa is more than the receiver always holds behind the "
+                f"check valve of the claws, {held_pa / _MPA:.4g} MPa; raise supply.compressor_on_pa"
             )
         if self.slide.recouples_m_s < self.slide.speed_m_s:
             beyond.append(

@@ -101,6 +101,7 @@ SAMPLE: list[tuple[str, str, str]] = [
     ("closed_throttle:right.slide.minus=0.02@20s..", "approach row", "right"),
     ("leaking_check_valve:left.lift.minus=5e-9@20s..", "spread", "left"),
     ("low_supply:supply=0.1MPa@20s..", "slide to feed", "right"),
+    ("low_claw_supply:supply=0.1MPa@20s..", "", ""),
     ("failing_supply:compressor=0@20s..", "", ""),
     ("jammed:left.slide@20s..", "slide to feed", "left"),
     ("dropping_arm:left.lift=5e-9@20s..", "spread", "left"),

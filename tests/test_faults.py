@@ -261,6 +261,20 @@ def test_a_low_supply_falls_as_air_is_used_and_comes_back() -> None:
     assert rig.plant.supply.pressure_pa == pytest.approx(0.5e6, abs=0.01e6)
 
 
+def test_a_low_claw_supply_weakens_the_grip_alone_and_comes_back() -> None:
+    """Given the regulator of the claws at 0.2 MPa, they clamp with half of 0.4 MPa; the main pressure stands."""
+    rig = struck("low_claw_supply:supply=0.2MPa@0s..12s")
+    for _ in range(6):
+        rig.run(1_000, "left.claws_open")
+        rig.run(1_000, "left.claws_close")
+    assert rig.plant.supply.claw_pressure_pa == pytest.approx(0.2e6, abs=0.01e6)
+    assert rig.plant.supply.pressure_pa == pytest.approx(0.5e6, abs=0.01e6)
+    low_n = rig.left.claws.clamp_n
+    rig.run(3_000, "left.claws_close")
+    assert rig.plant.supply.claw_pressure_pa == pytest.approx(0.4e6, abs=0.01e6)
+    assert low_n == pytest.approx(0.5 * rig.left.claws.clamp_n, rel=0.02)
+
+
 def test_a_failing_compressor_lets_the_receiver_run_empty() -> None:
     values: dict[str, Value] = {"supply.receiver_m3": 0.003}
     sound, dead = Rig(values), struck("failing_supply:compressor=0%", values=values)

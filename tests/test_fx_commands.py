@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as Xml
 
 import pytest
@@ -11,8 +13,11 @@ from fx_equality import EXPORTED
 
 from controller.__main__ import main as controller
 from controller.fx.reading import load_ladder
-from plant_sim.bench.trial import run_trial
+from controller.program.states import State
+from plant_sim.bench import ladder_trial
+from plant_sim.bench.twin import Twin
 from plant_sim.cli import main as plant_sim
+from plant_sim.plant import Plant
 
 SEAL_IN = "LD X0\nOR M0\nANI X1\nOUT M0\nLD M0\nOUT T0 K5\nLD T0\nOUT Y0\nEND\n"
 STIMULUS = """
@@ -111,19 +116,44 @@ def test_bad_input_is_told_in_one_line(
     assert program.read_text(encoding="utf-8") == SEAL_IN
 
 
-def test_the_exported_program_transplants_144_seedlings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As many as our own program from the same trays, with no incident."""
+def test_the_exported_program_transplants_144_seedlings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each ends where our own program puts it if the button is pressed at the same moments, with no incident.
+
+    The moments matter: they set where the cups are when the arms come, and so how long the seedlings are held.
+    """
+    plants: list[Watched] = []
+
+    class Watched(Plant):
+        """A plant that remembers when its start button was pressed."""
+
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            self.pressed_ms: set[int] = set()
+            plants.append(self)
+
+        def step(self, for_ms: int, y: Sequence[bool]) -> None:
+            if self.box.start:
+                self.pressed_ms.add(self.time_ms)
+            super().step(for_ms, y)
+
     out = tmp_path / "transplanter.csv"
     assert controller(["ladder", "export", "--format", "gx-csv", "--out", str(out)]) == 0
     capsys.readouterr()
+    monkeypatch.setattr(ladder_trial, "Plant", Watched)
     assert plant_sim(["trial", "--ladder", str(out), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
-    ours = run_trial(seed=1).record()
+    (theirs,) = plants
+    ours = Twin(seed=1, trays=2, set_points={"trays_target": 2})
+    while ours.now_ms < 1_000 * report["simulated_s"]:
+        ours.plant.box.start = ours.now_ms in theirs.pressed_ms
+        ours.scan()
+    assert ours.state is State.COMPLETE
     assert report["total"] == 144
     assert report["incidents"] == []
-    assert {name: report[name] for name in ("in_cups", "P", "D", "T")} == {
-        name: ours[name] for name in ("in_cups", "P", "D", "T")
-    }
+    assert report["in_cups"] == ours.plant.counts().in_cups > 120
+    assert [seedling.place for seedling in theirs.seedlings] == [seedling.place for seedling in ours.plant.seedlings]
 
 
 def test_a_program_that_does_nothing_leaves_everything(program: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -172,3 +172,24 @@ def test_a_finer_step_moves_no_edge_by_what_a_controller_could_see() -> None:
     }
     assert shifts_ms.keys() == limits_ms.keys()
     assert {tag: shift_ms for tag, shift_ms in shifts_ms.items() if shift_ms >= limits_ms[tag]} == {}
+
+
+def worked_claws(rig: Rig) -> float:
+    """Open and close the claws of the left arm five times; return with what force they clamp in the end, N."""
+    for _ in range(5):
+        rig.run(1_000, "left.claws_open")
+        rig.run(1_000, "left.claws_close")
+    return rig.left.claws.clamp_n
+
+
+def test_claws_clamp_with_more_than_the_main_pressure_where_they_are_set_so() -> None:
+    """Their air comes from the receiver: at 0.6 MPa half as strong again as at 0.4, with 0.5 MPa on the slides."""
+    rig = Rig({"crop.claw_pressure_mpa": 0.6})
+    assert worked_claws(rig) == pytest.approx(1.5 * worked_claws(Rig()), rel=0.03)
+    assert rig.plant.supply.claw_pressure_pa == pytest.approx(0.6e6, rel=0.02)
+    assert rig.plant.supply.pressure_pa == pytest.approx(0.5e6, rel=0.02)
+
+
+def test_a_main_regulator_set_low_does_not_touch_the_claws() -> None:
+    sound_n = worked_claws(Rig())
+    assert worked_claws(Rig({"supply.pressure_pa": 0.2e6})) == pytest.approx(sound_n, rel=0.001)

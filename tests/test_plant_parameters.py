@@ -233,8 +233,13 @@ def test_the_machine_of_the_repository_is_within_its_ratings() -> None:
             "supply.pressure_pa: 0.5 MPa is outside the rating of the SC50 lift, 0 to 0.45 MPa",
         ),
         (
-            {"crop.claw_pressure_mpa": 0.75},
-            "crop.claw_pressure_mpa: 0.75 MPa is outside the rating of the MHC2 claws, 0.1 to 0.6 MPa",
+            {"crop.claw_pressure_mpa": 0.62},
+            "crop.claw_pressure_mpa: 0.62 MPa is outside the rating of the MHC2 claws, 0.1 to 0.6 MPa",
+        ),
+        (
+            {"crop.claw_pressure_mpa": 0.58, "supply.compressor_on_pa": 0.57e6},
+            "crop.claw_pressure_mpa: 0.58 MPa is more than the receiver always holds behind the check valve of the "
+            "claws, 0.565 MPa; raise supply.compressor_on_pa",
         ),
         (
             {"slide.throttle_conductance_m3_s_pa": 2.5e-9, "slide.recouples_m_s": 0.6},
@@ -270,6 +275,13 @@ def test_what_lies_outside_a_rating_is_warned_about_by_name_and_not_refused(
 @pytest.mark.parametrize("claw_pressure_mpa", [0.1, 0.6])
 def test_the_ends_of_a_rating_are_within_it(claw_pressure_mpa: float) -> None:
     assert MACHINE.with_values({"crop.claw_pressure_mpa": claw_pressure_mpa}).warnings == []
+
+
+@pytest.mark.parametrize(("starts_below_pa", "is_warned"), [(0.606e6, False), (0.604e6, True)])
+def test_claws_need_what_the_check_valve_takes_besides(starts_below_pa: float, is_warned: bool) -> None:
+    """Claws at 0.6 MPa behind a check valve that opens at 5 kPa."""
+    values: dict[str, Value] = {"crop.claw_pressure_mpa": 0.6, "supply.compressor_on_pa": starts_below_pa}
+    assert bool(MACHINE.with_values(values).warnings) is is_warned
 
 
 def test_switches_that_could_contradict_each_other_are_refused() -> None:

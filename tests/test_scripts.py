@@ -135,7 +135,7 @@ def test_a_second_set_up_does_nothing(machine: Machine) -> None:
 
 
 def test_dev_after_plant_is_added_to_what_is_there(machine: Machine) -> None:
-    assert machine.setup("plant") == ["venv", "pip .[plant,panel]"]
+    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel]"]
     assert machine.setup("dev") == ["pip .[dev]"]
 
 
@@ -157,7 +157,7 @@ def test_an_interrupted_set_up_begins_anew(machine: Machine) -> None:
 def test_an_interrupted_addition_begins_anew(machine: Machine) -> None:
     machine.setup("plant")
     assert machine.run("scripts/setup", "dev", PIP_FAILS="1")[0] == 2
-    assert machine.setup("plant") == ["venv", "pip .[plant,panel]"]
+    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel]"]
 
 
 def test_another_python_begins_anew(machine: Machine) -> None:
@@ -255,7 +255,7 @@ def test_another_user_is_told_which_tools_to_have_installed(machine: Machine, th
     assert machine.run("scripts/run")[0] == 0, "the machine itself needs none of them"
 
 
-@pytest.mark.parametrize(("word", "extra"), [("run", "plant,panel"), ("bench", "dev")])
+@pytest.mark.parametrize(("word", "extra"), [("run", "plant,studies,panel"), ("bench", "dev")])
 def test_run_and_bench_hand_their_arguments_on(machine: Machine, word: str, extra: str) -> None:
     code, output, _ = machine.run(f"scripts/{word}", "--speed", "2 x")
     assert (code, output) == (0, f"python|-P|-m|plant_sim|{word}|--speed|2 x\n")

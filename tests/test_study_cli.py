@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -11,8 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.bench.study import cli, runner
+from plant_sim.bench.study import cli, pepper, runner, throughput
 from plant_sim.bench.study.cli import add_study_arguments, study_command
+from plant_sim.bench.study.report import Study
+from plant_sim.bench.study.runner import RunOptions
 from plant_sim.parameters import DEFAULT_MACHINE
 
 OWN = """\
@@ -91,6 +94,38 @@ def test_json_is_one_object_and_equal_seeds_give_equal_studies(own: Path, capsys
         (("throughput", "--trials", "0"), "--trials 0: give 1 or more"),
         (("throughput", "--workers", "0"), "--workers 0: give 1 or more"),
         (("pepper-single", "--seed", "-1"), "--seed -1: give 0 or more"),
+        (("pepper-single", "--seedlings", "0"), "--seedlings 0: give 1 or more"),
+        (("pepper-single", "--seedlings", "72001"), "--seedlings 72001: give 1 to 72000"),
+        (("own", "FILE", "--seedlings", "72001"), "--seedlings 72001: give 1 to 72000"),
+        (("throughput", "--seedlings", "72001"), "--seedlings 72001: give 1 to 72000"),
+        (
+            ("pepper-rsm", "--data", "paper", "--seedlings", "9"),
+            "--seedlings: means nothing with --data, which runs no",
+        ),
+        (("pepper-rsm", "--spacing", "35cm"), "--spacing: means nothing with pepper-rsm; leave it out"),
+        (
+            ("cabbage-rsm", "--data", "printed", "--frequencies", "20"),
+            "--frequencies: means nothing with cabbage-rsm, ",
+        ),
+        (("throughput", "--spacing", "35"), "--spacing: 35 m between plants; give 5 cm to 2 m"),
+        (("throughput", "--spacing", "4cm"), "--spacing: 0.04 m between plants; give 5 cm to 2 m"),
+        (("throughput", "--spacing", "35 kg"), "--spacing: '35 kg': kg does not fit; write it in m or "),
+        (
+            ("throughput", "--frequencies", "20..90"),
+            "--frequencies 20..90: is neither range nor list; write 20..90/10 ",
+        ),
+        (
+            ("throughput", "--frequencies", "20,,30"),
+            "--frequencies 20,,30: is neither range nor list; write 20..90/10 ",
+        ),
+        (
+            ("throughput", "--frequencies", "20.5"),
+            "--frequencies 20.5: is neither range nor list; write 20..90/10 or 20",
+        ),
+        (("throughput", "--frequencies", "90..20/10"), "--frequencies 90..20/10: holds no frequency; write the lower"),
+        (("throughput", "--frequencies", "20..90/0"), "--frequencies 20..90/0: holds no frequency; write the lower"),
+        (("throughput", "--frequencies", "11,45"), "--frequencies 11,45: give whole numbers from 12 to 150"),
+        (("throughput", "--frequencies", "45..151/53"), "--frequencies 45..151/53: give whole numbers from 12 to 150"),
         (("own", "FILE", "--machine", "none.yaml"), "none.yaml: cannot be read"),
         (("own", "FILE", "--io-map", "none.yaml"), "none.yaml: cannot be read"),
         (("own", "FILE", "--out", "."), "--out .: "),
@@ -146,6 +181,58 @@ def test_a_wrong_file_is_refused_in_one_line_and_nothing_is_written(
     assert printed.err.startswith(f"{own}{complaint}")
     assert printed.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [own]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "frequencies", "spacing_m"),
+    [
+        ((), range(20, 91, 10), None),
+        (("--frequencies", "20..90/10"), range(20, 91, 10), None),
+        (("--frequencies", "20..89/30", "--spacing", "35cm"), (20, 50, 80), 0.35),
+        (("--frequencies", "60, 45,50", "--spacing", "0.4"), (60, 45, 50), 0.4),
+        (("--frequencies", "12..150/138"), (12, 150), None),
+    ],
+)
+def test_throughput_takes_frequencies_and_the_distance_of_the_plants(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: Sequence[str],
+    frequencies: Sequence[int],
+    spacing_m: float | None,
+) -> None:
+    """As they are written; the command that makes the study again names them."""
+    asked: list[tuple[tuple[int, ...], object, int]] = []
+
+    def study_of(options: RunOptions, *, frequencies_per_min: Sequence[int], spacing_m: float | None) -> Study:
+        asked.append((tuple(frequencies_per_min), spacing_m, options.seedlings))
+        return Study("throughput", "None", "", (), {})
+
+    monkeypatch.setattr(throughput, "throughput_study", study_of)
+    assert study("throughput", *arguments, "--seedlings", "36", "--json") == 0
+    wanted = None if spacing_m is None else pytest.approx(spacing_m)
+    assert asked == [(tuple(frequencies), wanted, 36)]
+    command = json.loads(capsys.readouterr().out)["command"]
+    given_back = sorted(shlex.split(command)[5:])
+    assert given_back == sorted((*arguments, "--seedlings", "36"))
+
+
+def test_without_seedlings_a_trial_is_the_papers(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def study_of(options: RunOptions) -> Study:
+        asked.append(options.seedlings)
+        return Study("pepper-rsm", "None", "", (), {})
+
+    monkeypatch.setattr(pepper, "rsm_study", study_of)
+    assert study("pepper-rsm") == 0
+    assert asked == [144]
+
+
+def test_the_command_line_overrides_the_seedlings_of_the_file(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert study("own", str(own), "--json", "--workers", "1", "--seedlings", "6") == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["seedlings"] == 6
+    assert record["command"].endswith("--seedlings 6")
 
 
 def test_a_folder_that_is_taken_is_refused_before_anything_runs(

@@ -22,7 +22,8 @@ from plant_sim.bench.study.design import (
     two_level,
 )
 from plant_sim.bench.study.errors import StudyError
-from plant_sim.bench.study.regression import model_matrix, terms
+from plant_sim.bench.study.regression import Polynomial, model_matrix, terms
+from plant_sim.bench.study.surface import contours
 
 factors = st.integers(1, 5)
 
@@ -125,3 +126,13 @@ def test_what_cannot_be_designed_is_refused() -> None:
     for k, n, seed in ((0, 5, 1), (2, 0, 1), (2, 5, -1)):
         with pytest.raises(StudyError, match="latin hypercube"):
             latin_hypercube(k, n, seed=seed)
+
+
+def test_a_factor_without_unit_is_labelled_by_its_name_alone() -> None:
+    """No comma and no dash at an axis, nor in the text over a panel of contours."""
+    cups, foam = Factor("cups", "-", 6.0, 2.0), Factor("foam", "mm", 12.0, 3.6)
+    assert (cups.label, foam.label) == ("cups", "foam, mm")
+    surface = Polynomial({"1": 1.0, "X1": 1.0, "X2": 2.0, "X3": 0.5})
+    figure = contours(surface, (cups, foam, cups), response="S, %", held=(0.0, 0.0, 1.0), reach=(1.0, 1.0, 1.0))
+    shown = [(axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) for axes in figure.axes[:3]]
+    assert shown == [("cups", "foam, mm", "cups 8"), ("cups", "cups", "foam 12 mm"), ("foam, mm", "cups", "cups 6")]

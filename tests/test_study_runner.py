@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -13,7 +15,7 @@ from plant_sim.bench.report import TrialReport
 from plant_sim.bench.study import runner
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Setting
-from plant_sim.bench.study.runner import MOST_TRIALS, RunOptions, run, trial_seed
+from plant_sim.bench.study.runner import MOST_SEEDLINGS, MOST_TRIALS, RunOptions, Whole, run, spread, trial_seed
 from plant_sim.bench.trial import run_trial
 from plant_sim.parameters import load_machine
 
@@ -51,9 +53,10 @@ def test_workers_change_nothing_and_every_trial_is_told() -> None:
 
 def test_a_setting_gives_the_same_whatever_comes_after_it() -> None:
     """A study that is cut short gives the beginning of the whole one."""
-    options = RunOptions(trials=1, seed=3, workers=1, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP))
+    options = RunOptions(trials=1, seed=3, workers=1, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP),
+                         seedlings=SEEDLINGS)  # fmt: skip
     whole = run(SETTINGS, trials=1, seed=3, seedlings=SEEDLINGS, workers=1)
-    assert untimed(options.run(SETTINGS[:1], seedlings=SEEDLINGS)) == untimed(whole)[:1]
+    assert untimed(options.run(SETTINGS[:1])) == untimed(whole)[:1]
 
 
 def test_workers_run_in_processes_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,6 +98,40 @@ def test_what_is_impossible_is_refused_before_anything_runs(
     monkeypatch.setattr(runner, "run_trial", nothing_runs)
     with pytest.raises(StudyError, match=complaint):
         run(settings, trials=trials, seed=1, seedlings=SEEDLINGS, workers=workers)
+
+
+@pytest.mark.parametrize("seedlings", [0, MOST_SEEDLINGS + 1])
+def test_a_trial_of_none_or_of_more_than_the_magazine_holds_is_refused(
+    monkeypatch: pytest.MonkeyPatch, seedlings: int
+) -> None:
+    monkeypatch.setattr(runner, "run_trial", nothing_runs)
+    with pytest.raises(StudyError, match=f"^--seedlings {seedlings}: give 1 to 72000$"):
+        run(SETTINGS, trials=1, seed=1, seedlings=seedlings)
+
+
+def test_any_jobs_are_spread_in_their_order_whatever_watches_them() -> None:
+    """Given a progress that no other process could be given, as that of a bar on a terminal."""
+    lock, told = threading.Lock(), []
+
+    def see(done: int, total: int) -> None:
+        with lock:
+            told.append((done, total))
+
+    assert spread([partial(divmod, number, 3) for number in range(7)], 2, see) == [
+        divmod(number, 3) for number in range(7)
+    ]
+    assert told == [(done, 7) for done in range(1, 8)]
+    assert spread([], 2, see) == []
+
+
+def test_work_in_several_goes_is_told_as_one_whole() -> None:
+    """Given 7 planned in goes of 3 and 4, and 2 more that nobody foresaw, the total grows only with these."""
+    told: list[tuple[int, int]] = []
+    whole = Whole(lambda done, total: told.append((done, total)), 7)
+    for go in (3, 4, 2):
+        for done in range(1, go + 1):
+            whole(done, go)
+    assert told == [*((done, 7) for done in range(1, 8)), (8, 9), (9, 9)]
 
 
 def dies(**_: object) -> TrialReport:

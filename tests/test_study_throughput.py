@@ -14,6 +14,7 @@ from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.tags import ROWS, SetPoints
 from plant_sim.bench.study.bottleneck import first_late
 from plant_sim.bench.study.chart import gantt_chart
+from plant_sim.bench.study.driving import ground_speed_km_h
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.pace import (
     FASTEST_PER_MIN,
@@ -26,7 +27,7 @@ from plant_sim.bench.study.pace import (
 from plant_sim.bench.study.parts import Picture, Table
 from plant_sim.bench.study.report import Study, drawing
 from plant_sim.bench.study.runner import RunOptions
-from plant_sim.bench.study.throughput import ground_speed_km_h, throughput_study
+from plant_sim.bench.study.throughput import throughput_study
 from plant_sim.parameters import load_machine
 from plant_sim.scope.style import save
 
@@ -81,13 +82,13 @@ def test_a_frequency_that_the_program_cannot_be_set_for_is_refused_before_anythi
 @pytest.mark.parametrize("spacing_m", [0.0, -1.0, 2.5, float("nan")])
 def test_an_impossible_distance_of_plants_is_refused(spacing_m: float) -> None:
     """Nothing runs for it."""
-    with pytest.raises(StudyError, match=r"^spacing_m: .* give 0\.05 to 2 m$"):
+    with pytest.raises(StudyError, match=r"^--spacing: .* give 5 cm to 2 m$"):
         throughput_study(OPTIONS, spacing_m=spacing_m)
 
 
 def test_no_frequency_at_all_is_refused() -> None:
     """A study of nothing is none."""
-    with pytest.raises(StudyError, match=r"^frequencies: there is none"):
+    with pytest.raises(StudyError, match=r"^--frequencies: there is none"):
         throughput_study(OPTIONS, frequencies_per_min=[])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from functools import cache
 from itertools import pairwise
 
@@ -18,7 +19,6 @@ from plant_sim.bench.study.timeline import (
     Stretch,
     Timeline,
     TimelineRecorder,
-    durations_ms,
     motion_of,
 )
 from plant_sim.bench.twin import SCAN_MS, Twin
@@ -109,7 +109,9 @@ def test_dwells_take_the_time_that_is_set_and_a_scan_at_most() -> None:
     """The paper's 0.5 s at feed, the clamping dwell of 0.2 s."""
     timeline, _ = recorded(6)
     for who in ARM.values():
-        took = durations_ms(timeline, who)
+        took: dict[str, list[int]] = defaultdict(list)
+        for each in timeline.stretches[who]:
+            took[motion_of(who, each.step).name].append(each.to_ms - each.from_ms)
         assert all(500 <= each <= 500 + SCAN_MS for each in took["pause at feed"])
         assert all(200 <= each <= 200 + SCAN_MS for each in took["clamp"])
         assert len(took["slide in"]) == 3

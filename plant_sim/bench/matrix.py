@@ -20,7 +20,7 @@ SIZES: dict[str, tuple[float, ...]] = {
     "closed_throttle": (0.3, 0.02),  # slower but in time, and as good as shut
     "leaking_check_valve": (5e-10, 5e-9),  # dirt in the seat, and a broken seat
     "low_supply": (0.35e6, 0.1e6),  # strokes still arrive, and no longer do
-    "low_claw_supply": (0.15e6,),  # the least of the paper's trials
+    "low_claw_supply": (0.10e6,),  # the least for which the grippers are rated
     "failing_supply": (0.0,),  # the receiver has to feed the rest of the trial
     "dropping_arm": (5e-10, 5e-9),  # as the check valves
     "decoupled_magnet": (20.0,),  # less than the acceleration of the carriage needs

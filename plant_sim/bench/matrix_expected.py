@@ -163,7 +163,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     },
     "low_claw_supply": {
         "supply": _untold("nothing senses the force of the claws: plugs stay in their cells; a pressure switch behind "
-                          "the regulator of the claws would tell it", loses=True),
+                          "the regulator of the claws would tell it", *_CLAW_HARM, loses=True),
     },
     "failing_supply": {
         "compressor": _harms(_AIR, "the receiver feeds the machine to the end of the trial; a pressure switch "

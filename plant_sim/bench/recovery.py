@@ -90,7 +90,8 @@ def answer_truly(twin: Twin) -> set[str]:
             twin.command(f"{side}_loaded_{'yes' if twin.plant.arms[side].grip.held else 'no'}")
     if "tray" in asked:
         if twin.plant.conveyor.beam.read() and twin.plant.conveyor.placed_tray is None:
-            by_hand(twin, "tray_run", for_ms=300)
+            by_hand(twin, "tray_run", for_ms=400)
+            twin.run_for(200)  # until it has come to rest
         twin.command(f"tray_{true_tray(twin)}")
     twin.run_for(200)
     return asked

@@ -8,8 +8,6 @@ from dataclasses import asdict, dataclass
 from statistics import fmean
 from typing import Any, Final
 
-from scipy.special import betaincinv
-
 from plant_sim.crop.seedling import SeedlingCounts
 
 EXTRAPOLATES: Final = "crop settings outside the trials of the paper: extrapolated"
@@ -27,6 +25,8 @@ def binomial_interval(hits: int, draws: int, confidence: float = CONFIDENCE) -> 
     >>> [round(end, 4) for end in binomial_interval(136, 144)]
     [0.8935, 0.9757]
     """
+    from scipy.special import betaincinv  # noqa: PLC0415 - loading it would hold up every start of the plant
+
     if draws == 0:
         return 0.0, 1.0
     tail = (1 - confidence) / 2
