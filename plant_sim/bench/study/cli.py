@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -18,6 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.parameters import DEFAULT_MACHINE, MachineError, load_machine
+from plant_sim.quantity import QuantityError, parse_quantity
 
 if TYPE_CHECKING:
     from plant_sim.bench.study.report import Study
@@ -25,8 +27,11 @@ if TYPE_CHECKING:
 
 # statsmodels takes a second to import: whatever needs it is imported when its study is asked for
 
-_RUN = ("trials", "seed", "workers", "machine", "io_map")
+_RUN = ("trials", "seed", "seedlings", "workers", "machine", "io_map")
+_PACE = ("spacing", "frequencies")
+_LEAST = {"trials": 1, "seed": 0, "seedlings": 1, "workers": 1}
 _LINES = 10
+_RANGE = re.compile(r"(\d+)\.\.(\d+)/(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,10 @@ def add_study_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="new folder for report, tables and pictures")
     parser.add_argument("--trials", type=int, metavar="N", help="trials at each point of the design")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of everything random")
+    parser.add_argument("--seedlings", type=int, metavar="N", help="seedlings of a trial, 144 without it")
+    parser.add_argument("--spacing", metavar="LENGTH", help="with throughput: from plant to plant in a row, as 35cm")
+    parser.add_argument("--frequencies", metavar="LIST", help="with throughput: planting frequencies to begin with, "
+                        "plants a minute and row, as 20..90/10 or 20,30,45")  # fmt: skip
     parser.add_argument("--workers", type=int, metavar="N", help="processes side by side; one a core without it")
     parser.add_argument("--machine", type=Path, metavar="FILE", help="the machine's parameters")
     parser.add_argument("--io-map", type=Path, metavar="FILE", help="the wires")
@@ -106,15 +115,16 @@ def _check(options: argparse.Namespace, entry: _Entry) -> None:
     if options.data is not None and options.data not in entry.data:
         there = f"give {' or '.join(entry.data)}" if entry.data else "leave it out"
         raise StudyError(f"--data {options.data}: is no data set of {name}; {there}")
-    for option in _RUN:
+    for option in (*_RUN, *_PACE):
         if getattr(options, option) is None:
             continue
         flag = f"--{option.replace('_', '-')}"
         if option not in entry.options:
-            raise StudyError(f"{flag}: means nothing with {name}, which runs no trials; leave it out")
+            why = "" if "trials" in entry.options else ", which runs no trials"
+            raise StudyError(f"{flag}: means nothing with {name}{why}; leave it out")
         if options.data is not None:
             raise StudyError(f"{flag}: means nothing with --data, which runs no trials; leave one of them out")
-    for option, least in (("trials", 1), ("workers", 1), ("seed", 0)):
+    for option, least in _LEAST.items():
         value = getattr(options, option)
         if value is not None and value < least:
             raise StudyError(f"--{option} {value}: give {least} or more")
@@ -125,23 +135,50 @@ def _command(options: argparse.Namespace) -> str:
     words = ["python", "-m", "plant_sim", "study", options.name]
     if options.file is not None:
         words.append(str(options.file))
-    for option in ("data", "trials", "seed", "machine", "io_map"):
+    for option in ("data", *_RUN, *_PACE):
         value = getattr(options, option)
-        if value is not None:
+        if value is not None and option != "workers":
             words += [f"--{option.replace('_', '-')}", str(value)]
     return shlex.join(words)
+
+
+def _spacing_m(text: str) -> float:
+    try:
+        return parse_quantity(text, "m")
+    except QuantityError as error:
+        raise StudyError(f"--spacing: {error}") from None
+
+
+def _frequencies_per_min(text: str) -> tuple[int, ...]:
+    """Planting frequencies written as a range, ``20..90/10``, or as a list, ``20,30,45``."""
+    from plant_sim.bench.study.pace import FASTEST_PER_MIN, SLOWEST_PER_MIN  # noqa: PLC0415
+
+    ends = _RANGE.fullmatch(text.replace(" ", ""))
+    if ends is not None:
+        low, high, step = map(int, ends.groups())
+        if low > high or step < 1:
+            raise StudyError(f"--frequencies {text}: holds no frequency; write the lower end first and a step from 1")
+        found = tuple(range(low, high + 1, step))
+    elif all(each.strip().isdecimal() for each in text.split(",")):
+        found = tuple(map(int, text.split(",")))
+    else:
+        raise StudyError(f"--frequencies {text}: is neither range nor list; write 20..90/10 or 20,30,45")
+    if not SLOWEST_PER_MIN <= min(found) <= max(found) <= FASTEST_PER_MIN:
+        raise StudyError(f"--frequencies {text}: give whole numbers from {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}")
+    return found
 
 
 @contextmanager
 def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> Iterator[RunOptions]:
     """How to run a study, with what it takes where the command line says nothing; shows progress meanwhile."""
-    from plant_sim.bench.study.runner import RunOptions  # noqa: PLC0415
+    from plant_sim.bench.study.runner import SEEDLINGS, RunOptions  # noqa: PLC0415
 
     machine, io_map = load_machine(options.machine or DEFAULT_MACHINE), load_io_map(options.io_map or DEFAULT_IO_MAP)
     with _progress() as progress:
         yield RunOptions(
             trials=trials if options.trials is None else options.trials,
             seed=seed if options.seed is None else options.seed,
+            seedlings=SEEDLINGS if options.seedlings is None else options.seedlings,
             workers=options.workers,
             machine=machine,
             io_map=io_map,
@@ -195,10 +232,14 @@ def _cabbage_rsm(options: argparse.Namespace) -> Study:
 
 
 def _throughput(options: argparse.Namespace) -> Study:
+    from plant_sim.bench.study.driving import FREQUENCIES_PER_MIN  # noqa: PLC0415
     from plant_sim.bench.study.throughput import throughput_study  # noqa: PLC0415
 
+    spacing_m = None if options.spacing is None else _spacing_m(options.spacing)
+    given = options.frequencies
+    frequencies = FREQUENCIES_PER_MIN if given is None else _frequencies_per_min(given)
     with _run_options(options, trials=1) as run:
-        return throughput_study(run)
+        return throughput_study(run, frequencies_per_min=frequencies, spacing_m=spacing_m)
 
 
 def _own(options: argparse.Namespace) -> Study:
@@ -206,7 +247,7 @@ def _own(options: argparse.Namespace) -> Study:
     from plant_sim.bench.study.own_file import load_own_study  # noqa: PLC0415
 
     machine = load_machine(options.machine or DEFAULT_MACHINE)
-    own = load_own_study(options.file, machine, trials=options.trials, seed=options.seed)
+    own = load_own_study(options.file, machine, trials=options.trials, seed=options.seed, seedlings=options.seedlings)
     with _run_options(options, trials=own.replicates, seed=own.seed) as run:
         return own_study(own, run)
 
@@ -216,6 +257,6 @@ _STUDIES: Mapping[str, _Entry] = {
     "pepper-rsm": _Entry("the pepper paper's response surface and optimum", _pepper_rsm, _RUN, ("paper",)),
     "cabbage-rsm": _Entry("the cabbage paper's regression, from its own tables", _cabbage_rsm, (),
                           ("printed", "reconciled")),
-    "throughput": _Entry("what keeps the machine from planting faster", _throughput, _RUN),
+    "throughput": _Entry("what keeps the machine from planting faster", _throughput, (*_RUN, *_PACE)),
     "own": _Entry("a study of one's own", _own, (*_RUN, "file")),
 }  # fmt: skip

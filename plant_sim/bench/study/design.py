@@ -19,13 +19,22 @@ from plant_sim.bench.study.errors import StudyError
 _MOST_FACTORS = 12  # 4096 corners
 
 
+def label(name: str, unit: str) -> str:
+    """Return a name with its unit, for a heading or an axis; a unit ``-`` is none.
+
+    >>> label("foam thickness", "mm"), label("cups", "-")
+    ('foam thickness, mm', 'cups')
+    """
+    return name if unit == "-" else f"{name}, {unit}"
+
+
 @dataclass(frozen=True, slots=True)
 class Factor:
     """What an experiment changes.
 
     Attributes:
         name: Its name.
-        unit: Its unit.
+        unit: Its unit, ``-`` for none.
         centre: Its value at the coded 0, in its unit.
         step: How much one coded unit is, in its unit.
 
@@ -51,8 +60,8 @@ class Factor:
 
     @property
     def label(self) -> str:
-        """Name and unit, for a heading or an axis."""
-        return f"{self.name}, {self.unit}"
+        """Name and unit."""
+        return label(self.name, self.unit)
 
     def natural(self, coded: float) -> float:
         """Return the value of a coded level, in the factor's unit."""

@@ -11,6 +11,7 @@ from functools import cache
 
 from controller.core.expr import Word
 from controller.program.tags import SetPoints
+from plant_sim.bench.study.design import label
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.faults.kind import suggestion
 from plant_sim.parameters import Machine, MachineError, Value
@@ -38,7 +39,7 @@ class Knob:
     @property
     def label(self) -> str:
         """Name and unit, for the head of a table or an axis."""
-        return self.name if self.unit == "-" else f"{self.name}, {self.unit}"
+        return label(self.name, self.unit)
 
     def read(self, text: str) -> float:
         """Return a level as somebody has written it, with or without unit; ``true`` and ``false`` for a switch.

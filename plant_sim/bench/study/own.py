@@ -79,14 +79,14 @@ def own_study(own: OwnStudy, options: RunOptions) -> Study:
     """Run a study of one's own.
 
     Args:
-        own: The study as read; trials and seed are its own.
+        own: The study as read; trials, seed and seedlings are its own.
         options: How to run it otherwise.
 
     Raises:
         StudyError: it cannot be run.
     """
-    options = dataclasses.replace(options, trials=own.replicates, seed=own.seed)
-    reports = options.run(own.settings, seedlings=own.seedlings)
+    options = dataclasses.replace(options, trials=own.replicates, seed=own.seed, seedlings=own.seedlings)
+    reports = options.run(own.settings)
     estimates = {name: [estimate(name, trials) for trials in reports] for name in own.responses}
     parts: list[Part] = [*_about(own, options), *_cautions(own, options, reports), Heading("Runs")]
     parts.append(_runs(own, estimates))
@@ -138,8 +138,8 @@ def _cautions(own: OwnStudy, options: RunOptions, reports: Sequence[Sequence[Tri
     ]
     beyond = [str(run) for run, trials in enumerate(reports, 1) if any(trial.extrapolates for trial in trials)]
     if beyond:
-        parts.append(f"Runs {', '.join(beyond)} lie outside the trials of the pepper paper: what happens to a seedling "
-                     "there is extrapolated.")  # fmt: skip
+        parts.append("Runs outside the trials of the pepper paper, where it is extrapolated what happens to a "
+                     f"seedling: {', '.join(beyond)}.")  # fmt: skip
     broken = [(run, trial.reason) for run, trials in enumerate(reports, 1) for trial in trials if not trial.completed]
     if broken:
         reasons = "; ".join(f"run {run}: {reason}" for run, reason in broken[:_MOST_REASONS])

@@ -27,7 +27,7 @@ from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Knob, Setting, knob
 from plant_sim.bench.study.parts import is_stem
 from plant_sim.bench.study.regression import fit, terms
-from plant_sim.bench.study.runner import MOST_TRIALS, SEEDLINGS
+from plant_sim.bench.study.runner import MOST_SEEDLINGS, MOST_TRIALS, SEEDLINGS
 from plant_sim.faults.kind import suggestion
 from plant_sim.parameters import Machine
 from plant_sim.quantity import parse_quantity
@@ -44,7 +44,6 @@ _KEYS = ("name", "title", "design", "factors", "fixed", "replicates", "seed", "s
 _LEVELS = ("levels", "low", "high", "centre", "step")
 _NO_RESPONSES = ("seed", "wall_s")
 _CENTRES = 6
-_MOST_SEEDLINGS = 72_000  # a thousand trays, the most that the magazine holds
 
 
 @dataclass(frozen=True)
@@ -104,7 +103,9 @@ def responses() -> list[str]:
     return [name for name, hint in (fields | derived).items() if hint in (int, float, int | None, float | None)]
 
 
-def load_own_study(path: Path, machine: Machine, *, trials: int | None = None, seed: int | None = None) -> OwnStudy:
+def load_own_study(
+    path: Path, machine: Machine, *, trials: int | None = None, seed: int | None = None, seedlings: int | None = None
+) -> OwnStudy:
     """Read a study and check all of it.
 
     Args:
@@ -112,13 +113,14 @@ def load_own_study(path: Path, machine: Machine, *, trials: int | None = None, s
         machine: The machine that the study changes.
         trials: Trials at each point in place of the file's.
         seed: Seed in place of the file's.
+        seedlings: Seedlings of a trial in place of the file's.
 
     Raises:
         StudyError: the file cannot be read, or anything in it is wrong; one line with file, line, key, remedy.
     """
     known = [*_KEYS, *(key for keys in _DESIGNS.values() for key in keys)]
     try:
-        return _Reader(Section(path, "", read_yaml(path), known), machine).study(trials, seed)
+        return _Reader(Section(path, "", read_yaml(path), known), machine).study(trials, seed, seedlings)
     except (YamlFileError, ScenarioError) as error:
         raise StudyError(str(error)) from None
 
@@ -130,11 +132,12 @@ class _Reader:
     file: Section
     machine: Machine
 
-    def study(self, trials: int | None, seed: int | None) -> OwnStudy:
+    def study(self, trials: int | None, seed: int | None, seedlings: int | None) -> OwnStudy:
         """Read all of it."""
         file = self.file
         own_trials = file.read_or("replicates", whole(1, MOST_TRIALS), 1)
         own_seed = file.read_or("seed", whole(0, 2**31 - 1), 1)
+        own_seedlings = file.read_or("seedlings", whole(1, MOST_SEEDLINGS), SEEDLINGS)
         trials, seed = own_trials if trials is None else trials, own_seed if seed is None else seed
         design = file.read("design", one_of("design", _DESIGNS))
         for other in (key for keys in _DESIGNS.values() for key in keys if key not in _DESIGNS[design]):
@@ -159,7 +162,7 @@ class _Reader:
             fixed=self._fixed(knobs),
             replicates=trials,
             seed=seed,
-            seedlings=file.read_or("seedlings", whole(1, _MOST_SEEDLINGS), SEEDLINGS),
+            seedlings=own_seedlings if seedlings is None else seedlings,
             responses=self._responses(),
             model=file.read_or("model", _model, "none"),
         )

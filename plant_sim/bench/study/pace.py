@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final
 
-import joblib
-
+from controller.io_map import IoMap
 from controller.program.tags import CUPS, SIDES, SetPoints, Side
 from plant_sim.bench.study.critical_path import Round, rounds
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Setting
-from plant_sim.bench.study.runner import RunOptions, trial_seed
+from plant_sim.bench.study.runner import RunOptions, spread, trial_seed
 from plant_sim.bench.study.timeline import Timeline, TimelineRecorder
 from plant_sim.bench.trial import run_trial
 from plant_sim.parameters import Machine
@@ -37,7 +36,7 @@ TRAYS: Final = 4
 """Trays of an observed run: two in which the arms find their time against each other, two for what stays."""
 _SETTLED_FROM = 6
 """Throws of an arm in the first two trays."""
-_SEEDS = 3
+_MOST_RUNS = 3
 
 
 def setting_at(machine: Machine, frequency_per_min: int) -> Setting:
@@ -173,37 +172,35 @@ class Paces:
             StudyError: a frequency is none of this study.
         """
         wanted = [each for each in frequencies_per_min if each not in self._found]
-        numbers = range(min(self._options.trials, _SEEDS))
+        options, runs = self._options, observed_runs(self._options.trials)
+        # runs of one number have one seed at every frequency: their cups stand alike, and only the pace differs
         jobs = [
-            joblib.delayed(observe)(self._options, setting_at(self._options.machine, frequency), number)
+            partial(observe, setting_at(options.machine, frequency), trial_seed(options.seed, 0, number),
+                    machine=options.machine, io_map=options.io_map)
             for frequency in wanted
-            for number in numbers
-        ]
-        here = self._options.workers == 1 or len(jobs) <= 1
-        parallel = joblib.Parallel(n_jobs=1 if here else self._options.workers or -1, return_as="generator")
-        runs: list[Observed] = []
-        for run in parallel(jobs):
-            runs.append(run)
-            if self._options.progress is not None:
-                self._options.progress(len(runs), len(jobs))
+            for number in range(runs)
+        ]  # fmt: skip
+        found = spread(jobs, options.workers, options.progress)
         for index, frequency in enumerate(wanted):
-            first = index * len(numbers)
-            self._found[frequency] = Pace(frequency, tuple(runs[first : first + len(numbers)]))
+            self._found[frequency] = Pace(frequency, tuple(found[index * runs : (index + 1) * runs]))
 
 
-def observe(options: RunOptions, setting: Setting, number: int) -> Observed:
+def observed_runs(trials: int) -> int:
+    """Return how many runs are observed at a frequency at which so many trials are run."""
+    return min(trials, _MOST_RUNS)
+
+
+def observe(setting: Setting, seed: int, *, machine: Machine, io_map: IoMap) -> Observed:
     """Run some trays and watch every step.
 
-    Runs of one number have one seed at every frequency: their cups stand alike, and only the pace differs.
-
     Args:
-        options: Machine, wires and seed.
         setting: What differs from the machine.
-        number: Number of the run at its frequency.
+        seed: Seed of the run.
+        machine: The machine.
+        io_map: Its wires.
     """
-    seed = trial_seed(options.seed, 0, number)
     recorder = TimelineRecorder()
-    report = run_trial(seed=seed, trays=TRAYS, io_map=options.io_map, parameters=setting.machine(options.machine),
+    report = run_trial(seed=seed, trays=TRAYS, io_map=io_map, parameters=setting.machine(machine),
                        set_points=setting.set_points(), progress=recorder)  # fmt: skip
     return Observed(seed, recorder.timeline(), report.reason)
 

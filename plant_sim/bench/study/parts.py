@@ -87,6 +87,15 @@ def is_stem(name: str) -> bool:
     return _NAME.fullmatch(name) is not None
 
 
+def counted(number: int, what: str) -> str:
+    """Return a number of things as one says it.
+
+    >>> counted(1, "trial"), counted(5, "trial")
+    ('1 trial', '5 trials')
+    """
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def _require_stem(name: str) -> None:
     if not is_stem(name):
         raise ValueError(f"{name!r}: a table or picture is named in lower-case words with hyphens")

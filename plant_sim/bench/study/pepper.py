@@ -17,7 +17,7 @@ from plant_sim.bench.report import TrialReport, success_intervals
 from plant_sim.bench.study.design import to_coded, to_natural
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Setting, ratings_exceeded
-from plant_sim.bench.study.fit_parts import anova_table, fit_pictures, fit_record, optimum_table, runs_table
+from plant_sim.bench.study.fit_parts import anova_table, fit_pictures, fit_record, optimum_table, p_text, runs_table
 from plant_sim.bench.study.optimum import best
 from plant_sim.bench.study.paper import (
     PEPPER_FACTORS,
@@ -26,8 +26,9 @@ from plant_sim.bench.study.paper import (
     printed_anova,
     sheet,
 )
-from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table
+from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table, counted
 from plant_sim.bench.study.pepper_paper import HIGH, LOW, RESPONSE, coefficients, equation_5, refit
+from plant_sim.bench.study.pepper_words import SENTENCES
 from plant_sim.bench.study.regression import Fit, fit, terms
 from plant_sim.bench.study.report import Study, drawing
 from plant_sim.bench.study.runner import RunOptions
@@ -119,7 +120,7 @@ def single_study(options: RunOptions) -> Study:
     for name, each, trials in zip(levels.texts("factor"), natural, reports, strict=True):
         tests[name].append(point_of(CropSpec(*map(float, each)), trials))
     parts: list[Part] = [
-        f"Trials of {reports[0][0].seedlings} seedlings, {options.trials} at each level, on the twin. The paper "
+        f"{counted(options.trials, 'trial')} of {options.seedlings} seedlings at each level, on the twin. The paper "
         "prints the results as pictures only and describes them in words.",
         *_cautions(settings, options),
     ]
@@ -140,7 +141,7 @@ def single_study(options: RunOptions) -> Study:
     return Study(
         name="pepper-single",
         title="Pepper seedlings: each factor by itself",
-        command=f"python -m plant_sim study pepper-single --trials {options.trials} --seed {options.seed}",
+        command=options.command("pepper-single"),
         parts=tuple(parts),
         record=record,
     )
@@ -214,36 +215,13 @@ def _bars(points: Sequence[Point], share: str) -> NDArray[np.float64]:
 
 def _words_table(name: str, points: Sequence[Point]) -> Table:
     """What the paper says of a factor, and what the twin gives for it."""
-    p, d, t = (np.array([each.shares[share] for each in points]) for share in ("F_p", "F_d", "F_t"))
-    said: dict[str, tuple[tuple[str, str, bool], ...]] = {
-        "foam": (
-            ("7.5 mm and less: pick failures low", f"F_p {_listed(p[:3])}", bool(p[:3].max() < 5)),
-            ("7.5 mm and less: carry failures high", f"F_d {_listed(d[:3])}", bool(d[:3].min() > d[4:].max())),
-            ("15 mm and more: pick failures up", f"F_p {_listed(p[4:])}", bool(p[5] > p[3] and p[6] > p[4])),
-            ("15 mm and more: carry failures far lower", f"F_d {_listed(d[5:])}", bool(d[5:].max() < d[2] / 2)),
-            ("throw failures unchanged", f"F_t {_listed(t)}", bool(np.ptp(t) < 5)),
-        ),
-        "age": (
-            ("43 d and less: pick failures high", f"F_p {_listed(p[:2])}", bool(p[:2].min() > p[4:].max())),
-            ("43 d and less: carry failures high", f"F_d {_listed(d[:2])}", bool(d[:2].min() > d[4:].max())),
-            ("52 d and more: pick failures fall", f"F_p {_listed(p[4:])}", bool(p[6] <= p[3])),
-            ("52 d and more: carry failures fall", f"F_d {_listed(d[4:])}", bool(d[6] <= d[3])),
-        ),
-        "pressure": (
-            ("0.25 MPa and less: plugs stay in their cells", f"F_p {_listed(p[:2])}", bool(p[:2].min() > p[3])),
-            ("0.65 MPa and more: stems are cut", f"F_p {_listed(p[5:])}", bool(p[5:].min() > p[3])),
-            ("carry failures fluctuate, then rise a little", f"F_d {_listed(d)}", bool(d[5:].mean() > d[:3].mean())),
-            ("throw failures fall fast", f"F_t {_listed(t[:3])}", bool(t[0] > 2 * t[2])),
-            ("throw failures then rise a little", f"F_t {_listed(t[3:])}", bool(t[4:].mean() > t[2:4].min())),
-        ),
-    }
-    rows = tuple((words, found, "yes" if holds else "no") for words, found, holds in said[name])
+    rows: list[tuple[Cell, ...]] = []
+    for each in SENTENCES[name]:
+        course = np.array([point.shares[each.share] for point in points])
+        shown = ", ".join(f"{share:.1f}" for share in course)
+        rows.append((each.words, each.meaning, f"{each.share} {shown}", "yes" if each.holds(course) else "no"))
     caption = "What the paper says in words, and what these trials give; few seedlings decide little"
-    return Table(f"words-{name}", caption, ("paper", "twin, %", "holds"), rows)
-
-
-def _listed(shares: NDArray[np.float64]) -> str:
-    return ", ".join(f"{share:.1f}" for share in shares)
+    return Table(f"words-{name}", caption, ("paper", "taken as", "twin, %, level by level", "holds"), tuple(rows))
 
 
 def _what_equation_5_implies(points: Sequence[Point]) -> str:
@@ -273,8 +251,8 @@ def rsm_study(options: RunOptions) -> Study:
     optimum, _ = best(twin, LOW, HIGH)
     checks = np.array([report.S for report in verification])
     parts = [
-        f"The paper's design (Table 4) run on the twin: {len(points)} runs of {options.trials} trials with "
-        f"{verification[0].seedlings} seedlings each.",
+        f"The paper's design (Table 4) run on the twin: {len(points)} runs of "
+        f"{counted(options.trials, 'trial')} with {options.seedlings} seedlings each.",
         *_cautions([setting_of(each, options.machine) for each in natural], options),
         *_run_parts(experiment.coded, experiment.responses["S"], points),
         *_fit_parts(twin),
@@ -295,7 +273,7 @@ def rsm_study(options: RunOptions) -> Study:
     return Study(
         name="pepper-rsm",
         title="Pepper seedlings: the paper's orthogonal test on the twin",
-        command=f"python -m plant_sim study pepper-rsm --trials {options.trials} --seed {options.seed}",
+        command=options.command("pepper-rsm"),
         parts=tuple(parts),
         record=record,
     )
@@ -314,10 +292,11 @@ def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points:
 
 
 def _fit_parts(twin: Fit) -> list[Part]:
-    lack = twin.row("lack of fit")
+    lack_p = p_text(twin.row("lack of fit").p) or "not to be had, as all centre runs agree"
     return [
         Heading("The model"),
-        f"R² of the twin's regression {twin.r2:.3f} (paper's data {refit().r2:.3f}); lack of fit P {lack.p:.3f}.",
+        f"R² of the twin's regression {twin.r2:.3f} (paper's data {refit().r2:.3f}); "
+        f"lack of fit P {lack_p}.",
         coefficients({"paper": equation_5().coefficients, "refit": refit().values, "twin": twin.values}, twin),
         anova_table(
             "anova", "Analysis of variance: [P] Table 5, the refit of Table 4, and the twin",
@@ -346,6 +325,8 @@ def _best_parts(twin: Fit, optimum: NDArray[np.float64]) -> list[Part]:
 def _check_parts(checks: NDArray[np.float64], pooled: Point) -> list[Part]:
     paper = sheet("pepper-verification").numbers("S")
     low, high = pooled.intervals["S"]
+    crop = pooled.crop
+    setting = f"{crop.foam_thickness_mm:g} mm, {crop.seedling_age_d:g} d, {crop.claw_pressure_mpa:.2f} MPa"
     rows: list[tuple[Cell, ...]] = [
         (str(number + 1), float(paper[number]) if number < len(paper) else None,
          float(checks[number]) if number < len(checks) else None)
@@ -354,7 +335,7 @@ def _check_parts(checks: NDArray[np.float64], pooled: Point) -> list[Part]:
     rows.append(("mean", float(paper.mean()), float(checks.mean())))
     return [
         Heading("The verification"),
-        Table("verification", "Trials at 10 mm, 51 d, 0.40 MPa: S, %", ("trial", "paper", "twin"), tuple(rows)),
+        Table("verification", f"Trials at {setting}: S, %", ("trial", "paper", "twin"), tuple(rows)),
         f"All seedlings of the twin's trials together: S {pooled.shares['S']:.2f} %, 95 % binomial {low:.2f} to "
         f"{high:.2f}; equation 5 gives {pooled.by_equation_5:.2f}.",
     ]

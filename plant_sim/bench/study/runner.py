@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
 import joblib
 import numpy as np
@@ -20,10 +23,13 @@ from plant_sim.parameters import Machine, load_machine
 
 SEEDLINGS = 144
 """Seedlings of the paper's trial, two trays."""
+MOST_SEEDLINGS = 72_000
+"""A thousand trays, the most that the magazine holds."""
 MOST_TRIALS = 100_000
 
 Progress = Callable[[int, int], None]
 """Is told how many trials are done, and of how many."""
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +42,7 @@ class RunOptions:
         workers: Processes side by side; None = one a core.
         machine: The machine that the study's settings change.
         io_map: Its wires.
+        seedlings: Seedlings of a trial.
         progress: Is told of every trial that is done.
     """
 
@@ -44,20 +51,49 @@ class RunOptions:
     workers: int | None
     machine: Machine
     io_map: IoMap
+    seedlings: int = SEEDLINGS
     progress: Progress | None = None
 
-    def run(self, settings: Sequence[Setting], *, seedlings: int = SEEDLINGS) -> list[list[TrialReport]]:
+    def run(self, settings: Sequence[Setting]) -> list[list[TrialReport]]:
         """Run a study's settings so; see the function `run`."""
         return run(
             settings,
             trials=self.trials,
             seed=self.seed,
-            seedlings=seedlings,
+            seedlings=self.seedlings,
             workers=self.workers,
             progress=self.progress,
             machine=self.machine,
             io_map=self.io_map,
         )
+
+    def command(self, study: str) -> str:
+        """Return the command that makes a study again on the machine and the wires of the repository."""
+        words = ["python", "-m", "plant_sim", "study", study, "--trials", str(self.trials), "--seed", str(self.seed)]
+        return shlex.join([*words, "--seedlings", str(self.seedlings)])
+
+
+class Whole:
+    """Progress of work that is done in several goes, told as that of one whole."""
+
+    def __init__(self, progress: Progress, planned: int) -> None:
+        """Plan the work.
+
+        Args:
+            progress: Is told of the whole.
+            planned: Trials of all goes, as far as it is known beforehand; later goes add what they need.
+        """
+        self._progress = progress
+        self._planned = planned
+        self._begun = 0
+        self._done = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        """Take note that a trial of a go is done."""
+        if done == 1:
+            self._begun += total
+        self._done += 1
+        self._progress(self._done, max(self._planned, self._begun))
 
 
 def run(
@@ -90,10 +126,11 @@ def run(
         StudyError: a setting or a number is impossible, or a process was killed.
     """
     base, wires = machine or load_machine(), io_map or load_io_map(DEFAULT_IO_MAP)
-    _check_numbers(len(settings), trials, workers)
+    _check_numbers(len(settings), trials, seedlings)
     made = [(setting.machine(base), setting.set_points()) for setting in settings]
     jobs = [
-        joblib.delayed(run_trial)(
+        partial(
+            run_trial,
             seed=trial_seed(seed, index, trial),
             seedlings=seedlings,
             parameters=parameters,
@@ -103,16 +140,38 @@ def run(
         for index, (parameters, set_points) in enumerate(made)
         for trial in range(trials)
     ]
-    reports: list[TrialReport] = []
+    reports = spread(jobs, workers, progress)
+    return [reports[first : first + trials] for first in range(0, len(jobs), trials)]
+
+
+def spread(
+    jobs: Sequence[Callable[[], Result]], workers: int | None = None, progress: Progress | None = None
+) -> list[Result]:
+    """Do jobs in processes side by side.
+
+    Args:
+        jobs: The jobs; what they are made of must go into another process.
+        workers: How many processes; 1 = this one, None = one a core.
+        progress: Is told of every job that is done.
+
+    Returns:
+        What they gave, in their order.
+
+    Raises:
+        StudyError: there is no such number of processes, or one was killed.
+    """
+    if workers is not None and workers < 1:
+        raise StudyError(f"--workers {workers}: give 1 or more, or leave it out for one a core")
+    found: list[Result] = []
     try:
         with closing(_results(jobs, workers)) as results:
-            for report in results:
-                reports.append(report)
+            for result in results:
+                found.append(result)
                 if progress is not None:
-                    progress(len(reports), len(jobs))
+                    progress(len(found), len(jobs))
     except TerminatedWorkerError:
         raise StudyError("--workers: a process was killed, perhaps for want of memory; give a smaller number") from None
-    return [reports[first : first + trials] for first in range(0, len(jobs), trials)]
+    return found
 
 
 def trial_seed(seed: int, setting: int, trial: int) -> int:
@@ -130,24 +189,24 @@ def trial_seed(seed: int, setting: int, trial: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0]) >> 11
 
 
-def _check_numbers(settings: int, trials: int, workers: int | None) -> None:
+def _check_numbers(settings: int, trials: int, seedlings: int) -> None:
     if settings < 1:
         raise StudyError("settings: the study has none; give at least one")
     if trials < 1:
         raise StudyError(f"--trials {trials}: give 1 or more")
+    if not 1 <= seedlings <= MOST_SEEDLINGS:
+        raise StudyError(f"--seedlings {seedlings}: give 1 to {MOST_SEEDLINGS}")
     if settings * trials > MOST_TRIALS:
         raise StudyError(f"--trials {trials}: {settings} settings make {settings * trials} trials, more than "
                          f"{MOST_TRIALS}; give fewer trials or fewer levels")  # fmt: skip
-    if workers is not None and workers < 1:
-        raise StudyError(f"--workers {workers}: give 1 or more, or leave it out for one a core")
 
 
-def _results(jobs: Sequence[object], workers: int | None) -> Generator[TrialReport, None, None]:
-    """The reports in the order of the jobs, each as soon as it and those before it are there."""
-    here = workers == 1 or len(jobs) == 1
+def _results(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Generator[Result, None, None]:
+    """The results in the order of the jobs, each as soon as it and those before it are there."""
+    here = workers == 1 or len(jobs) <= 1
     pool = {} if here else {"backend": "loky", "initializer": _leave_interrupts_to_the_parent}
     parallel = joblib.Parallel(n_jobs=1 if here else workers or -1, return_as="generator", **pool)
-    results: Generator[TrialReport, None, None] = parallel(jobs)
+    results: Generator[Result, None, None] = parallel(joblib.delayed(job)() for job in jobs)
     return results
 
 

@@ -95,7 +95,8 @@ def _levels(grids: Sequence[Panel]) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 def _held_text(factors: Sequence[Factor], pair: tuple[int, int], held: Sequence[float]) -> str:
     rest = [(factor, held[place]) for place, factor in enumerate(factors) if place not in pair]
-    return "; ".join(f"{factor.name} {factor.natural(level):.4g} {factor.unit}" for factor, level in rest)
+    values = ((factor, f"{factor.name} {factor.natural(level):.4g}") for factor, level in rest)
+    return "; ".join(text if factor.unit == "-" else f"{text} {factor.unit}" for factor, text in values)
 
 
 def _mark(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], marks: Marks, box: float | None) -> None:

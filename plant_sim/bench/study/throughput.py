@@ -2,220 +2,72 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
 from itertools import chain
-from statistics import fmean
-from typing import Final
 
+import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from controller.program.tags import ROWS, SIDES, Side
-from plant_sim.bench.report import TrialReport
+from controller.program.tags import ROWS, SIDES
 from plant_sim.bench.study.bottleneck import Bottleneck, first_late
 from plant_sim.bench.study.chart import gantt_chart
-from plant_sim.bench.study.errors import StudyError
-from plant_sim.bench.study.factors import Setting
+from plant_sim.bench.study.driving import FREQUENCIES_PER_MIN, MARGIN, Found, Limits, Point, drive, ground_speed_km_h
 from plant_sim.bench.study.own import estimate
-from plant_sim.bench.study.pace import (
-    SLOWEST_PER_MIN,
-    TRAYS,
-    Paces,
-    highest,
-    landing_offset_mm,
-    round_needed_s,
-    setting_at,
-)
-from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table
+from plant_sim.bench.study.pace import TRAYS, Paces, landing_offset_mm, round_needed_s
+from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table, counted
 from plant_sim.bench.study.report import Study, drawing
-from plant_sim.bench.study.runner import SEEDLINGS, RunOptions
+from plant_sim.bench.study.runner import RunOptions
 from plant_sim.scope.style import COLOURS, SERIES
-
-FREQUENCIES_PER_MIN: Final = tuple(range(20, 91, 10))
-SPACING_M: Final = 0.40
-"""Distance of the plants in a row, m; assumed, the papers do not tell it."""
-MARGIN: Final = 0.10
-"""Part of the highest speed that the advice keeps back."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """What trials gave at one planting frequency.
-
-    Attributes:
-        frequency_per_min: The frequency, cups a minute and row.
-        setting: What was set for it.
-        trials: The trials.
-    """
-
-    frequency_per_min: int
-    setting: Setting
-    trials: tuple[TrialReport, ...]
-
-    def mean(self, name: str) -> float:
-        """Return the mean of a number of the trials."""
-        return fmean(getattr(trial, name) for trial in self.trials)
-
-    @property
-    def air_l_min(self) -> float:
-        """Air that the valves let in, mean, L/min ANR; NaN where it is not known."""
-        return fmean(_air_l_min(trial) for trial in self.trials)
-
-    @property
-    def air_l_per_seedling(self) -> float:
-        """Air for a seedling of the tray, planted or lost, L ANR."""
-        return fmean(_air_l_min(trial) * trial.simulated_s / 60 / trial.seedlings for trial in self.trials)
-
-    def waiting_s(self, side: Side, row: int) -> float:
-        """Return how long an arm with a row waited for cups, s, mean; NaN if it never threw one."""
-        times = [trial.cycle_times.get(f"{side} row {row}") for trial in self.trials]
-        found = [each.waiting_s for each in times if each is not None]
-        return fmean(found) if found else math.nan
-
-    def missed_by_cause(self, cause: str) -> float:
-        """Return the cups missed in a trial for a cause, mean."""
-        return fmean(trial.missed_cups_by_cause.get(cause, 0) for trial in self.trials)
-
-
-def _air_l_min(trial: TrialReport) -> float:
-    return math.nan if trial.air_l_min is None else trial.air_l_min
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Up to which planting frequency the arms keep up, 1/min; None where not even the lowest one is kept up with.
-
-    Attributes:
-        without_gap: No cup is missed.
-        settled: None is missed from the third tray on.
-        by_row: By row of the tray: either arm with it is over its cups before the twelfth.
-        searched_to: Highest frequency that was tried.
-    """
-
-    without_gap: int | None
-    settled: int | None
-    by_row: dict[int, int | None]
-    searched_to: int
-
-
-@dataclass(frozen=True)
-class Advice:
-    """How fast to drive.
-
-    Attributes:
-        highest: The highest frequency at which no trial has a gap.
-        with_margin: The same with a margin.
-    """
-
-    highest: Point
-    with_margin: Point
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Everything the study has found out."""
-
-    spacing_m: float
-    points: list[Point]
-    paces: Paces
-    limits: Limits
-    advice: Advice | None
 
 
 def throughput_study(
-    options: RunOptions, *, frequencies_per_min: Sequence[int] = FREQUENCIES_PER_MIN, spacing_m: float = SPACING_M
+    options: RunOptions, *, frequencies_per_min: Sequence[int] = FREQUENCIES_PER_MIN, spacing_m: float | None = None
 ) -> Study:
     """Run the twin over planting frequencies and tell how fast the machine can be driven.
 
     Args:
         options: How the trials are run, and the machine.
         frequencies_per_min: Planting frequencies to begin with; limits are then sought to 1/min.
-        spacing_m: Distance of the plants in a row, m.
+        spacing_m: Distance of the plants in a row, m; None = 0.40, and the report says that it is assumed.
 
     Raises:
         StudyError: a frequency or the distance is impossible.
     """
-    frequencies = sorted(set(frequencies_per_min))
-    if not frequencies:
-        raise StudyError("frequencies: there is none; give at least one planting frequency")
-    if not 0.05 <= spacing_m <= 2.0:
-        raise StudyError(f"spacing_m: {spacing_m:g} m between plants; give 0.05 to 2 m")
-    points = _points(options, frequencies)
-    paces = Paces(options)
-    paces.observe(frequencies)
-    limits = _limits(paces, frequencies)
-    found = _Found(spacing_m, points, paces, limits, _advice(options, limits))
-    bottlenecks = [each for each in (first_late(paces.found, changes_tray=change) for change in (False, True)) if each]
+    found = drive(options, frequencies_per_min, spacing_m)
+    changes = (False, True)
+    bottlenecks = [each for each in (first_late(found.paces.found, changes_tray=change) for change in changes) if each]
     return Study(
         name="throughput",
         title="Throughput: where the arms stop keeping up with the cups",
-        command=f"python -m plant_sim study throughput --trials {options.trials} --seed {options.seed}",
+        command=options.command("throughput"),
         parts=tuple(
             chain(
                 _advice_parts(found),
-                _limit_parts(limits),
+                _limit_parts(found.limits),
                 _bottleneck_parts(bottlenecks),
                 _trial_parts(options, found),
-                _setting_parts(options, points),
+                _setting_parts(options, found.points),
             )
         ),
         record=_record(found, bottlenecks),
     )
 
 
-def ground_speed_km_h(frequency_per_min: float, spacing_m: float) -> float:
-    """Return the speed at which plants come to stand a distance apart, km/h."""
-    return frequency_per_min * spacing_m * 60 / 1000
-
-
-def _points(options: RunOptions, frequencies_per_min: Sequence[int]) -> list[Point]:
-    settings = [setting_at(options.machine, frequency) for frequency in frequencies_per_min]
-    trials = options.run(settings, seedlings=SEEDLINGS)
-    return [
-        Point(frequency, setting, tuple(reports))
-        for frequency, setting, reports in zip(frequencies_per_min, settings, trials, strict=True)
-    ]
-
-
-def _limits(paces: Paces, frequencies: Sequence[int]) -> Limits:
-    def keeps_up(row: int, frequency: int) -> bool:
-        return paces(frequency).completes and paces(frequency).least_margin_s(row) >= 0
-
-    return Limits(
-        without_gap=highest(frequencies, lambda each: paces(each).completes and not paces(each).missed_cups),
-        settled=highest(frequencies, lambda each: paces(each).completes and not paces(each).settled_missed_cups),
-        by_row={row: highest(frequencies, partial(keeps_up, row)) for row in ROWS},
-        searched_to=frequencies[-1],
-    )
-
-
-def _advice(options: RunOptions, limits: Limits) -> Advice | None:
-    """Return the advice that trials bear out: where one still has a gap, the next lower frequency is tried."""
-    for frequency in range(limits.without_gap or 0, SLOWEST_PER_MIN, -1):
-        slower = math.floor(frequency * (1 - MARGIN))
-        if slower < SLOWEST_PER_MIN:
-            break
-        found = Advice(*_points(options, [frequency, slower]))
-        if not any(trial.missed_cups or trial.reason for trial in (*found.highest.trials, *found.with_margin.trials)):
-            return found
-    return None
-
-
-def _advice_parts(found: _Found) -> list[Part]:
+def _advice_parts(found: Found) -> list[Part]:
     advice, limits, spacing_m = found.advice, found.limits, found.spacing_m
     parts: list[Part] = [Heading("How fast to drive")]
     if advice is None:
-        return [*parts, "There is a gap in a row at every planting frequency tried: no speed can be advised."]
+        return [*parts, "No speed can be advised: there is none without a gap that leaves a margin."]
     top, safe = advice.highest, advice.with_margin
     beyond = " (nothing faster was tried)" if top.frequency_per_min == limits.searched_to else ""
     text = (
-        f"With {100 * spacing_m:g} cm between plants{' (assumed)' if spacing_m == SPACING_M else ''}, drive up to "
+        f"With {100 * spacing_m:g} cm between plants{' (assumed)' if found.is_assumed else ''}, drive up to "
         f"{ground_speed_km_h(top.frequency_per_min, spacing_m):.2f} km/h: {top.frequency_per_min} plants a minute and "
-        f"row{beyond}, without a gap in {len(top.trials)} trials of {SEEDLINGS}. With {100 * MARGIN:g} % margin: "
-        f"{ground_speed_km_h(safe.frequency_per_min, spacing_m):.2f} km/h, {safe.frequency_per_min} a minute; every "
-        f"row then waits at least {_least_wait_s(safe):.1f} s for its cups."
+        f"row{beyond}, without a gap in {counted(len(top.trials), 'trial')} of {top.trials[0].seedlings}. "
+        f"With {100 * MARGIN:g} % margin: "
+        f"{ground_speed_km_h(safe.frequency_per_min, spacing_m):.2f} km/h, {safe.frequency_per_min} a minute; each "
+        f"arm then waits {_least_wait_s(safe):.1f} s or more for its cups, on average."
     )
     if limits.settled is not None and limits.settled > top.frequency_per_min:
         text += (
@@ -226,6 +78,7 @@ def _advice_parts(found: _Found) -> list[Part]:
 
 
 def _least_wait_s(point: Point) -> float:
+    """Return the mean wait for cups with the row that waits least, s."""
     return min(point.waiting_s(side, row) for side in SIDES for row in ROWS)
 
 
@@ -266,7 +119,7 @@ def _bottleneck_parts(bottlenecks: Sequence[Bottleneck]) -> list[Part]:
     return parts
 
 
-def _trial_parts(options: RunOptions, found: _Found) -> list[Part]:
+def _trial_parts(options: RunOptions, found: Found) -> list[Part]:
     points, paces, spacing_m = found.points, found.paces, found.spacing_m
     rows: list[tuple[Cell, ...]] = []
     for point in points:
@@ -281,7 +134,7 @@ def _trial_parts(options: RunOptions, found: _Found) -> list[Part]:
                "missed a settled tray", "cycle, s", "air, L/min", "air, L a seedling", "completed")  # fmt: skip
     return [
         Heading("Trials"),
-        f"At each frequency {options.trials} trials of {SEEDLINGS} seedlings, two trays; S with its exact 95 % "
+        f"At each frequency {counted(options.trials, 'trial')} of {options.seedlings} seedlings; S with its exact 95 % "
         f"interval; a settled tray is one from the third on of runs of {TRAYS}.",
         Table("trials", "What the trials gave", heading, tuple(rows)),
         *_cause_parts(points),
@@ -333,11 +186,10 @@ def _curves(points: Sequence[Point], paces: Paces) -> Figure:
     with drawing():
         figure = Figure(figsize=(11.0, 3.2), layout="constrained")
         success, gaps, air = figure.subplots(1, 3)
-        found = [estimate("S", point.trials) for point in points]
-        means = [each.mean or 0.0 for each in found]
-        errors = [[mean - (each.low or mean) for mean, each in zip(means, found, strict=True)],
-                  [(each.high or mean) - mean for mean, each in zip(means, found, strict=True)]]  # fmt: skip
-        success.errorbar(frequencies, means, errors, fmt="o-", color=SERIES[0], capsize=2, markersize=3)
+        means, lows, highs = _success(points)
+        success.errorbar(
+            frequencies, means, [means - lows, highs - means], fmt="o-", color=SERIES[0], capsize=2, markersize=3
+        )
         success.set_ylabel("S, 95 % interval (%)")
         missed = [point.mean("missed_cups") for point in points]
         settled = [paces(each).settled_missed_cups for each in frequencies]
@@ -353,7 +205,13 @@ def _curves(points: Sequence[Point], paces: Paces) -> Figure:
     return figure
 
 
-def _record(found: _Found, bottlenecks: Sequence[Bottleneck]) -> dict[str, object]:
+def _success(points: Sequence[Point]) -> NDArray[np.float64]:
+    """S of every point and the ends of its 95 % interval, %, three rows."""
+    found = (estimate("S", point.trials) for point in points)
+    return np.array([(each.mean, each.low, each.high) for each in found], dtype=np.float64).T
+
+
+def _record(found: Found, bottlenecks: Sequence[Bottleneck]) -> dict[str, object]:
     limits, advice, spacing_m = found.limits, found.advice, found.spacing_m
     return {
         "spacing_m": spacing_m,

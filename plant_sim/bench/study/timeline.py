@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -243,11 +242,3 @@ class TimelineRecorder:
             self._in_centre.setdefault(side, now_ms)
         elif side in self._in_centre:
             self._centre[side].append((self._in_centre.pop(side), now_ms))
-
-
-def durations_ms(timeline: Timeline, who: str) -> dict[str, list[int]]:
-    """Return how long each motion of a sequence took every time, ms, by its name."""
-    found: dict[str, list[int]] = defaultdict(list)
-    for stretch in timeline.stretches[who]:
-        found[motion_of(who, stretch.step).name].append(stretch.to_ms - stretch.from_ms)
-    return dict(found)
