@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plant_sim.bench.study.calibration import FITTED, calibrate, courses, design_region, differences, shares_at, words
+from plant_sim.bench.study.calibration import FITTED, calibrate, courses, design_region, differences, success_at, words
 from plant_sim.bench.study.calibration_study import calibration_study
 from plant_sim.bench.study.nominal import NominalMotion, nominal_motion
 from plant_sim.bench.study.parts import Table
@@ -46,8 +46,8 @@ def test_nominal_motion_gives_eq_5_within_half_a_point(motion: NominalMotion) ->
     off = differences(SPEC, motion)
     assert rms(off) < 0.5
     assert np.abs(off).max() < 2.0
-    best = float(shares_at(SPEC, motion, 10.0, 51.0, 0.40).success_percent)
-    assert best == pytest.approx(94.93, abs=0.35)
+    best = success_at(SPEC, motion, 10.0, 51.0, 0.40)
+    assert best == pytest.approx(94.93, abs=0.1)
 
 
 def test_other_motion_does_not(motion: NominalMotion) -> None:
@@ -68,12 +68,13 @@ def test_foam(motion: NominalMotion) -> None:
     """7.5 mm and less: few P, many D; 15 mm and more: more P, far fewer D; T hardly changes."""
     foam = courses(SPEC, motion).foam
     p, d, t = (percent(foam, name) for name in "PDT")
-    assert p[:3].max() < 3.0
+    assert p[:3].max() < min(3.5, p[4])
     assert (d[:2] > 3 * p[:2]).all()
     assert (np.diff(d) < 0).all()
     assert d[5:].max() < 1.0
     assert p[6] > p[5] > 2 * p[3]
-    assert np.ptp(t) < 3.0 < np.ptp(p)
+    assert np.ptp(t) < 3.5
+    assert np.ptp(t) < min(np.ptp(p), np.ptp(d)) / 4
 
 
 def test_age(motion: NominalMotion) -> None:
@@ -140,7 +141,7 @@ def test_the_guide_tells_how_well_it_fits(motion: NominalMotion) -> None:
     assert f"{len(off):,} points of the design region" in text
 
 
-def test_the_study_sets_the_machine_beside_a_new_fit() -> None:
+def test_the_study_sets_the_machine_beside_a_new_fit(motion: NominalMotion) -> None:
     study = calibration_study(MACHINE, seed=1)
     tables = {part.name: part for part in study.parts if isinstance(part, Table)}
     assert len(tables["motion"].rows) == 12
@@ -149,4 +150,6 @@ def test_the_study_sets_the_machine_beside_a_new_fit() -> None:
     agreement = study.record["agreement"]
     assert isinstance(agreement, dict)
     assert agreement["machine"]["rms"] == pytest.approx(agreement["fit"]["rms"], abs=0.02)
-    assert json.loads(study.json())["single_factor"]["age"]["T"][6] == pytest.approx(12.3, abs=0.1)
+    assert json.loads(study.json())["single_factor"]["age"]["T"][6] == pytest.approx(
+        percent(courses(SPEC, motion).age, "T")[6]
+    )

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
-from scipy.stats import ncx2
+from scipy.special import chndtr, ndtr
 
 from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.response import Number
@@ -80,5 +79,5 @@ def expected(mechanics: Mechanics, motion: Motion) -> Shares:
     carried = picked * ndtr(mechanics.break_margin(motion.force_n, motion.held_s))
     sd_m = mechanics.drift_sd_m(motion.force_n, motion.fall_s)
     off = np.hypot(motion.throw_along_m, motion.throw_across_m) / sd_m
-    beside = ncx2.sf((motion.catch_m / sd_m) ** 2, 2, off**2)
+    beside = 1 - chndtr((motion.catch_m / sd_m) ** 2, 2, off**2)  # two normal errors about a point that is off
     return Shares(1 - picked, picked - carried, carried * beside, 1 - seen, cut, slipped)

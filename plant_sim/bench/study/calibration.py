@@ -21,7 +21,7 @@ from plant_sim.crop.response import AXIAL_LEVEL, FACTORIAL_RADIUS, natural_facto
 
 Array = NDArray[np.float64]
 MotionAt = Callable[[Any], Motion]
-"""Gives the nominal motion for a claw pressure, MPa."""
+"""Gives the nominal motion at claw pressures, MPa: one line a row of seedlings, one column a pressure."""
 
 FOAMS_MM: Final = np.array([2.5, 5.0, 7.5, 10.0, 12.5, 15.0, 17.5])
 AGES_D: Final = np.array([40.0, 43.0, 46.0, 49.0, 52.0, 55.0, 58.0])
@@ -36,9 +36,11 @@ SINGLE_FACTOR: Final = (
 )
 """Foam, age and pressure of the three tests, mm, d, MPa."""
 
-_OPTIMUM: Final = (10.0, 51.0, 0.40)
-_GRID = 13
-_WEIGHT_WORDS, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 1.0, 0.08, 5.0, 0.02
+OPTIMUM: Final = (10.0, 51.0, 0.40)
+"""Foam, mm, age, d, and claw pressure, MPa, that the paper finds best. Source: paper, 3.5."""
+
+_LEVELS, _LEVELS_OF_THE_FIT = 13, 9
+_WEIGHT_WORDS, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 0.8, 0.04, 20.0, 0.02
 
 #: What is fitted, and between which bounds; all else of the seedling stays as machine.yaml has it.
 FITTED: Final[Mapping[str, tuple[float, float]]] = {
@@ -83,13 +85,16 @@ class Courses(NamedTuple):
     pressure: Shares
 
 
-def design_region() -> tuple[Array, Array, Array]:
+def design_region(levels: int = _LEVELS) -> tuple[Array, Array, Array]:
     """Foam, age and pressure over the region in which eq. 5 was fitted, as a grid; mm, d, MPa.
 
     The region is that of `CropSpec.extrapolates`: no factor beyond the axial level, no point further out than the
     corners of the factorial.
+
+    Args:
+        levels: Levels of each factor.
     """
-    level = np.linspace(-AXIAL_LEVEL, AXIAL_LEVEL, _GRID)
+    level = np.linspace(-AXIAL_LEVEL, AXIAL_LEVEL, levels)
     coded = np.array(np.meshgrid(level, level, level)).reshape(3, -1)
     inside = coded[:, np.linalg.norm(coded, axis=0) <= FACTORIAL_RADIUS + 1e-9]
     x1, x2, x3 = inside
@@ -97,7 +102,7 @@ def design_region() -> tuple[Array, Array, Array]:
 
 
 def shares_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: Any, age_d: Any, pressure_mpa: Any) -> Shares:
-    """Expected failures under nominal motion.
+    """Expected failures under nominal motion, the mean over the rows of a trial; one value a setting.
 
     Args:
         spec: The seedling.
@@ -106,12 +111,24 @@ def shares_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: Any, age_d: Any, pr
         age_d: Age, d.
         pressure_mpa: Claw pressure, MPa.
     """
-    return expected(Mechanics(spec, foam_mm=foam_mm, age_d=age_d), motion(pressure_mpa))
+    shares = expected(Mechanics(spec, foam_mm=np.atleast_1d(foam_mm), age_d=np.atleast_1d(age_d)), motion(pressure_mpa))
+    return Shares(*(np.mean(np.atleast_2d(share), axis=0) for share in shares))
 
 
-def differences(spec: SeedlingSpec, motion: MotionAt) -> Array:
-    """Expected success less eq. 5 over the design region, points."""
-    region = design_region()
+def success_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: float, age_d: float, pressure_mpa: float) -> float:
+    """Expected success at one setting, %; arguments as in `shares_at`."""
+    return float(np.squeeze(shares_at(spec, motion, foam_mm, age_d, pressure_mpa).success_percent))
+
+
+def differences(spec: SeedlingSpec, motion: MotionAt, levels: int = _LEVELS) -> Array:
+    """Expected success less eq. 5 over the design region, points.
+
+    Args:
+        spec: The seedling.
+        motion: Nominal motion by pressure.
+        levels: Levels of each factor.
+    """
+    region = design_region(levels)
     return np.asarray(shares_at(spec, motion, *region).success_percent - success_percent(*region))
 
 
@@ -135,7 +152,7 @@ def _foam_words(s: Shares) -> Array:
         _at_most(p[:3], 0.020), _at_least(d[:3], [0.10, 0.05, 0.025]),  # 7.5 mm and less: few P, many D
         _at_least(p[5:], [0.030, 0.080]), _at_most(d[5:], [0.010, 0.008]),  # 15 mm and more: more P, far fewer D
         _rising(p[2:], 0.0005), _falling(d, 0.001),
-        2 * np.maximum(np.abs(t - t.mean()) - 0.010, 0.0),  # T much the same everywhere
+        3 * np.maximum(np.abs(t - t.mean()) - 0.010, 0.0),  # T much the same everywhere
     ])  # fmt: skip
 
 
@@ -195,17 +212,17 @@ def calibrate(start: SeedlingSpec, motion: MotionAt) -> SeedlingSpec:
 
     def residuals(scaled: Array) -> Array:
         spec = spec_of(scaled)
-        off = differences(spec, motion)
+        off = differences(spec, motion, _LEVELS_OF_THE_FIT)
         lines = [
             course.success_percent - np.clip(success_percent(*setting), 0, 100)
             for course, setting in zip(courses(spec, motion), SINGLE_FACTOR, strict=True)
         ]
-        best = shares_at(spec, motion, *_OPTIMUM).success_percent - success_percent(*_OPTIMUM)
+        best = success_at(spec, motion, *OPTIMUM) - success_percent(*OPTIMUM)
         return np.concatenate([
             10 * off / np.sqrt(off.size),
             _WEIGHT_WORDS * words(spec, motion),
             _WEIGHT_LINES * np.concatenate(lines),
-            _WEIGHT_OPTIMUM * np.atleast_1d(best),
+            _WEIGHT_OPTIMUM * np.array([best]),
             _WEIGHT_START * (scaled - (first - low) / size),
         ])  # fmt: skip
 

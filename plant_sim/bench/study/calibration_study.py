@@ -10,13 +10,14 @@ from plant_sim.bench.study.calibration import (
     AGES_D,
     FITTED,
     FOAMS_MM,
+    OPTIMUM,
     PRESSURES_MPA,
     Array,
     MotionAt,
     calibrate,
     courses,
     differences,
-    shares_at,
+    success_at,
     words,
 )
 from plant_sim.bench.study.nominal import NominalMotion, nominal_motion
@@ -27,7 +28,6 @@ from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import success_percent
 from plant_sim.parameters import Machine
 
-_OPTIMUM = (10.0, 51.0, 0.40)
 _LEVELS = {"foam": (FOAMS_MM, "mm"), "age": (AGES_D, "d"), "pressure": (PRESSURES_MPA, "MPa")}
 _SHOWN = ("P", "D", "T", "missed", "cut", "slipped")
 
@@ -89,12 +89,11 @@ def _motion_table(motion: NominalMotion) -> Table:
 
 def _agreement(spec: SeedlingSpec, motion: MotionAt) -> dict[str, float]:
     off = differences(spec, motion)
-    best = float(shares_at(spec, motion, *_OPTIMUM).success_percent)
     return {
         "points": float(off.size),
         "rms": float(np.sqrt(np.mean(off**2))),
         "largest": float(np.abs(off).max()),
-        "at_the_optimum": best - success_percent(*_OPTIMUM),
+        "at_the_optimum": success_at(spec, motion, *OPTIMUM) - success_percent(*OPTIMUM),
         "worst_word": float(words(spec, motion).max()),
     }
 

@@ -7,6 +7,7 @@ from statistics import fmean
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.program.states import State
 from plant_sim.bench.study.errors import StudyError
@@ -100,7 +101,7 @@ def observed_rows(machine: Machine, *, seed: int = 1) -> list[RowMotion]:
 
 @dataclass(frozen=True)
 class NominalMotion:
-    """The mean of what rows feel, for any claw pressure.
+    """What the rows of a trial feel, for any claw pressure.
 
     Attributes:
         rows: What they were seen to feel.
@@ -113,19 +114,19 @@ class NominalMotion:
     catch_m: float
 
     def __call__(self, pressure_mpa: Number) -> Motion:
-        """Return the motion at a claw pressure, MPa."""
+        """Return the motion at claw pressures, MPa: one line a row, one column a pressure."""
 
-        def mean(name: str) -> float:
-            return fmean(abs(getattr(row, name)) for row in self.rows)
+        def each(name: str) -> NDArray[np.float64]:
+            return np.array([[abs(getattr(row, name))] for row in self.rows])
 
         return Motion(
-            along_m=mean("along_m"),
-            across_m=mean("across_m"),
-            force_n=self.force_n_mpa * np.asarray(pressure_mpa),
-            held_s=mean("held_s"),
-            throw_along_m=mean("throw_along_m"),
-            throw_across_m=mean("throw_across_m"),
-            fall_s=mean("fall_s"),
+            along_m=each("along_m"),
+            across_m=each("across_m"),
+            force_n=self.force_n_mpa * np.atleast_1d(pressure_mpa),
+            held_s=each("held_s"),
+            throw_along_m=each("throw_along_m"),
+            throw_across_m=each("throw_across_m"),
+            fall_s=each("fall_s"),
             catch_m=self.catch_m,
         )
 
