@@ -120,7 +120,7 @@ def _check(options: argparse.Namespace, entry: _Entry) -> None:
             continue
         flag = f"--{option.replace('_', '-')}"
         if option not in entry.options:
-            why = "" if "trials" in entry.options else ", which runs no trials"
+            why = "" if entry.options else ", which runs no trials"
             raise StudyError(f"{flag}: means nothing with {name}{why}; leave it out")
         if options.data is not None:
             raise StudyError(f"{flag}: means nothing with --data, which runs no trials; leave one of them out")
@@ -231,6 +231,13 @@ def _cabbage_rsm(options: argparse.Namespace) -> Study:
     return cabbage_study(options.data)
 
 
+def _calibration(options: argparse.Namespace) -> Study:
+    from plant_sim.bench.study.calibration_study import calibration_study  # noqa: PLC0415
+
+    machine = load_machine(options.machine or DEFAULT_MACHINE)
+    return calibration_study(machine, seed=1 if options.seed is None else options.seed)
+
+
 def _throughput(options: argparse.Namespace) -> Study:
     from plant_sim.bench.study.driving import FREQUENCIES_PER_MIN  # noqa: PLC0415
     from plant_sim.bench.study.throughput import throughput_study  # noqa: PLC0415
@@ -257,6 +264,7 @@ _STUDIES: Mapping[str, _Entry] = {
     "pepper-rsm": _Entry("the pepper paper's response surface and optimum", _pepper_rsm, _RUN, ("paper",)),
     "cabbage-rsm": _Entry("the cabbage paper's regression, from its own tables", _cabbage_rsm, (),
                           ("printed", "reconciled")),
+    "calibration": _Entry("where the constants of the seedling come from", _calibration, ("seed", "machine")),
     "throughput": _Entry("what keeps the machine from planting faster", _throughput, (*_RUN, *_PACE)),
     "own": _Entry("a study of one's own", _own, (*_RUN, "file")),
 }  # fmt: skip
