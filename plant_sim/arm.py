@@ -36,6 +36,7 @@ class ArmPlant:
         "_down_m",
         "_force_n_pa",
         "_pose",
+        "_slips",
         "_state",
         "_stirred",
         "_sweep",
@@ -92,7 +93,7 @@ class ArmPlant:
         self.spreader = Spreader(machine.spreader, state["spreader"], make["spreader"], bounce_s=bounce_s)
         self.cups = Cups(machine.cups, state["cups"], make["cups"], seed=seed, bounce_s=bounce_s)
         self._state = state
-        self._stirred = 0.0
+        self._stirred = self._slips = 0.0
         self._down_m = machine.lift.stroke_m
         self._force_n_pa = machine.claws.moment_nm_pa / machine.claws.finger_m
         self.row = PlantingRow(
@@ -165,13 +166,19 @@ class ArmPlant:
         """
         x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, slips, clamp_pa = sight
         self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
-        if slips and self.grip.held:
-            self.grip.let_slip(self._pose, now_s)
+        grip, force_n = self.grip, self._force_n_pa * clamp_pa
+        if grip.held:
+            grip.feel(force_n)
+            if slips != self._slips:
+                grip.let_slip(self._pose, now_s)
+        elif grip.slipped and clamp_pa >= self.claws.holds_above_pa:
+            grip.grip_again(self._pose)
+        self._slips = slips
         if stirred != self._stirred or self._bed.trays_m != self._trays_m:
             self._stirred = stirred
             self._trays_m = self._bed.trays_m
             self._pose.take(
-                x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=self._force_n_pa * clamp_pa
+                x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=force_n
             )
             self._pose.gripping = claws_m <= self.claws.grips_below_m
             self._pose.free = claws_m >= self.claws.frees_above_m

@@ -52,7 +52,7 @@ _COMMON = 2 * len(ARM_SENSORS)
 
 #: State of an arm. `stirred` counts the steps in which anything moved; `freed_s` and `gripped_s` are when
 #: the claws last opened so far that they touch nothing, and closed so far that they grip. `clamp_pa` presses the
-#: fingers together; `clamped` is 1 from when closing fingers first had the force to hold.
+#: fingers together; `clamped` is 1 while closed fingers have the force to hold, `slips` counts how often they lost it.
 ARM = np.dtype(
     [
         ("slide", CYLINDER),
@@ -86,8 +86,7 @@ ARM_MAKE = np.dtype(
     ]
 )
 
-#: What `advance` tells of each arm, then of the trays: their way, m. `slips` is 1 while fingers that have clamped
-#: lack the force to hold.
+#: What `advance` tells of each arm, then of the trays: their way, m.
 SIGHT = (
     "slide_m",
     "lift_m",
@@ -191,11 +190,14 @@ def _step_arm(arm: Any, make: Any, coils: Any, supply: Any, at_s: float, gas: An
 def _feel(arm: Any, make: Any) -> None:
     """Whether the fingers hold, or have lost the force they had."""
     arm.clamp_pa = arm.claws.minus.chamber.pressure_pa - arm.claws.plus.chamber.pressure_pa
-    if arm.claws.valve.target > 0.0 or arm.claws.position_m > make.grips_below_m:
+    opens = arm.claws.valve.target > 0.0  # then they are to lose it; an opening broken off still loses what they held
+    if arm.claws.position_m > make.grips_below_m:
         arm.clamped = 0
-    elif arm.clamp_pa >= make.holds_above_pa:
-        arm.clamped = 1
-    arm.slips = 1 if arm.clamped and arm.clamp_pa < make.holds_above_pa else 0
+    elif not opens:
+        holds = 1 if arm.clamp_pa >= make.holds_above_pa else 0
+        if arm.clamped and not holds:
+            arm.slips += 1
+        arm.clamped = holds
 
 
 @compiled

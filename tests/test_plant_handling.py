@@ -86,6 +86,59 @@ def test_a_stem_that_is_cut_is_lost_even_when_it_is_put_back() -> None:
     assert rig.plant.counts() == counts(P=1)
 
 
+def test_what_is_put_back_has_felt_the_full_force() -> None:
+    """A second on the row without any motion."""
+    rig = thriving(Rig({"crop.claw_pressure_mpa": 0.60}))
+    rig.bring_tray()
+    rig.go_to_pick(1)
+    rig.close()
+    rig.run(1_000)
+    assert rig.left.grip.felt.peak_n == pytest.approx(rig.left.claws.clamp_n, rel=0.01)
+    soft = rig.column(0)[0]
+    margin = float(rig.left.grip._mechanics.cut_margin(rig.left.claws.clamp_n))
+    soft.traits = TYPICAL._replace(strength=-margin - 0.1)
+    rig.open()
+    assert rig.plant.counts() == counts(P=1)
+    assert soft.place is Place.LOST_PICK
+
+
+def test_fingers_that_have_their_force_again_hold_what_stands_between_them() -> None:
+    rig = rig_with_tray()
+    rig.go_to_pick(1)
+    rig.close()
+    rig.left.grip.let_slip(rig.left._pose, rig.plant.time_ms / 1000)
+    assert rig.plant.counts() == counts()
+    assert rig.left.grip.held == []
+    rig.run(20)
+    assert [plant.place for plant in rig.column(0)] == [Place.CLAMPED] * 12
+    rig.raise_arm()
+    assert rig.plant.counts() == counts(in_claw=12)
+
+
+@pytest.mark.parametrize("open_ms", [50, 55, 60, 70])
+def test_an_opening_that_is_broken_off_loses_what_was_held(open_ms: int) -> None:
+    """The fingers have not moved, but had no force for a moment."""
+    rig = rig_with_tray()
+    rig.go_to_pick(1)
+    rig.close()
+    rig.raise_arm()
+    rig.run(open_ms, "left.claws_open")
+    rig.close()
+    assert rig.plant.counts() == counts(D=12)
+    assert "dropped" in rig.kinds()
+
+
+def test_an_opening_that_is_broken_off_at_once_loses_nothing() -> None:
+    rig = rig_with_tray()
+    rig.go_to_pick(1)
+    rig.close()
+    rig.raise_arm()
+    rig.run(5, "left.claws_open")
+    rig.close()
+    assert rig.plant.counts() == counts(in_claw=12)
+    assert rig.plant.events == []
+
+
 def test_a_stem_that_is_held_too_long_breaks_over_the_cups() -> None:
     """Endurance so little short of the typical one that it lasts to the feed and not through ten minutes there."""
     rig = rig_with_tray()

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from plant_sim.bench.study.calibration import FITTED, calibrate, courses, design_region, differences, success_at, words
+from plant_sim.bench.study.calibration import (
+    FITTED,
+    calibrate,
+    courses,
+    design_region,
+    differences,
+    middle,
+    success_at,
+    words,
+)
 from plant_sim.bench.study.calibration_study import calibration_study
 from plant_sim.bench.study.nominal import NominalMotion, nominal_motion
 from plant_sim.bench.study.parts import Table
@@ -56,9 +65,12 @@ def test_other_motion_does_not(motion: NominalMotion) -> None:
 
 
 def test_the_nominal_motion_is_what_the_twin_does(motion: NominalMotion) -> None:
-    """Twelve rows; within the switch band of the slide and the place of the tray; the force of 0.4 MPa: 7.8 N."""
-    assert len(motion.rows) == 12
-    assert all(abs(row.across_m) < 0.006 and abs(row.along_m) < 0.008 for row in motion.rows)
+    """Four trays, the first like the others; within the switch band of the slide; the force of 0.4 MPa: 7.8 N."""
+    assert len(motion.rows) == 24
+    stops_m = [motion.rows[6 * tray].along_m for tray in range(4)]
+    assert abs(np.mean(stops_m)) < 0.001
+    assert np.ptp(stops_m) < 0.0025
+    assert all(abs(row.across_m) < 0.006 and abs(row.along_m) < 0.002 for row in motion.rows)
     assert all(abs(row.throw_along_m) < 0.002 and row.throw_across_m < 0.003 for row in motion.rows)
     assert motion.force_n_mpa == pytest.approx(7.8e-7 * 1e6 / 0.040, rel=0.01)
     assert all(8.0 < row.held_s < 14.0 for row in motion.rows)
@@ -84,8 +96,8 @@ def test_age(motion: NominalMotion) -> None:
     assert (p[:2] > 1.5 * p[4]).all()
     assert (d[:2] > 3 * d[4]).all()
     assert (np.diff(p) < 0).all()
-    assert (np.diff(d)[:5] < 0).all()
-    assert d[6] <= d[4]
+    assert (np.diff(d) < 0.01).all()
+    assert d[6] < d[4]
     success = np.asarray(age.success_percent)
     assert success[4] - success[6] == pytest.approx(8.9, abs=1.0)
     assert t[6] - t[4] > success[4] - success[6]
@@ -107,15 +119,14 @@ def test_pressure(motion: NominalMotion) -> None:
 
 def test_no_word_is_missed_by_much(motion: NominalMotion) -> None:
     """Points by which the sizes that the fit asks for are missed, the worst of all."""
-    assert words(SPEC, motion).max() < 2.5
+    assert words(SPEC, motion).max() < 1.5
 
 
-def test_the_values_of_the_file_are_what_the_fit_finds(motion: NominalMotion) -> None:
-    """Begun from them, the fit stays where it is: no sum of squares to be gained."""
-    found = calibrate(SPEC, motion)
-    assert rms(differences(found, motion)) == pytest.approx(rms(differences(SPEC, motion)), abs=0.02)
-    for name in ("adhesion_n", "cut_n", "endurance", "gap_m", "yield_mm"):
-        assert getattr(found, name) == pytest.approx(getattr(SPEC, name), rel=0.05), name
+def test_the_values_of_the_file_are_what_the_fit_finds_from_anywhere(motion: NominalMotion) -> None:
+    """Begun in the middle of all bounds it comes to the same constants, within a hundredth of their bounds."""
+    found = calibrate(middle(SPEC), motion)
+    for name, (low, high) in FITTED.items():
+        assert getattr(found, name) == pytest.approx(getattr(SPEC, name), abs=0.01 * (high - low)), name
 
 
 def test_only_what_is_named_is_fitted(motion: NominalMotion) -> None:
@@ -144,7 +155,7 @@ def test_the_guide_tells_how_well_it_fits(motion: NominalMotion) -> None:
 def test_the_study_sets_the_machine_beside_a_new_fit(motion: NominalMotion) -> None:
     study = calibration_study(MACHINE, seed=1)
     tables = {part.name: part for part in study.parts if isinstance(part, Table)}
-    assert len(tables["motion"].rows) == 12
+    assert len(tables["motion"].rows) == 24
     assert [row[0] for row in tables["constants"].rows] == list(FITTED)
     assert [row[1] for row in tables["constants"].rows] == [getattr(SPEC, name) for name in FITTED]
     agreement = study.record["agreement"]

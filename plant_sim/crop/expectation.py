@@ -72,7 +72,8 @@ def expected(mechanics: Mechanics, motion: Motion) -> Shares:
         (mechanics.gap_margin, motion.along_m),
         (mechanics.strip_margin, motion.across_m),
     ):
-        seen = seen * (1 - ndtr(-margin(off_m)) - ndtr(-margin(-np.asarray(off_m))))
+        # a gap that the pads have closed lets nothing through
+        seen = seen * np.maximum(1 - ndtr(-margin(off_m)) - ndtr(-margin(-np.asarray(off_m))), 0.0)
     cut = ndtr(-mechanics.cut_margin(motion.force_n))
     slipped = ndtr(-mechanics.slip_margin(motion.force_n))
     picked = seen * (1 - cut) * (1 - slipped)

@@ -44,6 +44,7 @@ class Grip:
         extracted: Whether the plugs of what is held are out of their cells.
         delivered: Whether what is held has come to the feed.
         felt: What it has felt so far.
+        slipped: Whether closed fingers have lost what they held, and not opened since.
     """
 
     __slots__ = (
@@ -60,6 +61,7 @@ class Grip:
         "extracted",
         "felt",
         "held",
+        "slipped",
     )
 
     def __init__(
@@ -94,6 +96,7 @@ class Grip:
         self._closed = False
         self._loosened = False
         self.felt = Felt()
+        self.slipped = False
         self.held: list[Seedling] = []
         self.extracted = False
         self.delivered = False
@@ -113,14 +116,13 @@ class Grip:
             pose: Where the arm is now.
         """
         if self._closed and pose.free:
-            self._closed = False
+            self._closed = self.slipped = False
             self._open(pose)
         elif not self._closed and pose.gripping:
             self._closed = True
             self._close(pose)
         if not self.held:
             return
-        self.felt.peak_n = max(self.felt.peak_n, pose.force_n)
         if self.extracted:
             self._carry(pose)
         else:
@@ -146,6 +148,24 @@ class Grip:
             self._move(stems, Place.LOST_PICK)
             self._note(Incident.STEMS_CUT, f"claws closed wrongly on {len(stems)} stems")
 
+    def feel(self, force_n: float) -> None:
+        """Let what is held feel the fingers, also while nothing moves.
+
+        Args:
+            force_n: Force of a finger, N.
+        """
+        self.felt.peak_n = max(self.felt.peak_n, force_n)
+
+    def grip_again(self, pose: Pose) -> None:
+        """Close on what stands between fingers that had lost their force and have it again.
+
+        Args:
+            pose: Where the arm is.
+        """
+        self.slipped = False
+        if self._closed:
+            self._close(pose)
+
     def let_slip(self, pose: Pose, now_s: float) -> None:
         """Let go of everything because the closed fingers have lost their force.
 
@@ -156,6 +176,7 @@ class Grip:
         self._note(Incident.DROPPED, f"{len(self.held)} seedlings slipped out of claws without air")
         pose.freed_s = now_s
         self._open(pose, slipped=True)
+        self.slipped = True
 
     def _between_the_fingers(self, stems: list[Seedling]) -> list[Seedling]:
         """Those of the stems that stand where the claws grip, the tray being askew; the others are cut."""
@@ -213,7 +234,7 @@ class Grip:
         if not released:
             return
         if not self.extracted:
-            self._put_back(released)
+            self._put_back(released, pose.freed_s)
         elif self._is_over_cups(pose):
             self._throw(released, pose)
         else:
@@ -238,9 +259,8 @@ class Grip:
         """Whether the claws hold a seedling's stem, whole, and have pulled its plug."""
         felt, mechanics, traits = self.felt, self._mechanics, seedling.traits
         askew_m = -self._bed.off_m(seedling) if self._reach.mirrored else self._bed.off_m(seedling)
-        along_m = self._bed.ahead_m(seedling)
         return not (
-            mechanics.is_missed(traits, along_m=along_m, across_m=felt.across_m + askew_m)
+            mechanics.is_missed(traits, along_m=felt.along_m, across_m=felt.across_m + askew_m)
             or mechanics.is_cut(traits, felt.peak_n)
             or mechanics.slips(traits, felt.least_n)
         )
@@ -252,10 +272,16 @@ class Grip:
         broken = [each for each in self.held if self._mechanics.breaks(each.traits, felt.peak_n, held_s)]
         self._lose(broken, Place.LOST_CARRY)
 
-    def _put_back(self, released: list[Seedling]) -> None:
-        """Leave seedlings in the cells they have not left; what the claws have cut or loosened is lost."""
+    def _is_harmed(self, seedling: Seedling, held_s: float) -> bool:
+        """Whether the claws have cut or broken the stem of a seedling that has not left its cell."""
+        mechanics, peak_n = self._mechanics, self.felt.peak_n
+        return mechanics.is_cut(seedling.traits, peak_n) or mechanics.breaks(seedling.traits, peak_n, held_s)
+
+    def _put_back(self, released: list[Seedling], now_s: float) -> None:
+        """Leave seedlings in the cells they have not left; what the claws have cut, broken or loosened is lost."""
+        held_s = now_s - self.felt.since_s
         for seedling in released:
-            harmed = self._loosened or self._mechanics.is_cut(seedling.traits, self.felt.peak_n)
+            harmed = self._loosened or self._is_harmed(seedling, held_s)
             self._seedlings.move(seedling, Place.LOST_PICK if harmed else Place.STANDING)
 
     def _throw(self, released: list[Seedling], pose: Pose) -> None:

@@ -213,7 +213,7 @@ class Mechanics:
         """Standard deviation of where a plug comes down, either way, m.
 
         Args:
-            force_n: Force of a finger before it let go, N.
+            force_n: Greatest force of a finger while it was held, N.
             fall_s: How long the plug fell, s.
         """
         spec = self._spec
