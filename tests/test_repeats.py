@@ -16,7 +16,7 @@ import pytest
 from scipy.stats import binomtest
 
 from plant_sim.bench.air import air_of
-from plant_sim.bench.repeats import Repeats
+from plant_sim.bench.repeats import Repeats, pool
 from plant_sim.bench.report import TrialReport, binomial_interval, make_report
 from plant_sim.bench.trial import run_trial
 from plant_sim.bench.twin import Twin
@@ -107,6 +107,18 @@ def test_trials_are_pooled_seedling_by_seedling() -> None:
     for name, count in TOTALS.items():
         assert pooled[name] == pytest.approx(100 * count / 432), name
         assert pooled["intervals"][name] == pytest.approx(exact_percent(count, 432)), name
+
+
+def test_a_pool_is_of_all_seedlings_however_many_a_trial_has() -> None:
+    """133 of 144 and 30 of 36: the shares of 180, not the mean of two."""
+    few = make_report(seed=1, counts=SeedlingCounts(0, 0, 30, 1, 2, 3, total=36), events=[], reason="", simulated_s=1.0,
+                      wall_s=0.0)  # fmt: skip
+    found = pool([report_of(7), few])
+    assert (found.trials, found.seedlings) == (2, 180)
+    assert found.counts == {"S": 163, "F_p": 6, "F_d": 5, "F_t": 6}
+    for name, count in found.counts.items():
+        assert found.shares[name] == pytest.approx(100 * count / 180)
+        assert found.intervals[name] == pytest.approx(exact_percent(count, 180))
 
 
 def test_the_spread_is_that_of_the_trials() -> None:

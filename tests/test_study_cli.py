@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.bench.study import cli, pepper, runner, throughput
+from plant_sim.bench.study import calibration_study, cli, pepper, runner, throughput
 from plant_sim.bench.study.cli import add_study_arguments, study_command
 from plant_sim.bench.study.report import Study
 from plant_sim.bench.study.runner import RunOptions
@@ -63,7 +63,7 @@ def test_a_study_is_printed_and_written(own: Path, tmp_path: Path, capsys: pytes
     told = printed.err.splitlines()
     assert told[:2] == ["1 of 2 trials", "2 of 2 trials"]
     assert sorted(told[2:]) == sorted(map(str, out.iterdir()))
-    command = f"python -m plant_sim study own '{own}' --seed 4"
+    command = f"python -m plant_sim study own '{own}' --trials 1 --seed 4 --seedlings 12"
     assert f"```sh\n{command}\n```" in (out / "report.md").read_text()
     assert json.loads((out / "study.json").read_text())["command"] == command
 
@@ -200,20 +200,30 @@ def test_throughput_takes_frequencies_and_the_distance_of_the_plants(
     frequencies: Sequence[int],
     spacing_m: float | None,
 ) -> None:
-    """As they are written; the command that makes the study again names them."""
+    """As they are written."""
     asked: list[tuple[tuple[int, ...], object, int]] = []
 
     def study_of(options: RunOptions, *, frequencies_per_min: Sequence[int], spacing_m: float | None) -> Study:
         asked.append((tuple(frequencies_per_min), spacing_m, options.seedlings))
-        return Study("throughput", "None", "", (), {})
+        return Study("throughput", "None", options.command("throughput"), (), {})
 
     monkeypatch.setattr(throughput, "throughput_study", study_of)
     assert study("throughput", *arguments, "--seedlings", "36", "--json") == 0
     wanted = None if spacing_m is None else pytest.approx(spacing_m)
     assert asked == [(tuple(frequencies), wanted, 36)]
-    command = json.loads(capsys.readouterr().out)["command"]
-    given_back = sorted(shlex.split(command)[5:])
-    assert given_back == sorted((*arguments, "--seedlings", "36"))
+
+
+def test_the_command_of_the_calibration_names_seed_and_machine(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def study_of(_: object, *, seed: int) -> Study:
+        return Study("calibration", "None", "", (), {"seed": seed})
+
+    monkeypatch.setattr(calibration_study, "calibration_study", study_of)
+    machine = ("--machine", str(DEFAULT_MACHINE))
+    for given, wanted in (((), "--seed 1"), (("--seed", "4", *machine), shlex.join(("--seed", "4", *machine)))):
+        assert study("calibration", *given, "--json") == 0
+        assert json.loads(capsys.readouterr().out)["command"] == f"python -m plant_sim study calibration {wanted}"
 
 
 def test_without_seedlings_a_trial_is_the_papers(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -232,7 +242,9 @@ def test_the_command_line_overrides_the_seedlings_of_the_file(own: Path, capsys:
     assert study("own", str(own), "--json", "--workers", "1", "--seedlings", "6") == 0
     record = json.loads(capsys.readouterr().out)
     assert record["seedlings"] == 6
-    assert record["command"].endswith("--seedlings 6")
+    assert record["command"] == f"python -m plant_sim study own '{own}' --trials 1 --seed 1 --seedlings 6"
+    assert study(*shlex.split(record["command"])[4:], "--json", "--workers", "1") == 0
+    assert json.loads(capsys.readouterr().out) == record
 
 
 def test_a_folder_that_is_taken_is_refused_before_anything_runs(

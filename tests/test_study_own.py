@@ -260,14 +260,47 @@ def test_percentages_are_pooled_and_get_the_exact_binomial_interval() -> None:
     assert every.low == pytest.approx(100 * 0.025 ** (1 / 144))
 
 
+@pytest.mark.parametrize(("count", "share"), [("in_cups", "S"), ("P", "F_p"), ("D", "F_d"), ("T", "F_t")])
+def test_a_number_of_seedlings_gets_the_interval_of_its_share(count: str, share: str) -> None:
+    """Times the seedlings of a trial; Student's t would make one of 12.7 below and above out of 3 and 5."""
+    trials = [report(**{count: 3}, seedlings=144), report(**{count: 5}, seedlings=144)]
+    found, part = estimate(count, trials), estimate(share, trials)
+    assert found.mean == pytest.approx(4.0)
+    assert found.low == pytest.approx(144 * stats.beta.ppf(0.025, 8, 281))
+    assert found.high == pytest.approx(144 * stats.beta.ppf(0.975, 9, 280))
+    assert [found.mean, found.low, found.high] == pytest.approx(
+        [1.44 * (part.mean or 0), 1.44 * (part.low or 0), 1.44 * (part.high or 0)]
+    )
+    assert found.sd == pytest.approx(2**0.5)
+    none = estimate(count, [report(**{count: 0}, seedlings=144)] * 2)
+    assert (none.mean, none.low, none.sd) == (0.0, 0.0, 0.0)
+    assert none.high == pytest.approx(144 * (1 - 0.025 ** (1 / 288)))
+
+
 def test_other_means_get_students_interval_if_there_is_a_scatter_to_tell() -> None:
     trials = [report(cycle_time_s=value) for value in (8.0, 8.3, 8.9)]
     found = estimate("cycle_time_s", trials)
-    half = stats.t.ppf(0.975, 2) * np.std([8.0, 8.3, 8.9], ddof=1) / 3**0.5
-    assert found.mean == pytest.approx(8.4)
+    sd = np.std([8.0, 8.3, 8.9], ddof=1)
+    half = stats.t.ppf(0.975, 2) * sd / 3**0.5
+    assert (found.mean, found.sd) == pytest.approx((8.4, sd))
     assert [found.low, found.high] == pytest.approx([8.4 - half, 8.4 + half])
     assert estimate("cycle_time_s", trials[:1]) == Estimate(8.0)
-    assert estimate("missed_cups", [report(missed_cups=3)] * 2) == Estimate(3.0, 3.0, 3.0)
+    assert estimate("missed_cups", [report(missed_cups=3)] * 2) == Estimate(3.0, sd=0.0)
+    assert estimate("air_l_min", [report(air_l_min=None)] * 2) == Estimate(None)
+
+
+def test_the_scatter_between_trials_stands_beside_what_is_pooled(tmp_path: Path) -> None:
+    """And the report says what the binomial intervals take for granted, if any response counts seedlings."""
+    own = load_own_study(written(tmp_path, edited("[S, cycle_time_s]", "[S, missed_cups]")), MACHINE)
+    study = own_study(own, options())
+    heading, (run, _, low, high, sd) = table(study, "s-intervals").heading, table(study, "s-intervals").rows[0]
+    assert heading == ("run", "mean", "low", "high", "SD between trials")
+    assert (run, sd) == (1, 0.0)
+    assert None not in (low, high)
+    assert table(study, "missed-cups-intervals").shown()[0][2:4] == ("-", "-")
+    assert "take every seedling to fail by itself. A late release or a stop loses up to 12 at once" in study.text()
+    uncounted = load_own_study(written(tmp_path, edited("[S, cycle_time_s]", "[missed_cups]")), MACHINE)
+    assert "seedling to fail by itself" not in own_study(uncounted, options()).text()
 
 
 def test_a_model_finds_the_function_that_the_trials_follow(tmp_path: Path) -> None:

@@ -106,6 +106,10 @@ def test_the_report_says_it_all(study: Study) -> None:
         assert said in text
     assert "The mean is 94.58 %" in text
     assert "by 1.9 points by chance alone" in text
+    assert "only 9 of the 20 printed successes are a whole number of seedlings: the others cannot be single" in text
+    assert "and 5 of the 5 are no whole number of seedlings: they cannot be single trials of 144" in text
+    assert "in 22 of 100 cases (t-test), so the prediction is not contradicted." in text
+    assert "must be means" not in text
     assert [row[0] for row in table(study, "anova").rows][-3:] == ["lack of fit", "pure error", "total"]
     assert len(table(study, "runs").rows) == 20
     assert table(study, "verification").shown()[-1] == ("mean", "94.58")

@@ -122,6 +122,36 @@ def test_repeats_without_scatter_give_no_f_of_the_lack_of_fit() -> None:
     assert flat.p is None
 
 
+@pytest.mark.parametrize("level", [0.0, 95.0, 1e6])
+def test_a_perfect_fit_has_sums_of_squares_but_neither_f_nor_p(level: float) -> None:
+    """S = level + 2 X1 - X1 X2 over the corners, twice: 4 and 1 for each of 8 runs; what is left is arithmetic."""
+    corners = np.vstack([two_level(2)] * 2)
+    found = fit(corners, level + 2 * corners[:, 0] - corners[:, 0] * corners[:, 1], ["X1", "X2", "X1 X2"])
+    squares = {row.source: row.sum_of_squares for row in found.anova}
+    assert [squares[term] for term in ("X1", "X2", "X1 X2", "model")] == pytest.approx([32, 0, 8, 40], abs=1e-6)
+    assert (squares["residual"], squares["pure error"]) == (0.0, 0.0)
+    assert all(row.f is None and row.p is None for row in found.anova)
+    assert found.values == pytest.approx({"1": level, "X1": 2, "X2": 0, "X1 X2": -1}, abs=1e-9)
+    assert {(each.standard_error, each.t, each.p) for each in found.coefficients.values()} == {(0.0, None, None)}
+
+
+def test_a_scatter_far_below_what_is_measured_still_counts() -> None:
+    """A ten-millionth of the response."""
+    found = fit(DESIGN, noisy([90, *range(9)], 4, sd=1e-5), QUADRATIC)
+    assert found.row("residual").sum_of_squares > 0
+    assert (found.row("X3").f or 0) > 1e6
+    assert found.row("pure error").mean_square == pytest.approx(found.response[-5:].var(ddof=1), rel=1e-4)
+
+
+def test_a_model_without_lack_of_fit_has_none_of_arithmetic() -> None:
+    """Two runs a point, the model through their means: all of the residual is pure error."""
+    design = np.repeat(central_composite(2, axial=1.4, centres=1), 2, axis=0)
+    scatter = np.tile([0.1, -0.1], len(design) // 2)
+    lack = fit(design, 95 + 2 * design[:, 0] + scatter, ["X1"]).row("lack of fit")
+    assert lack.sum_of_squares == pytest.approx(0.0, abs=1e-12)
+    assert lack.f == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("coded", "response", "names", "says"),
     [

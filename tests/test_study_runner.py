@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shlex
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -15,7 +17,16 @@ from plant_sim.bench.report import TrialReport
 from plant_sim.bench.study import runner
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Setting
-from plant_sim.bench.study.runner import MOST_SEEDLINGS, MOST_TRIALS, RunOptions, Whole, run, spread, trial_seed
+from plant_sim.bench.study.runner import (
+    MOST_SEEDLINGS,
+    MOST_TRIALS,
+    RunOptions,
+    Whole,
+    incomplete_trials,
+    run,
+    spread,
+    trial_seed,
+)
 from plant_sim.bench.trial import run_trial
 from plant_sim.parameters import load_machine
 
@@ -57,6 +68,30 @@ def test_a_setting_gives_the_same_whatever_comes_after_it() -> None:
                          seedlings=SEEDLINGS)  # fmt: skip
     whole = run(SETTINGS, trials=1, seed=3, seedlings=SEEDLINGS, workers=1)
     assert untimed(options.run(SETTINGS[:1])) == untimed(whole)[:1]
+
+
+def test_the_command_names_every_option_that_decides_the_result() -> None:
+    """Defaults, too; the number of workers decides nothing."""
+    options = RunOptions(trials=5, seed=1, workers=2, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP))
+    assert options.command("pepper-rsm") == "python -m plant_sim study pepper-rsm --trials 5 --seed 1 --seedlings 144"
+    other = replace(options, machine_file=Path("my machine.yaml"), io_map_file=Path("wires.yaml"))
+    assert shlex.split(other.command("own", Path("my own.yaml"), spacing=None, frequencies="20,30"))[4:] == [
+        "own", "my own.yaml", "--trials", "5", "--seed", "1", "--seedlings", "144", "--frequencies", "20,30",
+        "--machine", "my machine.yaml", "--io-map", "wires.yaml",
+    ]  # fmt: skip
+
+
+def test_trials_that_did_not_complete_are_counted_and_the_first_are_told() -> None:
+    whole = run_trial(seed=1, seedlings=1)
+    broken = replace(whole, reason="jammed")
+    assert incomplete_trials([[whole], [whole]], "they do not count") == []
+    assert incomplete_trials([[whole, broken], [whole, whole], [broken, whole]], "they do not count") == [
+        "2 of 6 trials did not complete; they do not count. run 1: jammed; run 3: jammed."
+    ]
+    (many,) = incomplete_trials([[broken] * 9], "they do not count")
+    assert many.startswith("9 of 9 trials")
+    assert many.count("jammed") == 5
+    assert many.endswith("; and others.")
 
 
 def test_workers_run_in_processes_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:

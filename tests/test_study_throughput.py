@@ -189,5 +189,22 @@ def test_air_and_success_are_those_of_the_trials() -> None:
     """A seedling takes the air of the trial, power-up to end, over its 144."""
     for point in json.loads(study().json())["points"]:
         assert point["S_low"] < point["S"] < point["S_high"]
+        assert point["S_sd"] is None
         assert point["air_l_per_seedling"] == pytest.approx(0.5, abs=0.1)
         assert point["air_l_min"] > 30
+
+
+def test_the_command_names_frequencies_and_the_distance_that_was_given() -> None:
+    """An assumed distance is left out, or the report would not call it assumed."""
+    assert study().command == (
+        "python -m plant_sim study throughput --trials 1 --seed 3 --seedlings 144 --frequencies 50,60 --spacing 0.5"
+    )
+
+
+def test_the_report_says_what_its_intervals_take_for_granted() -> None:
+    """And shows the scatter between trials beside the pooled success."""
+    trials = next(part for part in study().parts if isinstance(part, Table) and part.name == "trials")
+    assert trials.heading[2:6] == ("S, %", "from", "to", "SD between trials")
+    assert trials.rows[0][5] is None
+    assert len(trials.heading) == len(trials.rows[0])
+    assert "A late release or a stop loses up to 12 at once" in study().text()

@@ -4,16 +4,52 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, stdev
-from typing import Any
+from typing import Any, Final
 
 from plant_sim.bench.report import TrialReport, success_intervals
 
-_COLUMNS = ("seed", "seedlings", "in_cups", "P", "D", "T")
-_SHARES = ("S", "F_p", "F_d", "F_t")
+SHARES: Final = {"S": "in_cups", "F_p": "P", "F_d": "D", "F_t": "T"}
+"""Shares of the seedlings, and what is counted for them."""
+_COLUMNS = ("seed", "seedlings", *SHARES.values())
 _REST = ("missed_cups", "cycles", "cycle_time_s", "air_l_min", "simulated_s", "extrapolates")
+
+
+@dataclass(frozen=True, slots=True)
+class Pool:
+    """Several trials taken together, seedling by seedling.
+
+    Attributes:
+        trials: How many.
+        seedlings: Seedlings that they began with.
+        counts: How many of them reached a cup or were lost picking, carrying and throwing, by the name of the share.
+    """
+
+    trials: int
+    seedlings: int
+    counts: Mapping[str, int]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """S, F_p, F_d and F_t, %."""
+        return {name: 100 * count / self.seedlings for name, count in self.counts.items()}
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Their 95 % confidence intervals, exact binomial, %."""
+        return success_intervals(*(self.counts[name] for name in SHARES), seedlings=self.seedlings)
+
+
+def pool(reports: Sequence[TrialReport]) -> Pool:
+    """Take trials together.
+
+    Args:
+        reports: The trials, at least one.
+    """
+    counts = {name: sum(getattr(report, count) for report in reports) for name, count in SHARES.items()}
+    return Pool(len(reports), sum(report.seedlings for report in reports), counts)
 
 
 @dataclass(frozen=True)
@@ -38,16 +74,14 @@ class Repeats:
 
     def pooled(self) -> dict[str, object]:
         """Return counts, shares (percent) and 95 % binomial intervals of all seedlings together, and S over trials."""
-        names = ("seedlings", "in_cups", "P", "D", "T")
-        total: dict[str, int] = {name: sum(getattr(report, name) for report in self.reports) for name in names}
-        seedlings = total["seedlings"]
-        counts = dict(zip(_SHARES, (total[name] for name in names[1:]), strict=True))
+        together = pool(self.reports)
         successes = [report.S for report in self.reports]
         return {
-            "trials": len(self.reports),
-            **total,
-            **{name: 100 * count / seedlings for name, count in counts.items()},
-            "intervals": success_intervals(*counts.values(), seedlings=seedlings),
+            "trials": together.trials,
+            "seedlings": together.seedlings,
+            **{SHARES[name]: count for name, count in together.counts.items()},
+            **together.shares,
+            "intervals": together.intervals,
             "S_mean": fmean(successes),
             "S_sd": stdev(successes) if len(successes) > 1 else None,
         }
@@ -60,11 +94,11 @@ class Repeats:
         """Return one line a trial, the heading first; intervals as `S_low`, `S_high` and so on."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        ends = [f"{name}_{end}" for name in _SHARES for end in ("low", "high")]
-        writer.writerow([*_COLUMNS, *_SHARES, *ends, *_REST, "completed"])
+        ends = [f"{name}_{end}" for name in SHARES for end in ("low", "high")]
+        writer.writerow([*_COLUMNS, *SHARES, *ends, *_REST, "completed"])
         for report in self.reports:
-            intervals = [end for name in _SHARES for end in report.intervals[name]]
-            values = [getattr(report, name) for name in (*_COLUMNS, *_SHARES)]
+            intervals = [end for name in SHARES for end in report.intervals[name]]
+            values = [getattr(report, name) for name in (*_COLUMNS, *SHARES)]
             writer.writerow([*values, *intervals, *(getattr(report, name) for name in _REST), report.completed])
         return text.getvalue()
 
@@ -75,7 +109,7 @@ class Repeats:
         pool: dict[str, Any] = self.pooled()
         intervals = pool["intervals"]
         shares = "  ".join(
-            f"{name} {pool[name]:.2f} % ({intervals[name][0]:.2f} to {intervals[name][1]:.2f})" for name in _SHARES
+            f"{name} {pool[name]:.2f} % ({intervals[name][0]:.2f} to {intervals[name][1]:.2f})" for name in SHARES
         )
         spread = "" if pool["S_sd"] is None else f"; S of a trial {pool['S_mean']:.2f} +- {pool['S_sd']:.2f} %"
         lines.append(f"all {pool['seedlings']} seedlings: {shares}, 95 % binomial{spread}")

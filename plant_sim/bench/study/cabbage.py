@@ -214,7 +214,7 @@ def _optimum_parts(both: tuple[Response, Response]) -> list[Part]:
         f"11 give {equations[0]:.2f} and {equations[1]:.2f} % there, the paper {said[0]:g} and {said[1]:g} %.",
         f'Erratum: the "relative errors" of the field test are differences in percentage points, {points_off[0]:.2f} '
         f"and {points_off[1]:.2f}; relative to the prediction they are {relative[0]:.1f} and {relative[1]:.1f} %.",
-        _speed_ratio_erratum(),
+        _speed_ratio_erratum(both[0].full.coded),
     ]
 
 
@@ -230,14 +230,18 @@ def speed_ratio(speed_km_h: float, frequency_per_min: float) -> float:
     return chain_mm_per_plant * frequency_per_min / (speed_km_h / 3.6 * 1000)
 
 
-def _speed_ratio_erratum() -> str:
+def _speed_ratio_erratum(runs: NDArray[np.float64]) -> str:
     coding = sheet("cabbage-table-1")
     speed, frequency = coding.numbers("speed_km_h"), coding.numbers("frequency_per_min")
     least, most = speed_ratio(speed.max(), frequency.min()), speed_ratio(speed.min(), frequency.max())
+    reached = max(speed_ratio(*setting[:2]) for setting in to_natural(CABBAGE_FACTORS, runs).tolist())
     claimed = speed_ratio(*cabbage_settings()[0].natural[:2])
     return (
         "Erratum: the paper's conclusion asks for a ratio λ of chain to machine speed of at least 1.17, but the tested "
-        f"ranges of speed and frequency give λ from {least:.2f} to {most:.2f}, and its own best setting {claimed:.2f}."
+        f"ranges of speed and frequency give λ from {least:.2f} to {most:.2f}, and its own best setting {claimed:.2f}. "
+        f"The {most:.2f} is that of the lowest speed with the highest frequency, {speed.min():g} km/h and "
+        f"{frequency.max():g}/min, a corner that no run has: the runs reach {reached:.2f}; what the conclusion asks "
+        "for was never tested in them."
     )
 
 
@@ -262,7 +266,9 @@ def _front_parts(both: tuple[Response, Response], front: Front) -> list[Part]:
     return [
         Heading("Lodging against injury"),
         "Within the box there is no single best setting: less lodging costs injury. The front below, of the reduced "
-        "refits, holds every setting that none beats in both.",
+        f"refits, is sampled: {len(front.coded)} settings, none of which another of them beats in both; the front goes "
+        "on between them. Its tail, along which the speed rises, rests on the X1 term of Y2, which chance alone may "
+        f"give (P = {p_text(injury.reduced.coefficients['X1'].p)}).",
         Table("pareto", "Pareto front with every factor from -1 to 1, every fifth point", heading, rows),
         Picture("pareto-front", "Pareto front; the claimed setting lies outside the box", figure),
     ]

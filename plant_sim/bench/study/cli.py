@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import re
-import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -97,7 +96,6 @@ def _run(options: argparse.Namespace) -> int:
         if error.name not in ("joblib", "statsmodels"):
             raise
         raise StudyError(f"study: {error.name} is not installed; install seedling-transplanter[studies]") from None
-    study = dataclasses.replace(study, command=_command(options))
     sys.stdout.write(f"{study.json() if options.json else study.text()}\n")
     sys.stdout.flush()
     if options.out is not None:
@@ -128,18 +126,6 @@ def _check(options: argparse.Namespace, entry: _Entry) -> None:
         value = getattr(options, option)
         if value is not None and value < least:
             raise StudyError(f"--{option} {value}: give {least} or more")
-
-
-def _command(options: argparse.Namespace) -> str:
-    """The command that makes the study again; the number of workers changes nothing."""
-    words = ["python", "-m", "plant_sim", "study", options.name]
-    if options.file is not None:
-        words.append(str(options.file))
-    for option in ("data", *_RUN, *_PACE):
-        value = getattr(options, option)
-        if value is not None and option != "workers":
-            words += [f"--{option.replace('_', '-')}", str(value)]
-    return shlex.join(words)
 
 
 def _spacing_m(text: str) -> float:
@@ -183,6 +169,8 @@ def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> 
             machine=machine,
             io_map=io_map,
             progress=progress,
+            machine_file=options.machine,
+            io_map_file=options.io_map,
         )
 
 
@@ -233,9 +221,11 @@ def _cabbage_rsm(options: argparse.Namespace) -> Study:
 
 def _calibration(options: argparse.Namespace) -> Study:
     from plant_sim.bench.study.calibration_study import calibration_study  # noqa: PLC0415
+    from plant_sim.bench.study.runner import command_line  # noqa: PLC0415
 
-    machine = load_machine(options.machine or DEFAULT_MACHINE)
-    return calibration_study(machine, seed=1 if options.seed is None else options.seed)
+    machine, seed = load_machine(options.machine or DEFAULT_MACHINE), 1 if options.seed is None else options.seed
+    command = command_line("calibration", seed=seed, machine=options.machine)
+    return dataclasses.replace(calibration_study(machine, seed=seed), command=command)
 
 
 def _throughput(options: argparse.Namespace) -> Study:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from statsmodels.stats.proportion import proportion_confint
 from statsmodels.stats.weightstats import DescrStatsW
 
+from controller.program.tags import CUPS
+from plant_sim.bench.repeats import SHARES, pool
 from plant_sim.bench.report import TrialReport
 from plant_sim.bench.study.factors import ratings_exceeded
 from plant_sim.bench.study.fit_parts import anova_table, coefficient_table, fit_record
@@ -20,13 +20,18 @@ from plant_sim.bench.study.own_file import OwnStudy
 from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.bench.study.regression import Fit, fit, terms
 from plant_sim.bench.study.report import Study
-from plant_sim.bench.study.runner import RunOptions
+from plant_sim.bench.study.runner import RunOptions, incomplete_trials
 from plant_sim.bench.study.surface import contours
 
-_COUNTED = {"S": "in_cups", "F_p": "P", "F_d": "D", "F_t": "T"}
-"""Responses that are percentages of the seedlings, and what is counted for them."""
-_UNITS = {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min"} | dict.fromkeys(_COUNTED, "%")
-_MOST_REASONS = 5
+_SHARE_OF = {name: name for name in SHARES} | {count: name for name, count in SHARES.items()}
+"""Responses that come of counting seedlings, and the share that each stands for."""
+_UNITS = {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min"} | dict.fromkeys(SHARES, "%")
+
+ROWS_FAIL_TOGETHER = (
+    "The binomial intervals take every seedling to fail by itself. A late release or a stop loses up to "
+    f"{CUPS} at once: where that happens they are too narrow, and the standard deviation between trials tells more."
+)
+"""What the intervals of counted seedlings do not know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,36 +42,41 @@ class Estimate:
         mean: Mean of its trials; None where no trial gave a number.
         low: Lower end of the 95 % confidence interval of the mean; None where it cannot be told.
         high: Upper end.
+        sd: Standard deviation between trials; None for fewer than two.
     """
 
     mean: float | None
     low: float | None = None
     high: float | None = None
+    sd: float | None = None
 
 
 def estimate(response: str, trials: Sequence[TrialReport]) -> Estimate:
     """Return the mean of a response at one setting with its 95 % interval.
 
-    Percentages of the seedlings are pooled over the trials and get the exact binomial interval (Clopper and
-    Pearson); anything else gets that of Student's t, for which it takes two trials.
+    Whatever counts seedlings is pooled over the trials and gets the exact binomial interval (Clopper and Pearson), as
+    a share or, times the seedlings of a trial, as a number; anything else gets that of Student's t, for which it takes
+    two trials that differ.
 
     Args:
         response: Name of a number of a trial.
         trials: All trials at the setting.
     """
-    if response in _COUNTED:
-        count = sum(getattr(trial, _COUNTED[response]) for trial in trials)
-        seedlings = sum(trial.seedlings for trial in trials)
-        low, high = proportion_confint(count, seedlings, alpha=0.05, method="beta")
-        return Estimate(100 * count / seedlings, 100 * float(low), 100 * float(high))
     values = numbers(response, trials)
+    sd = float(values.std(ddof=1)) if len(values) > 1 else None
+    share = _SHARE_OF.get(response)
+    if share is not None:
+        together = pool(trials)
+        each = 1.0 if share == response else together.seedlings / together.trials / 100
+        low, high = together.intervals[share]
+        return Estimate(each * together.shares[share], each * low, each * high, sd)
     if len(values) == 0:
         return Estimate(None)
-    if len(values) == 1:
-        return Estimate(float(values[0]))
+    if np.ptp(values) == 0:
+        return Estimate(float(values[0]), sd=sd)
     described = DescrStatsW(values)
     low, high = described.tconfint_mean(alpha=0.05)
-    return Estimate(float(described.mean), float(low), float(high))
+    return Estimate(float(described.mean), float(low), float(high), sd)
 
 
 def numbers(response: str, trials: Sequence[TrialReport]) -> NDArray[np.float64]:
@@ -106,8 +116,7 @@ def own_study(own: OwnStudy, options: RunOptions) -> Study:
             models[name] = fit_record(model)
     if own.model != "none":
         record["models"] = models
-    command = shlex.join(["python", "-m", "plant_sim", "study", "own", str(own.path)])
-    return Study(own.name, own.title, command, tuple(parts), record)
+    return Study(own.name, own.title, options.command("own", own.path), tuple(parts), record)
 
 
 def _about(own: OwnStudy, options: RunOptions) -> list[Part]:
@@ -140,12 +149,9 @@ def _cautions(own: OwnStudy, options: RunOptions, reports: Sequence[Sequence[Tri
     if beyond:
         parts.append("Runs outside the trials of the pepper paper, where it is extrapolated what happens to a "
                      f"seedling: {', '.join(beyond)}.")  # fmt: skip
-    broken = [(run, trial.reason) for run, trials in enumerate(reports, 1) for trial in trials if not trial.completed]
-    if broken:
-        reasons = "; ".join(f"run {run}: {reason}" for run, reason in broken[:_MOST_REASONS])
-        more = "; and others" if len(broken) > _MOST_REASONS else ""
-        total = sum(map(len, reports))
-        parts.append(f"{len(broken)} of {total} trials did not complete; they count as they ended. {reasons}{more}.")
+    parts += incomplete_trials(reports, "they count as they ended")
+    if any(name in _SHARE_OF for name in own.responses):
+        parts.append(ROWS_FAIL_TOGETHER)
     return parts
 
 
@@ -159,10 +165,10 @@ def _runs(own: OwnStudy, estimates: Mapping[str, Sequence[Estimate]]) -> Table:
 
 
 def _intervals(name: str, estimates: Sequence[Estimate]) -> Table:
-    rows = tuple((run, each.mean, each.low, each.high) for run, each in enumerate(estimates, 1))
-    kind = "exact binomial, trials pooled" if name in _COUNTED else "Student's t"
+    rows = tuple((run, each.mean, each.low, each.high, each.sd) for run, each in enumerate(estimates, 1))
+    kind = "exact binomial, trials pooled" if name in _SHARE_OF else "Student's t"
     caption = f"{_label(name)}: mean of each run and its 95 % confidence interval ({kind})"
-    return Table(f"{_stem(name)}-intervals", caption, ("run", "mean", "low", "high"), rows)
+    return Table(f"{_stem(name)}-intervals", caption, ("run", "mean", "low", "high", "SD between trials"), rows)
 
 
 def _response_parts(
@@ -219,10 +225,7 @@ def _run_records(
         {
             "setting": dict(setting.values),
             "coded": coded.tolist(),
-            "estimates": {
-                name: {"mean": each[run].mean, "low": each[run].low, "high": each[run].high}
-                for name, each in estimates.items()
-            },
+            "estimates": {name: dataclasses.asdict(each[run]) for name, each in estimates.items()},
             "trials": [
                 {"seed": trial.seed, "completed": trial.completed, **{name: getattr(trial, name) for name in estimates}}
                 for trial in reports[run]

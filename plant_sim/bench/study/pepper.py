@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from plant_sim.bench.report import TrialReport, success_intervals
+from plant_sim.bench.repeats import SHARES, Pool, pool
+from plant_sim.bench.report import TrialReport
 from plant_sim.bench.study.design import to_coded, to_natural
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Setting, ratings_exceeded
@@ -31,7 +32,7 @@ from plant_sim.bench.study.pepper_paper import HIGH, LOW, RESPONSE, coefficients
 from plant_sim.bench.study.pepper_words import SENTENCES
 from plant_sim.bench.study.regression import Fit, fit, terms
 from plant_sim.bench.study.report import Study, drawing
-from plant_sim.bench.study.runner import RunOptions
+from plant_sim.bench.study.runner import RunOptions, incomplete_trials
 from plant_sim.crop.response import CropSpec, success_percent
 from plant_sim.parameters import Machine
 from plant_sim.scope.style import COLOURS, QUIET
@@ -40,7 +41,7 @@ NAMES: Final = ("crop.foam_thickness_mm", "crop.seedling_age_d", "crop.claw_pres
 """The factors of the paper as parameters of the machine, in its order."""
 
 _RECEIVER_MARGIN_PA = 0.05e6
-_SHARES: Final = ("S", "F_p", "F_d", "F_t")
+_LEFT_OUT: Final = "they are left out"
 _AXES: Final = {"foam": "foam thickness, mm", "age": "age of the seedlings, d", "pressure": "claw pressure, MPa"}
 _LINES: Final = {"F_p": COLOURS["left"], "F_d": COLOURS["right"], "F_t": COLOURS["supply"]}
 
@@ -51,13 +52,21 @@ class Point:
 
     Attributes:
         crop: Foam, mm, age, d, and claw pressure, MPa.
-        shares: S, F_p, F_d and F_t of all seedlings together, %.
-        intervals: Their 95 % binomial intervals, %.
+        pool: Those that completed.
     """
 
     crop: CropSpec
-    shares: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float]]
+    pool: Pool
+
+    @property
+    def shares(self) -> Mapping[str, float]:
+        """S, F_p, F_d and F_t of all seedlings together, %."""
+        return self.pool.shares
+
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """Their 95 % binomial intervals, %."""
+        return self.pool.intervals
 
     @property
     def by_equation_5(self) -> float:
@@ -67,25 +76,21 @@ class Point:
 
 
 def point_of(crop: CropSpec, reports: Sequence[TrialReport]) -> Point:
-    """Take the trials at a setting together.
+    """Take the trials at a setting together that completed.
 
     Args:
         crop: The setting.
         reports: Its trials.
 
     Raises:
-        StudyError: one of them did not complete.
+        StudyError: none of them completed.
     """
-    for report in reports:
-        if not report.completed:
-            raise StudyError(
-                f"seed {report.seed}: a trial did not complete ({report.reason}); give a machine that works"
-            )
-    in_cups, P, D, T, seedlings = (  # noqa: N806 - as the paper names them
-        sum(getattr(report, name) for report in reports) for name in ("in_cups", "P", "D", "T", "seedlings")
-    )
-    shares = {name: 100 * count / seedlings for name, count in zip(_SHARES, (in_cups, P, D, T), strict=True)}
-    return Point(crop, shares, success_intervals(in_cups, P, D, T, seedlings=seedlings))
+    completed = [report for report in reports if report.completed]
+    if not completed:
+        first = reports[0]
+        raise StudyError(f"seed {first.seed}: neither this nor any other trial of its setting completed "
+                         f"({first.reason}); give a machine that works")  # fmt: skip
+    return Point(crop, pool(completed))
 
 
 def setting_of(natural: Sequence[float], machine: Machine) -> Setting:
@@ -110,7 +115,7 @@ def single_study(options: RunOptions) -> Study:
     """Return the study ``pepper-single``: each factor of the paper by itself.
 
     Raises:
-        StudyError: a setting is impossible or a trial does not complete.
+        StudyError: a setting is impossible or none of its trials completes.
     """
     levels = sheet("pepper-single-factor")
     natural = levels.points("foam_mm", "age_d", "pressure_mpa")
@@ -123,6 +128,7 @@ def single_study(options: RunOptions) -> Study:
         f"{counted(options.trials, 'trial')} of {options.seedlings} seedlings at each level, on the twin. The paper "
         "prints the results as pictures only and describes them in words.",
         *_cautions(settings, options),
+        *incomplete_trials(reports, _LEFT_OUT),
     ]
     for place, (name, points) in enumerate(tests.items()):
         parts += [
@@ -137,7 +143,7 @@ def single_study(options: RunOptions) -> Study:
         name: [{**_natural_record(each), **each.shares, "intervals": dict(each.intervals),
                 "S_by_equation_5": each.by_equation_5} for each in points]
         for name, points in tests.items()
-    }  # fmt: skip
+    } | {"incomplete_trials": _incomplete(reports)}  # fmt: skip
     return Study(
         name="pepper-single",
         title="Pepper seedlings: each factor by itself",
@@ -145,6 +151,10 @@ def single_study(options: RunOptions) -> Study:
         parts=tuple(parts),
         record=record,
     )
+
+
+def _incomplete(reports: Sequence[Sequence[TrialReport]]) -> int:
+    return sum(not report.completed for trials in reports for report in trials)
 
 
 def _cautions(settings: Sequence[Setting], options: RunOptions) -> list[Part]:
@@ -215,12 +225,15 @@ def _bars(points: Sequence[Point], share: str) -> NDArray[np.float64]:
 
 def _words_table(name: str, points: Sequence[Point]) -> Table:
     """What the paper says of a factor, and what the twin gives for it."""
+    course = tuple(point.pool for point in points)
     rows: list[tuple[Cell, ...]] = []
     for each in SENTENCES[name]:
-        course = np.array([point.shares[each.share] for point in points])
-        shown = ", ".join(f"{share:.1f}" for share in course)
-        rows.append((each.words, each.meaning, f"{each.share} {shown}", "yes" if each.holds(course) else "no"))
-    caption = "What the paper says in words, and what these trials give; few seedlings decide little"
+        shown = ", ".join(f"{point.shares[each.share]:.1f}" for point in points)
+        rows.append((each.words, each.meaning, f"{each.share} {shown}", each.verdict(course)))
+    caption = (
+        "What the paper says in words, and what these trials give; undecided: so few seedlings do not tell "
+        "(95 % for all comparisons of a line together)"
+    )
     return Table(f"words-{name}", caption, ("paper", "taken as", "twin, %, level by level", "holds"), tuple(rows))
 
 
@@ -240,27 +253,31 @@ def rsm_study(options: RunOptions) -> Study:
     """Return the study ``pepper-rsm`` on the twin: Table 4's design, its regression, optimum and verification.
 
     Raises:
-        StudyError: a setting is impossible or a trial does not complete.
+        StudyError: a setting is impossible or none of its trials completes.
     """
     experiment, claim = pepper_experiment(), pepper_optimum()
     natural = to_natural(PEPPER_FACTORS, experiment.coded)
-    *reports, verification = options.run([setting_of(each, options.machine) for each in (*natural, claim.natural)])
-    points = [point_of(CropSpec(*map(float, each)), trials) for each, trials in zip(natural, reports, strict=True)]
+    trials = options.run([setting_of(each, options.machine) for each in (*natural, claim.natural)])
+    *reports, verification = trials
+    points = [point_of(CropSpec(*map(float, each)), own) for each, own in zip(natural, reports, strict=True)]
+    pooled = point_of(CropSpec(*map(float, claim.natural)), verification)
     success = np.array([each.shares["S"] for each in points])
     twin = fit(experiment.coded, success, terms(len(PEPPER_FACTORS), "quadratic"))
     optimum, _ = best(twin, LOW, HIGH)
-    checks = np.array([report.S for report in verification])
+    checks = np.array([report.S for report in verification if report.completed])
     parts = [
         f"The paper's design (Table 4) run on the twin: {len(points)} runs of "
         f"{counted(options.trials, 'trial')} with {options.seedlings} seedlings each.",
         *_cautions([setting_of(each, options.machine) for each in natural], options),
+        *incomplete_trials(trials, _LEFT_OUT),
         *_run_parts(experiment.coded, experiment.responses["S"], points),
         *_fit_parts(twin),
         *_best_parts(twin, optimum),
-        *_check_parts(checks, point_of(CropSpec(*map(float, claim.natural)), verification)),
+        *_check_parts(checks, pooled),
     ]
     record = {
         "data": "twin",
+        "incomplete_trials": _incomplete(trials),
         "runs": [{**_natural_record(each), **each.shares} for each in points],
         "twin": fit_record(twin),
         "refit": fit_record(refit()),
@@ -283,7 +300,7 @@ def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points:
     columns = {
         "S, paper": printed,
         "S by equation 5": np.array([each.by_equation_5 for each in points]),
-        **{f"{name}, twin": np.array([each.shares[name] for each in points]) for name in _SHARES},
+        **{f"{name}, twin": np.array([each.shares[name] for each in points]) for name in SHARES},
     }
     return [
         Heading("The runs"),

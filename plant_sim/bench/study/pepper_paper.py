@@ -120,7 +120,8 @@ def _design_parts(experiment: Experiment, fitted: Fit) -> list[Part]:
             {RESPONSE: observed, "refit": predicted, "difference": observed - predicted},
         ),
         f"A trial has {TRIAL_SEEDLINGS} seedlings, but only {trial_shares(observed)} of the {len(observed)} printed "
-        "successes are a whole number of seedlings: the others, at least, must be means of several trials.",
+        f"successes are a whole number of seedlings: the others cannot be single trials of {TRIAL_SEEDLINGS} rounded "
+        "to one decimal.",
     ]
 
 
@@ -199,11 +200,12 @@ def _verification_parts() -> list[Part]:
         Heading("The verification"),
         Table("verification", "Trials at the rounded setting ([P] section 3.5)", ("trial", RESPONSE), rows, 2),
         f"The mean is {scatter['mean']:.2f} %; a mean of five such trials at a true {claimed:.1f} % lies this far off "
-        f"in {100 * scatter['mean_p']:.0f} of 100 cases (t-test), so the prediction stands.",
+        f"in {100 * scatter['mean_p']:.0f} of 100 cases (t-test), so the prediction is not contradicted.",
         f"One trial of {TRIAL_SEEDLINGS} seedlings scatters by {scatter['binomial_sd']:.1f} points by chance alone "
         f"(binomial standard deviation): one trial proves little. The five scatter by only {scatter['sd']:.2f}; five "
-        f"single trials do so in {100 * scatter['scatter_p']:.1f} of 100 cases (χ² test), and {trial_shares(values)} "
-        "of the five are whole numbers of seedlings: these, too, look like means of several trials.",
+        f"single trials do so in {100 * scatter['scatter_p']:.1f} of 100 cases (χ² test), and "
+        f"{len(values) - trial_shares(values)} of the {len(values)} are no whole number of seedlings: they cannot be "
+        f"single trials of {TRIAL_SEEDLINGS} rounded to one decimal.",
     ]
 
 

@@ -24,7 +24,7 @@ CONSTANT = "1"
 
 _PART = re.compile(r"X([1-9]\d*)(\^2)?")
 _SAME_POINT_DECIMALS = 9
-_ROUNDING = 1e-20  # share of all variation: a pure error below is arithmetic, not scatter
+_ROUNDING = 1e-20  # share of the squares of the response: what is left below it is arithmetic, not scatter
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +34,14 @@ class Coefficient:
     Attributes:
         value: Its estimate, in units of the response.
         standard_error: Its standard error.
-        t: Value over standard error.
-        p: Two-sided P that chance alone gives such a t.
+        t: Value over standard error; None where the fit leaves no error.
+        p: Two-sided P that chance alone gives such a t; None where there is no t.
     """
 
     value: float
     standard_error: float
-    t: float
-    p: float
+    t: float | None
+    p: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,11 +210,9 @@ def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequen
     matrix = model_matrix(coded, names)
     _check_separable(matrix, names)
     results = sm.OLS(response, matrix).fit()
-    columns = (results.params, results.bse, results.tvalues, results.pvalues)
-    with np.errstate(divide="ignore", invalid="ignore"):  # data without any scatter have no standard error
-        numbers = [[float(value) for value in row] for row in zip(*columns, strict=True)]
-    coefficients = {name: Coefficient(*row) for name, row in zip(names, numbers, strict=True)}
-    anova = _anova(coded, results, coefficients)
+    residual = _scatter(float(results.ssr), results)
+    coefficients = _coefficients(names, results, has_error=residual > 0)
+    anova = _anova(coded, names, results, residual)
     return Fit(coded, response, coefficients, anova, float(results.rsquared), float(results.rsquared_adj), results)
 
 
@@ -247,28 +245,37 @@ def _check_separable(matrix: NDArray[np.float64], names: Sequence[str]) -> None:
     raise StudyError(f"regression: the design cannot tell these terms apart: {listed}; add levels or leave out terms")
 
 
-def _anova(coded: NDArray[np.float64], results: Any, coefficients: Mapping[str, Coefficient]) -> tuple[AnovaRow, ...]:
+def _scatter(sum_of_squares: float, results: Any) -> float:
+    """Return a sum of squares, or 0 if it is no more than arithmetic leaves."""
+    return sum_of_squares if sum_of_squares > _ROUNDING * results.uncentered_tss else 0.0
+
+
+def _coefficients(names: Sequence[str], results: Any, *, has_error: bool) -> dict[str, Coefficient]:
+    values = [float(value) for value in results.params]
+    if not has_error:
+        return {name: Coefficient(value, 0.0, None, None) for name, value in zip(names, values, strict=True)}
+    errors = zip(*(map(float, column) for column in (results.bse, results.tvalues, results.pvalues)), strict=True)
+    return {name: Coefficient(value, *row) for name, value, row in zip(names, values, errors, strict=True)}
+
+
+def _anova(coded: NDArray[np.float64], names: Sequence[str], results: Any, residual: float) -> tuple[AnovaRow, ...]:
     """Return the lines of the analysis of variance."""
     model_df, residual_df = round(results.df_model), round(results.df_resid)
-    error = float(results.mse_resid)
+    error = residual / residual_df
     rows = [_tested("model", float(results.ess), model_df, error, residual_df)]
-    for name, coefficient in coefficients.items():
-        if name != CONSTANT:
-            # of one degree of freedom: what the residual gains when only this term is left out
-            gain = _gain(coefficient, error)
-            rows.append(_tested(name, gain, 1, error, residual_df))
-    rows.append(AnovaRow("residual", float(results.ssr), residual_df, error))
-    rows += _lack_of_fit(coded, results)
+    # partial, of one degree of freedom: what the residual gains when only this term is left out
+    gains = results.params**2 / np.diag(results.normalized_cov_params)
+    rows += [
+        _tested(name, float(gain), 1, error, residual_df)
+        for name, gain in zip(names, gains, strict=True)
+        if name != CONSTANT
+    ]
+    rows.append(AnovaRow("residual", residual, residual_df, error))
+    rows += _lack_of_fit(coded, results, residual)
     return (*rows, AnovaRow("total", float(results.centered_tss), model_df + residual_df))
 
 
-def _gain(coefficient: Coefficient, error: float) -> float:
-    if coefficient.standard_error == 0:
-        return 0.0
-    return coefficient.t**2 * error
-
-
-def _lack_of_fit(coded: NDArray[np.float64], results: Any) -> list[AnovaRow]:
+def _lack_of_fit(coded: NDArray[np.float64], results: Any, residual: float) -> list[AnovaRow]:
     """Split the residual into lack of fit and pure error; nothing where no point is repeated.
 
     The pure error is the residual of the model that gives every distinct point its own mean.
@@ -278,13 +285,14 @@ def _lack_of_fit(coded: NDArray[np.float64], results: Any) -> list[AnovaRow]:
     if len(each_point) == each_point.shape[1]:
         return []
     saturated = sm.OLS(results.model.endog, each_point).fit()
-    pure = float(saturated.ssr) if saturated.ssr > _ROUNDING * results.centered_tss else 0.0
+    pure = _scatter(float(saturated.ssr), results)
     pure_df = round(saturated.df_resid)
     pure_row = AnovaRow("pure error", pure, pure_df, pure / pure_df)
     lack_df = round(results.df_resid) - pure_df
     if lack_df == 0:
         return [pure_row]
-    return [_tested("lack of fit", float(results.ssr) - pure, lack_df, pure / pure_df, pure_df), pure_row]
+    lack = _scatter(residual - pure, results)
+    return [_tested("lack of fit", lack, lack_df, pure / pure_df, pure_df), pure_row]
 
 
 def _tested(source: str, sum_of_squares: float, degrees: int, error: float, error_df: int) -> AnovaRow:

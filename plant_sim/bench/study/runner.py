@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
 import joblib
@@ -26,6 +27,7 @@ SEEDLINGS = 144
 MOST_SEEDLINGS = 72_000
 """A thousand trays, the most that the magazine holds."""
 MOST_TRIALS = 100_000
+_MOST_REASONS = 5
 
 Progress = Callable[[int, int], None]
 """Is told how many trials are done, and of how many."""
@@ -44,6 +46,8 @@ class RunOptions:
         io_map: Its wires.
         seedlings: Seedlings of a trial.
         progress: Is told of every trial that is done.
+        machine_file: File of the machine; None = that of the repository.
+        io_map_file: File of the wires; None = that of the repository.
     """
 
     trials: int
@@ -53,6 +57,8 @@ class RunOptions:
     io_map: IoMap
     seedlings: int = SEEDLINGS
     progress: Progress | None = None
+    machine_file: Path | None = None
+    io_map_file: Path | None = None
 
     def run(self, settings: Sequence[Setting]) -> list[list[TrialReport]]:
         """Run a study's settings so; see the function `run`."""
@@ -67,10 +73,58 @@ class RunOptions:
             io_map=self.io_map,
         )
 
-    def command(self, study: str) -> str:
-        """Return the command that makes a study again on the machine and the wires of the repository."""
-        words = ["python", "-m", "plant_sim", "study", study, "--trials", str(self.trials), "--seed", str(self.seed)]
-        return shlex.join([*words, "--seedlings", str(self.seedlings)])
+    def command(self, study: str, file: Path | None = None, **own: object) -> str:
+        """Return the command that makes a study again, with every option that decides what comes out.
+
+        Args:
+            study: Its name.
+            file: Its file, if it has one.
+            own: Options of its own, by name.
+        """
+        return command_line(
+            study,
+            file,
+            trials=self.trials,
+            seed=self.seed,
+            seedlings=self.seedlings,
+            **own,
+            machine=self.machine_file,
+            io_map=self.io_map_file,
+        )
+
+
+def command_line(study: str, file: Path | None = None, **options: object) -> str:
+    """Return a command line of a study.
+
+    Args:
+        study: Its name.
+        file: Its file, if it has one.
+        options: Its options by name; None is left out.
+
+    >>> command_line("throughput", seed=1, io_map="my wires.yaml", spacing=None)
+    "python -m plant_sim study throughput --seed 1 --io-map 'my wires.yaml'"
+    """
+    words = ["python", "-m", "plant_sim", "study", study, *([] if file is None else [str(file)])]
+    for name, value in options.items():
+        if value is not None:
+            words += [f"--{name.replace('_', '-')}", str(value)]
+    return shlex.join(words)
+
+
+def incomplete_trials(reports: Sequence[Sequence[TrialReport]], counted: str) -> list[str]:
+    """Say which trials did not complete: one paragraph, or none if all did.
+
+    Args:
+        reports: The trials by run.
+        counted: How they are counted, as `they count as they ended`.
+    """
+    broken = [(run, trial.reason) for run, trials in enumerate(reports, 1) for trial in trials if not trial.completed]
+    if not broken:
+        return []
+    reasons = "; ".join(f"run {run}: {reason}" for run, reason in broken[:_MOST_REASONS])
+    more = "; and others" if len(broken) > _MOST_REASONS else ""
+    total = sum(map(len, reports))
+    return [f"{len(broken)} of {total} trials did not complete; {counted}. {reasons}{more}."]
 
 
 class Whole:

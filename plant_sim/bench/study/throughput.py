@@ -13,7 +13,7 @@ from controller.program.tags import ROWS, SIDES
 from plant_sim.bench.study.bottleneck import Bottleneck, first_late
 from plant_sim.bench.study.chart import gantt_chart
 from plant_sim.bench.study.driving import FREQUENCIES_PER_MIN, MARGIN, Found, Limits, Point, drive, ground_speed_km_h
-from plant_sim.bench.study.own import estimate
+from plant_sim.bench.study.own import ROWS_FAIL_TOGETHER, estimate
 from plant_sim.bench.study.pace import TRAYS, Paces, landing_offset_mm, round_needed_s
 from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table, counted
 from plant_sim.bench.study.report import Study, drawing
@@ -40,7 +40,9 @@ def throughput_study(
     return Study(
         name="throughput",
         title="Throughput: where the arms stop keeping up with the cups",
-        command=options.command("throughput"),
+        command=options.command(
+            "throughput", frequencies=",".join(map(str, sorted(set(frequencies_per_min)))), spacing=spacing_m
+        ),
         parts=tuple(
             chain(
                 _advice_parts(found),
@@ -126,16 +128,17 @@ def _trial_parts(options: RunOptions, found: Found) -> list[Part]:
         success = estimate("S", point.trials)
         rows.append((
             point.frequency_per_min, ground_speed_km_h(point.frequency_per_min, spacing_m), success.mean, success.low,
-            success.high, point.mean("missed_cups"), paces(point.frequency_per_min).settled_missed_cups,
+            success.high, success.sd, point.mean("missed_cups"), paces(point.frequency_per_min).settled_missed_cups,
             point.mean("cycle_time_s"), point.air_l_min, point.air_l_per_seedling,
             sum(trial.completed for trial in point.trials),
         ))  # fmt: skip
-    heading = ("frequency, 1/min", "ground speed, km/h", "S, %", "from", "to", "missed cups a trial",
-               "missed a settled tray", "cycle, s", "air, L/min", "air, L a seedling", "completed")  # fmt: skip
+    heading = ("frequency, 1/min", "ground speed, km/h", "S, %", "from", "to", "SD between trials",
+               "missed cups a trial", "missed a settled tray", "cycle, s", "air, L/min", "air, L a seedling",
+               "completed")  # fmt: skip
     return [
         Heading("Trials"),
         f"At each frequency {counted(options.trials, 'trial')} of {options.seedlings} seedlings; S with its exact 95 % "
-        f"interval; a settled tray is one from the third on of runs of {TRAYS}.",
+        f"interval; a settled tray is one from the third on of runs of {TRAYS}. {ROWS_FAIL_TOGETHER}",
         Table("trials", "What the trials gave", heading, tuple(rows)),
         *_cause_parts(points),
         _waiting_table(points),
@@ -240,6 +243,7 @@ def _point_record(point: Point, paces: Paces) -> dict[str, object]:
         "S": success.mean,
         "S_low": success.low,
         "S_high": success.high,
+        "S_sd": success.sd,
         "missed_cups": point.mean("missed_cups"),
         "missed_cups_a_settled_tray": paces(point.frequency_per_min).settled_missed_cups,
         "cycle_time_s": point.mean("cycle_time_s"),
