@@ -177,9 +177,7 @@ class ArmPlant:
         if stirred != self._stirred or self._bed.trays_m != self._trays_m:
             self._stirred = stirred
             self._trays_m = self._bed.trays_m
-            self._pose.take(
-                x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=force_n
-            )
+            self._pose.take(x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=force_n)
             self._pose.gripping = claws_m <= self.claws.grips_below_m
             self._pose.free = claws_m >= self.claws.frees_above_m
             self.grip.step(self._pose)
