@@ -105,6 +105,7 @@ def test_a_lost_carriage_is_caught_by_the_piston_that_comes_past() -> None:
 def test_claws_without_air_drop_what_they_hold() -> None:
     """With the store of the claws leaking empty after an emergency stop, the fingers lose their force: twelve fall."""
     rig = Rig()
+    rig.plant.seedlings.make_typical()
     rig.bring_tray()
     rig.go_to_pick(1)
     rig.close()

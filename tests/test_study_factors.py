@@ -141,9 +141,9 @@ def test_an_impossible_set_point_is_refused(value: float) -> None:
 
 
 def test_what_exceeds_a_rating_is_told_once() -> None:
-    high = Setting({"crop.claw_pressure_mpa": 0.65})
-    also = Setting({"crop.claw_pressure_mpa": 0.65, "crop.foam_thickness_mm": 12.0})
+    high = Setting({"crop.claw_pressure_mpa": 0.62})
+    also = Setting({"crop.claw_pressure_mpa": 0.62, "crop.foam_thickness_mm": 12.0})
     found = ratings_exceeded([Setting({}), high, also], MACHINE)
     assert len(found) == 1
-    assert found[0].startswith("crop.claw_pressure_mpa: 0.65 MPa is outside the rating of the MHC2 claws")
+    assert found[0].startswith("crop.claw_pressure_mpa: 0.62 MPa is outside the rating of the MHC2 claws")
     assert ratings_exceeded([Setting({})], MACHINE) == []

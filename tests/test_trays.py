@@ -98,7 +98,7 @@ def test_the_next_tray_is_there_within_its_time() -> None:
 
 
 def test_a_tray_that_slips_back_while_it_settles_is_fetched_again() -> None:
-    """Given X15 off for 30 ms before the tray has stood 0.2 s, it creeps on, and has to stand 0.2 s anew."""
+    """Given X15 off for 50 ms before the tray has stood 0.2 s, it creeps on, and has to stand 0.2 s anew."""
     twin = switched_on()
     twin.press("start")
     steps = Recorder.of_steps(twin)
@@ -106,7 +106,7 @@ def test_a_tray_that_slips_back_while_it_settles_is_fetched_again() -> None:
     twin.run_for(100)
     beam = twin.plant.conveyor.beam
     beam.stuck = False
-    twin.run_for(30)
+    twin.run_for(50)
     beam.stuck = None
     twin.run_until_state(State.IDLE, within_ms=1_000)
     visited = [change for change in steps.of("tray feeder: ") if change.on]

@@ -180,9 +180,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "dropping_arm": {"lift": _SINKING},
     "decoupled_magnet": {"slide": _SLIDE},
     "slipping_belt": {"spreader": _BELT},
-    "stalled_stepper": {
-        "conveyor": _harms(_told("tray_jam", "no tray", "tray_lost"), _TRAY_TOO_FAR, "stems_cut", loses=True),
-    },
+    "stalled_stepper": {"conveyor": _told("tray_jam", "no tray", "tray_lost")},
     "skewed_tray": {"magazine": _untold(_TRAY_TOO_FAR, "stems_cut", loses=True)},
     "missing_tray": {"magazine": _told("no tray")},
     "missing_cells": {"*": _untold("claws that close on nothing are no fault of the machine: a gap in the row")},

@@ -46,7 +46,7 @@ _WEIGHT_WORDS, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 0.7, 0.04, 20.0, 
 FITTED: Final[Mapping[str, tuple[float, float]]] = {
     "growth_mm_d": (0.2, 4.0),
     "finger_height_m": (0.085, 0.115),
-    "gap_m": (0.004, 0.015),
+    "gap_m": (0.006, 0.015),
     "gap_foam": (0.0, 1.0),
     "yield_mm": (8.0, 60.0),
     "yield_exponent": (0.5, 4.0),

@@ -17,7 +17,7 @@ from plant_sim.crop.expectation import Motion
 from plant_sim.crop.response import Number
 from plant_sim.parameters import Machine
 
-TRAYS: Final = 4
+TRAYS: Final = 2
 
 
 class RowMotion(NamedTuple):
