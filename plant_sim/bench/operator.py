@@ -39,10 +39,10 @@ class Operator:
         self._client.close()  # type: ignore[no-untyped-call]
 
     def press(self, button: str, for_s: float = PRESS_S) -> None:
-        """Press a button, let it go, and keep the finger off as long: two presses must not look like one."""
-        for pressed in (True, False):
-            self.hold(button, pressed=pressed)
-            threading.Event().wait(for_s)
+        """Press a button and let it go."""
+        self.hold(button, pressed=True)
+        threading.Event().wait(for_s)
+        self.hold(button, pressed=False)
 
     def hold(self, button: str, *, pressed: bool) -> None:
         """Press a button, or let it go."""
