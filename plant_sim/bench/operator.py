@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import fields
 from types import TracebackType
 from typing import Self
@@ -14,7 +15,9 @@ from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.box import BOX_COILS
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS, read_telemetry
 
-PRESS_S = 0.2
+PRESS_MS = 200
+LOOK_S = 0.005
+STANDSTILL_LIMIT_S = 60.0
 SEEDLING_PLACES = tuple(field.name for field in fields(SeedlingCounts))
 
 
@@ -38,11 +41,17 @@ class Operator:
     ) -> None:
         self._client.close()  # type: ignore[no-untyped-call]
 
-    def press(self, button: str, for_s: float = PRESS_S) -> None:
-        """Press a button and let it go."""
-        self.hold(button, pressed=True)
-        threading.Event().wait(for_s)
-        self.hold(button, pressed=False)
+    def press(self, button: str, for_ms: int = PRESS_MS) -> None:
+        """Press a button, let it go, and keep the finger off as long: two presses never look like one.
+
+        Time is the plant's, whatever its pace.
+
+        Raises:
+            TimeoutError: The plant's time stood still.
+        """
+        for pressed in (True, False):
+            self.hold(button, pressed=pressed)
+            self._wait(for_ms)
 
     def hold(self, button: str, *, pressed: bool) -> None:
         """Press a button, or let it go."""
@@ -63,6 +72,14 @@ class Operator:
         if reply.isError():
             raise ConnectionError(f"plant at {self._where} refused telemetry")
         return read_telemetry(reply.registers)
+
+    def _wait(self, for_ms: int) -> None:
+        until_ms = self.telemetry()["time_ms"] + for_ms
+        deadline_s = time.perf_counter() + STANDSTILL_LIMIT_S
+        while self.telemetry()["time_ms"] < until_ms:
+            if time.perf_counter() > deadline_s:
+                raise TimeoutError(f"plant at {self._where}: its time stands still")
+            threading.Event().wait(LOOK_S)
 
 
 def counts_of(telemetry: dict[str, float]) -> SeedlingCounts:
