@@ -165,17 +165,58 @@ def test_a_tray_askew_has_its_seedlings_off_their_line_by_the_way_along() -> Non
     ],
 )
 def test_claws_clamp_only_where_everything_is_right(pose: Pose, is_placed: bool, place: Place) -> None:
-    machine = load_machine()
     row = Row()
     row.seedlings.make_typical()
-    bed = Bed(row.seedlings, pitch_m=0.043)
-    bed.lay([(0, 0.0)], trays_m=0.0, is_placed=is_placed, turned={})
-    reach = Reach("left", machine.columns_m, tray_edge_m=0.16, mirrored=False, spread_m=0.187, reach_m=0.015)
-    mechanics = Mechanics(machine.seedling, foam_mm=10.0, age_d=51.0)
-    grip = Grip(machine.handling, mechanics, reach, row.seedlings, bed, row=row.row, report=lambda *_: None)
+    grip = grip_over(row, is_placed=is_placed)
     grip.step(dataclasses.replace(pose, gripping=False, free=True))
     grip.step(pose)
     assert {plant.place for plant in row.seedlings.column(0, 0)} == {place}
+
+
+def grip_over(
+    row: "Row", *, is_placed: bool = True, turned_rad: float = 0.0, mirrored: bool = False, strip_reach_m: float = 0.015
+) -> Grip:
+    """An arm's grip, its claws able to reach the first tray of a row."""
+    machine = load_machine()
+    bed = Bed(row.seedlings, pitch_m=0.043)
+    bed.lay([(0, 0.0)], trays_m=0.0, is_placed=is_placed, turned={0: turned_rad})
+    reach = Reach("left", machine.columns_m, tray_edge_m=0.16, mirrored=mirrored, spread_m=0.187, reach_m=0.015)
+    spec = dataclasses.replace(machine.seedling, strip_reach_m=strip_reach_m)
+    mechanics = Mechanics(spec, foam_mm=10.0, age_d=51.0)
+    return Grip(machine.handling, mechanics, reach, row.seedlings, bed, row=row.row, report=lambda *_: None)
+
+
+@pytest.mark.parametrize(("mirrored", "column", "missed"), [(False, 0, [8, 9, 10, 11]), (True, 5, [0, 1, 2, 3])])
+def test_a_tray_askew_adds_to_how_far_the_claws_are_off(mirrored: bool, column: int, missed: list[int]) -> None:
+    """10 mrad put a cell 0.43 mm farther off than the one before it; with claws 4 mm off, strips that reach 5 mm miss
+    those more than 2.3 cells beyond the middle, counted from the arm's own side."""
+    row = Row()
+    row.seedlings.make_typical()
+    grip = grip_over(row, turned_rad=0.010, mirrored=mirrored, strip_reach_m=0.005)
+    x_m = load_machine().columns_m[0] + 0.004
+    pose = Pose(x_m, 0.0, gripping=False, free=True, travel_m=0.0, freed_s=0.0, force_n=7.8)
+    for change in ({}, {"gripping": True, "free": False}, {"gripping": True, "free": False, "rise_m": 0.10}):
+        grip.step(dataclasses.replace(pose, **change))
+        grip.feel(7.8)
+    plants = row.seedlings.column(0, column)
+    assert [plant.along for plant in plants if plant.place is Place.LOST_PICK] == missed
+    assert [plant.along for plant in grip.held] == [along for along in range(12) if along not in missed]
+
+
+def test_what_the_claws_have_harmed_does_not_stand_again_when_they_open() -> None:
+    """Clamped and let go without a lift: a stem too weak for the force and one too weak for the time are lost."""
+    row = Row()
+    row.seedlings.make_typical()
+    plants = row.seedlings.column(0, 0)
+    plants[2].traits, plants[7].traits = TYPICAL._replace(strength=-10.0), TYPICAL._replace(endurance=-10.0)
+    grip = grip_over(row)
+    is_open = Pose(load_machine().columns_m[0], 0.0, gripping=False, free=True, travel_m=0.0, freed_s=0.0, force_n=7.8)
+    grip.step(is_open)
+    grip.step(dataclasses.replace(is_open, gripping=True, free=False))
+    grip.feel(7.8)
+    grip.step(dataclasses.replace(is_open, now_s=10.0, freed_s=10.0))
+    assert [plant.along for plant in plants if plant.place is Place.LOST_PICK] == [2, 7]
+    assert sum(plant.place is Place.STANDING for plant in plants) == 10
 
 
 class Row:

@@ -67,6 +67,39 @@ def test_drifts_add_as_squares_and_grow_with_the_fall() -> None:
     assert float(mechanics().drift_sd_m(FORCE_N, 0.2554)) == pytest.approx(2 * whole)
 
 
+def test_every_law_by_hand_at_another_foam_age_and_force() -> None:
+    """15 mm narrow the gap by 5 mm times its factor; 56 d are 1.2 steps of 5 d beyond 50; logarithms to the base e."""
+    here, force_n = mechanics(foam_mm=15.0, age_d=56.0), 6.0
+    foam, age, force = math.log(1.5), 1.2, math.log(0.75)
+    by_hand = {
+        "gap": (SPEC.gap_m - 0.005 * SPEC.gap_foam - 0.002) / SPEC.lean_sd_m,
+        "cut": (math.log(SPEC.cut_n / 8) + SPEC.cut_age * age + SPEC.cut_age2 * age**2 + SPEC.cut_foam * foam - force)
+        / SPEC.cut_sd,
+        "break": (math.log(SPEC.endurance) + SPEC.endurance_age * age + SPEC.endurance_age2 * age**2
+                  - SPEC.contact_force * force + SPEC.contact_foam * foam - SPEC.hold_exponent * math.log(2))
+        / SPEC.endurance_sd,
+    }  # fmt: skip
+    found = {"gap": here.gap_margin(0.002), "cut": here.cut_margin(force_n), "break": here.break_margin(force_n, 25.0)}
+    assert {name: float(margin) for name, margin in found.items()} == pytest.approx(by_hand)
+
+
+def test_every_drift_by_hand_at_another_foam_age_and_force() -> None:
+    """A grip whose force the foam takes from the stem sways as a loose one does."""
+    foam, age, force = math.log(1.5), 1.2, math.log(0.75)
+    passed_on = [1 / (1 + (foam_mm / SPEC.yield_mm) ** SPEC.yield_exponent) for foam_mm in (15, 10)]
+    by_hand = {
+        "crown_m": SPEC.crown_m * math.exp(SPEC.crown_age * age + SPEC.crown_age2 * age**2),
+        "sway_m": SPEC.sway_m * (0.75 * passed_on[0] / passed_on[1]) ** -SPEC.sway_force,
+        "stick_m": SPEC.stick_m * math.exp(
+            SPEC.stick_force * force + SPEC.stick_foam * foam + SPEC.stick_age * age
+        ),
+    }  # fmt: skip
+    for kept, drift_m in by_hand.items():
+        spec = dataclasses.replace(SPEC, **{name: 0.0 for name in by_hand if name != kept})
+        found_m = mechanics(foam_mm=15.0, age_d=56.0, spec=spec).drift_sd_m(6.0, 0.1277)
+        assert float(found_m) == pytest.approx(drift_m), kept
+
+
 @pytest.mark.parametrize(
     ("name", "worse"),
     [("height", "height"), ("grasp", "grasp"), ("strength", "strength"), ("endurance", "endurance")],

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.bench.study import calibration_study, cli, pepper, runner, throughput
+from plant_sim.bench.study import calibration_study, cli, pepper_rsm, runner, throughput
 from plant_sim.bench.study.cli import add_study_arguments, study_command
 from plant_sim.bench.study.report import Study
 from plant_sim.bench.study.runner import RunOptions
@@ -124,6 +124,10 @@ def test_json_is_one_object_and_equal_seeds_give_equal_studies(own: Path, capsys
         ),
         (("throughput", "--frequencies", "90..20/10"), "--frequencies 90..20/10: holds no frequency; write the lower"),
         (("throughput", "--frequencies", "20..90/0"), "--frequencies 20..90/0: holds no frequency; write the lower"),
+        (
+            ("throughput", "--frequencies", f"20..{10**30}/1"),
+            f"--frequencies 20..{10**30}/1: give whole numbers from 12 to 150",
+        ),
         (("throughput", "--frequencies", "11,45"), "--frequencies 11,45: give whole numbers from 12 to 150"),
         (("throughput", "--frequencies", "45..151/53"), "--frequencies 45..151/53: give whole numbers from 12 to 150"),
         (("own", "FILE", "--machine", "none.yaml"), "none.yaml: cannot be read"),
@@ -233,7 +237,7 @@ def test_without_seedlings_a_trial_is_the_papers(monkeypatch: pytest.MonkeyPatch
         asked.append(options.seedlings)
         return Study("pepper-rsm", "None", "", (), {})
 
-    monkeypatch.setattr(pepper, "rsm_study", study_of)
+    monkeypatch.setattr(pepper_rsm, "rsm_study", study_of)
     assert study("pepper-rsm") == 0
     assert asked == [144]
 

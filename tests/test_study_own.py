@@ -171,6 +171,7 @@ BAD: list[tuple[str, int, str]] = [
      "factors.crop.foam_thickness_mm.levels: needs two levels or more"),
     (edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [{a: 8}, 9]}"), 5,
      "factors.crop.foam_thickness_mm.levels[1].a: is no key here"),
+    (edited("12]", "12, {}]"), 5, "factors.crop.foam_thickness_mm.levels: holds an empty mapping; write a word or "),
     (edited("{levels: [8 mm, 1 cm, 12]}", "{level: [8 mm]}"), 5,
      "factors.crop.foam_thickness_mm.level: is no key here; did you mean levels?"),
     (edited("{levels: [8 mm, 1 cm, 12]}", "[8, 9]"), 5, "factors.crop.foam_thickness_mm: must be a mapping"),
@@ -187,6 +188,7 @@ BAD: list[tuple[str, int, str]] = [
     (edited("[S, cycle_time_s]", "[S, cycle_times_s]"), 9,
      "responses: 'cycle_times_s' is no number of a trial; did you mean cycle_time_s?"),
     (edited("[S, cycle_time_s]", "[S, S]"), 9, "responses: 'S' is there twice; delete one"),
+    (edited("[S, cycle_time_s]", "[S, {}]"), 9, "responses: holds an empty mapping; write a word or a number"),
     (edited("[S, cycle_time_s]", "[]"), 9, "responses: is missing or empty; there are "),
     (edited("[S, cycle_time_s]", "S"), 9, "responses: must be a list"),
     (edited("interactions", "cubic"), 10, "model: 'cubic' is no model; there are none, linear, "),
@@ -196,6 +198,8 @@ BAD: list[tuple[str, int, str]] = [
      "model: quadratic cannot be fitted to this design: regression: 6 runs for 6 coefficients"),
     (edited("factorial", "factory"), 3, "design: 'factory' is no design; did you mean factorial?"),
     (edited("factorial", "central-composite"), 5, "factors.crop.foam_thickness_mm: must have {low:, high:} or "),
+    (edited("factorial", "central-composite").replace("{levels: [8 mm, 1 cm, 12]}", "{low: 0, high: 29}"), 5,
+     "factors.crop.foam_thickness_mm: must lie within 0 to 30, not -6.0061, an axial point; bring low and high "),
     (edited("factorial", "factorial\nruns: 5"), 4, "runs: means nothing with design factorial; leave it out"),
     (edited("factorial", "latin-hypercube").replace("{levels: [8 mm, 1 cm, 12]}", "{low: 8, high: 12}"), 1,
      "runs: is missing; add it"),
@@ -210,7 +214,8 @@ BAD: list[tuple[str, int, str]] = [
     (GOOD + "fixed: {crop.seedling_age_d: 300}\n", 11, "fixed.crop.seedling_age_d: must lie within 1 to 200"),
     (GOOD + "fixed: {program.clamp: 2 s, handling.cell_pitch_m: 50 mm}\n", 4,
      "factors: spreader.travel_m: spreads the claws to 0.067 m; it must be cups.pitch_m to a millimetre (with "),
-    (GOOD + "fixed: {program.clamp: 20 s}\n", 11, "fixed.program.clamp: must be a whole number, 10 to 200, not 2000"),
+    (GOOD + "fixed: {program.clamp: 20 s}\n", 11,
+     "fixed.program.clamp: must be a whole number, 10 to 200, not 2000 (x10 ms)"),
     (GOOD + "fixed: {program.trays_target: 4}\n", 11, "fixed.program.trays_target: follows from the number of"),
     ("", 1, "file: is empty; write its sections"),
     ("- a\n", 1, "file: does not begin with a section"),
@@ -239,6 +244,8 @@ def test_trials_and_seed_of_the_command_line_are_checked_as_those_of_the_file(tm
     )
     with pytest.raises(StudyError, match=r":10: model: interactions cannot be fitted .* 4 runs for 4 coefficients"):
         load_own_study(path, MACHINE, trials=1)
+    with pytest.raises(StudyError, match=r"^--trials 99999: make more than 100000 trials; take fewer$"):
+        load_own_study(path, MACHINE, trials=99_999)
 
 
 def test_parts_that_only_fit_together_may_change_together(tmp_path: Path) -> None:

@@ -23,7 +23,9 @@ from plant_sim.bench.study.factors import Setting
 from plant_sim.bench.study.nominal import NominalMotion, nominal_motion, observed_rows
 from plant_sim.bench.study.paper import sheet
 from plant_sim.bench.study.parts import Picture, Table
-from plant_sim.bench.study.pepper import Point, _words_table, point_of, rsm_study, setting_of, single_study
+from plant_sim.bench.study.pepper import Point, point_of, setting_of
+from plant_sim.bench.study.pepper_rsm import rsm_study
+from plant_sim.bench.study.pepper_single import _words_table, single_study
 from plant_sim.bench.study.pepper_words import SENTENCES
 from plant_sim.bench.study.report import Study
 from plant_sim.bench.study.runner import RunOptions, trial_seed

@@ -183,6 +183,9 @@ def test_a_singular_design_is_refused_and_the_terms_are_named() -> None:
     halved = np.vstack([corners[np.prod(corners, axis=1) > 0]] * 3)  # the half fraction with X3 = X1 X2
     with pytest.raises(StudyError, match="apart: X3, X1 X2;"):
         fit(halved, np.arange(12.0), ["X1", "X2", "X3", "X1 X2"])
+    many = np.tile(corners, (20_000, 1))
+    with pytest.raises(StudyError, match=r"apart: 1, X2\^2;"):
+        fit(many, np.arange(160_000.0), ["X1", "X3", "X2^2"])
 
 
 def test_a_confidence_that_is_none_is_refused() -> None:

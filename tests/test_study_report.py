@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from plant_sim.bench.study import report as report_module
 from plant_sim.bench.study.errors import StudyError
-from plant_sim.bench.study.parts import Cell
-from plant_sim.bench.study.report import Heading, Part, Picture, Study, Table, check_folder, drawing, write
+from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table
+from plant_sim.bench.study.report import Study, check_folder, drawing, write
 from plant_sim.scope.store import RecordingError
 
 TABLE = Table(
@@ -200,7 +200,8 @@ def test_what_cannot_be_a_folder_is_refused_before_the_work(tmp_path: Path, monk
     here = tmp_path / "here"
     here.mkdir()
     monkeypatch.chdir(here)
-    for folder in (file, file / "below", link, here, Path()):
+    too_long = tmp_path / (300 * "a")
+    for folder in (file, file / "below", link, here, Path(), too_long, too_long / "below", Path("/proc/report")):
         with pytest.raises(StudyError, match=r"^--out .*; name "):
             check_folder(folder)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "here", "link"]

@@ -23,7 +23,6 @@ from plant_sim.bench.study.runner import (
     RunOptions,
     Whole,
     incomplete_trials,
-    run,
     spread,
     trial_seed,
 )
@@ -32,6 +31,13 @@ from plant_sim.parameters import load_machine
 
 SEEDLINGS = 12
 SETTINGS = [Setting({}), Setting({"crop.claw_pressure_mpa": 0.7, "program.descend_at_count": 6})]
+
+
+def options(**changes: object) -> RunOptions:
+    """How to run a study in a test."""
+    given = RunOptions(trials=1, seed=3, workers=1, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP),
+                       seedlings=SEEDLINGS)  # fmt: skip
+    return replace(given, **changes)  # type: ignore[arg-type]
 
 
 def untimed(reports: Sequence[Sequence[TrialReport]]) -> list[list[TrialReport]]:
@@ -47,10 +53,9 @@ def nothing_runs(**_: object) -> TrialReport:
 def test_workers_change_nothing_and_every_trial_is_told() -> None:
     """One process and two give the same reports in the same order; each is the trial of its setting and seed."""
     told: list[tuple[int, int]] = []
-    alone = run(SETTINGS, trials=2, seed=3, seedlings=SEEDLINGS, workers=1,
-                progress=lambda done, total: told.append((done, total)))  # fmt: skip
+    alone = options(trials=2, progress=lambda done, total: told.append((done, total))).run(SETTINGS)
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    both = run(SETTINGS, trials=2, seed=3, seedlings=SEEDLINGS, workers=2)
+    both = options(trials=2, workers=2).run(SETTINGS)
     assert untimed(both) == untimed(alone)
 
     assert [len(trials) for trials in alone] == [2, 2]
@@ -64,17 +69,14 @@ def test_workers_change_nothing_and_every_trial_is_told() -> None:
 
 def test_a_setting_gives_the_same_whatever_comes_after_it() -> None:
     """A study that is cut short gives the beginning of the whole one."""
-    options = RunOptions(trials=1, seed=3, workers=1, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP),
-                         seedlings=SEEDLINGS)  # fmt: skip
-    whole = run(SETTINGS, trials=1, seed=3, seedlings=SEEDLINGS, workers=1)
-    assert untimed(options.run(SETTINGS[:1])) == untimed(whole)[:1]
+    assert untimed(options().run(SETTINGS[:1])) == untimed(options().run(SETTINGS))[:1]
 
 
 def test_the_command_names_every_option_that_decides_the_result() -> None:
     """Defaults, too; the number of workers decides nothing."""
-    options = RunOptions(trials=5, seed=1, workers=2, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP))
-    assert options.command("pepper-rsm") == "python -m plant_sim study pepper-rsm --trials 5 --seed 1 --seedlings 144"
-    other = replace(options, machine_file=Path("my machine.yaml"), io_map_file=Path("wires.yaml"))
+    given = RunOptions(trials=5, seed=1, workers=2, machine=load_machine(), io_map=load_io_map(DEFAULT_IO_MAP))
+    assert given.command("pepper-rsm") == "python -m plant_sim study pepper-rsm --trials 5 --seed 1 --seedlings 144"
+    other = replace(given, machine_file=Path("my machine.yaml"), io_map_file=Path("wires.yaml"))
     assert shlex.split(other.command("own", Path("my own.yaml"), spacing=None, frequencies="20,30"))[4:] == [
         "own", "my own.yaml", "--trials", "5", "--seed", "1", "--seedlings", "144", "--frequencies", "20,30",
         "--machine", "my machine.yaml", "--io-map", "wires.yaml",
@@ -97,9 +99,9 @@ def test_trials_that_did_not_complete_are_counted_and_the_first_are_told() -> No
 def test_workers_run_in_processes_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """With one worker a trial runs here, with two elsewhere."""
     monkeypatch.setattr(runner, "run_trial", own_process)
-    here: list[list[object]] = list(map(list, run(SETTINGS, trials=1, seed=1, workers=1)))
+    here: list[list[object]] = list(map(list, options().run(SETTINGS)))
     assert here == [[os.getpid()], [os.getpid()]]
-    there: list[list[object]] = list(map(list, run(SETTINGS, trials=2, seed=1, workers=2)))
+    there: list[list[object]] = list(map(list, options(trials=2, workers=2).run(SETTINGS)))
     assert all(process != os.getpid() for trials in there for process in trials)
 
 
@@ -132,7 +134,7 @@ def test_what_is_impossible_is_refused_before_anything_runs(
 ) -> None:
     monkeypatch.setattr(runner, "run_trial", nothing_runs)
     with pytest.raises(StudyError, match=complaint):
-        run(settings, trials=trials, seed=1, seedlings=SEEDLINGS, workers=workers)
+        options(trials=trials, workers=workers).run(settings)
 
 
 @pytest.mark.parametrize("seedlings", [0, MOST_SEEDLINGS + 1])
@@ -141,7 +143,7 @@ def test_a_trial_of_none_or_of_more_than_the_magazine_holds_is_refused(
 ) -> None:
     monkeypatch.setattr(runner, "run_trial", nothing_runs)
     with pytest.raises(StudyError, match=f"^--seedlings {seedlings}: give 1 to 72000$"):
-        run(SETTINGS, trials=1, seed=1, seedlings=seedlings)
+        options(seedlings=seedlings).run(SETTINGS)
 
 
 def test_any_jobs_are_spread_in_their_order_whatever_watches_them() -> None:
@@ -177,4 +179,4 @@ def dies(**_: object) -> TrialReport:
 def test_a_killed_process_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "run_trial", dies)
     with pytest.raises(StudyError, match=r"^--workers: a process was killed, .*; give a smaller number$"):
-        run(SETTINGS, trials=1, seed=1, workers=2)
+        options(workers=2).run(SETTINGS)

@@ -106,13 +106,13 @@ class Repeats:
         """Return a table for a person."""
         heading = f"{'seed':>6} {'seedlings':>9} {'in cups':>8} {'P':>4} {'D':>4} {'T':>4} {'S %':>6}  95 % binomial"
         lines = [heading, *(self._line(report) for report in self.reports)]
-        pool: dict[str, Any] = self.pooled()
-        intervals = pool["intervals"]
+        pooled: dict[str, Any] = self.pooled()
+        intervals = pooled["intervals"]
         shares = "  ".join(
-            f"{name} {pool[name]:.2f} % ({intervals[name][0]:.2f} to {intervals[name][1]:.2f})" for name in SHARES
+            f"{name} {pooled[name]:.2f} % ({intervals[name][0]:.2f} to {intervals[name][1]:.2f})" for name in SHARES
         )
-        spread = "" if pool["S_sd"] is None else f"; S of a trial {pool['S_mean']:.2f} +- {pool['S_sd']:.2f} %"
-        lines.append(f"all {pool['seedlings']} seedlings: {shares}, 95 % binomial{spread}")
+        spread = "" if pooled["S_sd"] is None else f"; S of a trial {pooled['S_mean']:.2f} +- {pooled['S_sd']:.2f} %"
+        lines.append(f"all {pooled['seedlings']} seedlings: {shares}, 95 % binomial{spread}")
         lines += [
             f"seed {report.seed}: the trial did not complete: {report.reason}"
             for report in self.reports

@@ -10,6 +10,7 @@ class Bed:
 
     Attributes:
         trays_m: Way the trays have gone, m.
+        is_placed: Whether one of them stands right for picking.
     """
 
     __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "is_placed", "trays_m")

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -144,14 +144,14 @@ def _frequencies_per_min(text: str) -> tuple[int, ...]:
         low, high, step = map(int, ends.groups())
         if low > high or step < 1:
             raise StudyError(f"--frequencies {text}: holds no frequency; write the lower end first and a step from 1")
-        found = tuple(range(low, high + 1, step))
+        found: Sequence[int] = range(low, high + 1, step)
     elif all(each.strip().isdecimal() for each in text.split(",")):
-        found = tuple(map(int, text.split(",")))
+        found = [int(each) for each in text.split(",")]
     else:
         raise StudyError(f"--frequencies {text}: is neither range nor list; write 20..90/10 or 20,30,45")
-    if not SLOWEST_PER_MIN <= min(found) <= max(found) <= FASTEST_PER_MIN:
+    if not all(SLOWEST_PER_MIN <= each <= FASTEST_PER_MIN for each in found):
         raise StudyError(f"--frequencies {text}: give whole numbers from {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}")
-    return found
+    return tuple(found)
 
 
 @contextmanager
@@ -194,7 +194,7 @@ def _tell_tenths(done: int, total: int) -> None:
 
 
 def _pepper_single(options: argparse.Namespace) -> Study:
-    from plant_sim.bench.study.pepper import single_study  # noqa: PLC0415
+    from plant_sim.bench.study.pepper_single import single_study  # noqa: PLC0415
 
     with _run_options(options, trials=5) as run:
         return single_study(run)
@@ -205,7 +205,7 @@ def _pepper_rsm(options: argparse.Namespace) -> Study:
         from plant_sim.bench.study.pepper_paper import paper_study  # noqa: PLC0415
 
         return paper_study()
-    from plant_sim.bench.study.pepper import rsm_study  # noqa: PLC0415
+    from plant_sim.bench.study.pepper_rsm import rsm_study  # noqa: PLC0415
 
     with _run_options(options, trials=5) as run:
         return rsm_study(run)

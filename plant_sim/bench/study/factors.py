@@ -69,8 +69,7 @@ def knob(name: str, machine: Machine) -> Knob:
         remedy = near if near.startswith("did") else f"write section.parameter of the machine, or {_PROGRAM}.SET_POINT"
         raise StudyError(f"{name}: is no factor; {remedy}")
     if section == _PROGRAM:
-        time_base = re.search(r"x\d+ ms$", _word(name).name)
-        return Knob(name, time_base[0] if time_base else "-", is_whole=True)
+        return Knob(name, _time_base(name) or "-", is_whole=True)
     return Knob(name, unit_of(name), is_whole=isinstance(_parameter(name, machine), bool | int))
 
 
@@ -158,8 +157,16 @@ def _word(name: str) -> Word:
 def _set_point(name: str, value: float) -> int:
     low, high = _set_points().limits[_word(name)]
     if not (float(value).is_integer() and low <= value <= high):
-        raise StudyError(f"{name}: must be a whole number, {low} to {high}, not {value:g}")
+        unit = _time_base(name)
+        counts = f" ({unit})" if unit else ""
+        raise StudyError(f"{name}: must be a whole number, {low} to {high}, not {value:g}{counts}")
     return int(value)
+
+
+def _time_base(name: str) -> str:
+    """The unit in which a set-point counts time, as ``x10 ms``; empty where it counts none."""
+    found = re.search(r"x\d+ ms$", _word(name).name)
+    return found[0] if found else ""
 
 
 def _parameter(name: str, machine: Machine) -> Value:

@@ -44,6 +44,7 @@ _KEYS = ("name", "title", "design", "factors", "fixed", "replicates", "seed", "s
 _LEVELS = ("levels", "low", "high", "centre", "step")
 _NO_RESPONSES = ("seed", "wall_s")
 _CENTRES = 6
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class _Reader:
         own_trials = file.read_or("replicates", whole(1, MOST_TRIALS), 1)
         own_seed = file.read_or("seed", whole(0, 2**31 - 1), 1)
         own_seedlings = file.read_or("seedlings", whole(1, MOST_SEEDLINGS), SEEDLINGS)
-        trials, seed = own_trials if trials is None else trials, own_seed if seed is None else seed
+        replicates, seed = own_trials if trials is None else trials, own_seed if seed is None else seed
         design = file.read("design", one_of("design", _DESIGNS))
         for other in (key for keys in _DESIGNS.values() for key in keys if key not in _DESIGNS[design]):
             if other in file:
@@ -148,6 +149,9 @@ class _Reader:
         levels = [self._levels(section, each, design) for each in knobs]
         factors = tuple(_coding(each, list(own)) for each, own in zip(knobs, levels, strict=True))
         points = self._points(design, factors, levels, seed)
+        if len(points) * replicates > MOST_TRIALS:
+            many = f"make more than {MOST_TRIALS} trials; take fewer"
+            raise file.error("replicates", many) if trials is None else StudyError(f"--trials {trials}: {many}")
         for column, each in enumerate(knobs):
             if each.is_whole and design != "factorial":
                 points[:, column] = np.round(points[:, column])
@@ -160,7 +164,7 @@ class _Reader:
             factors=factors,
             points=points,
             fixed=self._fixed(knobs),
-            replicates=trials,
+            replicates=replicates,
             seed=seed,
             seedlings=own_seedlings if seedlings is None else seedlings,
             responses=self._responses(),
@@ -186,8 +190,7 @@ class _Reader:
         own = section.section(each.name, _LEVELS)
         assert own is not None  # noqa: S101 - the name comes from the section
         if sorted(own) == ["levels"] and design == "factorial":
-            texts = own.entries("levels", ())
-            levels = [own.checked("levels", each.read, text) for text in texts if isinstance(text, str)]
+            levels = [own.checked("levels", each.read, text) for text in _texts(own, "levels")]
         elif sorted(own) == ["high", "low"]:
             levels = [own.read("low", each.read), own.read("high", each.read)]
             if levels[0] >= levels[1]:
@@ -237,7 +240,7 @@ class _Reader:
 
     def _responses(self) -> tuple[str, ...]:
         known = responses()
-        names = [str(entry) for entry in self.file.entries("responses", ()) if isinstance(entry, str)]
+        names = _texts(self.file, "responses")
         if not names:
             raise self.file.error("responses", f"is missing or empty; there are {', '.join(known)}")
         for number, name in enumerate(names):
@@ -249,9 +252,7 @@ class _Reader:
 
     def _check(self, study: OwnStudy, section: Section) -> None:
         """Try every setting, and whether the model can be fitted to the design."""
-        if len(study.points) * study.replicates > MOST_TRIALS:
-            raise self.file.error("replicates", f"make more than {MOST_TRIALS} trials; take fewer")
-        for setting in study.settings:
+        for setting, coded in zip(study.settings, study.coded, strict=True):
             try:
                 setting.machine(self.machine)
                 setting.set_points()
@@ -259,7 +260,11 @@ class _Reader:
                 name = str(error).partition(":")[0]
                 fixed = self.file.section("fixed")
                 at = next((each for each in (section, fixed) if each is not None and name in each), None)
-                raise (at.error(name, _complaint(error)) if at else self.file.error("factors", str(error))) from None
+                is_axial = study.design == "central-composite" and np.abs(coded).max() > 1 + _ROUNDING
+                hint = ", an axial point; bring low and high closer or give axial: 1" if is_axial else ""
+                raise (
+                    at.error(name, _complaint(error) + hint) if at else self.file.error("factors", f"{error}{hint}")
+                ) from None
         if study.model != "none":
             try:
                 # any response will do: whether the model can be fitted is a matter of the design
@@ -278,6 +283,15 @@ def _coding(each: Knob, levels: Sequence[float]) -> Factor:
 def _complaint(error: StudyError) -> str:
     """An error without the name that it begins with."""
     return str(error).partition(": ")[2] or str(error)
+
+
+def _texts(section: Section, key: str) -> list[str]:
+    """The words of the list under a key."""
+    entries = section.entries(key, ())
+    texts = [entry for entry in entries if isinstance(entry, str)]
+    if len(texts) < len(entries):
+        raise section.error(key, "holds an empty mapping; write a word or a number")
+    return texts
 
 
 def _text(text: str) -> str:

@@ -239,7 +239,7 @@ def _check_separable(matrix: NDArray[np.float64], names: Sequence[str]) -> None:
     rank = int(np.linalg.matrix_rank(matrix))
     if rank == len(names):
         return
-    _, _, directions = np.linalg.svd(matrix)
+    _, _, directions = np.linalg.svd(matrix, full_matrices=False)  # at least as many runs as terms
     entangled = np.any(np.abs(directions[rank:]) > 1e-9, axis=0)
     listed = ", ".join(name for name, is_one in zip(names, entangled, strict=True) if is_one)
     raise StudyError(f"regression: the design cannot tell these terms apart: {listed}; add levels or leave out terms")
@@ -278,15 +278,16 @@ def _anova(coded: NDArray[np.float64], names: Sequence[str], results: Any, resid
 def _lack_of_fit(coded: NDArray[np.float64], results: Any, residual: float) -> list[AnovaRow]:
     """Split the residual into lack of fit and pure error; nothing where no point is repeated.
 
-    The pure error is the residual of the model that gives every distinct point its own mean.
+    The pure error is the scatter of the runs about the mean of their own point.
     """
-    _, groups = np.unique(np.round(coded, _SAME_POINT_DECIMALS), axis=0, return_inverse=True)
-    each_point = (groups[:, np.newaxis] == np.arange(groups.max() + 1)).astype(np.float64)
-    if len(each_point) == each_point.shape[1]:
+    points = np.round(coded, _SAME_POINT_DECIMALS)
+    _, groups, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
+    if len(counts) == len(coded):
         return []
-    saturated = sm.OLS(results.model.endog, each_point).fit()
-    pure = _scatter(float(saturated.ssr), results)
-    pure_df = round(saturated.df_resid)
+    response = results.model.endog
+    means = np.bincount(groups, weights=response) / counts
+    pure = _scatter(float(np.sum((response - means[groups]) ** 2)), results)
+    pure_df = len(coded) - len(counts)
     pure_row = AnovaRow("pure error", pure, pure_df, pure / pure_df)
     lack_df = round(results.df_resid) - pure_df
     if lack_df == 0:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,12 +15,10 @@ import matplotlib as mpl
 import numpy as np
 
 from plant_sim.bench.study.errors import StudyError
-from plant_sim.bench.study.parts import Heading, Part, Picture, Table
+from plant_sim.bench.study.parts import Part, Picture, Table
 from plant_sim.bench.study.rendering import csv_text, html, markdown, plain_text
 from plant_sim.scope.store import RecordingError
 from plant_sim.scope.style import STYLE, save
-
-__all__ = ["Heading", "Part", "Picture", "Study", "Table", "check_folder", "drawing", "write"]
 
 _TAKEN = ("report", "study")
 """Names of the files that every report has."""
@@ -81,16 +78,19 @@ def check_folder(folder: Path) -> None:
     Raises:
         StudyError: it cannot lie there.
     """
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise StudyError(f"--out {folder}: is no folder; name a new one")
-    if folder.is_dir():
-        if folder.is_mount() or folder.resolve() == Path.cwd():
-            raise StudyError(f"--out {folder}: cannot be replaced as a whole; name a new folder in it")
-        if next(folder.iterdir(), None) is not None:
-            raise StudyError(f"--out {folder}: exists and is not empty; name a new folder or empty it")
-    around = next(path for path in folder.absolute().parents if path.exists())
-    if not around.is_dir() or not os.access(around, os.W_OK | os.X_OK):
-        raise StudyError(f"--out {folder}: nothing can be written to {around}; name another folder")
+    try:
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+            raise StudyError(f"--out {folder}: is no folder; name a new one")
+        if folder.is_dir():
+            if folder.is_mount() or folder.resolve() == Path.cwd():
+                raise StudyError(f"--out {folder}: cannot be replaced as a whole; name a new folder in it")
+            if next(folder.iterdir(), None) is not None:
+                raise StudyError(f"--out {folder}: exists and is not empty; name a new folder or empty it")
+        around = next(path for path in folder.absolute().parents if path.exists())
+        with TemporaryDirectory(prefix=f".{folder.name}-", dir=around):
+            pass  # permissions alone do not tell: a file system may refuse whom they let in
+    except OSError as error:
+        raise _unwritable(folder, error) from None
 
 
 def write(study: Study, folder: Path) -> list[Path]:
@@ -120,9 +120,13 @@ def write(study: Study, folder: Path) -> list[Path]:
                 folder.rmdir()
             part.rename(folder)
     except (OSError, RecordingError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise StudyError(f"--out {folder}: cannot be written ({reason}); name another folder") from None
+        raise _unwritable(folder, error) from None
     return [folder / name for name in names]
+
+
+def _unwritable(folder: Path, error: OSError | RecordingError) -> StudyError:
+    reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return StudyError(f"--out {folder}: cannot be written ({reason}); name another folder")
 
 
 def _fill(study: Study, folder: Path) -> list[Path]:

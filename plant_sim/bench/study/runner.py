@@ -15,12 +15,12 @@ import joblib
 import numpy as np
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from controller.io_map import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.io_map import IoMap
 from plant_sim.bench.report import TrialReport
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Setting
 from plant_sim.bench.trial import run_trial
-from plant_sim.parameters import Machine, load_machine
+from plant_sim.parameters import Machine
 
 SEEDLINGS = 144
 """Seedlings of the paper's trial, two trays."""
@@ -40,8 +40,8 @@ class RunOptions:
 
     Attributes:
         trials: Trials at each setting.
-        seed: Seed of the study.
-        workers: Processes side by side; None = one a core.
+        seed: Seed of the study; see `trial_seed`.
+        workers: Processes side by side; 1 = this one, None = one a core.
         machine: The machine that the study's settings change.
         io_map: Its wires.
         seedlings: Seedlings of a trial.
@@ -61,17 +61,33 @@ class RunOptions:
     io_map_file: Path | None = None
 
     def run(self, settings: Sequence[Setting]) -> list[list[TrialReport]]:
-        """Run a study's settings so; see the function `run`."""
-        return run(
-            settings,
-            trials=self.trials,
-            seed=self.seed,
-            seedlings=self.seedlings,
-            workers=self.workers,
-            progress=self.progress,
-            machine=self.machine,
-            io_map=self.io_map,
-        )
+        """Run the trials at each of some settings.
+
+        Args:
+            settings: The settings; all of them are checked before anything runs.
+
+        Returns:
+            The reports, by setting and trial; the same for any number of workers, but for `wall_s`.
+
+        Raises:
+            StudyError: a setting or a number is impossible, or a process was killed.
+        """
+        _check_numbers(len(settings), self.trials, self.seedlings)
+        made = [(setting.machine(self.machine), setting.set_points()) for setting in settings]
+        jobs = [
+            partial(
+                run_trial,
+                seed=trial_seed(self.seed, index, trial),
+                seedlings=self.seedlings,
+                parameters=parameters,
+                set_points=set_points,
+                io_map=self.io_map,
+            )
+            for index, (parameters, set_points) in enumerate(made)
+            for trial in range(self.trials)
+        ]
+        reports = spread(jobs, self.workers, self.progress)
+        return [reports[first : first + self.trials] for first in range(0, len(jobs), self.trials)]
 
     def command(self, study: str, file: Path | None = None, **own: object) -> str:
         """Return the command that makes a study again, with every option that decides what comes out.
@@ -150,54 +166,6 @@ class Whole:
         self._progress(self._done, max(self._planned, self._begun))
 
 
-def run(
-    settings: Sequence[Setting],
-    *,
-    trials: int,
-    seed: int,
-    seedlings: int = SEEDLINGS,
-    workers: int | None = None,
-    progress: Progress | None = None,
-    machine: Machine | None = None,
-    io_map: IoMap | None = None,
-) -> list[list[TrialReport]]:
-    """Run some trials at each of some settings.
-
-    Args:
-        settings: The settings; all of them are checked before anything runs.
-        trials: Trials at each.
-        seed: Seed of the study; see `trial_seed`.
-        seedlings: Seedlings of a trial.
-        workers: Processes side by side; 1 = this one, None = one a core.
-        progress: Is told of every trial that is done.
-        machine: The machine that the settings change; None = that of the repository.
-        io_map: Its wires; None = those of the repository.
-
-    Returns:
-        The reports, by setting and trial; the same for any number of workers, but for `wall_s`.
-
-    Raises:
-        StudyError: a setting or a number is impossible, or a process was killed.
-    """
-    base, wires = machine or load_machine(), io_map or load_io_map(DEFAULT_IO_MAP)
-    _check_numbers(len(settings), trials, seedlings)
-    made = [(setting.machine(base), setting.set_points()) for setting in settings]
-    jobs = [
-        partial(
-            run_trial,
-            seed=trial_seed(seed, index, trial),
-            seedlings=seedlings,
-            parameters=parameters,
-            set_points=set_points,
-            io_map=wires,
-        )
-        for index, (parameters, set_points) in enumerate(made)
-        for trial in range(trials)
-    ]
-    reports = spread(jobs, workers, progress)
-    return [reports[first : first + trials] for first in range(0, len(jobs), trials)]
-
-
 def spread(
     jobs: Sequence[Callable[[], Result]], workers: int | None = None, progress: Progress | None = None
 ) -> list[Result]:
@@ -259,7 +227,8 @@ def _results(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Gener
     """The results in the order of the jobs, each as soon as it and those before it are there."""
     here = workers == 1 or len(jobs) <= 1
     pool = {} if here else {"backend": "loky", "initializer": _leave_interrupts_to_the_parent}
-    parallel = joblib.Parallel(n_jobs=1 if here else workers or -1, return_as="generator", **pool)
+    processes = -1 if workers is None else min(workers, len(jobs))
+    parallel = joblib.Parallel(n_jobs=1 if here else processes, return_as="generator", **pool)
     results: Generator[Result, None, None] = parallel(joblib.delayed(job)() for job in jobs)
     return results
 

@@ -1,0 +1,146 @@
+"""The study ``pepper-rsm`` on the twin: the pepper paper's orthogonal test ([P], sections 3.4 and 3.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.bench.repeats import SHARES
+from plant_sim.bench.study.design import to_coded, to_natural
+from plant_sim.bench.study.fit_parts import anova_table, fit_pictures, fit_record, optimum_table, p_text, runs_table
+from plant_sim.bench.study.optimum import best
+from plant_sim.bench.study.paper import PEPPER_FACTORS, pepper_experiment, pepper_optimum, printed_anova, sheet
+from plant_sim.bench.study.parts import Cell, Heading, Part, Table, counted
+from plant_sim.bench.study.pepper import (
+    LEFT_OUT,
+    Point,
+    cautions,
+    incomplete_count,
+    natural_record,
+    point_of,
+    setting_of,
+)
+from plant_sim.bench.study.pepper_paper import HIGH, LOW, RESPONSE, coefficients, equation_5, refit
+from plant_sim.bench.study.regression import Fit, fit, terms
+from plant_sim.bench.study.report import Study
+from plant_sim.bench.study.runner import RunOptions, incomplete_trials
+from plant_sim.crop.response import CropSpec
+
+
+def rsm_study(options: RunOptions) -> Study:
+    """Return the study: Table 4's design, its regression, optimum and verification.
+
+    Raises:
+        StudyError: a setting is impossible or none of its trials completes.
+    """
+    experiment, claim = pepper_experiment(), pepper_optimum()
+    natural = to_natural(PEPPER_FACTORS, experiment.coded)
+    trials = options.run([setting_of(each, options.machine) for each in (*natural, claim.natural)])
+    *reports, verification = trials
+    points = [point_of(CropSpec(*map(float, each)), own) for each, own in zip(natural, reports, strict=True)]
+    pooled = point_of(CropSpec(*map(float, claim.natural)), verification)
+    success = np.array([each.shares["S"] for each in points])
+    twin = fit(experiment.coded, success, terms(len(PEPPER_FACTORS), "quadratic"))
+    optimum, _ = best(twin, LOW, HIGH)
+    checks = np.array([report.S for report in verification if report.completed])
+    parts = [
+        f"The paper's design (Table 4) run on the twin: {len(points)} runs of "
+        f"{counted(options.trials, 'trial')} with {options.seedlings} seedlings each.",
+        *cautions([setting_of(each, options.machine) for each in natural], options),
+        *incomplete_trials(trials, LEFT_OUT),
+        *_run_parts(experiment.coded, experiment.responses["S"], points),
+        *_fit_parts(twin),
+        *_best_parts(twin, optimum),
+        *_check_parts(checks, pooled),
+    ]
+    record = {
+        "data": "twin",
+        "incomplete_trials": incomplete_count(trials),
+        "runs": [{**natural_record(each), **each.shares} for each in points],
+        "twin": fit_record(twin),
+        "refit": fit_record(refit()),
+        "paper": {"coefficients": dict(equation_5().coefficients)},
+        "optimum": _setting_record(optimum, twin),
+        "paper_optimum": _setting_record(best(refit(), LOW, HIGH)[0], refit()),
+        "verification": {"S": checks.tolist(), "mean": float(checks.mean()),
+                         "paper": sheet("pepper-verification").numbers("S").tolist()},
+    }  # fmt: skip
+    return Study(
+        name="pepper-rsm",
+        title="Pepper seedlings: the paper's orthogonal test on the twin",
+        command=options.command("pepper-rsm"),
+        parts=tuple(parts),
+        record=record,
+    )
+
+
+def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points: Sequence[Point]) -> list[Part]:
+    columns = {
+        "S, paper": printed,
+        "S by equation 5": np.array([each.by_equation_5 for each in points]),
+        **{f"{name}, twin": np.array([each.shares[name] for each in points]) for name in SHARES},
+    }
+    return [
+        Heading("The runs"),
+        runs_table("runs", "Success and failures, %", PEPPER_FACTORS, coded, columns, digits=1),
+    ]
+
+
+def _fit_parts(twin: Fit) -> list[Part]:
+    lack_p = p_text(twin.row("lack of fit").p) or "not to be had, as all centre runs agree"
+    return [
+        Heading("The model"),
+        f"R² of the twin's regression {twin.r2:.3f} (paper's data {refit().r2:.3f}); "
+        f"lack of fit P {lack_p}.",
+        coefficients({"paper": equation_5().coefficients, "refit": refit().values, "twin": twin.values}, twin),
+        anova_table(
+            "anova", "Analysis of variance: [P] Table 5, the refit of Table 4, and the twin",
+            {"paper": printed_anova("pepper-table-5"), "refit": refit().anova, "twin": twin.anova},
+        ),
+    ]  # fmt: skip
+
+
+def _best_parts(twin: Fit, optimum: NDArray[np.float64]) -> list[Part]:
+    claimed = to_coded(PEPPER_FACTORS, np.array(pepper_optimum().natural))
+    of_paper, _ = best(refit(), LOW, HIGH)
+    marks = {"best of the twin": optimum, "rounded by the paper": claimed}
+    off = to_natural(PEPPER_FACTORS, optimum) - to_natural(PEPPER_FACTORS, of_paper)
+    return [
+        Heading("The optimum"),
+        optimum_table(
+            "optimum", "Best setting with every factor from -1 to 1", PEPPER_FACTORS, response=RESPONSE,
+            points={**marks, "best of the refit": of_paper},
+            surfaces={"twin": twin, "refit": refit(), "equation 5": equation_5()},
+        ),
+        f"The twin's optimum lies {off[0]:+.2f} mm, {off[1]:+.2f} d and {off[2]:+.3f} MPa from that of the refit.",
+        *fit_pictures("success", twin, PEPPER_FACTORS, response=RESPONSE, marks=marks, held=optimum),
+    ]  # fmt: skip
+
+
+def _check_parts(checks: NDArray[np.float64], pooled: Point) -> list[Part]:
+    paper = sheet("pepper-verification").numbers("S")
+    low, high = pooled.intervals["S"]
+    foam_mm, age_d, pressure_mpa = pooled.levels
+    setting = f"{foam_mm:g} mm, {age_d:g} d, {pressure_mpa:.2f} MPa"
+    rows: list[tuple[Cell, ...]] = [
+        (str(number + 1), float(paper[number]) if number < len(paper) else None,
+         float(checks[number]) if number < len(checks) else None)
+        for number in range(max(len(paper), len(checks)))
+    ]  # fmt: skip
+    rows.append(("mean", float(paper.mean()), float(checks.mean())))
+    return [
+        Heading("The verification"),
+        Table("verification", f"Trials at {setting}: S, %", ("trial", "paper", "twin"), tuple(rows)),
+        f"All seedlings of the twin's trials together: S {pooled.shares['S']:.2f} %, 95 % binomial {low:.2f} to "
+        f"{high:.2f}; equation 5 gives {pooled.by_equation_5:.2f}.",
+    ]
+
+
+def _setting_record(coded: NDArray[np.float64], fitted: Fit) -> dict[str, object]:
+    return {
+        "coded": coded.tolist(),
+        "natural": to_natural(PEPPER_FACTORS, coded).tolist(),
+        "S": float(fitted.predict(coded)[0]),
+    }

@@ -1,0 +1,136 @@
+"""The study ``pepper-single``: the pepper paper's three single-factor tests on the twin ([P], section 3.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from plant_sim.bench.study.paper import sheet
+from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table, counted
+from plant_sim.bench.study.pepper import (
+    LEFT_OUT,
+    Point,
+    cautions,
+    incomplete_count,
+    natural_record,
+    point_of,
+    setting_of,
+)
+from plant_sim.bench.study.pepper_words import SENTENCES
+from plant_sim.bench.study.report import Study, drawing
+from plant_sim.bench.study.runner import RunOptions, incomplete_trials
+from plant_sim.crop.response import CropSpec
+from plant_sim.scope.style import COLOURS, QUIET
+
+_AXES: Final = {"foam": "foam thickness, mm", "age": "age of the seedlings, d", "pressure": "claw pressure, MPa"}
+_LINES: Final = {"F_p": COLOURS["left"], "F_d": COLOURS["right"], "F_t": COLOURS["supply"]}
+
+
+def single_study(options: RunOptions) -> Study:
+    """Return the study: each factor of the paper by itself.
+
+    Raises:
+        StudyError: a setting is impossible or none of its trials completes.
+    """
+    levels = sheet("pepper-single-factor")
+    natural = levels.points("foam_mm", "age_d", "pressure_mpa")
+    settings = [setting_of(each, options.machine) for each in natural]
+    reports = options.run(settings)
+    tests: dict[str, list[Point]] = {name: [] for name in _AXES}
+    for name, each, trials in zip(levels.texts("factor"), natural, reports, strict=True):
+        tests[name].append(point_of(CropSpec(*map(float, each)), trials))
+    parts: list[Part] = [
+        f"{counted(options.trials, 'trial')} of {options.seedlings} seedlings at each level, on the twin. The paper "
+        "prints the results as pictures only and describes them in words.",
+        *cautions(settings, options),
+        *incomplete_trials(reports, LEFT_OUT),
+    ]
+    for place, (name, points) in enumerate(tests.items()):
+        parts += [
+            Heading(_AXES[name].partition(",")[0].capitalize()),
+            _single_table(name, points, place),
+            Picture(f"single-{name}", f"Failures and success over {_AXES[name]}; bars: 95 % binomial.",
+                    _single_figure(name, points, place)),
+            _words_table(name, points),
+        ]  # fmt: skip
+    parts.append(_what_equation_5_implies(tests["age"]))
+    record = {
+        name: [{**natural_record(each), **each.shares, "intervals": dict(each.intervals),
+                "S_by_equation_5": each.by_equation_5} for each in points]
+        for name, points in tests.items()
+    } | {"incomplete_trials": incomplete_count(reports)}  # fmt: skip
+    return Study(
+        name="pepper-single",
+        title="Pepper seedlings: each factor by itself",
+        command=options.command("pepper-single"),
+        parts=tuple(parts),
+        record=record,
+    )
+
+
+def _single_table(name: str, points: Sequence[Point], place: int) -> Table:
+    heading = (_AXES[name], "F_p, %", "F_d, %", "F_t, %", "S, %", "S from", "to", "S by equation 5", "extrapolated")
+    rows: list[tuple[Cell, ...]] = []
+    for point in points:
+        shares, (low, high) = point.shares, point.intervals["S"]
+        rows.append((
+            f"{point.levels[place]:g}", shares["F_p"], shares["F_d"], shares["F_t"], shares["S"], low, high,
+            point.by_equation_5, "yes" if point.crop.extrapolates else "no",
+        ))  # fmt: skip
+    return Table(f"single-{name}", f"Failures over {_AXES[name]}", heading, tuple(rows), 1)
+
+
+def _single_figure(name: str, points: Sequence[Point], place: int) -> Figure:
+    levels = [point.levels[place] for point in points]
+    with drawing():
+        figure = Figure(figsize=(7.0, 3.2), layout="constrained")
+        failures, success = figure.subplots(1, 2)
+        for share, colour in _LINES.items():
+            failures.errorbar(levels, [each.shares[share] for each in points], _bars(points, share), color=colour,
+                              marker="o", markersize=4, capsize=2, label=share)  # fmt: skip
+        failures.set(xlabel=_AXES[name], ylabel="failures, %", ylim=(0, None))
+        failures.legend()
+        success.errorbar(levels, [each.shares["S"] for each in points], _bars(points, "S"), color=COLOURS["left"],
+                         marker="o", markersize=4, capsize=2, label="twin")  # fmt: skip
+        success.plot(levels, [each.by_equation_5 for each in points], "--", color=QUIET, label="equation 5")
+        success.set(xlabel=_AXES[name], ylabel="S, %")
+        success.legend()
+    return figure
+
+
+def _bars(points: Sequence[Point], share: str) -> NDArray[np.float64]:
+    """Distances from each share down and up to the ends of its interval, 2 rows."""
+    ends = [(each.shares[share] - each.intervals[share][0], each.intervals[share][1] - each.shares[share])
+            for each in points]  # fmt: skip
+    bars: NDArray[np.float64] = np.maximum(np.array(ends).T, 0.0)
+    return bars
+
+
+def _words_table(name: str, points: Sequence[Point]) -> Table:
+    """What the paper says of a factor, and what the twin gives for it."""
+    course = tuple(point.pool for point in points)
+    rows: list[tuple[Cell, ...]] = []
+    for each in SENTENCES[name]:
+        shown = ", ".join(f"{point.shares[each.share]:.1f}" for point in points)
+        rows.append((each.words, each.meaning, f"{each.share} {shown}", each.verdict(course)))
+    caption = (
+        "What the paper says in words, and what these trials give; undecided: so few seedlings do not tell "
+        "(95 % for all comparisons of a line together)"
+    )
+    return Table(f"words-{name}", caption, ("paper", "taken as", "twin, %, level by level", "holds"), tuple(rows))
+
+
+def _what_equation_5_implies(points: Sequence[Point]) -> str:
+    at = {each.crop.seedling_age_d: each for each in points}
+    young, old = at[52.0], at[58.0]
+    lost = young.by_equation_5 - old.by_equation_5
+    picked = sum(old.shares[name] - young.shares[name] for name in ("F_p", "F_d"))
+    return (
+        f"From 52 to 58 d equation 5 loses {lost:.1f} points, while the paper says that pick and carry failures fall. "
+        f"Both can only be true if throw failures rise by more than that: on the twin F_p and F_d together change by "
+        f"{picked:+.1f} points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
+    )
