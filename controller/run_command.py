@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
-import json
-import os
-import queue
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from controller.core.claim import ClaimError, claim
@@ -27,6 +23,7 @@ from controller.hmi.history import History
 from controller.hmi.history_schema import HistoryError
 from controller.hmi.modbus_server import DEFAULT_PORT, HmiOptions, HmiServer, ServerError
 from controller.hmi.production import Event, ProductionLog
+from controller.hmi.teller import ServingEvent, Teller
 from controller.io.keeper import DirectKeeper, Keeper, ThreadKeeper
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.modbus_tcp import ModbusTcpLink
@@ -41,19 +38,6 @@ RETRY_S = 0.5
 REMIND_S = 5.0
 SWITCH_INTERVAL_S = 0.0005
 """Longest time the interpreter leaves the scan waiting for another thread's Python; its default is ten times that."""
-
-
-@dataclass(frozen=True, slots=True)
-class ServingEvent:
-    """Operator panels can connect.
-
-    Attributes:
-        hmi_port: TCP port of the Modbus server.
-    """
-
-    at_ms: int
-    hmi_port: int
-    event: str = "serving"
 
 
 class UsageError(ValueError):
@@ -123,7 +107,7 @@ class RunCommand:
 
     def run(self, options: argparse.Namespace) -> int:
         """Run until SIGINT or SIGTERM; return the exit code: 1 when the outputs could not be written safe."""
-        _check_times(options)
+        _check_numbers(options)
         machine = build(load_io_map(options.io_map))
         try:
             plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
@@ -196,10 +180,11 @@ def _add_hmi(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _check_times(options: argparse.Namespace) -> None:
+def _check_numbers(options: argparse.Namespace) -> None:
     for name, value, least, most in (
         ("--scan-ms", options.scan_ms, 1, 100),
         ("--port", options.port, 1, 65_535),
+        ("--unit", options.unit, 1, 255),
         ("--timeout-ms", options.timeout_ms, 1, 10_000),
         ("--link-limit-ms", options.link_limit_ms, 1, 10_000),
         ("--hmi-port", options.hmi_port, 0, 65_535),
@@ -247,7 +232,7 @@ def _operators_side(
     """Events on standard output, history, alarm list, orders from the console and from panels."""
     machine = runtime.machine
     with ExitStack() as stack:
-        teller = Teller(options.events)
+        teller = Teller(options.events, sys.stdout)
         stack.callback(teller.close)
         told: list[Callable[[Event | AlarmChange], None]] = [teller.tell]
         edges = CycleEdges(machine)
@@ -275,9 +260,9 @@ def _operators_side(
             try:
                 stack.enter_context(server)
             except ServerError as error:
-                raise UsageError(f"{error}; give another --hmi-port, or --no-hmi") from error
+                raise UsageError(str(error)) from error
             teller.tell(ServingEvent(runtime.now_ms, server.port))
-        if not options.no_console:
+        if not options.no_console and sys.stdin is not None:  # None = closed by whoever started us
             console = Console(runtime, alarms)
             threading.Thread(target=_read_console, args=(console,), name="console", daemon=True).start()
         yield
@@ -375,41 +360,9 @@ def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: thre
 
 
 def _read_console(console: Console) -> None:
-    """Take orders from standard input until it ends."""
-    for line in sys.stdin:
+    """Take orders from standard input until it ends; bytes that are no text do not end it."""
+    for line in sys.stdin.buffer:
         try:
-            console.take(line)
+            console.take(line.decode(errors="replace"))
         except OrderError as error:
             print(error, file=sys.stderr, flush=True)
-
-
-class Teller:
-    """Writes events to standard output in a thread of its own: a reader that is slow or gone does not hold the scan."""
-
-    def __init__(self, form: str) -> None:
-        self._form = form
-        self._events: queue.SimpleQueue[Event | AlarmChange | ServingEvent | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._write, name="events", daemon=True)
-        self._thread.start()
-
-    def tell(self, event: Event | AlarmChange | ServingEvent) -> None:
-        """Take an event; it is written when its turn comes."""
-        self._events.put(event)
-
-    def close(self) -> None:
-        """Write what is left, if anybody still reads."""
-        self._events.put(None)
-        self._thread.join(timeout=1.0)
-
-    def _write(self) -> None:
-        while (event := self._events.get()) is not None:
-            try:
-                print(self._line(asdict(event)), flush=True)
-            except OSError:  # nobody reads any more, or the disk is full: what comes is taken and dropped
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-    def _line(self, record: dict[str, object]) -> str:
-        if self._form == "json":
-            return json.dumps(record, ensure_ascii=False)
-        at_ms, kind = record.pop("at_ms"), record.pop("event")
-        return f"{at_ms:>9} ms  {kind:9}" + "  ".join(f"{k}={v}" for k, v in record.items())

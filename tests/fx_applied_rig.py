@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from controller.core.devices import Memory
 from controller.fx.applied import ACTIONS, LEVELS
 from controller.fx.cpu import Cpu, index_register
-from controller.fx.instruction import Constant, Device, Digits, IndexName, Operand
+from controller.fx.instruction import Constant, Device, Digits, Operand
 from controller.fx.instruction_set import FORMS
 
 State = Mapping[str, int | bool]
@@ -24,7 +24,7 @@ def operand(text: str) -> Operand:
     match = _OPERAND.match(text)
     assert match, text
     kind, number = match["kind"], match["number"]
-    index: str | IndexName = match["index"] or ""
+    index: str = match["index"] or ""
     if kind == "K":
         return Constant(int(number), "K", index)
     if kind == "H":

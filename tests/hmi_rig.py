@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from contextlib import ExitStack
+from itertools import count
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,12 +20,14 @@ from controller.io.pace import Pace
 from plant_sim.bench.twin import Twin
 
 SERVER_BUSY = 6
+READ_D0 = read_pdu(3, 0, 1)
+MOST_ASKED = 5_000
 
 
-def read_words(client: Client, kind: str, number: int, count: int = 1) -> tuple[int, ...]:
-    answer = client.ask(read_pdu(3, register_address(kind, number), count))
+def read_words(client: Client, kind: str, number: int, words: int = 1) -> tuple[int, ...]:
+    answer = client.ask(read_pdu(3, register_address(kind, number), words))
     assert answer[0] == 3, answer
-    return struct.unpack(f">{count}H", answer[2:])
+    return struct.unpack(f">{words}H", answer[2:])
 
 
 def read_long(client: Client, kind: str, number: int) -> int:
@@ -44,6 +48,16 @@ def write_word(client: Client, kind: str, number: int, value: int) -> bytes:
 
 def written(answer: bytes) -> bool:
     return answer[0] < 0x80
+
+
+def until(condition: Callable[[], bool], bystander: Client) -> None:
+    """Let the server's thread get on with what is under way; each question is one round of its loop."""
+    for asked in count():
+        done = condition()
+        bystander.ask(READ_D0)  # once more when done: its thread may be in the middle of it
+        if done:
+            return
+        assert asked < MOST_ASKED, "the server has not done it"
 
 
 class HmiRig:
@@ -89,6 +103,11 @@ class HmiRig:
     def press(self, client: Client, command: str, level: bool = True) -> bytes:
         bit = self.twin.machine.tags.commands[command]
         return client.ask(struct.pack(">BHH", 5, coil_address("M", bit.number), 0xFF00 if level else 0))
+
+    @property
+    def connections(self) -> int:
+        """How many clients the server has."""
+        return len(self.server._frontend.connections)
 
     def coil(self, output: str) -> bool:
         """Whether an output is on at the terminals."""

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import count
 
 import pytest
 from hands import change_mode
-from hmi_rig import HmiRig, read_long, write_words, written
+from hmi_rig import READ_D0, HmiRig, read_long, until, write_words, written
 from modbus_rig import ILLEGAL_VALUE, Client, exception, read_pdu
 
 from controller.program.states import Mode, State
 
-READ_D0 = read_pdu(3, 0, 1)
 LET_GO = 2
-LIFT_DOWN = 1
+LIFT_DOWN, LIFT_UP = 1, 2
 NOT_WIRED = 0o77
-MOST_ASKED = 5_000
 
 
 @pytest.fixture
@@ -153,9 +150,17 @@ def test_a_client_that_forced_before_ends_nothing_of_anothers_when_it_goes(rig: 
     force(client, LIFT_DOWN, LET_GO)
     force(other, LIFT_DOWN, 1)
     client.socket.close()
-    ask_until_alone(rig, other)
+    until(lambda: rig.connections == 1, other)
     rig.twin.scan()
     assert forced(rig) == {LIFT_DOWN: True}
+
+
+def test_letting_go_makes_nobody_the_one_who_forces(rig: HmiRig, client: Client) -> None:
+    other = rig.client()
+    force(client, LIFT_DOWN, 1)
+    force(other, LIFT_UP, LET_GO)
+    keep(rig, other, 1_200)
+    assert not forced(rig)
 
 
 def test_it_ends_with_the_connection(rig: HmiRig, client: Client) -> None:
@@ -163,9 +168,18 @@ def test_it_ends_with_the_connection(rig: HmiRig, client: Client) -> None:
     force(client, LIFT_DOWN, 1)
     rig.twin.scan()
     client.socket.close()
-    ask_until_alone(rig, bystander)
+    until(lambda: rig.connections == 1, bystander)
     assert not forced(rig)
     assert rig.audits[-1][2:] == ("force", "", "ended with the connection")
+
+
+def test_what_was_let_go_before_does_not_end_with_the_connection(rig: HmiRig, client: Client) -> None:
+    bystander = rig.client()
+    force(client, LIFT_DOWN, 1)
+    force(client, LIFT_DOWN, LET_GO)
+    client.socket.close()
+    until(lambda: rig.connections == 1, bystander)
+    assert rig.audits[-1][2:] == (f"force X{LIFT_DOWN:o}", "let go", "done")
 
 
 @pytest.mark.parametrize("command", ["mode_continuous", "mode_step", "reset"])
@@ -180,14 +194,3 @@ def test_it_ends_when_the_machine_is_to_work(rig: HmiRig, client: Client, comman
     assert not forced(rig)
     keep(rig, client, 300)
     assert not forced(rig)
-
-
-def ask_until_alone(rig: HmiRig, bystander: Client) -> None:
-    """Let the server notice that the other client has gone; each question is one round of its loop."""
-    connections = rig.server._frontend.connections
-    for asked in count():
-        alone = len(connections) == 1
-        bystander.ask(READ_D0)  # once more when alone: its thread may be in the middle of letting go
-        if alone:
-            return
-        assert asked < MOST_ASKED, "the server has not noticed"

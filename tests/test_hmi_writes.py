@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import socket
 import struct
-from collections.abc import Callable, Iterator
-from itertools import count
+from collections.abc import Iterator
 
 import pytest
 from hands import change_mode, order, to_manual
-from hmi_rig import HmiRig, read_long, read_words, write_word, write_words, written
+from hmi_rig import READ_D0, HmiRig, read_long, read_words, until, write_word, write_words, written
 from modbus_rig import ILLEGAL_ADDRESS, ILLEGAL_VALUE, Client, exception, frame, read_pdu, write_coils_pdu
 
 from controller.hmi.alarm_list import AlarmState
@@ -26,9 +25,7 @@ MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 SP = MACHINE.tags.sp
 COMMANDS = {command.name: command for command in MACHINE.tags.commands}
 FIRST_COMMAND, SET_POINTS_FIRST = 400, 512
-MOST_ASKED = 5_000
 HELD, HELD_ALSO = "left.lift_retract", "right.claws_close"
-READ_D0 = read_pdu(3, 0, 1)
 
 
 @pytest.fixture
@@ -63,16 +60,6 @@ def begins(rig: HmiRig) -> list[set[str]]:
 
 def set_point(rig: HmiRig, name: str) -> int:
     return rig.twin.plc.read(getattr(rig.twin.machine.tags.sp, name))
-
-
-def until(condition: Callable[[], bool], bystander: Client) -> None:
-    """Let the server's thread get on with what is under way; each question is one round of its loop."""
-    for asked in count():
-        done = condition()
-        bystander.ask(READ_D0)  # once more when done: its thread may be in the middle of it
-        if done:
-            return
-        assert asked < MOST_ASKED, "the server has not done it"
 
 
 # --- commands -------------------------------------------------------------------------------------
@@ -301,6 +288,14 @@ def test_the_pace_of_simulated_time_can_be_set() -> None:
         assert read_words(client, "R", 6) == read_words(client, "R", 320) == (65_535,)
 
 
+def test_a_pause_is_told_though_no_scan_follows() -> None:
+    with HmiRig(pace=Pace(100)) as rig:
+        client = rig.client()
+        assert read_words(client, "R", 6) == (100,)
+        assert written(write_word(client, "R", 320, 0))
+        assert read_words(client, "R", 6) == read_words(client, "R", 320) == (0,)
+
+
 def test_a_flood_of_refusals_is_counted_but_not_all_audited(rig: HmiRig, client: Client) -> None:
     flood = REFUSALS_NOTED_A_MINUTE + 50
     client.send(frame(struct.pack(">BHH", 6, 100, 1)) * flood)
@@ -450,7 +445,7 @@ def test_the_end_of_the_first_client_leaves_the_second_one_its_output(manual: Hm
     manual.press(other, order(HELD_ALSO))
     manual.twin.scan()
     client.socket.close()
-    until(lambda: len(manual.server._frontend.connections) == 1, other)
+    until(lambda: manual.connections == 1, other)
     manual.twin.scan()
     assert manual.coil(HELD_ALSO)
 

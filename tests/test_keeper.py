@@ -140,6 +140,19 @@ def test_whatever_the_keeper_the_last_values_are_in_the_store_after_closing(
     assert store.load() == values(19)
 
 
+def test_a_direct_keeper_is_refused_until_the_store_takes_something(tmp_path: Path) -> None:
+    store = FileStore(tmp_path / "retentive.json")
+    keeper = DirectKeeper(store)
+    in_the_way = tmp_path / "retentive.json.new"
+    in_the_way.mkdir()
+    keeper.submit(values(1))
+    assert "Is a directory" in str(keeper.error)
+    assert not keeper.settled
+    in_the_way.rmdir()
+    keeper.submit(values(2))
+    assert (keeper.settled, keeper.error, store.load()) == (True, None, values(2))
+
+
 def test_a_direct_keeper_has_saved_when_it_returns() -> None:
     store = MemoryStore()
     keeper = DirectKeeper(store)

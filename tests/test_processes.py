@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -91,10 +92,13 @@ def test_help_names_the_options(program: str) -> None:
         (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
         (("controller", "--scan-ms", "0"), "--scan-ms"),
         (("controller", "--hmi-port", "65536"), "--hmi-port 65536: give 0 to 65535"),
+        (("controller", "--unit", "0"), "--unit 0: give 1 to 255"),
+        (("controller", "--unit", "256"), "--unit 256: give 1 to 255"),
         (("controller", "--hmi-host", "192.0.2.1"), "--hmi-allow-remote"),
         (("controller", "--hmi-host", "panel"), "give an IP address"),
         (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
         (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),
+        (("controller", "--hmi-port", "0", "--hmi-serial", "/dev/null"), "give another --hmi-serial"),
         (("controller", "--simulated-time", "--pace", "6000"), "--pace"),
         (("controller", "--history", "/proc/no/history.sqlite"), "--history"),
         (("controller", "history", "no.sqlite"), "no.sqlite"),
@@ -145,7 +149,10 @@ def test_a_controller_without_a_plant_says_so_and_keeps_trying(tmp_path: Path) -
 
 
 def test_commands_are_taken_from_standard_input(tmp_path: Path) -> None:
-    """Given a running controller, a name of the command table on its standard input is an order; others are refused."""
+    """Given a running controller, a name of the command table on its standard input is an order; others are refused.
+
+    Bytes that are no text are one of the others.
+    """
     with plant_process() as (_, port):
         command = [
             sys.executable,
@@ -158,13 +165,14 @@ def test_commands_are_taken_from_standard_input(tmp_path: Path) -> None:
         ]
         running = subprocess.Popen(
             [*command, "--events", "json", "--no-hmi", *PATIENT],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
         )  # fmt: skip
         try:
             assert running.stdin is not None
             assert running.stdout is not None
             assert json.loads(running.stdout.readline())["state"] == State.STOPPED
-            running.stdin.write("dance\nreset\n")
+            running.stdin.write(b"\xff\ndance\nreset\n")
             running.stdin.flush()
             assert json.loads(running.stdout.readline())["state"] == State.RESETTING
             running.send_signal(signal.SIGINT)
@@ -172,8 +180,8 @@ def test_commands_are_taken_from_standard_input(tmp_path: Path) -> None:
         finally:
             running.kill()
             running.communicate()
-    assert "no command 'dance'" in said
-    assert "Traceback" not in said
+    assert b"no command 'dance'" in said
+    assert b"Traceback" not in said
 
 
 def test_a_damaged_store_is_reported_and_set_aside(tmp_path: Path) -> None:

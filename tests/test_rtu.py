@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
-from hmi_rig import HmiRig
+from hmi_rig import READ_D0, HmiRig
 from modbus_rig import PATIENT_S, Client, exception, read_pdu
 from pymodbus.framer import FramerRTU
 
@@ -18,7 +18,6 @@ from controller.hmi.modbus_server import HmiOptions, ServerError
 from controller.modbus.rtu import SerialError, SerialLine, request_length
 
 UNIT = 17
-READ_D0 = read_pdu(3, 0, 1)
 LONG_BEGIN = bytes([UNIT, 16, 0, 0, 0, 100, 200])
 """Of a request so long that silence alone tells it is none."""
 READ_M0 = read_pdu(1, 0, 8)
@@ -178,6 +177,7 @@ def test_a_line_that_is_not_there_is_told_in_one_line() -> None:
     with pytest.raises(ServerError) as told, HmiRig(options=options):
         pass
     assert "/dev/no-such-line" in str(told.value)
+    assert "--hmi-serial" in str(told.value)
     assert "\n" not in str(told.value)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from core_rig import GatedStore, d, m, program_of, wait_until, x, y
 
-from controller.core.retain import MemoryStore
+from controller.core.retain import FileStore, MemoryStore
 from controller.core.rungs import Inc, Out, Pulse
 from controller.core.scan import Plc
 from controller.io.keeper import DirectKeeper, Keeper, ThreadKeeper
@@ -157,6 +157,20 @@ def test_a_store_that_refused_is_a_fault_of_its_own_and_is_asked_again_until_it_
     asked = len(store.asked)
     cabinet.tick()
     assert len(store.asked) == asked
+
+
+def test_a_store_that_refuses_within_the_scan_is_no_fault_of_the_scan_and_is_asked_again(tmp_path: Path) -> None:
+    store = FileStore(tmp_path / "retentive.json")
+    cabinet = Cabinet(DirectKeeper(store))
+    in_the_way = tmp_path / "retentive.json.new"
+    in_the_way.mkdir()
+    assert [cabinet.tick(), cabinet.tick(COUNT), cabinet.tick()] == ["001"] * 3
+    assert (cabinet.plc.read(cabinet.store_fault), cabinet.plc.read(cabinet.scan_fault)) == (1, 0)
+    in_the_way.rmdir()
+    assert cabinet.tick() == "101"
+    assert store.load() == {"D512": 1}
+    cabinet.tick()
+    assert cabinet.plc.read(cabinet.store_fault) == 0
 
 
 @pytest.mark.parametrize(("gap_ms", "fault"), [(199, 0), (200, 0), (201, 1)])

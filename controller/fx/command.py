@@ -14,7 +14,7 @@ from controller.fx.draw import draw
 from controller.fx.export import PulseTrain, acting, export
 from controller.fx.gx_csv import write_gx_csv
 from controller.fx.il import write_il
-from controller.fx.instruction import Ladder, LadderError
+from controller.fx.instruction import LadderError
 from controller.fx.parts import parts_of
 from controller.fx.reading import load_ladder
 from controller.fx.running import run
@@ -121,8 +121,3 @@ def _report(out: Path, used: Usage, program: Program) -> str:
         f"FX2N: {used}",
         "fits" if used.steps <= MOST_STEPS else f"does not fit: more than {MOST_STEPS} steps",
     ])  # fmt: skip
-
-
-def ladder_of(program: Program) -> Ladder:
-    """Return the instruction list of a machine's program, as `ladder export` writes it."""
-    return export(acting(program))

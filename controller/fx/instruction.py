@@ -10,8 +10,6 @@ from typing import Literal
 
 from controller.core.devices import device_name
 
-IndexName = Literal["V0", "V1", "V2", "V3", "V4", "V5", "V6", "V7", "Z0", "Z1", "Z2", "Z3", "Z4", "Z5", "Z6", "Z7"]
-
 
 class LadderError(ValueError):
     """What is wrong with a program; `str()` is one line a finding, each with its place and the remedy."""

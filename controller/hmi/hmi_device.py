@@ -26,7 +26,6 @@ from controller.modbus.requests import Device, RefusedError
 from controller.program.commands import Command
 from controller.program.tags import SetPointError
 
-JOG: Final = "jog_"
 JOG_RELEASE: Final = "jog_release"
 MINUTE_MS: Final = 60_000
 _TAKES_EFFECT: Final = 3
@@ -97,6 +96,10 @@ class Desk:
             self._own = (snapshot, own.own_words(self.facts, snapshot.at_ms))
         return self._own[1]
 
+    def renew_own_words(self) -> None:
+        """Make the R area anew for the next reading: no scan follows a pause."""
+        self._own = None
+
     def find(self, table: Table, first: int, count: int) -> Span:
         """Return the span in which the addresses lie.
 
@@ -111,8 +114,6 @@ class Desk:
 
 class HmiDevice(Device):
     """The controller as one client sees it."""
-
-    functions = frozenset((1, 2, 3, 4, 5, 6, 15, 16, 23, 43))
 
     def __init__(self, desk: Desk, peer: str) -> None:
         """Serve a client.
@@ -147,8 +148,10 @@ class HmiDevice(Device):
             self._release()
         if self._desk.forcer is self:
             self._desk.forcer = None
-            self._desk.runtime.forcing.let_go()
-            self._note("force", "", "ended with the connection")
+            forcing = self._desk.runtime.forcing
+            if forcing.levels:
+                forcing.let_go()
+                self._note("force", "", "ended with the connection")
 
     def read_coils(self, first: int, count: int) -> list[bool]:
         """Return bits of the last scan."""
@@ -295,6 +298,7 @@ class HmiDevice(Device):
         if pace is None:
             raise self._refused("pace", str(values[0]), ExcCodes.ILLEGAL_ADDRESS, "time is real here")
         pace.set(values[0])
+        self._desk.renew_own_words()
         self._note("pace", str(values[0]))
 
     def _force(self, values: Sequence[int]) -> None:

@@ -188,15 +188,17 @@ class HmiServer:
         self._ended = asyncio.Event()
         options = self._options
         handshake_s = None if self._tls is None else HANDSHAKE_S
-        listener = await self._loop.create_server(
-            self._frontend, self._host, options.port, ssl=self._tls, ssl_handshake_timeout=handshake_s
-        )
+        try:
+            listener = await self._loop.create_server(
+                self._frontend, self._host, options.port, ssl=self._tls, ssl_handshake_timeout=handshake_s
+            )
+        except OSError as error:
+            raise ServerError(f"{error}; give another --hmi-port or --hmi-host, or --no-hmi") from error
         self._port = listener.sockets[0].getsockname()[1]
         reporting = self._loop.create_task(self._report())
         try:
             if options.serial is not None:
-                self._rtu = RtuServer(options.serial, HmiDevice(self._desk, options.serial.path))
-                self._rtu.start(self._loop)
+                self._rtu = self._serve_line(options.serial)
             self._settled.set()
             await self._ended.wait()
         finally:
@@ -206,6 +208,20 @@ class HmiServer:
             if self._rtu is not None:
                 self._rtu.stop()
             await listener.wait_closed()
+
+    def _serve_line(self, line: SerialLine) -> RtuServer:
+        server = RtuServer(line, HmiDevice(self._desk, line.path))
+        try:
+            server.start(self._loop)
+        except ModuleNotFoundError as error:
+            raise ServerError(
+                f"no {error.name} here; install it: pip install 'seedling-transplanter[serial]'"
+            ) from error
+        except (OSError, ValueError, OverflowError) as error:
+            raise ServerError(
+                f"serial line {line.path}: {error}; give another --hmi-serial, or leave it out"
+            ) from error
+        return server
 
     async def _report(self) -> None:
         """Tell trouble made by clients once a minute at most, in one line."""

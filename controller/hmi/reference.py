@@ -10,7 +10,7 @@ from controller.core.expr import Bit, Expr, Word, leaves
 from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
 from controller.fx.instruction_set import FORMS, KINDS
-from controller.fx.plc import PROVIDED
+from controller.fx.special_devices import PROVIDED
 from controller.hmi.tag_list import COLUMNS, tag_csv, tag_rows
 from controller.program.alarms import Alarm
 from controller.program.interlocks import Rule

@@ -28,16 +28,24 @@ class Keeper(Protocol):
 
 
 class DirectKeeper:
-    """Saves within the call: for stores in memory and machines in simulated time."""
+    """Saves within the call: for stores in memory and machines in simulated time.
+
+    Attributes:
+        error: Why the store refused last; cleared by the next success.
+    """
 
     def __init__(self, store: RetentiveStore) -> None:
         self._store = store
-        self.settled = True
         self.error: Exception | None = None
 
     def submit(self, values: Mapping[str, int]) -> None:
         """Save at once."""
-        self._store.save(values)
+        self.error = _save(self._store, values)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the store has taken what was submitted last."""
+        return self.error is None
 
     def close(self) -> None:
         """Nothing is ever pending."""
@@ -88,11 +96,16 @@ class ThreadKeeper:
                 if self._newest is None:
                     return
                 values, self._newest, self._busy = self._newest, None, True
-            error: Exception | None = None
-            try:
-                self._store.save(values)
-            except Exception as refused:  # noqa: BLE001 - whatever it is, the machine must learn of it
-                error = refused
+            error = _save(self._store, values)
             with self._wake:
                 self._busy, self._error = False, error
                 self._wake.notify_all()
+
+
+def _save(store: RetentiveStore, values: Mapping[str, int]) -> Exception | None:
+    """Save and return why the store refused, None if it did not."""
+    try:
+        store.save(values)
+    except Exception as refused:  # noqa: BLE001 - whatever it is, the machine must learn of it
+        return refused
+    return None

@@ -39,6 +39,7 @@ class Runtime:
         link_lost: Whether the field is silent beyond the limit.
         released: The Y image last written, raw levels.
         now_ms: Time of the last scan, ms.
+        observers: Asked to look at the end of every scan, given its time and the PLC.
     """
 
     def __init__(

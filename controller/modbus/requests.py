@@ -7,8 +7,9 @@ never offered) is refused here before the device sees it. Source: Modbus Applica
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from typing import Final, TypeVar
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, Final, Protocol, TypeVar, runtime_checkable
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusException
@@ -59,45 +60,61 @@ class RefusedError(Exception):
 class Device:
     """What a client talks to.
 
-    A device names the functions it offers and overrides their methods. Every method may raise `RefusedError`; a write
-    that raises has changed nothing.
+    It offers the functions of those tables below whose methods it has; any other function is refused. Every method of a
+    table may raise `RefusedError`; a write that raises has changed nothing.
     """
-
-    functions: frozenset[int] = frozenset()
-
-    def read_coils(self, first: int, count: int) -> list[bool]:
-        """Return coils (function 1)."""
-        raise NotImplementedError
-
-    def read_inputs(self, first: int, count: int) -> list[bool]:
-        """Return discrete inputs (function 2)."""
-        raise NotImplementedError
-
-    def read_holding(self, first: int, count: int) -> list[int]:
-        """Return holding registers, unsigned (functions 3 and 23)."""
-        raise NotImplementedError
-
-    def read_input_registers(self, first: int, count: int) -> list[int]:
-        """Return input registers, unsigned (function 4)."""
-        raise NotImplementedError
-
-    def write_coils(self, first: int, levels: Sequence[bool]) -> None:
-        """Write neighbouring coils, all of them or none (functions 5 and 15)."""
-        raise NotImplementedError
-
-    def write_registers(self, first: int, values: Sequence[int]) -> None:
-        """Write neighbouring registers, unsigned, all of them or none (functions 6, 16 and 23)."""
-        raise NotImplementedError
-
-    def identity(self) -> dict[int, str]:
-        """Return vendor (0), product code (1) and revision (2) for function 43."""
-        raise NotImplementedError
 
     def heard(self) -> None:
         """Take note that a request of this client has come, whatever it will turn out to be."""
 
     def end(self) -> None:
         """Take note that this client is gone."""
+
+
+@runtime_checkable
+class Coils(Protocol):
+    """Bits to read and write: functions 1, 5 and 15."""
+
+    def read_coils(self, first: int, count: int) -> list[bool]:
+        """Return neighbouring coils."""
+
+    def write_coils(self, first: int, levels: Sequence[bool]) -> None:
+        """Write neighbouring coils, all of them or none."""
+
+
+@runtime_checkable
+class Inputs(Protocol):
+    """Bits to read: function 2."""
+
+    def read_inputs(self, first: int, count: int) -> list[bool]:
+        """Return neighbouring discrete inputs."""
+
+
+@runtime_checkable
+class HoldingRegisters(Protocol):
+    """Words to read and write: functions 3, 6, 16 and 23."""
+
+    def read_holding(self, first: int, count: int) -> list[int]:
+        """Return neighbouring registers, unsigned."""
+
+    def write_registers(self, first: int, values: Sequence[int]) -> None:
+        """Write neighbouring registers, unsigned, all of them or none."""
+
+
+@runtime_checkable
+class InputRegisters(Protocol):
+    """Words to read: function 4."""
+
+    def read_input_registers(self, first: int, count: int) -> list[int]:
+        """Return neighbouring registers, unsigned."""
+
+
+@runtime_checkable
+class Identity(Protocol):
+    """Who answers: function 43."""
+
+    def identity(self) -> dict[int, str]:
+        """Return vendor (0), product code (1) and revision (2)."""
 
 
 def answer(device: Device, pdu: bytes) -> bytes:
@@ -113,9 +130,10 @@ def answer(device: Device, pdu: bytes) -> bytes:
     function_code, body = pdu[0], pdu[1:]
     device.heard()
     try:
-        if function_code not in device.functions:
+        carry_out = _offered(type(device)).get(function_code)  # type: ignore[arg-type]  # a class can be hashed
+        if carry_out is None:
             raise RefusedError(ExcCodes.ILLEGAL_FUNCTION)
-        reply = _FUNCTIONS[function_code](device, body)
+        reply = carry_out(device, body)
     except RefusedError as refused:
         return exception_pdu(function_code, refused.code)
     return _encode(reply)
@@ -145,6 +163,8 @@ class _InputRegisters(_Packed, ReadInputRegistersResponse):
     pass
 
 
+CarryOut = Callable[[Any, bytes], ModbusPDU]
+"""Takes a device that has the table, and the data of the request."""
 P = TypeVar("P", bound=ModbusPDU)
 
 
@@ -164,40 +184,40 @@ def _require(condition: bool) -> None:
         raise RefusedError(ExcCodes.ILLEGAL_VALUE)
 
 
-def _read_coils(device: Device, body: bytes) -> ModbusPDU:
+def _read_coils(device: Coils, body: bytes) -> ModbusPDU:
     request = _decode(ReadCoilsRequest(), body)
     return ReadCoilsResponse(bits=device.read_coils(request.address, request.count))
 
 
-def _read_inputs(device: Device, body: bytes) -> ModbusPDU:
+def _read_inputs(device: Inputs, body: bytes) -> ModbusPDU:
     request = _decode(ReadDiscreteInputsRequest(), body)
     return ReadDiscreteInputsResponse(bits=device.read_inputs(request.address, request.count))
 
 
-def _read_holding(device: Device, body: bytes) -> ModbusPDU:
+def _read_holding(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     request = _decode(ReadHoldingRegistersRequest(), body)
     return _HoldingRegisters(registers=device.read_holding(request.address, request.count))
 
 
-def _read_input_registers(device: Device, body: bytes) -> ModbusPDU:
+def _read_input_registers(device: InputRegisters, body: bytes) -> ModbusPDU:
     request = _decode(ReadInputRegistersRequest(), body)
     return _InputRegisters(registers=device.read_input_registers(request.address, request.count))
 
 
-def _write_coil(device: Device, body: bytes) -> ModbusPDU:
+def _write_coil(device: Coils, body: bytes) -> ModbusPDU:
     _require(body[2:4] in SINGLE_COIL_VALUES)
     request = _decode(WriteSingleCoilRequest(), body)
     device.write_coils(request.address, [bool(request.bits[0])])
     return WriteSingleCoilResponse(address=request.address, bits=request.bits)
 
 
-def _write_register(device: Device, body: bytes) -> ModbusPDU:
+def _write_register(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     request = _decode(WriteSingleRegisterRequest(), body)
     device.write_registers(request.address, request.registers)
     return WriteSingleRegisterResponse(address=request.address, registers=request.registers)
 
 
-def _write_coils(device: Device, body: bytes) -> ModbusPDU:
+def _write_coils(device: Coils, body: bytes) -> ModbusPDU:
     request = _decode(WriteMultipleCoilsRequest(), body, size=None)
     byte_count = (request.count + 7) // 8
     _require(request.count <= MAX_COILS_WRITTEN and request.byte_count == request.data_byte_count == byte_count)
@@ -205,7 +225,7 @@ def _write_coils(device: Device, body: bytes) -> ModbusPDU:
     return WriteMultipleCoilsResponse(address=request.address, count=request.count)
 
 
-def _write_registers(device: Device, body: bytes) -> ModbusPDU:
+def _write_registers(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     _require(len(body) >= 5 and len(body) == 5 + body[4] and body[4] == 2 * int.from_bytes(body[2:4]))
     request = _decode(WriteMultipleRegistersRequest(), body, size=None)
     _require(1 <= request.count <= MAX_REGISTERS_WRITTEN)
@@ -213,7 +233,7 @@ def _write_registers(device: Device, body: bytes) -> ModbusPDU:
     return WriteMultipleRegistersResponse(address=request.address, count=request.count)
 
 
-def _write_and_read(device: Device, body: bytes) -> ModbusPDU:
+def _write_and_read(device: HoldingRegisters, body: bytes) -> ModbusPDU:
     _require(len(body) >= 9 and len(body) == 9 + body[8] and body[8] == 2 * int.from_bytes(body[6:8]))
     request = _decode(ReadWriteMultipleRegistersRequest(), body, size=None)
     _require(1 <= request.write_count <= MAX_REGISTERS_WRITTEN_AND_READ)
@@ -223,7 +243,7 @@ def _write_and_read(device: Device, body: bytes) -> ModbusPDU:
     return ReadWriteMultipleRegistersResponse(registers=registers)
 
 
-def _identify(device: Device, body: bytes) -> ModbusPDU:
+def _identify(device: Identity, body: bytes) -> ModbusPDU:
     information = device.identity()
     if body[:1] != bytes([READ_IDENTITY]):
         raise RefusedError(ExcCodes.ILLEGAL_FUNCTION)
@@ -240,15 +260,17 @@ def _identify(device: Device, body: bytes) -> ModbusPDU:
     return reply
 
 
-_FUNCTIONS: Final = {
-    1: _read_coils,
-    2: _read_inputs,
-    3: _read_holding,
-    4: _read_input_registers,
-    5: _write_coil,
-    6: _write_register,
-    15: _write_coils,
-    16: _write_registers,
-    23: _write_and_read,
-    43: _identify,
+_TABLES: Final[dict[type, dict[int, CarryOut]]] = {
+    Coils: {1: _read_coils, 5: _write_coil, 15: _write_coils},
+    Inputs: {2: _read_inputs},
+    HoldingRegisters: {3: _read_holding, 6: _write_register, 16: _write_registers, 23: _write_and_read},
+    InputRegisters: {4: _read_input_registers},
+    Identity: {43: _identify},
 }
+
+
+@cache
+def _offered(kind: type[Device]) -> dict[int, CarryOut]:
+    """Return what carries out each function that a kind of device offers."""
+    offered = (functions for table, functions in _TABLES.items() if issubclass(kind, table))
+    return {code: carry_out for functions in offered for code, carry_out in functions.items()}

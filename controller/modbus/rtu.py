@@ -75,11 +75,7 @@ class SerialLine:
 
 
 class RtuServer:
-    """Answers the requests that come on one serial line.
-
-    Attributes:
-        slid: Bytes slid over because they began no request to us.
-    """
+    """Answers the requests that come on one serial line."""
 
     def __init__(self, line: SerialLine, device: Device) -> None:
         """Serve a device on a line; it is opened by `start`."""
@@ -89,13 +85,12 @@ class RtuServer:
         self._port: Any = None
         self._loop: asyncio.AbstractEventLoop
         self._gap: asyncio.TimerHandle | None = None
-        self.slid = 0
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Open the line and listen.
 
         Raises:
-            OSError: The line cannot be opened.
+            OSError, ValueError, OverflowError: The line cannot be opened, or not at this speed.
             ModuleNotFoundError: There is no pyserial here.
         """
         serial = importlib.import_module("serial")
@@ -149,7 +144,6 @@ class RtuServer:
             length = request_length(buffer)
             if buffer[0] not in (self._line.unit, BROADCAST) or (length or 0) > LONGEST_FRAME:
                 del buffer[0]
-                self.slid += 1
             elif length is None or len(buffer) < length:
                 return
             elif _checksum_right(buffer[:length]):
@@ -158,13 +152,11 @@ class RtuServer:
                 self._serve(frame)
             else:
                 del buffer[0]
-                self.slid += 1
 
     def _give_up(self) -> None:
         """Take the beginning of a request that has stayed one for noise, and look behind it."""
         while self._buffer:
             del self._buffer[0]
-            self.slid += 1
             self._take()
 
     def _serve(self, frame: bytes) -> None:

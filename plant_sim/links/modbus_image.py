@@ -27,8 +27,6 @@ class ModbusImage(Device):
     touches one changes nothing.
     """
 
-    functions = frozenset((1, 2, 4, 5, 15))
-
     def __init__(self, module: IoModule, written: Callable[[], None] = lambda: None) -> None:
         """Lay the module's terminals and the operator box out in the Modbus tables.
 

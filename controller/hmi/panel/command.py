@@ -159,7 +159,8 @@ def _check_tls(options: argparse.Namespace) -> None:
     if options.certificate is None:
         return
     try:
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key)
+        # a key with a password of its own would be asked for at a terminal that nobody watches
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key, password="")
     except OSError as error:
         raise PanelError(f"--certificate {options.certificate}, --key {options.key}: {error}; give PEM files that "
                          "belong together") from error  # fmt: skip
