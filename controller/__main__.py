@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 
+from controller.command_line import Parser, while_read
 from controller.core.clock import MonotonicClock, utc_ms
 from controller.core.expr import Bit
 from controller.core.program import Program
@@ -34,6 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     if not given or given[0] not in (*COMMANDS, "-h", "--help"):
         given.insert(0, "run")
+    return while_read(lambda: _run(given))
+
+
+def _run(given: Sequence[str]) -> int:
     try:
         options = _parser(with_panel=given[0] == "panel").parse_args(given)
         command: Callable[[argparse.Namespace], int] = options.command
@@ -43,10 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
 
 
-def _parser(*, with_panel: bool = True) -> argparse.ArgumentParser:
+def _parser(*, with_panel: bool = True) -> Parser:
     """Return the parser of all commands; the panel's options want the web libraries, which take their time to load."""
-    parser = argparse.ArgumentParser(prog="python -m controller", description="Soft PLC of the seedling transplanter.",
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    parser = Parser(prog="python -m controller", description="Soft PLC of the seedling transplanter.",
+                    formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser("run", help="run the machine's program on a field link (default)",
                               formatter_class=argparse.ArgumentDefaultsHelpFormatter)  # fmt: skip
@@ -102,11 +107,12 @@ def _docs(options: argparse.Namespace) -> int:
 
 
 def _tags(options: argparse.Namespace) -> int:
+    machine = build(load_io_map(options.io_map))
     try:
-        for path in write_tags(build(load_io_map(options.io_map)), options.out):
-            print(path)
+        paths = write_tags(machine, options.out)
     except OSError as error:
         raise UsageError(f"--out {options.out}: {error.strerror}; name a folder that can be written") from error
+    print("\n".join(map(str, paths)))
     return 0
 
 

@@ -11,7 +11,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from controller.command_line import Parser, while_read
 from controller.io_map import DEFAULT_IO_MAP, IoMapError, load_io_map
+from controller.modbus.address import listening_remedy
 from plant_sim.bench.air import add_air_arguments, air_command
 from plant_sim.bench.ladder_trial import LadderError, load_ladder, run_ladder_trial
 from plant_sim.bench.live import ChildError, LiveError, LiveOptions, live_trial
@@ -52,6 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     if not given or given[0] not in (*COMMANDS, "-h", "--help"):
         given.insert(0, "serve")
+    return while_read(lambda: _command(given))
+
+
+def _command(given: Sequence[str]) -> int:
     options = _parser().parse_args(given)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # it ends everything as Ctrl-C does
     try:
@@ -61,6 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (UsageError, IoMapError, MachineError, FaultError, LadderError, ScenarioError, RecordingError) as error:
         print(error, file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        raise  # a connection error, too, but of whoever reads what is printed
     except (LiveError, ConnectionError) as error:
         print(error, file=sys.stderr)
         return 1
@@ -70,9 +78,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m plant_sim", description="The seedling transplanter in software.",
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+def _parser() -> Parser:
+    parser = Parser(prog="python -m plant_sim", description="The seedling transplanter in software.",
+                    formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     serve_ = _add(commands, "serve", _serve, "serve the plant as a Modbus TCP device (default)")
     _network(serve_)
@@ -137,11 +145,11 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    commands: argparse._SubParsersAction[Parser],
     name: str,
     command: Callable[[argparse.Namespace], int],
     text: str,
-) -> argparse.ArgumentParser:
+) -> Parser:
     parser = _bare(commands, name, command, text)
     parser.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="the wires")
     parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="the machine's parameters")
@@ -151,11 +159,11 @@ def _add(
 
 
 def _bare(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    commands: argparse._SubParsersAction[Parser],
     name: str,
     command: Callable[[argparse.Namespace], int],
     text: str,
-) -> argparse.ArgumentParser:
+) -> Parser:
     parser = commands.add_parser(name, help=text, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.set_defaults(command=command)
     return parser
@@ -210,7 +218,7 @@ def _serve(options: argparse.Namespace) -> int:
             asyncio.run(serve(server, listening=listening))
         except OSError as error:
             reason = error.strerror or str(error)
-            text = f"cannot listen on {options.host}:{options.port}: {reason}; choose another --port"
+            text = f"cannot listen on {options.host}:{options.port}: {reason}; {listening_remedy(error)}"
             raise UsageError(text) from error
     return 0
 

@@ -82,6 +82,12 @@ def test_read_but_driven_nowhere(device: str) -> None:
     assert says(f"LD X0\nRST {device}\nLD {device}\nOUT Y0\nEND", 3, device, "read but driven nowhere")
 
 
+def test_relays_that_a_screen_may_write_are_one_line() -> None:
+    text = "LD M7\nOR M402\nOR M5\nOR M400\nOR M401\nOUT Y0\nLD X0\nMOV K1M10 D0\nEND"
+    assert says(text, 1, "M5, M7, M10 to M13, M400 to M402: read but driven nowhere", "; right if a screen or panel ")
+    assert [at for at, _ in found("LD T5\nOR T6\nOUT Y0\nEND")] == [1, 2], "no screen writes a timer's contact"
+
+
 @pytest.mark.parametrize(
     "coil", ["OUT M5", "SET M5", "PLS M5", "OUT T5 K1", "OUT C5 K1", "MOV K1 K1M4", "CMP D0 D1 M4"]
 )
@@ -140,7 +146,7 @@ def test_more_steps_than_an_fx2n_takes() -> None:
 
 
 def test_in_the_order_of_the_lines() -> None:
-    lines = [line for line, _ in found("LD M5\nOUT Y0\nLD M6\nOUT Y0\nP1\nLD D0.0\nOUT M7\nEND")]
+    lines = [line for line, _ in found("LD M5\nOUT Y0\nLD T6\nOUT Y0\nP1\nLD D0.0\nOUT M7\nEND")]
     assert lines == [1, 3, 4, 5, 6, 7]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -57,11 +58,14 @@ def test_export_with_pulses_for_the_stepper(tmp_path: Path) -> None:
     assert "OUT Y0" not in names
 
 
-def test_structured_text_is_written(tmp_path: Path) -> None:
+def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "transplanter.st"
     assert controller(["ladder", "export", "--format", "st", "--out", str(out)]) == 0
     text = out.read_text(encoding="utf-8")
     assert text.count("END_PROGRAM") == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("as instructions of an FX2N: 7651 of 8000 steps")
+    assert "fits" not in lines, "the PLC that takes Structured Text is another"
 
 
 def test_check_tells_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,6 +74,17 @@ def test_check_tells_findings_and_size(program: Path, capsys: pytest.CaptureFixt
     printed = capsys.readouterr().out
     assert f"{program}:10: warning: OUT Y0 stands in lines 8 and 10" in printed
     assert "of 8000 steps" in printed
+
+
+def test_in_the_exported_program_nothing_but_the_orders_of_a_screen_is_suspicious(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "transplanter.il"
+    assert controller(["ladder", "export", "--format", "il", "--out", str(out)]) == 0
+    capsys.readouterr()
+    assert controller(["ladder", "check", str(out)]) == 0
+    orders, _ = capsys.readouterr().out.splitlines()
+    assert re.search(r": warning: M0 to M5, M400 to .*: read but driven nowhere; right if a screen", orders)
 
 
 def test_run_traces_devices_scan_by_scan(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,7 +50,8 @@ def test_options_that_cannot_be(tmp_path: Path) -> None:
     assert "0 to 65535" in refused(tmp_path, "--port", "65536")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert "choose a free port" in refused(tmp_path, "--port", str(port))
+        assert "choose another --port" in refused(tmp_path, "--port", str(port))
+    assert "an address of this computer as --host" in refused(tmp_path, "--host", "192.0.2.1", "--allow-remote")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import io
 import re
 from itertools import pairwise
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,7 +22,7 @@ from plant_sim.faults import parse_fault
 from plant_sim.scope.cli import add_plot_arguments
 from plant_sim.scope.plot import plot
 from plant_sim.scope.store import TIME, Recording, Window
-from plant_sim.scope.style import marks_of, spans_of
+from plant_sim.scope.style import STYLE, marks_of, spans_of
 from plant_sim.scope.timing import default_tags, timing_diagram
 from plant_sim.scope.trends import default_panels, trend_plot
 from plant_sim.scope.window import chosen_window
@@ -121,6 +123,45 @@ def test_wires_that_do_not_change_are_named_below_instead_of_drawn(trial: Record
     assert "slide at pick 3  X10" in note
     assert "slide at pick 3  X10" not in labels_of(figure)
     assert "slide at pick 2  X7" in labels_of(figure)
+
+
+def test_whatever_does_not_change_is_named_below_above_the_edge_of_the_picture(trial: Recording) -> None:
+    names = default_tags(trial, "left")
+    data = trial.read(names, Window(18_000, 18_500))
+    with mpl.rc_context(STYLE):
+        figure = timing_diagram(data, trial.labels, "")
+        figure.savefig(io.BytesIO())
+    note = figure.texts[-1]
+    lines = note.get_text().split("\n")
+    assert len(lines) > 1
+    wires = [name for name in names if name in trial.labels]
+    still = [trial.labels[name] for name in wires if len(set(data[name])) == 1]
+    named = " ".join(lines).removeprefix("Unchanged: ").split(", ")
+    assert [name.split()[-1] for name in named if name.split()[-1] in still] == still
+    assert note.get_window_extent().y0 >= 0
+    assert note.get_window_extent().y1 < figure.axes[0].xaxis.label.get_window_extent().y0
+    assert note.get_window_extent().x1 < figure.bbox.width
+    assert all(re.search(r"(,|[XY]\d+)$", line) for line in lines), "broken within a name"
+
+
+def test_the_state_is_written_as_everywhere(trial: Recording) -> None:
+    data = trial.read(["state"], Window(18_000, 19_000))
+    assert words_of(timing_diagram(data, trial.labels, "", asked=list(data))) == "Execute"
+
+
+def test_the_title_says_what_is_drawn(trial: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    titles: list[str] = []
+
+    def saved(figure: Figure, _: Path) -> list[Path]:
+        titles.append(figure.texts[0].get_text())
+        return []
+
+    monkeypatch.setattr("plant_sim.scope.plot.save", saved)
+    window = Window(18_000, 19_000)
+    plot(trial, tmp_path, window, side="left", tags=None)
+    plot(trial, tmp_path, window, side="left", tags=["left.slide.*.pressure_pa", "y.left.slide_inward"])
+    assert titles == [f"trial: {what}, 18 to 19 s, seed {trial.about['seed']}"
+                      for what in ("timing", "places and pressures", "timing", "chosen tags")]  # fmt: skip
 
 
 def test_a_coil_is_drawn_high_exactly_while_it_was_on(trial: Recording) -> None:

@@ -82,7 +82,7 @@ def test_help_names_the_options(program: str) -> None:
         (("plant_sim", "serve", "--machine", "no.yaml"), "no.yaml"),
         (("plant_sim", "trial", "--trays", "0"), "--trays 0"),
         (("plant_sim", "serve", "--host", "192.0.2.1"), "192.0.2.1"),
-        (("plant_sim", "serve", "--host", "192.0.2.1", "--allow-remote"), "cannot listen on 192.0.2.1"),
+        (("plant_sim", "serve", "--host", "192.0.2.1", "--allow-remote"), "give an address of this computer as --host"),
         (("plant_sim", "serve", "--watchdog-ms", "0"), "watchdog_ms"),
         (("plant_sim", "run", "--fast", "--keep"), "--keep"),
         (("controller", "--set", "tray_target=2"), "trays_target"),
@@ -90,12 +90,14 @@ def test_help_names_the_options(program: str) -> None:
         (("controller", "--set", "clamp=0"), "10 to 200"),
         (("controller", "--retain", "."), "is a folder"),
         (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
+        (("controller", "--retain", "no/such/retentive.json"), "there is no folder no; make it, or name another file"),
         (("controller", "--scan-ms", "0"), "--scan-ms"),
         (("controller", "--hmi-port", "65536"), "--hmi-port 65536: give 0 to 65535"),
         (("controller", "--unit", "0"), "--unit 0: give 1 to 255"),
         (("controller", "--unit", "256"), "--unit 256: give 1 to 255"),
         (("controller", "--hmi-host", "192.0.2.1"), "--hmi-allow-remote"),
         (("controller", "--hmi-host", "panel"), "give an IP address"),
+        (("controller", "--hmi-host", "192.0.2.1", "--hmi-allow-remote"), "address of this computer as --hmi-host"),
         (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
         (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),
         (("controller", "--hmi-port", "0", "--hmi-serial", "/dev/null"), "give another --hmi-serial"),
@@ -123,6 +125,52 @@ def test_a_port_in_use_is_one_line_and_exit_code_2() -> None:
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert f"127.0.0.1:{port}" in done.stderr
+    assert "choose another --port" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("controller", "frobnicate"),
+        ("controller", "ladder"),
+        ("controller", "ladder", "export", "--format", "iec", "--out", "x"),
+        ("controller", "history", "--last", "some"),
+        ("plant_sim", "serve", "--port"),
+        ("plant_sim", "study", "cabbage"),
+    ],
+)
+def test_a_wrong_argument_is_one_line_and_exit_code_2(arguments: tuple[str, ...]) -> None:
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"python -m {arguments[0]}")
+    assert line.endswith("; see --help")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("controller", "docs", "--out", "tables"),
+        ("controller", "tags", "--out", "tables"),
+        ("controller", "ladder", "check", "long.il"),
+        ("plant_sim", "docs", "--out", "tables"),
+        ("plant_sim", "trial", "--seedlings", "1", "--json"),
+    ],
+)
+def test_a_reader_who_has_gone_ends_a_command_without_a_word(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "long.il").write_text("LD X0\nOUT M0\nOUT M0\n" * 500 + "END\n", encoding="utf-8")
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", *arguments], check=False, stdout=writer, stderr=subprocess.PIPE, text=True,
+            cwd=tmp_path, timeout=LIMIT_S,
+        )  # fmt: skip
+    finally:
+        os.close(writer)
+    assert done.stderr == ""
+    assert done.returncode == 128 + signal.SIGPIPE
 
 
 def test_a_controller_without_a_plant_says_so_and_keeps_trying(tmp_path: Path) -> None:

@@ -57,6 +57,12 @@ def three() -> Repeats:
     return Repeats([report_of(seed) for seed in COUNTS])
 
 
+def pooled_of(repeats: Repeats) -> dict[str, Any]:
+    pooled = repeats.pooled()
+    assert pooled is not None
+    return pooled
+
+
 @cache
 def two_trials() -> Repeats:
     """Return what `trial --seedlings 40 --repeat 2` runs."""
@@ -101,7 +107,7 @@ def test_no_draw_tells_nothing() -> None:
 
 
 def test_trials_are_pooled_seedling_by_seedling() -> None:
-    pooled: dict[str, Any] = three().pooled()
+    pooled = pooled_of(three())
     names = ("trials", "seedlings", "in_cups", "P", "D", "T")
     assert tuple(pooled[name] for name in names) == (3, 432, 397, 18, 8, 9)
     for name, count in TOTALS.items():
@@ -122,7 +128,7 @@ def test_a_pool_is_of_all_seedlings_however_many_a_trial_has() -> None:
 
 
 def test_the_spread_is_that_of_the_trials() -> None:
-    pooled = three().pooled()
+    pooled = pooled_of(three())
     successes = [100 * counts[0] / 144 for counts in COUNTS.values()]
     assert pooled["S_mean"] == pytest.approx(mean(successes))
     assert pooled["S_sd"] == pytest.approx(stdev(successes))
@@ -130,8 +136,8 @@ def test_the_spread_is_that_of_the_trials() -> None:
 
 def test_one_trial_has_no_spread() -> None:
     once = Repeats([report_of(7)])
-    assert once.pooled()["S_sd"] is None
-    assert "+-" not in once.text()
+    assert pooled_of(once)["S_sd"] is None
+    assert "deviation" not in once.text()
 
 
 def test_the_csv_has_a_line_for_every_trial() -> None:
@@ -176,14 +182,45 @@ def test_the_text_has_a_line_for_every_trial_and_one_for_all() -> None:
         f"{name} {100 * count / 432:.2f} % ({{:.2f}} to {{:.2f}})".format(*exact_percent(count, 432))
         for name, count in TOTALS.items()
     )
-    assert pool == f"all 432 seedlings: {shares}, 95 % binomial; S of a trial 91.90 +- 2.81 %"
+    assert pool == f"all 432 seedlings: {shares}, 95 % binomial; S of a trial 91.90 %, standard deviation 2.81 %"
 
 
 def test_a_trial_that_did_not_complete_is_told_with_its_reason() -> None:
     repeats = Repeats([report_of(7), report_of(8, reason="not Complete within 600 s")])
     assert three().completed
     assert not repeats.completed
-    assert repeats.text().endswith("\nseed 8: the trial did not complete: not Complete within 600 s")
+    assert repeats.text().endswith("\nseed 8: the trial did not complete, so it has no S: not Complete within 600 s")
+
+
+def test_a_trial_that_did_not_complete_has_counts_but_no_shares() -> None:
+    """S is of all seedlings of a finished trial: those still in the tray are neither in cups nor lost."""
+    broken = report_of(8, reason="not Complete within 600 s")
+    first, counts, *rest = broken.text().splitlines()
+    assert first == "the trial did not complete, so it has no S: not Complete within 600 s"
+    assert counts == "seedlings 144: in cups 136, lost picking P 4, carrying D 0, throwing T 4"
+    assert not any("%" in line for line in rest)
+    record = broken.record()
+    assert [record[name] for name in (*TOTALS, "intervals")] == [None] * 5
+    assert [record[name] for name in ("in_cups", "P", "D", "T")] == [136, 4, 0, 4]
+    assert report_of(8).record()["S"] == pytest.approx(100 * 136 / 144)
+
+
+def test_the_pool_is_of_the_trials_that_completed() -> None:
+    repeats = Repeats([report_of(7), report_of(8, reason="jammed"), report_of(9)])
+    completed = Repeats([report_of(7), report_of(9)])
+    assert repeats.pooled() == completed.pooled()
+    lines = repeats.text().splitlines()
+    assert lines[2].split() == ["8", "144", "136", "4", "0", "4", "-"]
+    assert lines[4].startswith("all 288 seedlings of the trials that completed, 2 of 3: S 90.62 %")
+    heading, _, row, _ = csv.reader(repeats.csv().splitlines())
+    cells = dict(zip(heading, row, strict=True))
+    assert {name for name, cell in cells.items() if not cell} == {
+        *TOTALS, *(f"{name}_{end}" for name in TOTALS for end in ("low", "high"))
+    }  # fmt: skip
+    assert (cells["in_cups"], cells["completed"]) == ("136", "False")
+    alone = Repeats([report_of(8, reason="jammed")])
+    assert alone.record()["pooled"] is None
+    assert alone.text().splitlines()[2:] == ["seed 8: the trial did not complete, so it has no S: jammed"]
 
 
 def test_a_seedling_that_is_nowhere_is_missed() -> None:
@@ -312,7 +349,9 @@ def test_what_is_no_option_ends_the_command_before_anything_runs(
     assert ended.value.code == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert f"argument {wrong}: " in printed.err.splitlines()[-1]
+    (line,) = printed.err.splitlines()
+    assert line.startswith(f"python -m plant_sim trial: argument {wrong}: ")
+    assert line.endswith("; see --help")
 
 
 def test_a_trial_that_does_not_complete_ends_the_command_with_1(capsys: pytest.CaptureFixture[str]) -> None:

@@ -308,6 +308,12 @@ def test_two_runs_never_write_the_same_recording(path: Path) -> None:
             recorder(plant, path.with_name("other.parquet"))
 
 
+def test_the_folder_of_a_recording_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    fill(new_plant(), Path("var/run.parquet"), samples=2)
+    assert Recording(Path("var/run.parquet")).whole == Window(0, 10)
+
+
 @pytest.mark.parametrize("name", ["no/such/folder/run.parquet", "file/run.parquet"])
 def test_a_place_where_nothing_can_be_written_is_refused_at_once(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")

@@ -15,15 +15,18 @@ def claim(path: Path) -> TextIO:
     """Take a file; the operating system lets it go when the process ends, or the returned lock is closed.
 
     Args:
-        path: The file; it need not be there. The lock lies beside it, as `<name>.lock`.
+        path: The file; neither it nor its folder need be there, but what the folder lies in. The lock lies beside
+            it, as `<name>.lock`.
 
     Raises:
         ClaimError: It is a folder, cannot be written, or another process has it.
     """
     if path.is_dir():
         raise ClaimError("is a folder; name a file")
+    if not path.parent.parent.is_dir():  # rather mistyped than wanted: what was kept would not be found
+        raise ClaimError(f"there is no folder {path.parent.parent}; make it, or name another file")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(exist_ok=True)
         lock = path.with_name(path.name + ".lock").open("w", encoding="utf-8")
     except OSError as error:
         raise ClaimError(f"{error.strerror}; name a file that can be written") from error

@@ -3,9 +3,10 @@
 What is reported and what not:
 
 * A coil or timer driven by two OUT: the last one executed wins. Steps of their own may share one (FX.md 1.7).
-* M, S, T or C that is read and driven nowhere, or driven and read nowhere. X is driven by the plant, Y read by it, D
-  written and read by panels, special relays by the CPU, annunciators read by D8049; none of these is reported. RST and
-  ZRST neither drive nor read. A device whose number is known only at run time stands for all of its kind.
+* M, S, T or C that is read and driven nowhere, or driven and read nowhere; M that are only read in one line, since a
+  screen may write them. X is driven by the plant, Y read by it, D written and read by panels, special relays by the
+  CPU, annunciators read by D8049; none of these is reported. RST and ZRST neither drive nor read. A device whose
+  number is known only at run time stands for all of its kind.
 * One timer in two steps that follow each other: it is never off between them (FX.md 1.7).
 * What an FX2N does not have: more than 8,000 steps, bits of data registers.
 """
@@ -13,7 +14,7 @@ What is reported and what not:
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Final, Literal
@@ -258,13 +259,12 @@ class _Side:
         if not device.index:
             self.groups.setdefault(tuple(_devices(instruction, n, operand)), instruction.line)
 
-    def without(self, other: _Side) -> Iterator[tuple[int, str]]:
-        """Yield line and name of what is here and nowhere on the other side; of a group, if nothing of it is there."""
+    def without(self, other: _Side) -> Iterator[tuple[int, tuple[Key, ...]]]:
+        """Yield line and devices of what is here and nowhere on the other side; of a group, if nothing of it is."""
         there = {device for group in other.groups for device in group}
         for group, line in self.groups.items():
             if all(map(_ordinary, group)) and there.isdisjoint(group) and group[0][0] not in other.open:
-                names = [device_name(*device) for device in group]
-                yield line, names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+                yield line, group
 
 
 def _one_sided(ladder: Ladder) -> Iterator[Finding]:
@@ -281,10 +281,31 @@ def _one_sided(ladder: Ladder) -> Iterator[Finding]:
         if name == "IST":
             driven.groups.update({(("S", number),): instruction.line for number in range(3)})
             read.groups.update({(("S", number),): instruction.line for number in range(3)})
-    for line, names in read.without(driven):
-        yield Finding("warning", line, f"{names}: read but driven nowhere; drive it or delete it")
-    for line, names in driven.without(read):
-        yield Finding("warning", line, f"{names}: driven but read nowhere; use it or delete it")
+    relays: dict[Key, int] = {}
+    for line, group in read.without(driven):
+        if group[0][0] == "M":
+            relays.update(dict.fromkeys(group, line))
+        else:
+            yield Finding("warning", line, f"{_names(group)}: read but driven nowhere; drive it or delete it")
+    if relays:
+        text = f"{_names(relays)}: read but driven nowhere; right if a screen or panel writes there, else drive or "
+        yield Finding("warning", min(relays.values()), text + "delete")
+    for line, group in driven.without(read):
+        yield Finding("warning", line, f"{_names(group)}: driven but read nowhere; use it or delete it")
+
+
+def _names(devices: Iterable[Key]) -> str:
+    """Return the names of devices of one kind, those that follow each other as "M0 to M5"."""
+    runs: list[tuple[Key, Key]] = []
+    for kind, number in sorted(devices):
+        if runs and runs[-1][1] == (kind, number - 1):
+            runs[-1] = runs[-1][0], (kind, number)
+        else:
+            runs.append(((kind, number), (kind, number)))
+    return ", ".join(
+        device_name(*first) if first == last else f"{device_name(*first)} to {device_name(*last)}"
+        for first, last in runs
+    )
 
 
 def _ordinary(device: Key) -> bool:

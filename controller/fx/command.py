@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.core.program import Program
-from controller.fx.check import MOST_STEPS, Usage, check, usage
+from controller.fx.check import MOST_STEPS, check, usage
 from controller.fx.draw import draw
 from controller.fx.export import PulseTrain, acting, export
 from controller.fx.gx_csv import write_gx_csv
@@ -75,13 +75,14 @@ class LadderCommand:
             raise LadderError("--stepper plsy: only an FX2N has PLSY; leave it out, or take the format il or gx-csv")
         program = acting(self._program_of(options.io_map))
         ladder = export(program, self._stepper(program) if options.stepper == "plsy" else None)
-        used = usage(ladder)
         if options.format == "st":
-            text = structured_text(program).encode()
-        else:
-            text = write_gx_csv(ladder) if options.format == "gx-csv" else write_il(ladder).encode()
-        options.out.write_bytes(text)
-        return _report(options.out, used, program), 0 if used.steps <= MOST_STEPS or options.format == "st" else 1
+            options.out.write_bytes(structured_text(program).encode())
+            return "\n".join([_size(options.out, program), f"as instructions of an FX2N: {usage(ladder)}"]), 0
+        options.out.write_bytes(write_gx_csv(ladder) if options.format == "gx-csv" else write_il(ladder).encode())
+        used = usage(ladder)
+        fits = used.steps <= MOST_STEPS
+        verdict = "fits" if fits else f"does not fit: more than {MOST_STEPS} steps"
+        return "\n".join([_size(options.out, program), f"FX2N: {used}", verdict]), 0 if fits else 1
 
     def _check(self, options: argparse.Namespace) -> Answer:
         ladder = load_ladder(options.file)
@@ -112,12 +113,8 @@ class LadderCommand:
         return "\n".join(str(options.out / name) for name in pictures), 0
 
 
-def _report(out: Path, used: Usage, program: Program) -> str:
-    """Return what an export amounts to against the limits of an FX2N."""
+def _size(out: Path, program: Program) -> str:
+    """Return what an export holds."""
     sequences = list(program.sequences())
     steps = sum(len(sequence.steps) for sequence in sequences)
-    return "\n".join([
-        f"{out}: {program.name}, {len(program.blocks)} blocks, {len(sequences)} sequences with {steps} steps",
-        f"FX2N: {used}",
-        "fits" if used.steps <= MOST_STEPS else f"does not fit: more than {MOST_STEPS} steps",
-    ])  # fmt: skip
+    return f"{out}: {program.name}, {len(program.blocks)} blocks, {len(sequences)} sequences with {steps} steps"

@@ -22,6 +22,7 @@ Answer = tuple[str, int]
 """What to print, and the exit code."""
 
 FORMATS: Final = (*WRITERS, "parquet")
+DEFAULT_TABLE: Final = "events"
 LAST_AS_TEXT: Final = 100
 """Rows printed when nobody says which."""
 _UNITS_MS: Final = {"s": 1_000, "m": 60_000, "h": 3_600_000, "d": 86_400_000}
@@ -41,7 +42,7 @@ class HistoryCommand:
         add = parser.add_argument
         add("file", type=Path, nargs="?", default=DEFAULT_HISTORY, metavar="FILE",
             help=f"the history (default: {DEFAULT_HISTORY})")  # fmt: skip
-        add("--table", choices=tuple(TABLES), default="events", help="what of it (default: events)")
+        add("--table", choices=tuple(TABLES), default=None, help=f"what of it (default: {DEFAULT_TABLE})")
         add("--summary", action="store_true",
             help="instead of a table: trays, cycles, missed cups and alarms per run and day")  # fmt: skip
         add("--since", default=None, metavar="TIME",
@@ -57,6 +58,8 @@ class HistoryCommand:
         window = self._window(options)
         if options.summary and options.format not in {"text", "json"}:
             raise HistoryError(f"--format {options.format}: a summary is text or json")
+        if options.summary and options.table is not None:
+            raise HistoryError(f"--table {options.table}: a summary is of all tables; leave one of them out")
         if options.format == "parquet" and options.out is None:
             raise HistoryError("--format parquet: name a file with --out")
         if options.out is not None:
@@ -64,15 +67,19 @@ class HistoryCommand:
         with opened(options.file) as db:
             if options.summary:
                 return _delivered(partial(_write_summary, summary(db, window), options.format), options.out)
-            found = pages(db, options.table, window)
+            table = options.table or DEFAULT_TABLE
+            found = pages(db, table, window)
             if options.format == "parquet":
-                return _written(options.out, partial(write_parquet, options.table, found))
-            return _delivered(partial(WRITERS[options.format], options.table, found), options.out)
+                return _written(options.out, partial(write_parquet, table, found))
+            return _delivered(partial(WRITERS[options.format], table, found), options.out)
 
     def _window(self, options: argparse.Namespace) -> Window:
         if options.last is not None and not 1 <= options.last < 2**63:
             raise HistoryError(f"--last {options.last}: give 1 or more")
         since, until = self._instant_ms("--since", options.since), self._instant_ms("--until", options.until)
+        if since is not None and until is not None and since >= until:
+            raise HistoryError(f"--since {options.since} --until {options.until}: leaves no time between; "
+                               "give a later --until")  # fmt: skip
         unbounded = options.last is None and since is None and until is None
         short = unbounded and options.format == "text" and options.out is None
         return Window(since, until, LAST_AS_TEXT if short else options.last)

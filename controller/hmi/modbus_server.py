@@ -23,7 +23,7 @@ from controller.hmi.snapshot import Snapshots
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
-from controller.modbus.address import checked_host
+from controller.modbus.address import checked_host, listening_remedy
 from controller.modbus.mbap import Frontend, Traffic
 from controller.modbus.rtu import RtuServer, SerialLine
 
@@ -193,7 +193,8 @@ class HmiServer:
                 self._frontend, self._host, options.port, ssl=self._tls, ssl_handshake_timeout=handshake_s
             )
         except OSError as error:
-            raise ServerError(f"{error}; give another --hmi-port or --hmi-host, or --no-hmi") from error
+            remedy = listening_remedy(error, host="--hmi-host", port="--hmi-port")
+            raise ServerError(f"{error}; {remedy}, or --no-hmi") from error
         self._port = listener.sockets[0].getsockname()[1]
         reporting = self._loop.create_task(self._report())
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 
 
@@ -26,3 +27,16 @@ def checked_host(host: str, *, allow_remote: bool, option: str) -> str:
             "permits others"
         )
     return str(address)
+
+
+def listening_remedy(error: OSError, *, host: str = "--host", port: str = "--port") -> str:
+    """Return what to do when it cannot be listened there.
+
+    Args:
+        error: What the system said.
+        host: The option that names the address.
+        port: The option that names the port.
+    """
+    if error.errno == errno.EADDRNOTAVAIL:
+        return f"give an address of this computer as {host}"
+    return f"choose another {port}"

@@ -72,10 +72,16 @@ class Repeats:
         """Whether every seedling of every trial is counted, once."""
         return all(report.accounted for report in self.reports)
 
-    def pooled(self) -> dict[str, object]:
-        """Return counts, shares (percent) and 95 % binomial intervals of all seedlings together, and S over trials."""
-        together = pool(self.reports)
-        successes = [report.S for report in self.reports]
+    def pooled(self) -> dict[str, object] | None:
+        """Return counts, shares (percent) and 95 % binomial intervals of all seedlings together, and S over trials.
+
+        They are those of the trials that completed; None if there is no such trial.
+        """
+        completed = [report for report in self.reports if report.completed]
+        if not completed:
+            return None
+        together = pool(completed)
+        successes = [report.S for report in completed]
         return {
             "trials": together.trials,
             "seedlings": together.seedlings,
@@ -91,37 +97,55 @@ class Repeats:
         return {"trials": [report.record() for report in self.reports], "pooled": self.pooled()}
 
     def csv(self) -> str:
-        """Return one line a trial, the heading first; intervals as `S_low`, `S_high` and so on."""
+        """Return one line a trial, the heading first; intervals as `S_low`, `S_high` and so on.
+
+        The shares of a trial that did not complete are left empty.
+        """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         ends = [f"{name}_{end}" for name in SHARES for end in ("low", "high")]
         writer.writerow([*_COLUMNS, *SHARES, *ends, *_REST, "completed"])
         for report in self.reports:
-            intervals = [end for name in SHARES for end in report.intervals[name]]
-            values = [getattr(report, name) for name in (*_COLUMNS, *SHARES)]
-            writer.writerow([*values, *intervals, *(getattr(report, name) for name in _REST), report.completed])
+            shares = [getattr(report, name) for name in SHARES]
+            shares += [end for name in SHARES for end in report.intervals[name]]
+            told = shares if report.completed else [None] * len(shares)
+            counts, rest = ([getattr(report, name) for name in names] for names in (_COLUMNS, _REST))
+            writer.writerow([*counts, *told, *rest, report.completed])
         return text.getvalue()
 
     def text(self) -> str:
         """Return a table for a person."""
         heading = f"{'seed':>6} {'seedlings':>9} {'in cups':>8} {'P':>4} {'D':>4} {'T':>4} {'S %':>6}  95 % binomial"
-        lines = [heading, *(self._line(report) for report in self.reports)]
-        pooled: dict[str, Any] = self.pooled()
-        intervals = pooled["intervals"]
-        shares = "  ".join(
-            f"{name} {pooled[name]:.2f} % ({intervals[name][0]:.2f} to {intervals[name][1]:.2f})" for name in SHARES
-        )
-        spread = "" if pooled["S_sd"] is None else f"; S of a trial {pooled['S_mean']:.2f} +- {pooled['S_sd']:.2f} %"
-        lines.append(f"all {pooled['seedlings']} seedlings: {shares}, 95 % binomial{spread}")
+        lines = [heading, *map(_line, self.reports)]
+        pooled: dict[str, Any] | None = self.pooled()
+        if pooled is not None:
+            lines.append(self._all(pooled))
         lines += [
-            f"seed {report.seed}: the trial did not complete: {report.reason}"
+            f"seed {report.seed}: the trial did not complete, so it has no S: {report.reason}"
             for report in self.reports
             if not report.completed
         ]
         return "\n".join(lines)
 
-    @staticmethod
-    def _line(report: TrialReport) -> str:
-        low, high = report.intervals["S"]
-        counts = f"{report.seed:6} {report.seedlings:9} {report.in_cups:8} {report.P:4} {report.D:4} {report.T:4}"
-        return f"{counts} {report.S:6.1f}  {low:.1f} to {high:.1f}"
+    def _all(self, pooled: Mapping[str, Any]) -> str:
+        """Return the line of the trials together."""
+        intervals = pooled["intervals"]
+        shares = "  ".join(
+            f"{name} {pooled[name]:.2f} % ({intervals[name][0]:.2f} to {intervals[name][1]:.2f})" for name in SHARES
+        )
+        trials = "" if self.completed else f" of the trials that completed, {pooled['trials']} of {len(self.reports)}"
+        spread = (
+            ""
+            if pooled["S_sd"] is None
+            else f"; S of a trial {pooled['S_mean']:.2f} %, standard deviation {pooled['S_sd']:.2f} %"
+        )
+        return f"all {pooled['seedlings']} seedlings{trials}: {shares}, 95 % binomial{spread}"
+
+
+def _line(report: TrialReport) -> str:
+    """Return the line of a trial."""
+    counts = f"{report.seed:6} {report.seedlings:9} {report.in_cups:8} {report.P:4} {report.D:4} {report.T:4}"
+    if not report.completed:
+        return f"{counts} {'-':>6}"
+    low, high = report.intervals["S"]
+    return f"{counts} {report.S:6.1f}  {low:.1f} to {high:.1f}"

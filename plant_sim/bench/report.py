@@ -68,7 +68,8 @@ class TrialReport:
         P: Pick failures (stems missed or cut while picking, plugs not pulled out).
         D: Carry failures (stems cut while carrying).
         T: Throw failures (plugs outside the cups).
-        S: Success, percent of all seedlings, eq. 1 of the paper.
+        S: Success, percent of all seedlings, eq. 1 of the paper. Like the other shares it is that of a completed
+            trial; of another it is what was in the cups at its end, which neither `record` nor `text` gives.
         F_p: P in percent of all seedlings, eq. 2.
         F_d: D in percent, eq. 3.
         F_t: T in percent, eq. 4.
@@ -123,19 +124,21 @@ class TrialReport:
         return self.in_cups + self.P + self.D + self.T == self.seedlings
 
     def record(self) -> dict[str, object]:
-        """Return the report as one JSON object."""
-        return asdict(self)
+        """Return the report as one JSON object; a trial that did not complete has no shares."""
+        shares = {} if self.completed else dict.fromkeys((*self.intervals, "intervals"))
+        return asdict(self) | shares
 
     def text(self) -> str:
         """Return the report for a person."""
+        shares = [
+            f"{name} {getattr(self, name):.1f} % ({low:.1f} to {high:.1f})"
+            for name, (low, high) in self.intervals.items()
+        ]
         lines = [
+            *([] if self.completed else [f"the trial did not complete, so it has no S: {self.reason}"]),
             f"seedlings {self.seedlings}: in cups {self.in_cups}, lost picking P {self.P}, carrying D {self.D}, "
             f"throwing T {self.T}",
-            "  ".join(
-                f"{name} {getattr(self, name):.1f} % ({low:.1f} to {high:.1f})"
-                for name, (low, high) in self.intervals.items()
-            )
-            + ", 95 % binomial",
+            *(["  ".join(shares) + ", 95 % binomial"] if self.completed else []),
             *([f"({EXTRAPOLATES})"] if self.extrapolates else []),
             f"cycles {self.cycles}, mean cycle {self.cycle_time_s:.2f} s, "
             f"{self.simulated_s:.1f} s of machine time in {self.wall_s:.1f} s",
@@ -148,8 +151,6 @@ class TrialReport:
             *([f"air {self.air_l_min:.1f} L/min"] if self.air_l_min is not None else []),
             "alarms " + ("none" if not self.alarms else "; ".join(self.alarms)),
         ]
-        if not self.completed:
-            lines.append(f"the trial did not complete: {self.reason}")
         return "\n".join(lines)
 
 

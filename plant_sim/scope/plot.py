@@ -50,7 +50,8 @@ def plot(recording: Recording, out: Path, window: Window, *, side: str, tags: Se
         if panels:
             columns = [trace.column for panel in panels for trace in panel.traces]
             data = recording.read(list(dict.fromkeys([*columns, *trouble])), window)
-            figure = trend_plot(panels, data, f"{name}: places and pressures, {span}")
+            shown = "places and pressures" if tags is None else "chosen tags"
+            figure = trend_plot(panels, data, f"{name}: {shown}, {span}")
             written += save(figure, out / f"{name}-trends")
     return written
 

@@ -37,7 +37,7 @@ class Writer:
         """Take the place of the file.
 
         Args:
-            path: Where the recording is to lie; there must be nothing.
+            path: Where the recording is to lie; there must be nothing. Its folder is made if need be, not those above.
 
         Raises:
             RecordingError: there is something, or nothing can be written there.
@@ -49,6 +49,8 @@ class Writer:
         if path.exists():
             raise RecordingError(f"{path}: is already there; delete it or give another name")
         try:
+            if not path.parent.exists():
+                path.parent.mkdir()
             self._part.open("xb").close()
             self._file = pa.OSFile(str(self._part), "wb")
         except FileExistsError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ _WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 11.0, 1.6, 0.25, 0.42, 0.6
 _LANE_IN = 0.185
 _HEADING, _APART = 1.3, 0.4  # height of a group's heading and gap between kinds of lanes, in lanes
 _CHARACTER_IN = 0.062  # of the small text in a lane
+_NOTE_CHARACTERS, _NOTE_LINE_IN = 170, 0.12  # of the note at the foot
 _TITLES = {"machine": "Machine", "left": "Left arm", "right": "Right arm"}
 
 Span = tuple[float, float]
@@ -64,20 +66,28 @@ def timing_diagram(
     time_s = data[TIME] / 1000
     constant = [] if asked else [name for name in data if name not in (TIME, "state") and _constant(data[name])]
     groups = _groups(time_s, {name: data[name] for name in data if name not in constant}, labels, asked)
-    height_in = _TOP_IN + _BOTTOM_IN + _LANE_IN * sum(_height(lanes) for lanes in groups.values())
+    quiet = [_plain(name, labels) for name in constant if name not in ("alarms", "faults")]
+    note = _note(quiet)
+    bottom_in = _BOTTOM_IN + _NOTE_LINE_IN * note.count("\n")
+    height_in = _TOP_IN + bottom_in + _LANE_IN * sum(_height(lanes) for lanes in groups.values())
     figure = Figure(figsize=(_WIDTH_IN, height_in))
-    wide_in, high_in = _WIDTH_IN - _LEFT_IN - _RIGHT_IN, height_in - _TOP_IN - _BOTTOM_IN
-    axes = figure.add_axes((_LEFT_IN / _WIDTH_IN, _BOTTOM_IN / height_in, wide_in / _WIDTH_IN, high_in / height_in))
+    wide_in, high_in = _WIDTH_IN - _LEFT_IN - _RIGHT_IN, height_in - _TOP_IN - bottom_in
+    axes = figure.add_axes((_LEFT_IN / _WIDTH_IN, bottom_in / height_in, wide_in / _WIDTH_IN, high_in / height_in))
     axes.set_xlim(time_s[0], time_s[-1])
     bottom = _draw_groups(axes, groups, (time_s[-1] - time_s[0]) / wide_in)
     axes.set_ylim(bottom, 0.0)
     _frame(axes, marks_of(time_s, data))
     figure.text(_LEFT_IN / _WIDTH_IN, 1 - 0.2 / height_in, title, fontsize=10, fontweight="bold", va="center")
-    quiet = [_plain(name, labels) for name in constant if name not in ("alarms", "faults")]
-    if quiet:
-        note = _shortened(f"Unchanged: {', '.join(quiet)}", 170)
-        figure.text(_LEFT_IN / _WIDTH_IN, 0.09 / height_in, note, fontsize=6.5, color=QUIET)
+    if note:
+        place = (_LEFT_IN / _WIDTH_IN, 0.09 / height_in)
+        figure.text(*place, note, fontsize=6.5, color=QUIET, va="bottom")
     return figure
+
+
+def _note(quiet: Sequence[str]) -> str:
+    """Name what does not change, in lines that break between names; empty without any."""
+    names = ", ".join(name.replace(" ", "\u00a0") for name in quiet)
+    return "\n".join(wrap(f"Unchanged: {names}", _NOTE_CHARACTERS)).replace("\u00a0", " ") if quiet else ""
 
 
 def _constant(values: np.ndarray) -> bool:
@@ -106,7 +116,9 @@ def _groups(
         elif name == staircase:
             lanes = _staircase(spans, colour)
         else:
-            shown = [(from_s, to_s, str(text).lower()) for from_s, to_s, text in spans if text]
+            # the state is recorded as the name of its constant
+            shown = [(from_s, to_s, str(text).capitalize() if name == "state" else str(text))
+                     for from_s, to_s, text in spans if text]  # fmt: skip
             texts = tuple(text for _, _, text in shown)
             lanes = [Lane(label, colour, "text", [(from_s, to_s) for from_s, to_s, _ in shown], texts)]
         if not lanes and name in asked:
@@ -210,10 +222,6 @@ def _wave(spans: list[Span], start_s: float, end_s: float, low: float, high: flo
             times += [to_s, to_s]
             levels += [high, low]
     return [*times, end_s], [*levels, levels[-1]]
-
-
-def _shortened(text: str, characters: int) -> str:
-    return text if len(text) <= characters else f"{text[: characters - 2]} …"
 
 
 def _frame(axes: Axes, marks: list[Mark]) -> None:

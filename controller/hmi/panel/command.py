@@ -23,6 +23,7 @@ from controller.hmi.panel.line import Line
 from controller.hmi.panel.login import Users, UsersFileError, is_loopback
 from controller.hmi.panel.telemetry import TagFileError, Telemetry, load_tags
 from controller.io_map import load_io_map
+from controller.modbus.address import listening_remedy
 from controller.program.machine import build
 
 LONGEST_MESSAGE: Final = 4_096
@@ -139,9 +140,7 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        raise PanelError(
-            f"--host {host} --port {port}: {error.strerror}; choose a free port of this computer"
-        ) from error
+        raise PanelError(f"--host {host} --port {port}: {error.strerror}; {listening_remedy(error)}") from error
 
 
 def _check_reach(options: argparse.Namespace) -> None:
