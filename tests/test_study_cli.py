@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from plant_sim.bench.study import calibration_study, cli, pepper_rsm, runner, throughput
 from plant_sim.bench.study.cli import add_study_arguments, study_command
@@ -228,6 +229,20 @@ def test_the_command_of_the_calibration_names_seed_and_machine(
     for given, wanted in (((), "--seed 1"), (("--seed", "4", *machine), shlex.join(("--seed", "4", *machine)))):
         assert study("calibration", *given, "--json") == 0
         assert json.loads(capsys.readouterr().out)["command"] == f"python -m plant_sim study calibration {wanted}"
+
+
+def test_a_study_without_trials_shows_on_a_terminal_that_it_is_at_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And nothing elsewhere: neither in a file nor on stdout."""
+    assert study("cabbage-rsm", "--data", "printed") == 0
+    quiet = capsys.readouterr()
+    assert quiet.err == ""
+    monkeypatch.setattr(cli, "Console", lambda *, stderr: Console(stderr=stderr, force_terminal=True))
+    assert study("cabbage-rsm", "--data", "printed") == 0
+    shown = capsys.readouterr()
+    assert "analysing the paper's table" in shown.err
+    assert shown.out == quiet.out
 
 
 def test_without_seedlings_a_trial_is_the_papers(monkeypatch: pytest.MonkeyPatch) -> None:

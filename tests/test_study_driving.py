@@ -35,14 +35,17 @@ def limits(without_gap: int | None) -> Limits:
     return Limits(without_gap=without_gap, settled=without_gap, by_row={}, searched_to=90)
 
 
-def advised(monkeypatch: pytest.MonkeyPatch, limit: int | None, bad: dict[int, TrialReport]) -> Advice | None:
-    """Return the advice below a limit where the second of two trials is bad at some frequencies."""
+def advised(
+    monkeypatch: pytest.MonkeyPatch, limit: int | None, bad: dict[int, TrialReport], options: RunOptions = OPTIONS
+) -> tuple[list[Point], Advice | None]:
+    """Return the advice below a limit where the last of the trials is bad at some frequencies."""
 
-    def points(_: RunOptions, frequencies: Sequence[int]) -> list[Point]:
-        return [Point(each, Setting({}), (trial(), bad.get(each, trial()))) for each in frequencies]
+    def points(options: RunOptions, frequencies: Sequence[int]) -> list[Point]:
+        good = [trial()] * (options.trials - 1)
+        return [Point(each, Setting({}), (*good, bad.get(each, trial()))) for each in frequencies]
 
     monkeypatch.setattr(driving, "_points", points)
-    return driving._advice(OPTIONS, limits(limit))
+    return driving._advice(options, limits(limit))
 
 
 @pytest.mark.parametrize(
@@ -63,7 +66,7 @@ def test_what_is_advised_is_borne_out_by_every_trial(
     monkeypatch: pytest.MonkeyPatch, limit: int | None, bad: dict[int, TrialReport], highest: int | None
 ) -> None:
     """One gap or one trial that does not complete, and the next lower frequency is tried."""
-    found = advised(monkeypatch, limit, bad)
+    _, found = advised(monkeypatch, limit, bad)
     if highest is None:
         assert found is None
     else:
@@ -71,9 +74,23 @@ def test_what_is_advised_is_borne_out_by_every_trial(
         assert (found.highest.frequency_per_min, found.with_margin.frequency_per_min) == (highest, int(0.9 * highest))
 
 
+@pytest.mark.parametrize(("trials", "wanted"), [(1, driving.CONFIRMING_TRIALS), (2, 5), (7, 7)])
+def test_the_advice_rests_on_several_trials_however_few_the_study_runs(
+    monkeypatch: pytest.MonkeyPatch, trials: int, wanted: int
+) -> None:
+    """And each of them can bring it down."""
+    tried, found = advised(monkeypatch, 55, {55: trial(missed_cups=1)}, replace(OPTIONS, trials=trials))
+    assert found is not None
+    assert [(each.frequency_per_min, len(each.trials), each.gaps) for each in tried] == [
+        (55, wanted, 1),
+        (54, wanted, 0),
+    ]
+    assert len(found.with_margin.trials) == wanted
+
+
 def found_with(advice: Advice | None, *, without_gap: int | None = 50, settled: int | None = 50) -> Found:
     up_to = replace(limits(without_gap), settled=settled)
-    return Found(0.40, is_assumed=True, points=[], paces=Paces(OPTIONS), limits=up_to, advice=advice)
+    return Found(0.40, is_assumed=True, points=[], paces=Paces(OPTIONS), limits=up_to, tried=[], advice=advice)
 
 
 def told(found: Found) -> str:
@@ -89,6 +106,8 @@ def test_the_advice_tells_speeds_margin_and_the_shortest_wait() -> None:
         "2 trials of 36. With 10 % margin: 1.08 km/h, 45 a minute; each arm then waits 2.0 s or more for its cups"
     )
     assert "beginning" not in text
+    # none of two: Clopper and Pearson's interval ends at 1 - 0.025 ** (1 / 2)
+    assert "A gap in none of 2 trials does not rule out one: it may still come in up to 84 % of the starts" in text
     assert "nothing faster was tried" not in text
 
 
@@ -104,7 +123,10 @@ def test_it_tells_that_gaps_may_come_at_the_beginning_only_or_that_nothing_faste
 
 
 def test_without_advice_it_says_so() -> None:
-    assert told(found_with(None)) == "No speed can be advised: there is none without a gap that leaves a margin."
+    assert told(found_with(None)) == (
+        "No speed can be advised: down to 12/min, the slowest of this study, none is without a gap and leaves a margin "
+        "of 10 %."
+    )
 
 
 @pytest.mark.parametrize(("given", "spacing_m", "is_assumed"), [(None, 0.40, True), (0.40, 0.40, False)])

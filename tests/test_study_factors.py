@@ -19,8 +19,8 @@ MACHINE = load_machine()
         ("cups.pulse_share", "-", False, "cups.pulse_share"),
         ("claws.grippers", "-", True, "claws.grippers"),
         ("layout.arms_may_meet_in_plant", "-", True, "layout.arms_may_meet_in_plant"),
-        ("program.release_delay", "x10 ms", True, "program.release_delay, x10 ms"),
-        ("program.no_cups", "x100 ms", True, "program.no_cups, x100 ms"),
+        ("program.release_delay", "ms", True, "program.release_delay, ms"),
+        ("program.no_cups", "ms", True, "program.no_cups, ms"),
         ("program.descend_at_count", "-", True, "program.descend_at_count"),
     ],
 )
@@ -59,9 +59,9 @@ def test_an_unknown_name_is_refused_with_a_remedy(name: str, complaint: str) -> 
         ("crop.foam_thickness_mm", "12.5", 12.5),
         ("crop.claw_pressure_mpa", "4 bar", 0.4),
         ("cups.planting_frequency_per_min", "1 /s", 60.0),
-        ("program.release_delay", "150 ms", 15.0),
-        ("program.release_delay", "15", 15.0),
-        ("program.no_cups", "4 s", 40.0),
+        ("program.release_delay", "150 ms", 150.0),
+        ("program.release_delay", "15", 150.0),
+        ("program.no_cups", "4 s", 4000.0),
         ("program.descend_at_count", "9", 9.0),
         ("layout.arms_may_meet_in_plant", "true", 1.0),
         ("layout.arms_may_meet_in_plant", "false", 0.0),
@@ -132,9 +132,16 @@ def test_an_impossible_machine_is_refused(values: dict[str, float], complaint: s
     assert str(refusal.value).startswith(complaint)
 
 
+def test_a_time_of_the_program_is_set_in_its_steps() -> None:
+    """Said and shown in ms."""
+    assert [knob(name, MACHINE).setting(4000.0) for name in ("program.release_delay", "program.no_cups")] == [400, 40]
+    assert knob("crop.foam_thickness_mm", MACHINE).setting(12.5) == 12.5
+
+
 @pytest.mark.parametrize("value", [-1.0, 101.0, 1.5, float("nan")])
 def test_an_impossible_set_point_is_refused(value: float) -> None:
-    with pytest.raises(StudyError, match=r"^program.release_delay: must be a whole number, 0 to 100, not "):
+    told = rf"^program.release_delay: must be 0 to 1000 ms in steps of 10 ms, not {10 * value:g} ms$"
+    with pytest.raises(StudyError, match=told):
         Setting({"program.release_delay": value}).set_points()
     with pytest.raises(StudyError, match="did you mean release_delay"):
         Setting({"program.release_dely": 1.0}).set_points()

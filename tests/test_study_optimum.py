@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant_sim.bench.study.design import full_factorial
+from plant_sim.bench.study.design import central_composite, full_factorial
 from plant_sim.bench.study.errors import StudyError
-from plant_sim.bench.study.optimum import best, pareto
-from plant_sim.bench.study.regression import Polynomial, terms
+from plant_sim.bench.study.optimum import best, best_place_interval, pareto
+from plant_sim.bench.study.regression import Fit, Polynomial, fit, terms
 
 LOW, HIGH = (-1.0, -1.0), (1.0, 1.0)
 GRID = full_factorial([np.linspace(-1, 1, 41).tolist()] * 2)
@@ -35,6 +35,37 @@ def test_an_optimum_beyond_the_box_lies_on_its_edge() -> None:
     assert value == pytest.approx(0.82, abs=1e-6)
     point, _ = best(surface, LOW, HIGH, maximise=False)
     assert point == pytest.approx([-1.0, 1.0])
+
+
+def peak(sd: float, seed: int) -> Fit:
+    """Return a fit of S = 90 - 3 (X1 - 0.3)^2 - 4 (X2 + 0.4)^2 with scatter."""
+    coded = central_composite(2, axial=1.4, centres=6)
+    exact = 90 - 3 * (coded[:, 0] - 0.3) ** 2 - 4 * (coded[:, 1] + 0.4) ** 2
+    scatter = np.random.default_rng(seed).normal(scale=sd, size=len(coded))
+    return fit(coded, exact + scatter, terms(2, "quadratic"))
+
+
+def test_the_interval_of_the_place_of_an_optimum_holds_it_as_often_as_it_says() -> None:
+    """Of 30 experiments 95 % of either factor; by chance hardly fewer than 25."""
+    held = np.zeros(2)
+    for seed in range(30):
+        low, high = best_place_interval(peak(0.5, seed), LOW, HIGH)
+        held += (low <= [0.3, -0.4]) & (high >= [0.3, -0.4])
+    assert np.all(held >= 25)
+
+
+def test_the_place_of_an_optimum_is_known_the_better_the_less_the_runs_scatter() -> None:
+    """For much scatter any place of the box may be it; none beyond is."""
+    widths = []
+    for sd in (0.2, 2.0, 50.0):
+        low, high = best_place_interval(peak(sd, 1), LOW, HIGH)
+        assert np.all((low >= -1) & (high <= 1))
+        widths.append(high - low)
+    assert np.all(widths[0] < 0.1)
+    assert np.all((widths[1] > 0.2) & (widths[1] < 1.2))
+    assert np.all(widths[2] > 1.9)
+    again, once = best_place_interval(peak(2.0, 1), LOW, HIGH), best_place_interval(peak(2.0, 1), LOW, HIGH)
+    assert (again[0].tolist(), again[1].tolist()) == (once[0].tolist(), once[1].tolist())
 
 
 @settings(deadline=None, max_examples=40)

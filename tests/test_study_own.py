@@ -142,13 +142,21 @@ def test_set_points_stay_whole_numbers_and_are_coded_as_they_are(tmp_path: Path)
         "crop.foam_thickness_mm: {levels: [8 mm, 1 cm, 12]}", "program.release_delay: {low: 50 ms, high: 180 ms}"
     )
     own = load_own_study(written(tmp_path, text), MACHINE)
-    assert np.array_equal(own.points[:, 0], np.round(own.points[:, 0]))
-    assert np.allclose(own.coded[:, 0], (own.points[:, 0] - 11.5) / 6.5)
+    steps = [setting.values["program.release_delay"] for setting in own.settings]
+    assert steps == np.round(steps).tolist()
+    assert own.points[:, 0].tolist() == [10 * step for step in steps]  # ms, as it was given
+    assert np.allclose(own.coded[:, 0], (own.points[:, 0] - 115) / 65)
+    heading = table(own_study(own, options(RunsOnly)), "runs").heading
+    assert heading[1] == "program.release_delay, ms"
 
 
 def test_what_is_fixed_holds_in_every_run(tmp_path: Path) -> None:
-    own = load_own_study(written(tmp_path, GOOD + "fixed: {crop.seedling_age_d: 45 d}\n"), MACHINE)
+    fixed = "fixed: {crop.seedling_age_d: 45 d, program.pause_at_feed: 0.3 s}\n"
+    own = load_own_study(written(tmp_path, GOOD + fixed), MACHINE)
     assert {setting.values["crop.seedling_age_d"] for setting in own.settings} == {45.0}
+    assert {setting.set_points()["pause_at_feed"] for setting in own.settings} == {30}
+    told = own_study(own, options()).text()
+    assert "Held in every run: crop.seedling_age_d = 45 d, program.pause_at_feed = 300 ms." in told
 
 
 def test_every_number_of_a_trial_may_be_looked_at() -> None:
@@ -170,8 +178,11 @@ BAD: list[tuple[str, int, str]] = [
     (edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [8 mm]}"), 5,
      "factors.crop.foam_thickness_mm.levels: needs two levels or more"),
     (edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [{a: 8}, 9]}"), 5,
-     "factors.crop.foam_thickness_mm.levels[1].a: is no key here"),
-    (edited("12]", "12, {}]"), 5, "factors.crop.foam_thickness_mm.levels: holds an empty mapping; write a word or "),
+     "factors.crop.foam_thickness_mm.levels[1]: must be a word or a number, not a mapping"),
+    (edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [8, [9]]}"), 5,
+     "factors.crop.foam_thickness_mm.levels[2]: must be a word or a number, not a list"),
+    (edited("12]", "12, {}]"), 5,
+     "factors.crop.foam_thickness_mm.levels[4]: must be a word or a number, not a mapping"),
     (edited("{levels: [8 mm, 1 cm, 12]}", "{level: [8 mm]}"), 5,
      "factors.crop.foam_thickness_mm.level: is no key here; did you mean levels?"),
     (edited("{levels: [8 mm, 1 cm, 12]}", "[8, 9]"), 5, "factors.crop.foam_thickness_mm: must be a mapping"),
@@ -188,7 +199,7 @@ BAD: list[tuple[str, int, str]] = [
     (edited("[S, cycle_time_s]", "[S, cycle_times_s]"), 9,
      "responses: 'cycle_times_s' is no number of a trial; did you mean cycle_time_s?"),
     (edited("[S, cycle_time_s]", "[S, S]"), 9, "responses: 'S' is there twice; delete one"),
-    (edited("[S, cycle_time_s]", "[S, {}]"), 9, "responses: holds an empty mapping; write a word or a number"),
+    (edited("[S, cycle_time_s]", "[S, {}]"), 9, "responses[2]: must be a word or a number, not a mapping"),
     (edited("[S, cycle_time_s]", "[]"), 9, "responses: is missing or empty; there are "),
     (edited("[S, cycle_time_s]", "S"), 9, "responses: must be a list"),
     (edited("interactions", "cubic"), 10, "model: 'cubic' is no model; there are none, linear, "),
@@ -215,7 +226,8 @@ BAD: list[tuple[str, int, str]] = [
     (GOOD + "fixed: {program.clamp: 2 s, handling.cell_pitch_m: 50 mm}\n", 4,
      "factors: spreader.travel_m: spreads the claws to 0.067 m; it must be cups.pitch_m to a millimetre (with "),
     (GOOD + "fixed: {program.clamp: 20 s}\n", 11,
-     "fixed.program.clamp: must be a whole number, 10 to 200, not 2000 (x10 ms)"),
+     "fixed.program.clamp: must be 100 to 2000 ms in steps of 10 ms, not 20000 ms"),
+    (GOOD + "fixed: {program.no_cups: 20 ms}\n", 11, "fixed.program.no_cups: must be "),
     (GOOD + "fixed: {program.trays_target: 4}\n", 11, "fixed.program.trays_target: follows from the number of"),
     ("", 1, "file: is empty; write its sections"),
     ("- a\n", 1, "file: does not begin with a section"),
@@ -386,10 +398,69 @@ def test_what_casts_doubt_on_the_figures_is_told_before_them(tmp_path: Path) -> 
     before = study.parts[: study.parts.index(Heading("Runs"))]
     told = "\n".join(part for part in before if isinstance(part, str))
     assert "Outside the maker's rating: crop.claw_pressure_mpa: 0.65 MPa" in told
-    assert (
-        "Runs outside the trials of the pepper paper, where it is extrapolated what happens to a seedling: 5." in told
-    )
+    assert "Outside the trials of the pepper paper, where it is extrapolated what happens to a seedling: run 5." in told
     assert "1 of 12 trials did not complete; they count as they ended. run 3: COMPLETE not reached" in told
+
+
+class RunsOnly(RunOptions):
+    """Trials that all give the same."""
+
+    __slots__ = ()
+
+    def run(self, settings: Sequence[Setting]) -> list[list[TrialReport]]:
+        """Give every setting its reports."""
+        return [[some_report()] * self.trials for _ in settings]
+
+
+class Chance(RunOptions):
+    """Trials that do not care for their setting, and differ much."""
+
+    __slots__ = ()
+
+    def run(self, settings: Sequence[Setting]) -> list[list[TrialReport]]:
+        """Give every setting its reports."""
+        chance = np.random.default_rng(7)
+        return [[report(cycle_time_s=float(chance.normal(9.0))) for _ in range(self.trials)] for _ in settings]
+
+
+def test_a_model_that_explains_nothing_is_said_to_first_and_draws_no_surface(tmp_path: Path) -> None:
+    """Neither the contours nor the line of the main effects."""
+    text = (
+        edited("factorial", "latin-hypercube\nruns: 12")
+        .replace("{levels: [8 mm, 1 cm, 12]}", "{low: 8, high: 12}")
+        .replace("interactions", "quadratic")
+        .replace("[S, cycle_time_s]", "[cycle_time_s]")
+    )
+    study = own_study(load_own_study(written(tmp_path, text), MACHINE), options(Chance))
+    before = study.parts[: study.parts.index(Heading("Runs"))]
+    assert any(
+        str(part).startswith("cycle_time_s: the model explains nothing that chance alone would not") for part in before
+    )
+    pictures = {part.name: part for part in study.parts if isinstance(part, Picture)}
+    assert list(pictures) == ["cycle-time-s-main-effects"]
+    assert len(pictures["cycle-time-s-main-effects"].figure.axes[0].lines) == 1
+    assert "cycle-time-s-coefficients" in [part.name for part in study.parts if isinstance(part, Table)]
+
+
+def test_several_runs_outside_are_called_runs(tmp_path: Path) -> None:
+    class Outside(Known):
+        __slots__ = ()
+
+        def run(self, settings: Sequence[Setting]) -> list[list[TrialReport]]:
+            reports = super().run(settings)
+            for run in (1, 3):
+                reports[run][0] = replace(reports[run][0], extrapolates=True)
+            return reports
+
+    study = own_study(load_own_study(written(tmp_path, GOOD), MACHINE), options(Outside))
+    assert "what happens to a seedling: runs 2, 4." in study.text()
+
+
+def test_counts_have_their_unit(tmp_path: Path) -> None:
+    own = load_own_study(written(tmp_path, edited("[S, cycle_time_s]", "[T, missed_cups]")), MACHINE)
+    assert table(own_study(own, options()), "runs").heading[3:] == (
+        "T, seedlings a trial", "missed_cups, cups a trial",
+    )  # fmt: skip
 
 
 def test_a_small_study_runs_on_the_twin(tmp_path: Path) -> None:

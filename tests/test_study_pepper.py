@@ -462,6 +462,77 @@ def test_rsm_sets_paper_refit_and_twin_side_by_side(no_chance: Expected) -> None
     )
 
 
+def test_rsm_tells_how_sure_its_optimum_is(no_chance: Expected) -> None:
+    """A prediction interval that ends at 100 %, and a place within the searched box."""
+    study = rsm_study(OPTIONS)
+    optimum = json.loads(study.json())["optimum"]
+    low, high = optimum["prediction_interval_95"]
+    assert low < optimum["S"] < high <= 100
+    place = optimum["place_interval_95"]
+    for least, value, most, (_, smallest, _, largest, _) in zip(
+        place["low"], optimum["natural"], place["high"], TABLE_3.values(), strict=True
+    ):
+        assert smallest - 1e-9 <= least <= value + 1e-2 * largest
+        assert value - 1e-2 * largest <= most <= largest + 1e-9
+    assert f"is expected between {low:.1f} and {high:.1f} % (95 % prediction interval, limited" in study.text()
+    assert "which cannot be" not in study.text()
+    assert (
+        "The regression counts each run once, with the share of all seedlings of its 2 trials together" in study.text()
+    )
+
+
+def test_an_optimum_above_100_percent_is_called_what_it_is(
+    monkeypatch: pytest.MonkeyPatch, no_chance: Expected
+) -> None:
+    """Runs of all or nothing by chance: said at the top and beside the optimum."""
+    lots = np.random.default_rng(0)
+
+    def trial_of(*, seed: int, seedlings: int, **_: object) -> TrialReport:
+        return trial(seedlings * int(lots.integers(0, 2)), 0, 0, of=seedlings, seed=seed)
+
+    monkeypatch.setattr(runner, "run_trial", trial_of)
+    study = rsm_study(replace(OPTIONS, trials=1))
+    optimum = json.loads(study.json())["optimum"]
+    assert optimum["S"] > 100
+    assert optimum["prediction_interval_95"][1] == 100
+    assert study.text().count(f"the quadratic gives S {optimum['S']:.1f} %, which cannot be") == 2
+    assert "S: the model explains nothing that chance alone would not" in study.text()
+
+
+@pytest.mark.parametrize("study", [single_study, rsm_study])
+def test_every_trial_stands_in_the_record_with_seed_setting_and_what_became_of_it(
+    no_chance: Expected, study: Callable[[RunOptions], Study]
+) -> None:
+    record = json.loads(study(OPTIONS).json())
+    if study is rsm_study:
+        runs = [*record["runs"], record["verification"]]
+    else:
+        runs = [run for name in LEVELS for run in record[name]]
+    assert len(runs) == 21
+    for place, run in enumerate(runs):
+        assert [each["seed"] for each in run["trials"]] == [trial_seed(5, place, number) for number in (0, 1)]
+        assert run["setting"]["crop.foam_thickness_mm"] == run["foam_thickness_mm"]
+        counts = {share: sum(each[name] for each in run["trials"]) for share, name in (("F_p", "P"), ("F_t", "T"))}
+        for share, count in counts.items():
+            assert run[share] == pytest.approx(100 * count / (2 * MANY))
+        assert all(each["completed"] for each in run["trials"])
+        low, high = run["intervals"]["F_p"]
+        assert low <= run["F_p"] <= high
+
+
+def test_single_says_first_which_sentences_its_trials_contradict(no_chance: Expected) -> None:
+    """The same verdicts stand beside the words, in the record and at the top."""
+    study = single_study(OPTIONS)
+    told = {(name, each["words"]): each["verdict"]
+            for name, sentences in json.loads(study.json())["sentences"].items() for each in sentences}  # fmt: skip
+    shown = {(name, row[0]): row[3] for name in LEVELS for row in tables(study)[f"words-{name}"].rows}
+    assert told == shown
+    (text,) = (str(part) for part in study.parts if str(part).startswith(f"Of the {len(told)} sentences"))
+    for (name, words), verdict in told.items():
+        assert (f"{name}, {words}" in text) is (verdict != "yes")
+    assert f"bear out {list(told.values()).count('yes')}." in text
+
+
 def test_the_verification_sets_every_trial_beside_the_papers(
     monkeypatch: pytest.MonkeyPatch, no_chance: Expected
 ) -> None:

@@ -14,10 +14,11 @@ from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.tags import ROWS, SetPoints
 from plant_sim.bench.study.bottleneck import first_late
 from plant_sim.bench.study.chart import gantt_chart
-from plant_sim.bench.study.driving import ground_speed_km_h
+from plant_sim.bench.study.driving import CONFIRMING_TRIALS, ground_speed_km_h
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.pace import (
     FASTEST_PER_MIN,
+    FREQUENCY,
     SLOWEST_PER_MIN,
     Paces,
     highest,
@@ -28,6 +29,8 @@ from plant_sim.bench.study.parts import Picture, Table
 from plant_sim.bench.study.report import Study, drawing
 from plant_sim.bench.study.runner import RunOptions
 from plant_sim.bench.study.throughput import throughput_study
+from plant_sim.bench.study.timeline import ARM
+from plant_sim.bench.trial import run_trial
 from plant_sim.parameters import load_machine
 from plant_sim.scope.style import save
 
@@ -92,9 +95,11 @@ def test_no_frequency_at_all_is_refused() -> None:
         throughput_study(OPTIONS, frequencies_per_min=[])
 
 
-@given(st.sets(st.integers(1, 200), min_size=1), st.integers(0, 201))
-def test_bisection_finds_the_limit_to_one_and_asks_no_more_than_it_must(tried: set[int], limit: int) -> None:
-    """Given frequencies good up to a limit, the answer is the limit wherever two of them enclose it."""
+@given(st.sets(st.integers(1, 200), min_size=1), st.integers(0, 201), st.integers(1, 200))
+def test_bisection_finds_the_limit_to_one_and_asks_no_more_than_it_must(
+    tried: set[int], limit: int, lowest: int
+) -> None:
+    """Given frequencies good up to a limit, the answer is the limit wherever two of them, or the lowest, enclose it."""
     asked: list[int] = []
 
     def is_good(frequency: int) -> bool:
@@ -102,12 +107,19 @@ def test_bisection_finds_the_limit_to_one_and_asks_no_more_than_it_must(tried: s
         return frequency <= limit
 
     frequencies = sorted(tried)
-    found = highest(frequencies, is_good)
-    if limit < frequencies[0]:
+    found = highest(frequencies, is_good, lowest=lowest)
+    if limit < min(frequencies[0], lowest) or limit < frequencies[0] <= lowest:
         assert found is None
     else:
         assert found == min(limit, frequencies[-1])
-    assert len(asked) <= len(frequencies) + 8
+    assert len(asked) <= len(frequencies) + 9
+
+
+def test_the_search_goes_on_below_the_first_frequency_given() -> None:
+    """52 is good: who begins with 54 and 55 is told it, and is told none only if the slowest is bad too."""
+    assert highest((54, 55), lambda frequency: frequency <= 52) == 52
+    assert highest((54, 55), lambda frequency: frequency <= SLOWEST_PER_MIN) == SLOWEST_PER_MIN
+    assert highest((54, 55), lambda _: False) is None
 
 
 def test_at_45_a_minute_nothing_is_missed_and_every_row_has_time_to_spare() -> None:
@@ -166,6 +178,10 @@ def test_the_advice_is_borne_out_by_the_trials() -> None:
     assert safe["frequency_per_min"] == int(0.9 * top["frequency_per_min"])
     assert top["ground_speed_km_h"] == pytest.approx(top["frequency_per_min"] * 0.5 * 60 / 1000)
     assert 0 <= top["least_waiting_s"] < safe["least_waiting_s"]
+    assert top["gaps"] == safe["gaps"] == 0
+    assert len(top["trials"]) == len(safe["trials"]) == CONFIRMING_TRIALS
+    assert record["tried"][-1]["trials"] == top["trials"]
+    assert all(each["gaps"] for each in record["tried"][:-1])
     by_frequency = {point["frequency_per_min"]: point for point in record["points"]}
     assert by_frequency[50]["missed_cups"] == 0 < by_frequency[60]["missed_cups"]
 
@@ -177,12 +193,45 @@ def test_the_report_tells_the_advice_the_cause_and_the_bottleneck() -> None:
     assert (bottleneck["device"], bottleneck["row"]) == ("slide", 3)
     assert sum(bottleneck["motions_s"].values()) == pytest.approx(bottleneck["round_s"])
     assert {part.name for part in found.parts if isinstance(part, Table)} == {
-        "limits", "path-without-tray-change", "trials", "gaps", "waiting", "settings",
+        "advice", "limits", "path-without-tray-change", "trials", "gaps", "waiting", "settings",
     }  # fmt: skip
     assert {part.name for part in found.parts if isinstance(part, Picture)} == {"round-without-tray-change", "curves"}
     gaps = next(part for part in found.parts if isinstance(part, Table) and part.name == "gaps")
     assert gaps.heading == ("frequency, 1/min", "other arm in the centre")
     assert f"{ground_speed_km_h(bottleneck['frequency_per_min'] - 1, 0.5):.2f} km/h" in found.text()
+
+
+def test_a_trial_can_be_run_again_with_its_seed_and_setting() -> None:
+    """Each stands in the record with what became of its seedlings; observed runs have theirs, too."""
+    record = json.loads(study().json())
+    for point in record["points"]:
+        (told,) = point["trials"]
+        assert told["completed"]
+        assert told["P"] + told["D"] + told["T"] + told["in_cups"] == told["seedlings"] == 144
+    told, setting = record["points"][1]["trials"][0], setting_at(MACHINE, 60)
+    assert record["points"][1]["set"] == setting.values
+    again = run_trial(seed=told["seed"], seedlings=144, parameters=setting.machine(MACHINE),
+                      set_points=setting.set_points())  # fmt: skip
+    assert {name: getattr(again, name) for name in told} == told
+    assert {(each["trays"], each["set"][FREQUENCY]) for each in record["observed"]} >= {(4, 50.0), (4, 60.0)}
+
+
+def test_the_longest_motion_is_one_motion_and_the_wait_is_the_late_arms_own() -> None:
+    """Not the sum of both arms' motions of one name, and none of what the arm itself does on the path."""
+    found = first_late({90: paces()(90)}, changes_tray=False)
+    assert found is not None
+    moving = [each.length_ms for each in found.round.path if each.motion.kind == "moves"]
+    assert found.longest.length_ms == max(moving)
+    record = found.record()
+    assert record["longest_motion"] == {
+        "who": found.longest.who, "motion": found.longest.motion.name, "s": max(moving) / 1000,
+    }  # fmt: skip
+    assert f"{found.longest.motion.name} ({found.longest.who}), {max(moving) / 1000:.2f} s." in found.text()
+    since_ms, until_ms = found.round.since.at_ms, found.round.throw.at_ms
+    waits = [each for each in found.timeline.stretches[ARM[found.round.throw.side]] if each.step == "wait at feed"
+             and since_ms <= each.from_ms and each.to_ms <= until_ms]  # fmt: skip
+    assert found.waiting_s == pytest.approx(sum(each.to_ms - each.from_ms for each in waits) / 1000)
+    assert f"waits {found.waiting_s:.2f} s until the other arm or the tray lets it go on" in found.text()
 
 
 def test_air_and_success_are_those_of_the_trials() -> None:

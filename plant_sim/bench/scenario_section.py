@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
@@ -67,8 +67,7 @@ class Section:
 
     def error(self, key: str | None, complaint: str) -> ScenarioError:
         """Return an error that names file, line and key."""
-        dotted = ".".join(part for part in (self.name, key) if part) or "file"
-        return ScenarioError(f"{self.where(key)}: {dotted}: {complaint}")
+        return ScenarioError(f"{self.where(key)}: {self._dotted(key) or 'file'}: {complaint}")
 
     def read(self, key: str, reader: Callable[[str], _Value]) -> _Value:
         """Return a value.
@@ -106,20 +105,41 @@ class Section:
         """Return the mapping under a key, None where the key is missing."""
         if key not in self._values:
             return None
-        return Section(self.path, ".".join(part for part in (self.name, key) if part), self._node(key), known)
+        return Section(self.path, self._dotted(key), self._node(key), known)
 
     def sections(self, key: str, known: Iterable[str]) -> list[Section]:
         """Return the mappings of the list under a key, none where the key is missing."""
-        return [Section(self.path, f"{key}[{number}]", node, known) for number, node in enumerate(self._list(key), 1)]
-
-    def entries(self, key: str, known: Iterable[str]) -> list[Section | str]:
-        """Return the entries of the list under a key, words or mappings."""
         return [
-            str(node.value)
-            if isinstance(node, yaml.ScalarNode)
-            else Section(self.path, f"{self.name}.{key}[{number}]", node, known)
+            Section(self.path, self._dotted(f"{key}[{number}]"), node, known)
             for number, node in enumerate(self._list(key), 1)
         ]
+
+    def entries(self, key: str, known: Collection[str]) -> list[Section | str]:
+        """Return the entries of the list under a key, words or mappings.
+
+        Args:
+            key: The key.
+            known: The keys that a mapping may have; without any, an entry must be a word or a number.
+
+        Raises:
+            ScenarioError: it is no list, or an entry is neither.
+        """
+        found: list[Section | str] = []
+        for number, node in enumerate(self._list(key), 1):
+            name = f"{key}[{number}]"
+            if isinstance(node, yaml.ScalarNode):
+                found.append(str(node.value))
+            elif known and isinstance(node, yaml.MappingNode):
+                found.append(Section(self.path, self._dotted(name), node, known))
+            else:
+                wanted = "a word or a mapping" if known else "a word or a number"
+                complaint = f"{self._dotted(name)}: must be {wanted}, not {shown(node)}"
+                raise ScenarioError(f"{self.path}:{line_of(node)}: {complaint}")
+        return found
+
+    def _dotted(self, key: str | None) -> str:
+        """The name of a key; empty for the file as a whole."""
+        return ".".join(part for part in (self.name, key) if part)
 
     def _list(self, key: str) -> list[yaml.Node]:
         node = self._values.get(key)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from plant_sim.bench.study.critical_path import Round, by_device, by_motion
+from plant_sim.bench.study.critical_path import CUP_WAITS, Round, Segment, by_device, by_motion
 from plant_sim.bench.study.pace import Pace, round_needed_s
 from plant_sim.bench.study.parts import Table
-from plant_sim.bench.study.timeline import ARM, Timeline
+from plant_sim.bench.study.timeline import ARM, Timeline, motion_of
 
 
 @dataclass(frozen=True)
@@ -45,31 +45,43 @@ class Bottleneck:
         """From throw to throw, s."""
         return (self.round.throw.at_ms - self.round.since.at_ms) / 1000
 
-    def others_s(self) -> float:
-        """Return how much of the path belongs to neither the arm nor its cups, s."""
-        own = self.round.throw.side
-        return sum(each.length_ms for each in self.round.path if own not in each.who) / 1000
+    @property
+    def longest(self) -> Segment:
+        """The motion on the path that is longest by itself."""
+        return max((each for each in self.round.path if each.motion.kind == "moves"), key=lambda each: each.length_ms)
+
+    @property
+    def waiting_s(self) -> float:
+        """How long the arm waited until the other arm or the tray let it go on, s; its wait for cups is none of it."""
+        since_ms, until_ms = self.round.since.at_ms, self.round.throw.at_ms
+        return sum(
+            max(0, min(each.to_ms, until_ms) - max(each.from_ms, since_ms))
+            for each in self.timeline.stretches[ARM[self.round.throw.side]]
+            if motion_of(each.who, each.step).kind == "waits" and each.step not in CUP_WAITS
+        ) / 1000  # fmt: skip
 
     def text(self) -> str:
         """Return what holds the round up, in one paragraph."""
-        throw = self.round.throw
+        throw, longest = self.round.throw, self.longest
         device_s = by_device(self.round.path)[self.device] / 1000
-        motion, motion_ms = next(iter(by_motion(self.round.path).items()))
+        most, most_ms = next(iter(by_motion(self.round.path).items()))
         return (
-            f"{self.title.capitalize()} an arm is late from {self.frequency_per_min}/min on: the {ARM[throw.side]} "
-            f"with row {throw.row}, by {-self.round.margin_ms / 1000:.2f} s; twelve cups pass in "
-            f"{round_needed_s(self.frequency_per_min):.2f} s, its round takes {self.round_s:.2f} s. Of that the "
-            f"{self.device} takes {device_s:.2f} s ({100 * device_s / self.round_s:.0f} %); the longest single motion "
-            f"is {motion.name}, {motion_ms / 1000:.2f} s. {self.others_s():.2f} s are spent waiting for the other arm "
-            "or the tray."
+            f"{self.title.capitalize()}, {self.frequency_per_min}/min is the lowest frequency observed at which an arm "
+            f"is late: the {ARM[throw.side]} with row {throw.row}, by {-self.round.margin_ms / 1000:.2f} s; twelve "
+            f"cups pass in {round_needed_s(self.frequency_per_min):.2f} s, its round takes {self.round_s:.2f} s. On "
+            f"the critical path the {self.device} takes {device_s:.2f} s in total "
+            f"({100 * device_s / self.round_s:.0f} %), and of all motions {most.name} the most, "
+            f"{most_ms / 1000:.2f} s in total; the longest by itself is {longest.motion.name} ({longest.who}), "
+            f"{longest.length_ms / 1000:.2f} s. The {ARM[throw.side]} waits {self.waiting_s:.2f} s until the other "
+            "arm or the tray lets it go on."
         )
 
     def table(self) -> Table:
         """Return the motions on the path, the longest first."""
         return Table(
             f"path-{self.name}",
-            f"Critical path {self.title}, by motion",
-            ("motion", "device", "s", "% of the round"),
+            f"Critical path {self.title}, by motion: totals of whoever makes it",
+            ("motion", "device", "total, s", "% of the round"),
             tuple(
                 (motion.name, motion.device, length_ms / 1000, length_ms / 10 / self.round_s)
                 for motion, length_ms in by_motion(self.round.path).items()
@@ -85,6 +97,12 @@ class Bottleneck:
             "late_s": -self.round.margin_ms / 1000,
             "round_s": self.round_s,
             "device": self.device,
+            "longest_motion": {
+                "who": self.longest.who,
+                "motion": self.longest.motion.name,
+                "s": self.longest.length_ms / 1000,
+            },
+            "waiting_s": self.waiting_s,
             "motions_s": {motion.name: length / 1000 for motion, length in by_motion(self.round.path).items()},
             "devices_s": {device: length / 1000 for device, length in by_device(self.round.path).items()},
             "path": [

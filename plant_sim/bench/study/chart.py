@@ -82,8 +82,11 @@ def _draw_steps(axes: Axes, timeline: Timeline, who: str, window_ms: tuple[int, 
         if from_s >= to_s:
             continue
         alpha = 0.08 if motion.kind == "waits" else 0.5
-        axes.broken_barh([(from_s, to_s - from_s)], (lane - _BAR, 2 * _BAR), facecolors=_COLOUR[who], alpha=alpha,
-                         edgecolors=_COLOUR[who], linewidth=0.6, zorder=1)  # fmt: skip
+        span, height = [(from_s, to_s - from_s)], (lane - _BAR, 2 * _BAR)
+        # white beneath, or the path's yellow would change the colour of the lane
+        axes.broken_barh(span, height, facecolors="white", linewidth=0, zorder=0.5)
+        axes.broken_barh(span, height, facecolors=_COLOUR[who], alpha=alpha, edgecolors=_COLOUR[who], linewidth=0.6,
+                         zorder=1)  # fmt: skip
         if len(motion.name) * _CHARACTER_IN <= (to_s - from_s) / inch_s:
             axes.text((from_s + to_s) / 2, lane, motion.name, ha="center", va="center", fontsize=6, zorder=2)
 
@@ -93,7 +96,7 @@ def _frame(axes: Axes, round_: Round) -> None:
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.xaxis.set_major_locator(seconds())
-    axes.set_xlabel("time since the throw before (s)")
+    axes.set_xlabel("time since the throw before, s")
     axes.set_title(
         f"{round_.throw.side} arm, from row {round_.since.row} to row {round_.throw.row}: "
         f"{(round_.throw.at_ms - round_.since.at_ms) / 1000:.2f} s",

@@ -187,6 +187,17 @@ def _progress() -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
+@contextmanager
+def _busy(what: str) -> Iterator[None]:
+    """Show on a terminal what is being done where no trials are counted."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(what):
+        yield
+
+
 def _tell_tenths(done: int, total: int) -> None:
     if done * _LINES // total > (done - 1) * _LINES // total:
         sys.stderr.write(f"{done} of {total} trials\n")
@@ -204,7 +215,8 @@ def _pepper_rsm(options: argparse.Namespace) -> Study:
     if options.data is not None:
         from plant_sim.bench.study.pepper_paper import paper_study  # noqa: PLC0415
 
-        return paper_study()
+        with _busy("analysing the paper's table"):
+            return paper_study()
     from plant_sim.bench.study.pepper_rsm import rsm_study  # noqa: PLC0415
 
     with _run_options(options, trials=5) as run:
@@ -216,7 +228,8 @@ def _cabbage_rsm(options: argparse.Namespace) -> Study:
         raise StudyError("--data: cabbage-rsm has two data sets; give printed or reconciled")
     from plant_sim.bench.study.cabbage import cabbage_study  # noqa: PLC0415
 
-    return cabbage_study(options.data)
+    with _busy("analysing the paper's table"):
+        return cabbage_study(options.data)
 
 
 def _calibration(options: argparse.Namespace) -> Study:
@@ -225,7 +238,8 @@ def _calibration(options: argparse.Namespace) -> Study:
 
     machine, seed = load_machine(options.machine or DEFAULT_MACHINE), 1 if options.seed is None else options.seed
     command = command_line("calibration", seed=seed, machine=options.machine)
-    return dataclasses.replace(calibration_study(machine, seed=seed), command=command)
+    with _busy("fitting the constants of the seedling"):
+        return dataclasses.replace(calibration_study(machine, seed=seed), command=command)
 
 
 def _throughput(options: argparse.Namespace) -> Study:

@@ -21,7 +21,8 @@ NEXT_CUP: Final = Motion("next cup", "carousel", "moves")
 IN_CENTRE: Final = 3
 """Row inward of pick 2: one arm at a time takes it."""
 
-_CUP_WAITS = ("wait to lower", CUP_WAIT)
+CUP_WAITS: Final = ("wait to lower", CUP_WAIT)
+"""Steps in which an arm waits for cups."""
 
 Key = TypeVar("Key")
 
@@ -144,7 +145,7 @@ def _step_back(timeline: Timeline, stretch: Stretch, at_ms: int) -> tuple[Segmen
     own = Segment(stretch.who, motion, stretch.from_ms, at_ms)
     if motion.kind != "waits":
         return own, stretch.who
-    if stretch.step in _CUP_WAITS:
+    if stretch.step in CUP_WAITS:
         return _before_cup(timeline, own)
     events = [(ended_ms, who) for ended_ms, who in _may_end(timeline, stretch) if stretch.from_ms < ended_ms <= at_ms]
     if not events:

@@ -22,6 +22,8 @@ SPACING_M: Final = 0.40
 """Distance of the plants in a row, m; assumed, the papers do not tell it."""
 MARGIN: Final = 0.10
 """Part of the highest speed that the advice keeps back."""
+CONFIRMING_TRIALS: Final = 5
+"""Trials that the advice rests on, at least: where the cups stand at the start moves the limit by a few a minute."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ class Point:
     def mean(self, name: str) -> float:
         """Return the mean of a number of the trials."""
         return fmean(getattr(trial, name) for trial in self.trials)
+
+    @property
+    def gaps(self) -> int:
+        """How many trials had a gap or did not complete."""
+        return sum(bool(trial.missed_cups or trial.reason) for trial in self.trials)
 
     @property
     def air_l_min(self) -> float:
@@ -69,7 +76,7 @@ def _air_l_min(trial: TrialReport) -> float:
 
 @dataclass(frozen=True)
 class Limits:
-    """Up to which planting frequency the arms keep up, 1/min; None where not even the lowest one is kept up with.
+    """Up to which planting frequency the arms keep up, 1/min; None where not even `SLOWEST_PER_MIN` is kept up with.
 
     Attributes:
         without_gap: No cup is missed.
@@ -107,7 +114,8 @@ class Found:
         points: What trials gave at the frequencies to begin with.
         paces: What was observed.
         limits: Up to where the arms keep up.
-        advice: How fast to drive; None if at every frequency tried there is a gap.
+        tried: Trials in which the advice was sought, from the limit down.
+        advice: How fast to drive; None if no frequency leaves a margin without a gap.
     """
 
     spacing_m: float
@@ -115,6 +123,7 @@ class Found:
     points: list[Point]
     paces: Paces
     limits: Limits
+    tried: Sequence[Point]
     advice: Advice | None
 
 
@@ -139,7 +148,8 @@ def drive(options: RunOptions, frequencies_per_min: Sequence[int], spacing_m: fl
     paces = Paces(options)
     paces.observe(frequencies)
     limits = _limits(paces, frequencies)
-    return Found(plants_m, spacing_m is None, points, paces, limits, _advice(options, limits))
+    tried, advice = _advice(options, limits)
+    return Found(plants_m, spacing_m is None, points, paces, limits, tried, advice)
 
 
 def ground_speed_km_h(frequency_per_min: float, spacing_m: float) -> float:
@@ -176,13 +186,18 @@ def _limits(paces: Paces, frequencies: Sequence[int]) -> Limits:
     )
 
 
-def _advice(options: RunOptions, limits: Limits) -> Advice | None:
-    """Return the advice that trials bear out: where one still has a gap, the next lower frequency is tried."""
+def _advice(options: RunOptions, limits: Limits) -> tuple[list[Point], Advice | None]:
+    """Return what was tried and the advice it bears out: where a trial has a gap, the next lower frequency is tried."""
+    options = dataclasses.replace(options, trials=max(options.trials, CONFIRMING_TRIALS))
+    tried: list[Point] = []
     for frequency in range(limits.without_gap or 0, SLOWEST_PER_MIN, -1):
         slower = math.floor(frequency * (1 - MARGIN))
         if slower < SLOWEST_PER_MIN:
             break
-        found = Advice(*_points(options, [frequency, slower]))
-        if not any(trial.missed_cups or trial.reason for trial in (*found.highest.trials, *found.with_margin.trials)):
-            return found
-    return None
+        tried += _points(options, [frequency])
+        if tried[-1].gaps:
+            continue
+        (with_margin,) = _points(options, [slower])
+        if not with_margin.gaps:
+            return tried, Advice(tried[-1], with_margin)
+    return tried, None

@@ -28,13 +28,15 @@ class Knob:
 
     Attributes:
         name: Its dotted name: of a parameter of machine.yaml, or ``program.`` and a set-point.
-        unit: Its unit, ``-`` for none; of a set-point the one in which the program counts, as ``x10 ms``.
-        is_whole: Whether only whole numbers are possible: a count, a set-point, or a switch, which is 0 or 1.
+        unit: Its unit, ``-`` for none.
+        is_whole: Whether only whole numbers are possible, of steps: a count, a set-point, or a switch, which is 0 or 1.
+        step: What the program counts as 1, in the unit: a set-point of a time in ms counts 10 or 100 ms.
     """
 
     name: str
     unit: str
     is_whole: bool
+    step: int = 1
 
     @property
     def label(self) -> str:
@@ -42,19 +44,24 @@ class Knob:
         return label(self.name, self.unit)
 
     def read(self, text: str) -> float:
-        """Return a level as somebody has written it, with or without unit; ``true`` and ``false`` for a switch.
+        """Return a level as somebody has written it, in the unit; ``true`` and ``false`` for a switch.
+
+        A time of the program without unit is counted in its steps.
 
         Raises:
             ValueError: it is no such quantity; one line, what is wrong and the remedy.
         """
         if text in ("true", "false"):
             return float(text == "true")
-        count = re.fullmatch(r"x(\d+) ms", self.unit)
-        if count is None:
+        if self.step == 1:
             return parse_quantity(text, self.unit)
         if text.strip().isdecimal():
-            return float(text)
-        return parse_ms(text) / int(count[1])
+            return float(text) * self.step
+        return float(parse_ms(text))
+
+    def setting(self, level: float) -> float:
+        """Return a level as a `Setting` has it: of a time of the program in its steps."""
+        return level / self.step
 
 
 def knob(name: str, machine: Machine) -> Knob:
@@ -69,7 +76,8 @@ def knob(name: str, machine: Machine) -> Knob:
         remedy = near if near.startswith("did") else f"write section.parameter of the machine, or {_PROGRAM}.SET_POINT"
         raise StudyError(f"{name}: is no factor; {remedy}")
     if section == _PROGRAM:
-        return Knob(name, _time_base(name) or "-", is_whole=True)
+        step_ms = _time_base_ms(name)
+        return Knob(name, "-", is_whole=True) if step_ms is None else Knob(name, "ms", is_whole=True, step=step_ms)
     return Knob(name, unit_of(name), is_whole=isinstance(_parameter(name, machine), bool | int))
 
 
@@ -78,7 +86,7 @@ class Setting:
     """A point of a design in natural units: what differs from the machine as it is.
 
     Attributes:
-        values: Value by dotted name, each in the unit of its `Knob`.
+        values: Value by dotted name, each in the unit of its `Knob`; a time of the program in its steps.
     """
 
     values: Mapping[str, float]
@@ -157,16 +165,18 @@ def _word(name: str) -> Word:
 def _set_point(name: str, value: float) -> int:
     low, high = _set_points().limits[_word(name)]
     if not (float(value).is_integer() and low <= value <= high):
-        unit = _time_base(name)
-        counts = f" ({unit})" if unit else ""
-        raise StudyError(f"{name}: must be a whole number, {low} to {high}, not {value:g}{counts}")
+        step_ms = _time_base_ms(name)
+        if step_ms is not None:
+            raise StudyError(f"{name}: must be {low * step_ms} to {high * step_ms} ms in steps of {step_ms} ms, "
+                             f"not {value * step_ms:g} ms")  # fmt: skip
+        raise StudyError(f"{name}: must be a whole number, {low} to {high}, not {value:g}")
     return int(value)
 
 
-def _time_base(name: str) -> str:
-    """The unit in which a set-point counts time, as ``x10 ms``; empty where it counts none."""
-    found = re.search(r"x\d+ ms$", _word(name).name)
-    return found[0] if found else ""
+def _time_base_ms(name: str) -> int | None:
+    """What a set-point of a time counts as 1, ms; None where it counts no time."""
+    found = re.search(r"x(\d+) ms$", _word(name).name)
+    return int(found[1]) if found else None
 
 
 def _parameter(name: str, machine: Machine) -> Value:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,15 @@ from numpy.typing import NDArray
 from plant_sim.bench.study.design import Factor, to_natural
 from plant_sim.bench.study.optimum import Surface
 from plant_sim.bench.study.paper import PrintedRow
-from plant_sim.bench.study.parts import Cell, Picture, Table
+from plant_sim.bench.study.parts import Cell, Part, Picture, Table
 from plant_sim.bench.study.regression import AnovaRow, Fit
-from plant_sim.bench.study.surface import Marks, contours, observed_against_predicted
+from plant_sim.bench.study.surface import Marks, contours, lowest_and_highest, observed_against_predicted
+
+SHARE_LIMITS: Final = (0.0, 100.0)
+"""Between what a share of seedlings can be, %."""
 
 _SMALLEST_P = 1e-4
+_SIGNIFICANT_P = 0.05
 
 
 def p_text(p: float | None) -> str | None:
@@ -175,7 +180,7 @@ def fit_pictures(
     marks: Marks,
     held: NDArray[np.float64],
     box: float = 1.0,
-) -> tuple[Picture, Picture]:
+) -> tuple[Part, ...]:
     """Draw the contours of a fit over every pair of factors, and its runs against what it says.
 
     Args:
@@ -186,15 +191,76 @@ def fit_pictures(
         marks: Points to mark, coded, by name.
         held: Coded levels of the factors that a panel does not show.
         box: Half the edge of the searched box, coded.
+
+    Returns:
+        The two pictures, and a sentence where the surface leaves what a share can be.
     """
-    reach = np.abs(fit.coded).max(axis=0)
-    over = contours(fit, factors, response=response, held=tuple(held), reach=tuple(reach), marks=marks, box=box)
+    reach = np.abs(fit.coded).max(axis=0).tolist()
+    over = contours(fit, factors, response=response, held=held.tolist(), reach=reach, marks=marks, box=box,
+                    limits=SHARE_LIMITS)  # fmt: skip
     runs = observed_against_predicted(fit.response, fit.predict(fit.coded), response=response, r2=fit.r2)
-    seen = "The dashed frame is the searched box; beyond the runs of the design the surface is a guess."
+    seen = (
+        "The dashed frame is the searched box; beyond the runs of the design the surface is a guess. A hollow sign "
+        "lies off the slice; the response there is in the legend."
+    )
     return (
+        *no_share_text(fit, factors, held=held.tolist(), reach=reach),
         Picture(f"{name}-contours", f"{response} over every pair of factors. {seen}", over),
         Picture(f"{name}-runs", f"{response}: every run against the fit.", runs),
     )
+
+
+def no_share_text(
+    surface: Surface, factors: Sequence[Factor], *, held: Sequence[float], reach: Sequence[float]
+) -> list[str]:
+    """Say where the surface of a share, %, leaves 0 to 100 in the panels of its contours; nothing if it does not.
+
+    Args:
+        surface: The share.
+        factors: Its factors.
+        held: Coded levels at which the factors stand that a panel does not show.
+        reach: How far the panels reach to either side of the centre, coded, one a factor.
+    """
+    lowest, highest = lowest_and_highest(surface, factors, held=held, reach=reach)
+    left = [each for each, is_out in ((lowest, lowest[0] < SHARE_LIMITS[0]), (highest, highest[0] > SHARE_LIMITS[1]))
+            if is_out]  # fmt: skip
+    if not left:
+        return []
+    where = " and ".join(f"{value:.1f} % at {_setting_text(factors, point)}" for value, point in left)
+    return [f"A share lies between 0 and 100 %, which a quadratic does not know: this one reaches {where}. Where it "
+            "leaves that range the contours are grey."]  # fmt: skip
+
+
+def _setting_text(factors: Sequence[Factor], coded: NDArray[np.float64]) -> str:
+    natural = to_natural(factors, coded)
+    return ", ".join(
+        f"{factor.name} {value:.4g}" if factor.unit == "-" else f"{factor.name} {value:.4g} {factor.unit}"
+        for factor, value in zip(factors, natural, strict=True)
+    )
+
+
+def explains(fit: Fit) -> bool:
+    """Tell whether a model explains more than chance does: P of the model up to 0.05, adjusted R² above 0."""
+    p = fit.row("model").p
+    return (p is None or p <= _SIGNIFICANT_P) and fit.adjusted_r2 > 0
+
+
+def doubts(name: str, fit: Fit) -> list[str]:
+    """Say in words what casts doubt on a model: that it explains nothing, or that it does not fit.
+
+    Args:
+        name: The response.
+        fit: The model.
+    """
+    told = []
+    if not explains(fit):
+        told.append(f"{name}: the model explains nothing that chance alone would not (P {p_text(fit.row('model').p)}, "
+                    f"adjusted R² {fit.adjusted_r2:.2f}); do not read its surface.")  # fmt: skip
+    lack = next((row.p for row in fit.anova if row.source == "lack of fit"), None)
+    if lack is not None and lack < _SIGNIFICANT_P:
+        told.append(f"{name}: the model does not fit (lack of fit P {p_text(lack)}): what it leaves over is more than "
+                    "the scatter of repeated runs; it is too simple.")  # fmt: skip
+    return told
 
 
 def fit_record(fit: Fit) -> dict[str, object]:

@@ -12,9 +12,12 @@ from scipy import optimize
 
 from plant_sim.bench.study.design import full_factorial
 from plant_sim.bench.study.errors import StudyError
+from plant_sim.bench.study.regression import Fit, model_matrix
 
 _GRID_POINTS = 20_000
 _ROUNDING = 1e-6  # of a response: how exactly the constrained search keeps a bound
+_DRAWS = 1000
+_DRAWS_SEED = 1
 _MOST_STARTS = 729  # 3 to the power of 6 factors
 
 
@@ -72,6 +75,34 @@ def best(
     return point, float(surface.predict(point)[0])
 
 
+def best_place_interval(
+    fit: Fit, low: Sequence[float], high: Sequence[float], *, confidence: float = 0.95
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return between what the place of the highest response within a box lies, each factor by itself.
+
+    By Monte Carlo: coefficients are drawn as the regression leaves them open (Student's t, their covariance), and the
+    best point of a grid is sought for each draw.
+
+    Args:
+        fit: The response.
+        low: Lower coded bounds, one a factor.
+        high: Upper coded bounds.
+        confidence: Part of the draws between the ends, above 0 and below 1.
+
+    Returns:
+        Lower and upper ends, coded; to the step of the grid.
+
+    Raises:
+        StudyError: the bounds are not pairs of finite numbers in order.
+    """
+    grid = _search_grid(_box(low, high))
+    matrix = model_matrix(grid, list(fit.coefficients))
+    places = [int((matrix @ drawn).argmax()) for drawn in fit.drawn(_DRAWS, seed=_DRAWS_SEED)]
+    tail = (1 - confidence) / 2
+    ends = np.quantile(grid[places], (tail, 1 - tail), axis=0)
+    return ends[0], ends[1]
+
+
 def pareto(a: Surface, b: Surface, low: Sequence[float], high: Sequence[float], n: int) -> Front:
     """Return the Pareto front of two responses that should both be small.
 
@@ -91,10 +122,9 @@ def pareto(a: Surface, b: Surface, low: Sequence[float], high: Sequence[float], 
     if n < 2:
         raise StudyError(f"pareto front: {n} points; give at least 2")
     box = _box(low, high)
-    levels = max(3, int(_GRID_POINTS ** (1 / len(box))))
     least_a, _ = best(a, low, high, maximise=False)
     least_b, smallest_b = best(b, low, high, maximise=False)
-    grid = np.vstack([full_factorial([tuple(np.linspace(*ends, levels)) for ends in box]), least_a, least_b])
+    grid = np.vstack([_search_grid(box), least_a, least_b])
     grid_a, grid_b = a.predict(grid), b.predict(grid)
     bounds = np.linspace(float(b.predict(least_a)[0]), smallest_b, n)
     found = []
@@ -131,6 +161,12 @@ def _without_dominated(points: NDArray[np.float64], a: Surface, b: Surface) -> N
     no_worse = (values[:, np.newaxis] <= values).all(axis=2)
     less = (values[:, np.newaxis] < values).any(axis=2)
     return points[~(no_worse & less).any(axis=0)]
+
+
+def _search_grid(box: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
+    """Return points all over a box, one row each."""
+    levels = max(3, int(_GRID_POINTS ** (1 / len(box))))
+    return full_factorial([tuple(np.linspace(*ends, levels)) for ends in box])
 
 
 def _box(low: Sequence[float], high: Sequence[float]) -> list[tuple[float, float]]:

@@ -14,18 +14,30 @@ from controller.program.tags import CUPS
 from plant_sim.bench.repeats import SHARES, pool
 from plant_sim.bench.report import TrialReport
 from plant_sim.bench.study.factors import ratings_exceeded
-from plant_sim.bench.study.fit_parts import anova_table, coefficient_table, fit_record
+from plant_sim.bench.study.fit_parts import (
+    SHARE_LIMITS,
+    anova_table,
+    coefficient_table,
+    doubts,
+    explains,
+    fit_record,
+    no_share_text,
+)
 from plant_sim.bench.study.own_figures import main_effects
 from plant_sim.bench.study.own_file import OwnStudy
 from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.bench.study.regression import Fit, fit, terms
 from plant_sim.bench.study.report import Study
-from plant_sim.bench.study.runner import RunOptions, incomplete_trials
+from plant_sim.bench.study.runner import RunOptions, incomplete_trials, trial_record
 from plant_sim.bench.study.surface import contours
 
 _SHARE_OF = {name: name for name in SHARES} | {count: name for name, count in SHARES.items()}
 """Responses that come of counting seedlings, and the share that each stands for."""
-_UNITS = {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min"} | dict.fromkeys(SHARES, "%")
+_UNITS = (
+    {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min", "missed_cups": "cups a trial"}
+    | dict.fromkeys(SHARES, "%")
+    | dict.fromkeys(SHARES.values(), "seedlings a trial")
+)
 
 ROWS_FAIL_TOGETHER = (
     "The binomial intervals take every seedling to fail by itself. A late release or a stop loses up to "
@@ -98,8 +110,15 @@ def own_study(own: OwnStudy, options: RunOptions) -> Study:
     options = dataclasses.replace(options, trials=own.replicates, seed=own.seed, seedlings=own.seedlings)
     reports = options.run(own.settings)
     estimates = {name: [estimate(name, trials) for trials in reports] for name in own.responses}
-    parts: list[Part] = [*_about(own, options), *_cautions(own, options, reports), Heading("Runs")]
-    parts.append(_runs(own, estimates))
+    fits = {name: _fitted(own, name, reports) for name in own.responses}
+    models = {name: each for name, each in fits.items() if isinstance(each, Fit)}
+    parts: list[Part] = [
+        *_about(own, options),
+        *_cautions(own, options, reports),
+        *(doubt for name, model in models.items() for doubt in doubts(name, model)),
+        Heading("Runs"),
+        _runs(own, estimates),
+    ]
     record: dict[str, object] = {
         "title": own.title,
         "design": own.design,
@@ -108,14 +127,10 @@ def own_study(own: OwnStudy, options: RunOptions) -> Study:
         "seedlings": own.seedlings,
         "runs": _run_records(own, estimates, reports),
     }
-    models = {}
-    for name in own.responses:
-        found, model = _response_parts(own, name, estimates[name], reports)
-        parts += found
-        if model is not None:
-            models[name] = fit_record(model)
+    for name, found in fits.items():
+        parts += _response_parts(own, name, estimates[name], found)
     if own.model != "none":
-        record["models"] = models
+        record["models"] = {name: fit_record(model) for name, model in models.items()}
     return Study(own.name, own.title, options.command("own", own.path), tuple(parts), record)
 
 
@@ -135,7 +150,10 @@ def _about(own: OwnStudy, options: RunOptions) -> list[Part]:
         ),
     ]
     if own.fixed:
-        fixed = ", ".join(f"{name} = {value:.6g}" for name, value in own.fixed.items())
+        fixed = ", ".join(
+            f"{each.name} = {value:.6g}" + ("" if each.unit == "-" else f" {each.unit}")
+            for each, value in own.fixed.items()
+        )
         parts.append(f"Held in every run: {fixed}. Everything else is as machine and program have it.")
     return parts
 
@@ -147,8 +165,9 @@ def _cautions(own: OwnStudy, options: RunOptions, reports: Sequence[Sequence[Tri
     ]
     beyond = [str(run) for run, trials in enumerate(reports, 1) if any(trial.extrapolates for trial in trials)]
     if beyond:
-        parts.append("Runs outside the trials of the pepper paper, where it is extrapolated what happens to a "
-                     f"seedling: {', '.join(beyond)}.")  # fmt: skip
+        runs = f"{'run' if len(beyond) == 1 else 'runs'} {', '.join(beyond)}"
+        parts.append(f"Outside the trials of the pepper paper, where it is extrapolated what happens to a seedling: "
+                     f"{runs}.")  # fmt: skip
     parts += incomplete_trials(reports, "they count as they ended")
     if any(name in _SHARE_OF for name in own.responses):
         parts.append(ROWS_FAIL_TOGETHER)
@@ -171,26 +190,32 @@ def _intervals(name: str, estimates: Sequence[Estimate]) -> Table:
     return Table(f"{_stem(name)}-intervals", caption, ("run", "mean", "low", "high", "SD between trials"), rows)
 
 
-def _response_parts(
-    own: OwnStudy, name: str, estimates: Sequence[Estimate], reports: Sequence[Sequence[TrialReport]]
-) -> tuple[list[Part], Fit | None]:
+def _fitted(own: OwnStudy, name: str, reports: Sequence[Sequence[TrialReport]]) -> Fit | str | None:
+    """The model of a response, or why there is none; None where none is wanted."""
+    if own.model == "none":
+        return None
+    values = [numbers(name, trials) for trials in reports]
+    response = np.concatenate(values)
+    if len(response) < sum(map(len, reports)):
+        return f"Not every trial has a number for {name}, so no model is fitted."
+    if np.ptp(response) == 0:
+        return f"{name} is {response[0]:g} in every trial: there is nothing for a model to explain."
+    coded = np.repeat(own.coded, [len(each) for each in values], axis=0)
+    return fit(coded, response, terms(len(own.knobs), own.model))
+
+
+def _response_parts(own: OwnStudy, name: str, estimates: Sequence[Estimate], found: Fit | str | None) -> list[Part]:
     """Everything about one response."""
     parts: list[Part] = [Heading(_label(name)), _intervals(name, estimates)]
     means = np.array([np.nan if each.mean is None else each.mean for each in estimates])
-    model = None
-    values = [numbers(name, trials) for trials in reports]
-    response = np.concatenate(values)
-    if own.model != "none" and len(response) < sum(map(len, reports)):
-        parts.append(f"Not every trial has a number for {name}, so no model is fitted.")
-    elif own.model != "none" and np.ptp(response) == 0:
-        parts.append(f"{name} is {response[0]:g} in every trial: there is nothing for a model to explain.")
-    elif own.model != "none":
-        coded = np.repeat(own.coded, [len(each) for each in values], axis=0)
-        model = fit(coded, response, terms(len(own.knobs), own.model))
-        parts += _model_parts(own, name, model)
-    parts.append(Picture(f"{_stem(name)}-main-effects", f"Main effects on {_label(name)}: {_line(own, model)}",
-                         main_effects(own, means, _label(name), model)))  # fmt: skip
-    return parts, model
+    if isinstance(found, Fit):
+        parts += _model_parts(own, name, found)
+    elif found is not None:
+        parts.append(found)
+    drawn = found if isinstance(found, Fit) and explains(found) else None
+    parts.append(Picture(f"{_stem(name)}-main-effects", f"Main effects on {_label(name)}: {_line(own, drawn)}",
+                         main_effects(own, means, _label(name), drawn)))  # fmt: skip
+    return parts
 
 
 def _line(own: OwnStudy, model: Fit | None) -> str:
@@ -211,9 +236,13 @@ def _model_parts(own: OwnStudy, name: str, model: Fit) -> list[Part]:
                     {"twin": model.anova}, digits=4),
         f"R² = {model.r2:.4f}, adjusted {model.adjusted_r2:.4f}.",
     ]  # fmt: skip
-    if own.model == "quadratic" and len(own.knobs) > 1:
+    if own.model == "quadratic" and len(own.knobs) > 1 and explains(model):
         middle, edge = [0.0] * len(own.knobs), [1.0] * len(own.knobs)
-        figure = contours(model, own.factors, response=label, held=middle, reach=edge)
+        is_share = name in SHARES
+        if is_share:
+            parts += no_share_text(model, own.factors, held=middle, reach=edge)
+        figure = contours(model, own.factors, response=label, held=middle, reach=edge,
+                          limits=SHARE_LIMITS if is_share else None)  # fmt: skip
         parts.append(Picture(f"{stem}-contours", f"Fitted {label}; factors not shown are at their coded 0", figure))
     return parts
 
@@ -227,8 +256,7 @@ def _run_records(
             "coded": coded.tolist(),
             "estimates": {name: dataclasses.asdict(each[run]) for name, each in estimates.items()},
             "trials": [
-                {"seed": trial.seed, "completed": trial.completed, **{name: getattr(trial, name) for name in estimates}}
-                for trial in reports[run]
+                {**trial_record(trial), **{name: getattr(trial, name) for name in estimates}} for trial in reports[run]
             ],
         }
         for run, (setting, coded) in enumerate(zip(own.settings, own.coded, strict=True))

@@ -40,7 +40,7 @@ def main_effects(own: OwnStudy, means: NDArray[np.float64], label: str, model: F
         for place, (each, levels) in enumerate(zip(own.knobs, own.points.T, strict=True)):
             axes = figure.add_subplot(rows, columns, place + 1, sharey=first)
             first = first or axes
-            axes.plot(levels, means, "o", color=QUIET, markersize=3, alpha=0.5, linewidth=0)
+            axes.plot(levels, means, "o", color=QUIET, markersize=3, alpha=0.7, linewidth=0, zorder=3)
             if own.design == "factorial":
                 axes.plot(*_level_means(levels, means), "o-", color=COLOURS["left"], markersize=5)
             elif model is not None:

@@ -74,7 +74,7 @@ class OwnStudy:
     knobs: tuple[Knob, ...]
     factors: tuple[Factor, ...]
     points: NDArray[np.float64]
-    fixed: Mapping[str, float]
+    fixed: Mapping[Knob, float]
     replicates: int
     seed: int
     seedlings: int
@@ -84,8 +84,16 @@ class OwnStudy:
     @property
     def settings(self) -> list[Setting]:
         """One a run."""
-        names = [each.name for each in self.knobs]
-        return [Setting({**self.fixed, **dict(zip(names, map(float, point), strict=True))}) for point in self.points]
+        fixed = {each.name: each.setting(value) for each, value in self.fixed.items()}
+        return [
+            Setting(
+                {
+                    **fixed,
+                    **{each.name: each.setting(float(level)) for each, level in zip(self.knobs, point, strict=True)},
+                }
+            )
+            for point in self.points
+        ]
 
     @property
     def coded(self) -> NDArray[np.float64]:
@@ -154,7 +162,7 @@ class _Reader:
             raise file.error("replicates", many) if trials is None else StudyError(f"--trials {trials}: {many}")
         for column, each in enumerate(knobs):
             if each.is_whole and design != "factorial":
-                points[:, column] = np.round(points[:, column])
+                points[:, column] = each.step * np.round(points[:, column] / each.step)
         study = OwnStudy(
             path=file.path,
             name=file.read("name", _stem),
@@ -229,14 +237,15 @@ class _Reader:
         except StudyError as error:
             raise file.error("factors", str(error)) from None
 
-    def _fixed(self, knobs: Sequence[Knob]) -> dict[str, float]:
+    def _fixed(self, knobs: Sequence[Knob]) -> dict[Knob, float]:
         section = self.file.section("fixed")
         if section is None:
             return {}
         for each in knobs:
             if each.name in section:
                 raise section.error(each.name, "is a factor too; delete one")
-        return {name: section.read(name, self._knob(section, name).read) for name in section}
+        found = [self._knob(section, name) for name in section]
+        return {each: section.read(each.name, each.read) for each in found}
 
     def _responses(self) -> tuple[str, ...]:
         known = responses()
@@ -287,11 +296,7 @@ def _complaint(error: StudyError) -> str:
 
 def _texts(section: Section, key: str) -> list[str]:
     """The words of the list under a key."""
-    entries = section.entries(key, ())
-    texts = [entry for entry in entries if isinstance(entry, str)]
-    if len(texts) < len(entries):
-        raise section.error(key, "holds an empty mapping; write a word or a number")
-    return texts
+    return [entry for entry in section.entries(key, ()) if isinstance(entry, str)]
 
 
 def _text(text: str) -> str:

@@ -84,11 +84,13 @@ class Observed:
     """A run that was watched step by step.
 
     Attributes:
+        setting: What differs from the machine.
         seed: Its seed.
         timeline: What every sequence did.
         reason: Why it did not complete; empty if it did.
     """
 
+    setting: Setting
     seed: int
     timeline: Timeline
     reason: str
@@ -202,29 +204,36 @@ def observe(setting: Setting, seed: int, *, machine: Machine, io_map: IoMap) -> 
     recorder = TimelineRecorder()
     report = run_trial(seed=seed, trays=TRAYS, io_map=io_map, parameters=setting.machine(machine),
                        set_points=setting.set_points(), progress=recorder)  # fmt: skip
-    return Observed(seed, recorder.timeline(), report.reason)
+    return Observed(setting, seed, recorder.timeline(), report.reason)
 
 
-def highest(frequencies_per_min: Sequence[int], is_good: Callable[[int], bool]) -> int | None:
-    """Return the highest whole frequency below the first bad one, to 1/min; None if the first one is bad already.
+def highest(
+    frequencies_per_min: Sequence[int], is_good: Callable[[int], bool], *, lowest: int = SLOWEST_PER_MIN
+) -> int | None:
+    """Return the highest whole frequency below the first bad one, to 1/min; None if even the lowest is bad.
 
     Args:
         frequencies_per_min: Frequencies to begin with, rising; between the last good and the first bad one it goes on
             by bisection. Without a bad one the last is the highest.
         is_good: Tells whether one is good.
+        lowest: Where the search goes on if the first one is bad.
     """
     good: int | None = None
+    bad: int | None = None
     for frequency in frequencies_per_min:
-        if is_good(frequency):
-            good = frequency
-            continue
-        if good is None:
-            return None
-        bad = frequency
-        while bad - good > 1:
-            middle = (good + bad) // 2
-            good, bad = (middle, bad) if is_good(middle) else (good, middle)
+        if not is_good(frequency):
+            bad = frequency
+            break
+        good = frequency
+    if bad is None:
         return good
+    if good is None:
+        if lowest >= bad or not is_good(lowest):
+            return None
+        good = lowest
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (middle, bad) if is_good(middle) else (good, middle)
     return good
 
 

@@ -105,5 +105,5 @@ def _shown(cell: Cell, digits: int) -> str:
     if cell is None:
         return "-"
     if isinstance(cell, float):
-        return f"{cell:.{digits}f}" if math.isfinite(cell) else "-"
+        return f"{cell:z.{digits}f}" if math.isfinite(cell) else "-"
     return str(cell)

@@ -10,8 +10,8 @@ from plant_sim.bench.repeats import Pool, pool
 from plant_sim.bench.report import TrialReport
 from plant_sim.bench.study.errors import StudyError
 from plant_sim.bench.study.factors import Setting, ratings_exceeded
-from plant_sim.bench.study.parts import Part
-from plant_sim.bench.study.runner import RunOptions
+from plant_sim.bench.study.parts import Part, counted
+from plant_sim.bench.study.runner import RunOptions, trial_record
 from plant_sim.crop.response import CropSpec, success_percent
 from plant_sim.parameters import Machine
 
@@ -106,7 +106,8 @@ def cautions(settings: Sequence[Setting], options: RunOptions) -> list[Part]:
     raised = sum("supply.compressor_on_pa" in setting.values for setting in settings)
     if raised:
         parts.append(
-            f"At {raised} settings the compressor is set higher, or the receiver would not hold the claw pressure."
+            f"At {counted(raised, 'setting')} the compressor is set higher, or the receiver would not hold the claw "
+            "pressure."
         )
     if told:
         parts.append("Outside the makers' ratings: " + "; ".join(told) + ".")
@@ -116,6 +117,23 @@ def cautions(settings: Sequence[Setting], options: RunOptions) -> list[Part]:
 def natural_record(point: Point) -> dict[str, float]:
     """Return the levels of a point by the name of the parameter, for programs."""
     return {name.partition(".")[2]: level for name, level in zip(NAMES, point.levels, strict=True)}
+
+
+def run_record(point: Point, setting: Setting, reports: Sequence[TrialReport]) -> dict[str, object]:
+    """Return what was run at a setting and what it gave, for programs.
+
+    Args:
+        point: Its trials together.
+        setting: What was set.
+        reports: Its trials.
+    """
+    return {
+        **natural_record(point),
+        **point.shares,
+        "intervals": dict(point.intervals),
+        "setting": dict(setting.values),
+        "trials": [trial_record(report) for report in reports],
+    }
 
 
 def incomplete_count(reports: Sequence[Sequence[TrialReport]]) -> int:

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.bench.repeats import SHARES
 from plant_sim.bench.study.design import to_coded, to_natural
-from plant_sim.bench.study.fit_parts import anova_table, fit_pictures, fit_record, optimum_table, p_text, runs_table
-from plant_sim.bench.study.optimum import best
+from plant_sim.bench.study.fit_parts import (
+    SHARE_LIMITS,
+    anova_table,
+    doubts,
+    fit_pictures,
+    fit_record,
+    optimum_table,
+    p_text,
+    runs_table,
+)
+from plant_sim.bench.study.optimum import best, best_place_interval
 from plant_sim.bench.study.paper import PEPPER_FACTORS, pepper_experiment, pepper_optimum, printed_anova, sheet
 from plant_sim.bench.study.parts import Cell, Heading, Part, Table, counted
 from plant_sim.bench.study.pepper import (
@@ -18,8 +28,8 @@ from plant_sim.bench.study.pepper import (
     Point,
     cautions,
     incomplete_count,
-    natural_record,
     point_of,
+    run_record,
     setting_of,
 )
 from plant_sim.bench.study.pepper_paper import HIGH, LOW, RESPONSE, coefficients, equation_5, refit
@@ -37,34 +47,38 @@ def rsm_study(options: RunOptions) -> Study:
     """
     experiment, claim = pepper_experiment(), pepper_optimum()
     natural = to_natural(PEPPER_FACTORS, experiment.coded)
-    trials = options.run([setting_of(each, options.machine) for each in (*natural, claim.natural)])
+    settings = [setting_of(each, options.machine) for each in (*natural, claim.natural)]
+    trials = options.run(settings)
     *reports, verification = trials
     points = [point_of(CropSpec(*map(float, each)), own) for each, own in zip(natural, reports, strict=True)]
     pooled = point_of(CropSpec(*map(float, claim.natural)), verification)
     success = np.array([each.shares["S"] for each in points])
     twin = fit(experiment.coded, success, terms(len(PEPPER_FACTORS), "quadratic"))
-    optimum, _ = best(twin, LOW, HIGH)
+    optimum = _Optimum.of(twin)
     checks = np.array([report.S for report in verification if report.completed])
     parts = [
         f"The paper's design (Table 4) run on the twin: {len(points)} runs of "
         f"{counted(options.trials, 'trial')} with {options.seedlings} seedlings each.",
-        *cautions([setting_of(each, options.machine) for each in natural], options),
+        *cautions(settings[:-1], options),
         *incomplete_trials(trials, LEFT_OUT),
+        *doubts("S", twin),
+        *optimum.doubts(),
         *_run_parts(experiment.coded, experiment.responses["S"], points),
-        *_fit_parts(twin),
+        *_fit_parts(twin, options.trials),
         *_best_parts(twin, optimum),
         *_check_parts(checks, pooled),
     ]
     record = {
         "data": "twin",
         "incomplete_trials": incomplete_count(trials),
-        "runs": [{**natural_record(each), **each.shares} for each in points],
+        "runs": [run_record(*each) for each in zip(points, settings[:-1], reports, strict=True)],
         "twin": fit_record(twin),
         "refit": fit_record(refit()),
         "paper": {"coefficients": dict(equation_5().coefficients)},
-        "optimum": _setting_record(optimum, twin),
+        "optimum": {**_setting_record(optimum.coded, twin), **optimum.record()},
         "paper_optimum": _setting_record(best(refit(), LOW, HIGH)[0], refit()),
-        "verification": {"S": checks.tolist(), "mean": float(checks.mean()),
+        "verification": {**run_record(pooled, settings[-1], verification),
+                         "S": checks.tolist(), "mean": float(checks.mean()),
                          "paper": sheet("pepper-verification").numbers("S").tolist()},
     }  # fmt: skip
     return Study(
@@ -74,6 +88,57 @@ def rsm_study(options: RunOptions) -> Study:
         parts=tuple(parts),
         record=record,
     )
+
+
+@dataclass(frozen=True)
+class _Optimum:
+    """The best setting of the twin, and how sure it is.
+
+    Attributes:
+        coded: It.
+        success: S of the fit there, %, as the quadratic gives it.
+        expected: Between what a further run there is expected, %, limited to 0 to 100.
+        place: Between what each coded factor of the best setting lies.
+    """
+
+    coded: NDArray[np.float64]
+    success: float
+    expected: tuple[float, float]
+    place: tuple[NDArray[np.float64], NDArray[np.float64]]
+
+    @classmethod
+    def of(cls, twin: Fit) -> _Optimum:
+        """Find it; 95 % all."""
+        coded, success = best(twin, LOW, HIGH)
+        low, high = np.clip(np.concatenate(twin.prediction_interval(coded)), *SHARE_LIMITS).tolist()
+        return cls(coded, success, (low, high), best_place_interval(twin, LOW, HIGH))
+
+    def doubts(self) -> list[str]:
+        """Say that what cannot be is none."""
+        if self.success <= SHARE_LIMITS[1]:
+            return []
+        return [f"At its best setting the quadratic gives S {self.success:.1f} %, which cannot be: runs of so few "
+                "seedlings scatter too much for it, or it is too simple. Take place and height of this optimum for "
+                "nothing."]  # fmt: skip
+
+    def text(self) -> str:
+        """Say how sure it is."""
+        ends = zip(*(to_natural(PEPPER_FACTORS, end) for end in self.place), strict=True)
+        place = ", ".join(
+            f"{factor.name} {low:.4g} to {high:.4g} {factor.unit}"
+            for factor, (low, high) in zip(PEPPER_FACTORS, ends, strict=True)
+        )
+        return (
+            f"A further run at the best setting of the twin is expected between {self.expected[0]:.1f} and "
+            f"{self.expected[1]:.1f} % (95 % prediction interval, limited to 0 to 100 %). The setting itself is only "
+            f"known to lie within {place} (95 %, each factor by itself, within the searched box; Monte Carlo with the "
+            "covariance of the coefficients)."
+        )
+
+    def record(self) -> dict[str, object]:
+        """Return it for programs."""
+        low, high = (to_natural(PEPPER_FACTORS, end).tolist() for end in self.place)
+        return {"prediction_interval_95": list(self.expected), "place_interval_95": {"low": low, "high": high}}
 
 
 def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points: Sequence[Point]) -> list[Part]:
@@ -88,11 +153,12 @@ def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points:
     ]
 
 
-def _fit_parts(twin: Fit) -> list[Part]:
+def _fit_parts(twin: Fit, trials: int) -> list[Part]:
     lack_p = p_text(twin.row("lack of fit").p) or "not to be had, as all centre runs agree"
     return [
         Heading("The model"),
-        f"R² of the twin's regression {twin.r2:.3f} (paper's data {refit().r2:.3f}); "
+        f"The regression counts each run once, with the share of all seedlings of its {counted(trials, 'trial')} "
+        f"together. R² of the twin's regression {twin.r2:.3f} (paper's data {refit().r2:.3f}); "
         f"lack of fit P {lack_p}.",
         coefficients({"paper": equation_5().coefficients, "refit": refit().values, "twin": twin.values}, twin),
         anova_table(
@@ -102,7 +168,8 @@ def _fit_parts(twin: Fit) -> list[Part]:
     ]  # fmt: skip
 
 
-def _best_parts(twin: Fit, optimum: NDArray[np.float64]) -> list[Part]:
+def _best_parts(twin: Fit, found: _Optimum) -> list[Part]:
+    optimum = found.coded
     claimed = to_coded(PEPPER_FACTORS, np.array(pepper_optimum().natural))
     of_paper, _ = best(refit(), LOW, HIGH)
     marks = {"best of the twin": optimum, "rounded by the paper": claimed}
@@ -114,6 +181,8 @@ def _best_parts(twin: Fit, optimum: NDArray[np.float64]) -> list[Part]:
             points={**marks, "best of the refit": of_paper},
             surfaces={"twin": twin, "refit": refit(), "equation 5": equation_5()},
         ),
+        *found.doubts(),
+        found.text(),
         f"The twin's optimum lies {off[0]:+.2f} mm, {off[1]:+.2f} d and {off[2]:+.3f} MPa from that of the refit.",
         *fit_pictures("success", twin, PEPPER_FACTORS, response=RESPONSE, marks=marks, held=optimum),
     ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -16,11 +16,11 @@ from plant_sim.bench.study.pepper import (
     Point,
     cautions,
     incomplete_count,
-    natural_record,
     point_of,
+    run_record,
     setting_of,
 )
-from plant_sim.bench.study.pepper_words import SENTENCES
+from plant_sim.bench.study.pepper_words import SENTENCES, Sentence, Verdict
 from plant_sim.bench.study.report import Study, drawing
 from plant_sim.bench.study.runner import RunOptions, incomplete_trials
 from plant_sim.crop.response import CropSpec
@@ -41,28 +41,34 @@ def single_study(options: RunOptions) -> Study:
     settings = [setting_of(each, options.machine) for each in natural]
     reports = options.run(settings)
     tests: dict[str, list[Point]] = {name: [] for name in _AXES}
-    for name, each, trials in zip(levels.texts("factor"), natural, reports, strict=True):
-        tests[name].append(point_of(CropSpec(*map(float, each)), trials))
+    runs: dict[str, list[dict[str, object]]] = {name: [] for name in _AXES}
+    for name, each, setting, trials in zip(levels.texts("factor"), natural, settings, reports, strict=True):
+        point = point_of(CropSpec(*map(float, each)), trials)
+        tests[name].append(point)
+        runs[name].append({**run_record(point, setting, trials), "S_by_equation_5": point.by_equation_5})
+    verdicts = {name: _verdicts(name, points) for name, points in tests.items()}
     parts: list[Part] = [
         f"{counted(options.trials, 'trial')} of {options.seedlings} seedlings at each level, on the twin. The paper "
         "prints the results as pictures only and describes them in words.",
         *cautions(settings, options),
         *incomplete_trials(reports, LEFT_OUT),
+        _verdict_text(verdicts),
     ]
     for place, (name, points) in enumerate(tests.items()):
         parts += [
             Heading(_AXES[name].partition(",")[0].capitalize()),
             _single_table(name, points, place),
-            Picture(f"single-{name}", f"Failures and success over {_AXES[name]}; bars: 95 % binomial.",
+            Picture(f"single-{name}", "Failures picking F_p, carrying F_d and throwing F_t, and success S over "
+                    f"{_AXES[name]}; bars: 95 % binomial.",
                     _single_figure(name, points, place)),
             _words_table(name, points),
         ]  # fmt: skip
     parts.append(_what_equation_5_implies(tests["age"]))
-    record = {
-        name: [{**natural_record(each), **each.shares, "intervals": dict(each.intervals),
-                "S_by_equation_5": each.by_equation_5} for each in points]
-        for name, points in tests.items()
-    } | {"incomplete_trials": incomplete_count(reports)}  # fmt: skip
+    sentences = {
+        name: [{"words": each.words, "share": each.share, "verdict": verdict} for each, verdict in judged]
+        for name, judged in verdicts.items()
+    }
+    record = {**runs, "sentences": sentences, "incomplete_trials": incomplete_count(reports)}
     return Study(
         name="pepper-single",
         title="Pepper seedlings: each factor by itself",
@@ -92,12 +98,12 @@ def _single_figure(name: str, points: Sequence[Point], place: int) -> Figure:
         for share, colour in _LINES.items():
             failures.errorbar(levels, [each.shares[share] for each in points], _bars(points, share), color=colour,
                               marker="o", markersize=4, capsize=2, label=share)  # fmt: skip
-        failures.set(xlabel=_AXES[name], ylabel="failures, %", ylim=(0, None))
+        failures.set(xlabel=_AXES[name], ylabel="failures, %", ylim=(0, None), xticks=levels)
         failures.legend()
         success.errorbar(levels, [each.shares["S"] for each in points], _bars(points, "S"), color=COLOURS["left"],
                          marker="o", markersize=4, capsize=2, label="twin")  # fmt: skip
         success.plot(levels, [each.by_equation_5 for each in points], "--", color=QUIET, label="equation 5")
-        success.set(xlabel=_AXES[name], ylabel="S, %")
+        success.set(xlabel=_AXES[name], ylabel="S, %", xticks=levels)
         success.legend()
     return figure
 
@@ -110,13 +116,30 @@ def _bars(points: Sequence[Point], share: str) -> NDArray[np.float64]:
     return bars
 
 
+def _verdicts(name: str, points: Sequence[Point]) -> list[tuple[Sentence, Verdict]]:
+    """Every sentence of the paper on a factor, and whether the trials bear it out."""
+    course = tuple(point.pool for point in points)
+    return [(each, each.verdict(course)) for each in SENTENCES[name]]
+
+
+def _verdict_text(verdicts: Mapping[str, Sequence[tuple[Sentence, Verdict]]]) -> str:
+    """How many sentences hold, and which do not."""
+    judged = [(name, *each) for name, found in verdicts.items() for each in found]
+    parts = [f"Of the {len(judged)} sentences of the paper these trials bear out "
+             f"{sum(verdict == 'yes' for *_, verdict in judged)}."]  # fmt: skip
+    for verdict, what in (("no", "Contradicted"), ("undecided", "Undecided")):
+        those = [f"{name}, {each.words}" for name, each, given in judged if given == verdict]
+        if those:
+            parts.append(f"{what}: {'; '.join(those)}.")
+    return " ".join(parts)
+
+
 def _words_table(name: str, points: Sequence[Point]) -> Table:
     """What the paper says of a factor, and what the twin gives for it."""
-    course = tuple(point.pool for point in points)
     rows: list[tuple[Cell, ...]] = []
-    for each in SENTENCES[name]:
+    for each, verdict in _verdicts(name, points):
         shown = ", ".join(f"{point.shares[each.share]:.1f}" for point in points)
-        rows.append((each.words, each.meaning, f"{each.share} {shown}", each.verdict(course)))
+        rows.append((each.words, each.meaning, f"{each.share} {shown}", verdict))
     caption = (
         "What the paper says in words, and what these trials give; undecided: so few seedlings do not tell "
         "(95 % for all comparisons of a line together)"

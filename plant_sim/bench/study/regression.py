@@ -125,6 +125,20 @@ class Fit:
         """Return the fitted response at coded points, one row each, or at one (then an array of one)."""
         return Polynomial(self.values).predict(coded)
 
+    def drawn(self, number: int, *, seed: int) -> NDArray[np.float64]:
+        """Return coefficients as they may be, drawn about the estimates from Student's t with their covariance.
+
+        Args:
+            number: How many.
+            seed: Seed of the draws.
+
+        Returns:
+            One row a draw, the terms in their order.
+        """
+        covariance, degrees = self._results.cov_params(), self._results.df_resid
+        drawn = stats.multivariate_t(self._results.params, covariance, df=degrees, allow_singular=True, seed=seed)
+        return np.asarray(drawn.rvs(size=number), dtype=np.float64)
+
     def prediction_interval(
         self, coded: NDArray[np.float64], confidence: float = 0.95
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -127,6 +127,12 @@ def command_line(study: str, file: Path | None = None, **options: object) -> str
     return shlex.join(words)
 
 
+def trial_record(report: TrialReport) -> dict[str, object]:
+    """Return what it takes to run a trial again, and what became of its seedlings, for programs."""
+    names = ("seed", "completed", "reason", "seedlings", "in_cups", "P", "D", "T", "missed_cups")
+    return {name: getattr(report, name) for name in names}
+
+
 def incomplete_trials(reports: Sequence[Sequence[TrialReport]], counted: str) -> list[str]:
     """Say which trials did not complete: one paragraph, or none if all did.
 

@@ -9,7 +9,9 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -21,8 +23,12 @@ from plant_sim.scope.style import COLOURS, QUIET, SERIES
 
 _PANEL_IN: Final = (3.1, 2.9)
 _COLUMNS = 3
+_SIGNS = "oXs^D"
 _GRID = 81
 _SHADES = 4  # of colour between two lines
+_OUTSIDE: Final = "#BBBBBB"
+_LABEL_EDGE = 0.08  # of a panel: a label nearer to its frame would be cut
+_ON_SLICE = 1e-6
 
 Panel = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 Marks = Mapping[str, NDArray[np.float64]]
@@ -37,6 +43,7 @@ def contours(
     reach: Sequence[float],
     marks: Marks | None = None,
     box: float | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> Figure:
     """Draw a response over every pair of factors, the others held.
 
@@ -48,6 +55,7 @@ def contours(
         reach: How far the panels reach to either side of the centre, coded, one a factor.
         marks: Points to mark, coded, by their name in the legend.
         box: Half the edge of the searched box, coded, drawn as a frame; None for none.
+        limits: Between what the response can be; grey where the surface leaves it. None: anything.
 
     Raises:
         StudyError: there are fewer than two factors.
@@ -58,7 +66,7 @@ def contours(
     columns = min(len(pairs), _COLUMNS)
     rows = math.ceil(len(pairs) / columns)
     grids = [_grid(surface, pair, held, reach) for pair in pairs]
-    lines, fills = _levels(grids)
+    lines, fills = _levels(grids, limits)
     with drawing():
         figure = Figure(figsize=(_PANEL_IN[0] * columns + 0.6, _PANEL_IN[1] * rows), layout="constrained")
         panels = [figure.add_subplot(rows, columns, place + 1) for place in range(len(pairs))]
@@ -67,14 +75,17 @@ def contours(
             natural = x_axis.centre + x_axis.step * x, y_axis.centre + y_axis.step * y
             filled = axes.contourf(*natural, values, levels=fills, cmap="viridis")
             drawn = axes.contour(*natural, values, levels=lines, colors="white", linewidths=0.5)
-            axes.clabel(drawn, fmt="%g", fontsize=6)
+            axes.set_facecolor(_OUTSIDE)
+            _label(axes, drawn)
             axes.set_xlabel(x_axis.label)
             axes.set_ylabel(y_axis.label)
             axes.set_title(_held_text(factors, pair, held), fontsize=7, color=QUIET)
-            _mark(axes, factors, pair, marks or {}, box)
+            _mark(axes, factors, pair, marks or {}, held)
+            _frame(axes, factors, pair, box)
         figure.colorbar(filled, ax=panels, label=response, ticks=lines)
         if marks:
-            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(marks))
+            told = {name: float(surface.predict(point)[0]) for name, point in marks.items()}
+            figure.legend(handles=_meanings(told), loc="outside lower center", ncols=len(marks))
     return figure
 
 
@@ -86,9 +97,34 @@ def _grid(surface: Surface, pair: tuple[int, int], held: Sequence[float], reach:
     return x, y, surface.predict(points).reshape(x.shape)
 
 
-def _levels(grids: Sequence[Panel]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def lowest_and_highest(
+    surface: Surface, factors: Sequence[Factor], *, held: Sequence[float], reach: Sequence[float]
+) -> tuple[tuple[float, NDArray[np.float64]], tuple[float, NDArray[np.float64]]]:
+    """Return the least and the greatest response that the panels of `contours` show, each with its coded point.
+
+    Args:
+        surface: The response.
+        factors: Its factors; at least two.
+        held: Coded levels at which the factors stand that a panel does not show.
+        reach: How far the panels reach to either side of the centre, coded, one a factor.
+    """
+    found: list[tuple[float, NDArray[np.float64]]] = []
+    for pair in itertools.combinations(range(len(factors)), 2):
+        x, y, values = _grid(surface, pair, held, reach)
+        for place in (int(values.argmin()), int(values.argmax())):
+            point = np.asarray(held, dtype=np.float64).copy()
+            point[pair[0]], point[pair[1]] = x.flat[place], y.flat[place]
+            found.append((float(values.flat[place]), point))
+    return min(found, key=lambda each: each[0]), max(found, key=lambda each: each[0])
+
+
+def _levels(
+    grids: Sequence[Panel], limits: tuple[float, float] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return round levels for the lines, common to all panels, and finer ones for the colours."""
     values = np.concatenate([each.ravel() for _, _, each in grids])
+    if limits is not None:
+        values = np.clip(values, *limits)
     lines = np.asarray(MaxNLocator(nbins=10, steps=[1, 2, 5, 10]).tick_values(values.min(), values.max()))
     return lines, np.linspace(lines[0], lines[-1], _SHADES * (len(lines) - 1) + 1)
 
@@ -99,18 +135,44 @@ def _held_text(factors: Sequence[Factor], pair: tuple[int, int], held: Sequence[
     return "; ".join(text if factor.unit == "-" else f"{text} {factor.unit}" for factor, text in values)
 
 
-def _mark(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], marks: Marks, box: float | None) -> None:
-    """Draw the frame of the searched box and the marked points as they are seen from this pair."""
+def _label(axes: Axes, drawn: ContourSet) -> None:
+    """Label lines, but not where the frame would cut the label."""
+    axes.clabel(drawn, fmt="%g", fontsize=6)
+    to_axes = axes.transData + axes.transAxes.inverted()
+    for text in drawn.labelTexts:
+        if not all(_LABEL_EDGE < part < 1 - _LABEL_EDGE for part in to_axes.transform(text.get_position())):
+            text.set_visible(False)
+
+
+def _frame(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], box: float | None) -> None:
+    """Draw the frame of the searched box."""
     if box is not None:
         corners = np.array([(-box, -box), (box, -box), (box, box), (-box, box), (-box, -box)])
         frame = to_natural([factors[place] for place in pair], corners)
         axes.plot(frame[:, 0], frame[:, 1], color="white", linewidth=0.8, linestyle=(0, (4, 2)))
-    for (name, point), sign in zip(marks.items(), itertools.cycle("oXs^D")):
+
+
+def _mark(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], marks: Marks, held: Sequence[float]) -> None:
+    """Draw the marked points as they are seen from this pair: hollow where this slice does not hold them."""
+    rest = [place for place in range(len(factors)) if place not in pair]
+    for (name, point), sign in zip(marks.items(), itertools.cycle(_SIGNS)):
         natural = to_natural(factors, point)
+        on_slice = all(abs(point[place] - held[place]) < _ON_SLICE for place in rest)
+        colours = (COLOURS["right"], "white") if on_slice else ("none", COLOURS["right"])
         axes.plot(
-            natural[pair[0]], natural[pair[1]], sign, color=COLOURS["right"], markeredgecolor="white", markersize=7,
-            linestyle="none", label=name,
+            natural[pair[0]], natural[pair[1]], sign, markerfacecolor=colours[0], markeredgecolor=colours[1],
+            markersize=7 if on_slice else 10, linestyle="none", label=name,
         )  # fmt: skip
+
+
+def _meanings(values: Mapping[str, float]) -> list[Line2D]:
+    """What the signs of marked points stand for, and the response at each."""
+    return [
+        Line2D(
+            [], [], marker=sign, color=COLOURS["right"], markersize=6, linestyle="none", label=f"{name}: {value:.2f}"
+        )
+        for (name, value), sign in zip(values.items(), itertools.cycle(_SIGNS))
+    ]
 
 
 def observed_against_predicted(
@@ -128,11 +190,12 @@ def observed_against_predicted(
     with drawing():
         figure = Figure(figsize=(3.6, 3.4), layout="constrained")
         axes = figure.add_subplot()
-        axes.plot(ends, ends, color=QUIET, linewidth=0.8)
+        axes.plot(ends, ends, color=QUIET, linewidth=0.8, label="observed = predicted")
         axes.plot(predicted, observed, "o", color=COLOURS["left"], markersize=4, markeredgewidth=0)
         axes.set_xlabel(f"predicted {response}")
         axes.set_ylabel(f"observed {response}")
         axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(fontsize=7)
         axes.set_title(f"R² = {r2:.4f}, {len(observed)} runs", fontsize=8)
     return figure
 
@@ -156,7 +219,7 @@ def pareto_front(
             cloud[:, 0], cloud[:, 1], ".", color="#CCCCCC", markersize=2, markeredgewidth=0, label="settings in the box"
         )
         axes.plot(front.a, front.b, color=COLOURS["left"], label="Pareto front")
-        for (name, point), colour, sign in zip(marks.items(), itertools.cycle(SERIES), itertools.cycle("oXs^D")):
+        for (name, point), colour, sign in zip(marks.items(), itertools.cycle(SERIES), itertools.cycle(_SIGNS)):
             axes.plot(*point, sign, color=colour, markeredgecolor="white", markersize=7, linestyle="none", label=name)
         axes.set_xlabel(a)
         axes.set_ylabel(b)

@@ -10,14 +10,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from controller.program.tags import ROWS, SIDES
+from plant_sim.bench.report import binomial_interval
 from plant_sim.bench.study.bottleneck import Bottleneck, first_late
 from plant_sim.bench.study.chart import gantt_chart
 from plant_sim.bench.study.driving import FREQUENCIES_PER_MIN, MARGIN, Found, Limits, Point, drive, ground_speed_km_h
 from plant_sim.bench.study.own import ROWS_FAIL_TOGETHER, estimate
-from plant_sim.bench.study.pace import TRAYS, Paces, landing_offset_mm, round_needed_s
+from plant_sim.bench.study.pace import SLOWEST_PER_MIN, TRAYS, Paces, landing_offset_mm, observed_runs, round_needed_s
 from plant_sim.bench.study.parts import Cell, Heading, Part, Picture, Table, counted
 from plant_sim.bench.study.report import Study, drawing
-from plant_sim.bench.study.runner import RunOptions
+from plant_sim.bench.study.runner import RunOptions, trial_record
 from plant_sim.scope.style import COLOURS, SERIES
 
 
@@ -46,7 +47,7 @@ def throughput_study(
         parts=tuple(
             chain(
                 _advice_parts(found),
-                _limit_parts(found.limits),
+                _limit_parts(found.limits, observed_runs(options.trials)),
                 _bottleneck_parts(bottlenecks),
                 _trial_parts(options, found),
                 _setting_parts(options, found.points),
@@ -60,7 +61,12 @@ def _advice_parts(found: Found) -> list[Part]:
     advice, limits, spacing_m = found.advice, found.limits, found.spacing_m
     parts: list[Part] = [Heading("How fast to drive")]
     if advice is None:
-        return [*parts, "No speed can be advised: there is none without a gap that leaves a margin."]
+        return [
+            *parts,
+            f"No speed can be advised: down to {SLOWEST_PER_MIN}/min, the slowest of this study, none is without a "
+            f"gap and leaves a margin of {100 * MARGIN:g} %.",
+            *_tried_parts(found),
+        ]
     top, safe = advice.highest, advice.with_margin
     beyond = " (nothing faster was tried)" if top.frequency_per_min == limits.searched_to else ""
     text = (
@@ -74,9 +80,27 @@ def _advice_parts(found: Found) -> list[Part]:
     if limits.settled is not None and limits.settled > top.frequency_per_min:
         text += (
             f" Up to {ground_speed_km_h(limits.settled, spacing_m):.2f} km/h, {limits.settled} a minute, gaps come "
-            "only at the beginning, until the arms have found their time against each other."
+            "only at the beginning of the observed runs, until the arms have found their time against each other."
         )
-    return [*parts, text]
+    trials = len(top.trials)
+    _, most = binomial_interval(0, trials)
+    text += (
+        f" The trials differ in where the cups stand at the start, which decides over the first gaps. A gap in none "
+        f"of {trials} trials does not rule out one: it may still come in up to {100 * most:.0f} % of the starts "
+        "(95 %, exact binomial), and another seed may move the limit by a few plants a minute; more --trials make it "
+        "surer."
+    )
+    return [*parts, text, *_tried_parts(found)]
+
+
+def _tried_parts(found: Found) -> list[Part]:
+    """The trials in which the advice was sought."""
+    points = [*found.tried, *([] if found.advice is None else [found.advice.with_margin])]
+    if not points:
+        return []
+    rows = tuple((each.frequency_per_min, len(each.trials), each.gaps) for each in points)
+    return [Table("advice", "Trials that the advice rests on, from the limit of the observed runs down",
+                  ("frequency, 1/min", "trials", "with a gap, or not completed"), rows)]  # fmt: skip
 
 
 def _least_wait_s(point: Point) -> float:
@@ -84,7 +108,7 @@ def _least_wait_s(point: Point) -> float:
     return min(point.waiting_s(side, row) for side in SIDES for row in ROWS)
 
 
-def _limit_parts(limits: Limits) -> list[Part]:
+def _limit_parts(limits: Limits, runs: int) -> list[Part]:
     rows: list[tuple[Cell, ...]] = [
         ("no cup is missed", limits.without_gap, _round_s(limits.without_gap)),
         ("none from the third tray on", limits.settled, _round_s(limits.settled)),
@@ -95,8 +119,9 @@ def _limit_parts(limits: Limits) -> list[Part]:
     ]
     return [
         Heading("Up to where the arms keep up"),
-        f"Found on runs of {TRAYS} trays, to 1/min, up to {limits.searched_to}/min. A round is the time in which "
-        "twelve cups pass; an arm that comes over its cups after the twelfth leaves a gap.",
+        f"Found on {counted(runs, 'run')} of {TRAYS} trays, to 1/min, up to {limits.searched_to}/min; - where it does "
+        f"not even hold at {SLOWEST_PER_MIN}/min. A round is the time in which twelve cups pass; an arm that comes "
+        "over its cups after the twelfth leaves a gap.",
         Table("limits", "Highest planting frequency at which it holds", ("holds", "frequency, 1/min", "round, s"),
               tuple(rows)),
     ]  # fmt: skip
@@ -134,7 +159,7 @@ def _trial_parts(options: RunOptions, found: Found) -> list[Part]:
         ))  # fmt: skip
     heading = ("frequency, 1/min", "ground speed, km/h", "S, %", "from", "to", "SD between trials",
                "missed cups a trial", "missed a settled tray", "cycle, s", "air, L/min", "air, L a seedling",
-               "completed")  # fmt: skip
+               "trials completed")  # fmt: skip
     return [
         Heading("Trials"),
         f"At each frequency {counted(options.trials, 'trial')} of {options.seedlings} seedlings; S with its exact 95 % "
@@ -193,17 +218,17 @@ def _curves(points: Sequence[Point], paces: Paces) -> Figure:
         success.errorbar(
             frequencies, means, [means - lows, highs - means], fmt="o-", color=SERIES[0], capsize=2, markersize=3
         )
-        success.set_ylabel("S, 95 % interval (%)")
+        success.set_ylabel("S and its 95 % interval, %")
         missed = [point.mean("missed_cups") for point in points]
         settled = [paces(each).settled_missed_cups for each in frequencies]
         gaps.plot(frequencies, missed, "o-", color=COLOURS["alarms"], markersize=3, label="a trial of two trays")
         gaps.plot(frequencies, settled, "s--", color=COLOURS["faults"], markersize=3, label="a settled tray")
-        gaps.set_ylabel("missed cups")
+        gaps.set_ylabel("missed cups, mean")
         gaps.legend()
         air.plot(frequencies, [each.air_l_min for each in points], "o-", color=SERIES[5], markersize=3)
-        air.set_ylabel("air (L/min ANR)")
+        air.set_ylabel("air, L/min ANR")
         for axes in (success, gaps, air):
-            axes.set_xlabel("planting frequency (1/min and row)")
+            axes.set_xlabel("planting frequency, 1/min and row")
             axes.grid()
     return figure
 
@@ -219,6 +244,12 @@ def _record(found: Found, bottlenecks: Sequence[Bottleneck]) -> dict[str, object
     return {
         "spacing_m": spacing_m,
         "points": [_point_record(point, found.paces) for point in found.points],
+        "observed": [
+            {"set": dict(run.setting.values), "trays": TRAYS, "seed": run.seed, "reason": run.reason}
+            for pace in found.paces.found.values()
+            for run in pace.runs
+        ],
+        "tried": [_tried_record(point) for point in found.tried],
         "limits_per_min": {
             "without_gap": limits.without_gap,
             "settled": limits.settled,
@@ -226,13 +257,21 @@ def _record(found: Found, bottlenecks: Sequence[Bottleneck]) -> dict[str, object
             **{f"row {row}": limit for row, limit in limits.by_row.items()},
         },
         "advice": None if advice is None else {
-            name: {"frequency_per_min": point.frequency_per_min,
-                   "ground_speed_km_h": ground_speed_km_h(point.frequency_per_min, spacing_m),
-                   "least_waiting_s": _least_wait_s(point)}
+            name: {"ground_speed_km_h": ground_speed_km_h(point.frequency_per_min, spacing_m),
+                   "least_waiting_s": _least_wait_s(point), **_tried_record(point)}
             for name, point in (("highest", advice.highest), ("with_margin", advice.with_margin))
         },
         "bottlenecks": {each.name: each.record() for each in bottlenecks},
     }  # fmt: skip
+
+
+def _tried_record(point: Point) -> dict[str, object]:
+    return {
+        "frequency_per_min": point.frequency_per_min,
+        "set": dict(point.setting.values),
+        "gaps": point.gaps,
+        "trials": [trial_record(trial) for trial in point.trials],
+    }
 
 
 def _point_record(point: Point, paces: Paces) -> dict[str, object]:
@@ -251,5 +290,5 @@ def _point_record(point: Point, paces: Paces) -> dict[str, object]:
         "air_l_per_seedling": point.air_l_per_seedling,
         "waiting_s": {f"{side} row {row}": point.waiting_s(side, row) for side in SIDES for row in ROWS},
         "least_margin_s": {f"row {row}": paces(point.frequency_per_min).least_margin_s(row) for row in ROWS},
-        "reasons": [trial.reason for trial in point.trials if trial.reason],
+        "trials": [trial_record(trial) for trial in point.trials],
     }
