@@ -67,9 +67,14 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     yield "no step in manual", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
     yield "tray feeder: no step without motion", _implies(_any_step(machine.feeder), control.motion)
     in_place = tags.tray.phase.equals(IN_PLACE)
-    feeding = any_of(*(machine.feeder[title] for title in ("move tray out", "index", "creep", "no tray")))
+    feeding = any_of(
+        *(machine.feeder[title] for title in ("move tray out", "index", "met in the index", "creep", "no tray"))
+    )
     yield "a tray is fed after its question is answered", _implies(feeding | machine.feeder["settle"], ~tags.tray.ask)
-    yield "a tray that is fed is not in place", _implies(feeding | tags.tray.t_jam.done, ~in_place)
+    yield (
+        "a tray that is fed is not in place",
+        _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.t_met.done), ~in_place),
+    )
     for side in SIDES:
         over_tray = ("approach row", "settle at row", "return to row", "close claws")
         arm, cycle = tags.arms[side], machine.cycles[side]

@@ -384,6 +384,7 @@ class TrayTags:
         self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
         self.t_lost = Timer(106, "tray.lost", "front edge sensor off while the tray should stand")
         self.t_jam = Timer(104, "tray.jam", "front edge sensor does not go off")
+        self.t_met = Timer(108, "tray.met", "front edge sensor on again in the gap")
 
 
 @dataclass(frozen=True)

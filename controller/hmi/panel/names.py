@@ -126,6 +126,7 @@ _STEPS: Final = {
         "wait for an empty tray": "等待空盘",
         "move tray out": "移出苗盘",
         "index": "送进",
+        "met in the index": "送进中遇盘",
         "creep": "爬行",
         "no tray": "无苗盘",
         "settle": "稳定",
@@ -143,6 +144,7 @@ _WAITS: Final = {
         "start": "启动",
         "the tray to be empty, arms at feed": "苗盘取空且两臂在投苗位",
         "a tray in the magazine, then start": "盘仓有盘,然后启动",
+        "the front edge sensor, which may tremble, to be free again": "前沿传感器(可能抖动)恢复无盘",
     }.items()
 }
 

@@ -40,7 +40,7 @@ OPTIMUM: Final = (10.0, 51.0, 0.40)
 """Foam, mm, age, d, and claw pressure, MPa, that the paper finds best. Source: paper, 3.5."""
 
 _LEVELS, _LEVELS_OF_THE_FIT = 13, 9
-_WEIGHT_WORDS, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 0.7, 0.04, 20.0, 0.02
+_WEIGHT_WORDS, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 0.75, 0.04, 20.0, 0.02
 
 #: What is fitted, and between which bounds; all else of the seedling stays as machine.yaml has it.
 FITTED: Final[Mapping[str, tuple[float, float]]] = {
