@@ -98,8 +98,10 @@ class Rig:
         self.plant.time_ms = situation.time_ms
 
     def bring_tray(self) -> None:
-        self.run_until(lambda: self.active("tray_front_edge"), "tray_run", "tray_forward")
-        self.run(15, "tray_run", "tray_forward")  # a controller takes its time
+        self.run_until(lambda: self.plant.conveyor.front_m[0] >= -0.015, "tray_run", "tray_forward")
+        while not self.active("tray_front_edge"):  # as the controller's creep pulses
+            self.run(40)
+            self.run(30, "tray_run", "tray_forward")
         self.run(200)
         assert self.plant.conveyor.placed_tray is not None
 

@@ -200,6 +200,18 @@ def fill_the_magazine(twin: Twin) -> None:
     twin.plant.conveyor.in_magazine = 1
 
 
+def meet_a_tray_in_the_index(twin: Twin, side: Side) -> None:
+    """Let the front edge sensor see something in the gap behind the first tray."""
+    run_row_1(twin, side)
+    until_step(twin, "tray feeder", "index", within_ms=60_000)
+    twin.plant.conveyor.beam.stuck = True
+
+
+def clear_the_beam(twin: Twin) -> None:
+    """Take it out of the beam."""
+    twin.plant.conveyor.beam.stuck = None
+
+
 ROUTES: dict[tuple[str, str], Route] = {
     ("arm", "return to row"): Route(lead=overrun),
     ("arm", "wait to lower"): Route({"descend_at_count": 12}),
@@ -223,6 +235,7 @@ ROUTES: dict[tuple[str, str], Route] = {
     ("homing", "lower"): Route(lead=homing_after("converge", 300)),
     ("homing", "press to feed"): Route(lead=homing_after("converge", 300)),
     ("homing", "homed"): Route(lead=homing_after("converge", 300)),
+    ("tray feeder", "met in the index"): Route(trays=2, lead=meet_a_tray_in_the_index, mend=clear_the_beam),
     ("tray feeder", "no tray"): Route(trays=2, lead=empty_the_magazine, mend=fill_the_magazine),
 }
 

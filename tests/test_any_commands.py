@@ -124,6 +124,7 @@ def rare(side: Side) -> dict[str, tuple[Act, ...]]:
     emergency_stop = Button("emergency_stop", AT_ONCE)
     switch = MACHINE.io_map[f"{side}.slide_at_pick_1"].number
     down = MACHINE.io_map[f"{side}.lift_down"].number
+    edge = MACHINE.io_map["tray_front_edge"].number
     by_hand = GoOn(Mode.MANUAL, (), AT_ONCE)
     return {
         "emergency stop while clamping": (*until("close claws"), emergency_stop, WORK),
@@ -148,6 +149,8 @@ def rare(side: Side) -> dict[str, tuple[Act, ...]]:
         "suspended and gone on": (*until("approach row"), ToAndFro(("suspend", "unsuspend"), AT_ONCE, QUITE_LONG)),
         "complete": (*until("approach row"), AT_ONCE, Press(("complete",), Wait(50, 600))),
         "no tray in the magazine": (SetPoint("no_tray", 10), Shortage(cups=False, meanwhile=WORK), WORK),
+        "something in the gap behind the tray": (
+            WORK, Await(MACHINE.feeder["index"], 2_000), Terminal(edge, level=True, then=AT_ONCE), WORK),
         "the tray emptied": (WORK, Await(MACHINE.feeder["move tray out"], 2_000), Wait(50, 100)),
     }  # fmt: skip
 

@@ -45,7 +45,7 @@ def test_export_writes_what_reads_back_and_reports_its_size(
     out = tmp_path / f"transplanter.{ending}"
     assert controller(["ladder", "export", "--format", form, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "7651 of 8000 steps" in printed
+    assert "7678 of 8000 steps" in printed
     assert printed.endswith("fits\n")
     assert load_ladder(out) == EXPORTED
 

@@ -29,9 +29,6 @@ OFF_HOME_MS: Final = 1_000
 """An arm at rest at home does not leave its switches; longer than a switch may tremble."""
 STOP_STUCK_MS: Final = 5_000
 """Nobody holds X24 so long: clearing takes 3 s."""
-MET_LIMIT_MS: Final = 200
-"""The gap behind a tray is longer than the index: what the front edge sensor sees there, longer than it may tremble, is
-a tray that did not leave, or one that came too soon."""
 TRAY_LOST_MS: Final = 500
 """A tray that stands does not leave its front edge sensor; longer than the sensor may tremble."""
 IN_DOUBT_MS: Final = 200
@@ -199,6 +196,7 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.panel_silent, when=system.panel_silent),
         Rst(alarms.panel_silent, when=~system.panel_silent),
         Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
+        Set(alarms.tray_jam, when=tray.met),
         Annunciate(
             tray.t_lost,
             TRAY_LOST_MS,

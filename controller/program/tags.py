@@ -377,14 +377,15 @@ class TrayTags:
         self.ungranted = m.bit("ungranted", "the belt is wanted and refused, this scan")
         self.blocked_by = Word("D", 112, "tray.blocked by", "number of the interlock that refuses the belt")
         self.fault = m.bit("fault", "an alarm of the feeder is set")
+        self.met = m.bit("met", "the front edge sensor stays on in the gap behind a tray, this scan")
         self.t_index = t10.timer("index", "full speed into the gap")
         self.t_settle = t10.timer("settle", "tray at rest")
         self.t_on = t10.timer("creep on", "creep: run")
         self.t_off = t10.timer("creep off", "creep: pause")
+        self.t_met = Timer(234, "tray.met", "front edge sensor on in the gap behind a tray")
         self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
         self.t_lost = Timer(106, "tray.lost", "front edge sensor off while the tray should stand")
         self.t_jam = Timer(104, "tray.jam", "front edge sensor does not go off")
-        self.t_met = Timer(108, "tray.met", "front edge sensor on again in the gap")
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from controller.core.expr import all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Inc, Mov, OnDelay, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, Timeout, To
-from controller.program.alarms import MET_LIMIT_MS, TRAY_OUT_LIMIT_MS, Annunciators
+from controller.program.alarms import TRAY_OUT_LIMIT_MS, Annunciators
 from controller.program.tags import (
     COMING,
     FIRST_SCAN,
@@ -25,6 +25,9 @@ from controller.program.tags import (
     Tags,
 )
 
+MET_MS: Final = 200
+"""The gap behind a tray is longer than the index: what the front edge sensor sees there, longer than it may tremble, is
+a tray that did not leave, or one that came too soon."""
 CREEP_RUN_MS: Final = 20
 CREEP_PAUSE_MS: Final = 30
 """The belt comes to rest after each pulse. At a scan of 10 ms one moves the twin's by 3.6 mm: neither a pulse too many
@@ -58,9 +61,8 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
         ),
         Step(
             "met in the index",
-            waits_for="the front edge sensor, which may tremble, to be free again",
-            go=[To("creep", when=~t.edge)],
-            watch=Timeout(MET_LIMIT_MS, alarms.tray_jam, t.t_met),
+            dwell=Dwell(t.t_met, MET_MS),
+            go=[To("creep", when=~t.edge), To("wait for an empty tray", when=t.t_met.done)],
         ),
         Step(
             "creep",
@@ -108,7 +110,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),
         Mov(MOVING_OUT, t.phase, when=t.emptied),
-        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.t_met.done),  # it may be this tray or the next: the operator looks
+        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # it may be this tray or the next: the operator looks
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not one that an arm is about to take
         *(Mov(TAKEN, row, when=none) for row in rows),
@@ -139,6 +141,7 @@ def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
         (
             *(Mov(FULL, row, when=arrived) for row in rows),
             Mov(IN_PLACE, t.phase, when=arrived),
+            Out(t.met, when=all_of(feeder["met in the index"], t.t_met.done, t.edge)),
             OnDelay(t.t_on, CREEP_RUN_MS, when=feeder["creep"] & ~t.t_off.done),
             OnDelay(t.t_off, CREEP_PAUSE_MS, when=t.t_on.done),
         ),

@@ -144,7 +144,6 @@ _WAITS: Final = {
         "start": "启动",
         "the tray to be empty, arms at feed": "苗盘取空且两臂在投苗位",
         "a tray in the magazine, then start": "盘仓有盘,然后启动",
-        "the front edge sensor, which may tremble, to be free again": "前沿传感器(可能抖动)恢复无盘",
     }.items()
 }
 

@@ -68,7 +68,7 @@ FEEDER_MOTIONS: Final[Mapping[str, Motion]] = {
     "wait for an empty tray": Motion("wait for an empty tray", "program", "waits"),
     "move tray out": Motion("tray out", "conveyor", "moves"),
     "index": Motion("tray index", "conveyor", "moves"),
-    "met in the index": Motion("tray met in the index", "conveyor", "waits"),
+    "met in the index": Motion("tray met in the index", "conveyor", "dwells"),
     "creep": Motion("tray creep", "conveyor", "moves"),
     "no tray": Motion("no tray", "program", "waits"),
     "settle": Motion("tray settle", "conveyor", "dwells"),
