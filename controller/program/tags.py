@@ -163,7 +163,7 @@ class SetPoints:
         word: Word = getattr(self, name)
         lowest, highest = self.limits[word]
         if not text.isdecimal():
-            raise SetPointError("give a whole number")
+            raise SetPointError(f"give a whole number, {lowest} to {highest}")
         if len(text) > LONGEST_NUMBER:
             raise SetPointError(f"give {lowest} to {highest}")
         if not lowest <= int(text) <= highest:
