@@ -86,12 +86,8 @@ def _incidents(section: Section) -> Check:
 
 def _names(section: Section, key: str, what: str, known: list[str]) -> list[str]:
     """The words of a list, each one of some names."""
-    read, names = one_of(what, known), []
-    for entry in section.entries(key, ()):
-        if isinstance(entry, Section):
-            raise section.error(key, "must be a list of words")
-        names.append(section.checked(key, read, entry))
-    return names
+    read = one_of(what, known)
+    return [section.checked(key, read, word) for word in section.words(key)]
 
 
 def _alarms(section: Section, program: Transplanter) -> list[Check]:

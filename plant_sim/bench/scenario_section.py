@@ -137,6 +137,17 @@ class Section:
                 raise ScenarioError(f"{self.path}:{line_of(node)}: {complaint}")
         return found
 
+    def words(self, key: str) -> list[str]:
+        """Return the words or numbers of the list under a key.
+
+        Args:
+            key: The key.
+
+        Raises:
+            ScenarioError: it is no list, or an entry is something else.
+        """
+        return [entry for entry in self.entries(key, ()) if isinstance(entry, str)]
+
     def _dotted(self, key: str | None) -> str:
         """The name of a key; empty for the file as a whole."""
         return ".".join(part for part in (self.name, key) if part)

@@ -198,7 +198,7 @@ class _Reader:
         own = section.section(each.name, _LEVELS)
         assert own is not None  # noqa: S101 - the name comes from the section
         if sorted(own) == ["levels"] and design == "factorial":
-            levels = [own.checked("levels", each.read, text) for text in _texts(own, "levels")]
+            levels = [own.checked("levels", each.read, text) for text in own.words("levels")]
         elif sorted(own) == ["high", "low"]:
             levels = [own.read("low", each.read), own.read("high", each.read)]
             if levels[0] >= levels[1]:
@@ -293,10 +293,6 @@ def _complaint(error: StudyError) -> str:
     """An error without the name that it begins with."""
     return str(error).partition(": ")[2] or str(error)
 
-
-def _texts(section: Section, key: str) -> list[str]:
-    """The words of the list under a key."""
-    return [entry for entry in section.entries(key, ()) if isinstance(entry, str)]
 
 
 def _text(text: str) -> str:
