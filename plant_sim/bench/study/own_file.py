@@ -249,7 +249,7 @@ class _Reader:
 
     def _responses(self) -> tuple[str, ...]:
         known = responses()
-        names = _texts(self.file, "responses")
+        names = self.file.words("responses")
         if not names:
             raise self.file.error("responses", f"is missing or empty; there are {', '.join(known)}")
         for number, name in enumerate(names):
@@ -292,7 +292,6 @@ def _coding(each: Knob, levels: Sequence[float]) -> Factor:
 def _complaint(error: StudyError) -> str:
     """An error without the name that it begins with."""
     return str(error).partition(": ")[2] or str(error)
-
 
 
 def _text(text: str) -> str:
