@@ -45,7 +45,7 @@ def test_export_writes_what_reads_back_and_reports_its_size(
     out = tmp_path / f"transplanter.{ending}"
     assert controller(["ladder", "export", "--format", form, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "7678 of 8000 steps" in printed
+    assert "7683 of 8000 steps" in printed
     assert printed.endswith("fits\n")
     assert load_ladder(out) == EXPORTED
 
@@ -64,7 +64,7 @@ def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixtur
     text = out.read_text(encoding="utf-8")
     assert text.count("END_PROGRAM") == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1].startswith("as instructions of an FX2N: 7651 of 8000 steps")
+    assert lines[1].startswith("as instructions of an FX2N: 7683 of 8000 steps")
     assert "fits" not in lines, "the PLC that takes Structured Text is another"
 
 

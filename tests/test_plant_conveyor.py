@@ -197,6 +197,15 @@ class TestLostSteps:
         assert conveyor.belt_m == pytest.approx(0.395 - conveyor.lost_steps * STEP_M, abs=STEP_M)
 
 
+@pytest.mark.parametrize("run_ms", range(300, 340, 4))
+def test_a_belt_whose_motor_just_balances_the_friction_comes_to_rest(run_ms: int) -> None:
+    rig, conveyor = make_conveyor()
+    conveyor.make["holds_n"] *= 0.1
+    rig.run(run_ms, *FORWARD)
+    rig.run(5_000)
+    assert conveyor.speed_m_s == 0.0
+
+
 def test_fewer_than_no_trays_are_refused() -> None:
     with pytest.raises(ValueError, match="trays is -1"):
         Plant(Rig().io_map, MACHINE, seed=1, trays=-1)

@@ -126,7 +126,12 @@ def test_seeds_differ_and_depend_on_nothing_but_their_numbers() -> None:
         ([Setting({})], MOST_TRIALS + 1, 1, "give fewer trials or fewer levels"),
         ([Setting({})], 1, 0, "--workers 0: give 1 or more"),
         ([Setting({}), Setting({"crop.foam_thickness_mm": 99.0})], 1, 1, "crop.foam_thickness_mm: must lie within"),
-        ([Setting({}), Setting({"program.clamp": 1.0})], 1, 1, "program.clamp: must be a whole number, 10 to 200"),
+        (
+            [Setting({}), Setting({"program.clamp": 1.0})],
+            1,
+            1,
+            "program.clamp: must be 100 to 2000 ms in steps of 10 ms",
+        ),
     ],
 )
 def test_what_is_impossible_is_refused_before_anything_runs(

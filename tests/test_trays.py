@@ -276,6 +276,27 @@ def test_a_beam_that_goes_off_over_the_leaving_tray_makes_it_no_new_one() -> Non
     assert trays_done(twin) == 2
 
 
+def test_a_tray_under_the_beam_where_none_was_found_is_asked_about() -> None:
+    """Given X15 dead as a tray creeps by, once it is mended X0 does not take the tray as one in its place."""
+    twin = at_work({"trays_target": 2}, trays=2)
+    until_step(twin, "tray feeder", "creep", within_ms=2 * TRAY_MS)
+    twin.plc.write(twin.machine.tags.sp.no_tray, 15)
+    beam = twin.plant.conveyor.beam
+    beam.stuck = False
+    twin.run_until_state(State.SUSPENDED, within_ms=40_000)
+    twin.plc.write(twin.machine.tags.sp.no_tray, NO_TRAY_MS // 100)
+    beam.stuck = None
+    twin.run_for(100)
+    assert beam.read()
+    assert twin.plant.conveyor.placed_tray is None
+    twin.press("start")
+    twin.run_until_state(State.HELD, within_ms=10_000)
+    assert twin.alarms() == ["tray_jam"]
+    assert home_again(twin) == {"tray"}
+    go_on(twin)
+    assert to_complete(twin) == undisturbed(trays=2)
+
+
 @pytest.mark.parametrize("gap_m", [0.040, 0.045, 0.058, 0.071])
 def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -> None:
     """A creep pulse is 3.6 mm: whatever way is left after the index, the edge is past the beam by less than that."""

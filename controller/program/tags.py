@@ -377,7 +377,7 @@ class TrayTags:
         self.ungranted = m.bit("ungranted", "the belt is wanted and refused, this scan")
         self.blocked_by = Word("D", 112, "tray.blocked by", "number of the interlock that refuses the belt")
         self.fault = m.bit("fault", "an alarm of the feeder is set")
-        self.met = m.bit("met", "the front edge sensor stays on in the gap behind a tray, this scan")
+        self.met = m.bit("met", "a tray under the front edge sensor that was not met creeping, this scan")
         self.t_index = t10.timer("index", "full speed into the gap")
         self.t_settle = t10.timer("settle", "tray at rest")
         self.t_on = t10.timer("creep on", "creep: run")

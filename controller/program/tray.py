@@ -37,6 +37,7 @@ nor a drive that loses its current within one carries the tray out of the claws'
 def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
     """Return the feeder's sequence. Its phase is retentive, so that it goes on rightly after a power loss."""
     t, machine, sp = tags.tray, tags.machine, tags.sp
+    begun = machine.start_requested | machine.entered_starting
     steps = [
         Step(
             "wait for an empty tray",
@@ -73,7 +74,7 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
         Step(
             "no tray",
             waits_for="a tray in the magazine, then start",
-            go=[To("creep", when=t.permit & (machine.start_requested | machine.entered_starting))],
+            go=[To("creep", when=t.permit & begun & ~t.edge)],
         ),
         Step(
             "settle",
@@ -135,13 +136,15 @@ def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
     """Return the rungs after the sequences: phase, rows of a new tray, creep pulses."""
     t, arms = tags.tray, tags.arms
     arrived = all_of(feeder["settle"], t.t_settle.done, t.edge, t.phase.differs(IN_PLACE))
+    in_the_gap = feeder["met in the index"] & t.t_met.done
+    unawaited = feeder["no tray"] & (tags.machine.start_requested | tags.machine.entered_starting)
     rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
     return Block(
         "tray memory",
         (
             *(Mov(FULL, row, when=arrived) for row in rows),
             Mov(IN_PLACE, t.phase, when=arrived),
-            Out(t.met, when=all_of(feeder["met in the index"], t.t_met.done, t.edge)),
+            Out(t.met, when=t.edge & any_of(in_the_gap, unawaited)),
             OnDelay(t.t_on, CREEP_RUN_MS, when=feeder["creep"] & ~t.t_off.done),
             OnDelay(t.t_off, CREEP_PAUSE_MS, when=t.t_on.done),
         ),

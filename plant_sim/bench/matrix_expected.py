@@ -60,8 +60,8 @@ _SINKS = (
     "soon as the switch is lost, stands; over a row the claws close too high before the switch is lost"
 )
 _CREEPS = (
-    f"{_PASSED_ROW}. A slide at rest has no coil on that could hold it: it creeps over a row, or tears what it has "
-    "clamped, before its switch is lost"
+    f"{_PASSED_ROW}. A slide at rest has no coil on that could hold it: it creeps over a row, or off it as the claws "
+    "close, or tears what it has clamped, before its switch is lost"
 )
 _BORNE = "the stroke takes longer or shorter, and still arrives in time"
 _ENDS_LATER = "the step takes so much longer, and still ends in time"
@@ -83,7 +83,7 @@ _LIFT = _told("lift from row", "lower over cups", "lower empty", "slide to feed"
 _BELT = _told("spread", "converge", "open claws", "approach row", "off home", "belt switches", "unbidden")
 _AIR = _told(*_SLIDE.alarms, *_LIFT.alarms, "air_low")
 _RUNS_PAST = _harms(_SLIDE, _PASSED_ROW, "arm_through_tray")
-_CREEPING = _harms(_SLIDE, _CREEPS, "arm_through_tray", "gentle_inward", "torn", loses=True)
+_CREEPING = _harms(_SLIDE, _CREEPS, "arm_through_tray", "gentle_inward", "stems_cut", "torn", loses=True)
 _CLAW_HARM = ("gentle_inward", "arm_through_tray", "stems_cut", "dropped", "drop_over_tray", "torn", "double")
 _CLAWS_FAIL = _untold(_CLAWS, *_CLAW_HARM, loses=True)
 _SINKING = _harms(_LIFT, _SINKS, "arm_through_tray", "gentle_inward", "stems_cut", loses=True)
@@ -95,7 +95,14 @@ _SWITCH_OFF = {
         "lower over cups", "lower empty", "open claws", "close claws", "approach row", "off home", "unbidden"
     ),
     "slide_at_feed": _told(
-        "slide to feed", "open claws", "off home", "spread", "converge", "lower over cups", "unbidden"
+        "slide to feed",
+        "open claws",
+        "off home",
+        "spread",
+        "converge",
+        "lower over cups",
+        "unbidden",
+        "tray_jam",  # the belt is refused while an arm is not seen at feed, and the tray does not leave
     ),
     **dict.fromkeys(_ROW_SWITCHES, _harms(_ROW, _PASSED_ROW, "arm_through_tray")),
     "claws_spread": _told("spread", "open claws", "unbidden"),
@@ -106,7 +113,17 @@ _SWITCH_OFF = {
 """A switch that says off stops the step that waits for it, or takes away what lets a coil on; at rest it is missed."""
 _SWITCH_ON = {
     **dict.fromkeys(("lift_up", "lift_down"), _told("lift switches")),
-    **dict.fromkeys(("slide_at_feed", *_ROW_SWITCHES), _told("slide switches")),
+    "slide_at_feed": _told("slide switches"),
+    **dict.fromkeys(
+        _ROW_SWITCHES,
+        _harms(
+            _told("slide switches", "overrun"),
+            "one that sticks as the slide comes near is believed, for it is alone and not too early: the arm stops "
+            "short of the row, takes nothing, and goes through what stands there on its way to the next",
+            "arm_through_tray",
+            loses=True,
+        ),
+    ),
     **dict.fromkeys(("claws_spread", "claws_converged"), _told("belt switches")),
     "cup_pulse": _told("no cups", "cup counts"),
     "tray_front_edge": _told("tray_jam"),

@@ -14,6 +14,7 @@ from plant_sim.spec import require, require_within
 
 _SEATS = 8  # trays the belt has room for
 _GONE = -1e9
+_AT_REST_M_S = 1e-9  # where the motor just balances the friction, the belt would come to rest ever more slowly
 
 #: State: way asked for by the drive, gone by the belt with its pushers, and gone by the trays; `seats_m` where the
 #: front edge of each tray lies, m before the point that was at the beam at the start.
@@ -184,6 +185,8 @@ def step_conveyor(c: Any, make: Any, run: bool, forward: bool, at_s: float, step
             free_m_s = c.belt_m_s + math.copysign(most_m_s, free_m_s - c.belt_m_s)
             seeming_kg = make.moved_kg
         speed_m_s = rubbed_m_s(make.friction, free_m_s, c.belt_m_s, seeming_kg, step_s)
+        if c.asked_m_s == 0.0 and abs(speed_m_s) < _AT_REST_M_S:
+            speed_m_s = 0.0
     c.belt_m = max(before_m + step_s * speed_m_s, make.stop_m)
     c.belt_m_s = speed_m_s if c.belt_m > make.stop_m else max(speed_m_s, 0.0)
     before_m = c.trays_m
