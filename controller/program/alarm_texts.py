@@ -237,9 +237,8 @@ ALARMS: Final = {
     "tray_jam": AlarmText(
         Text("Tray did not leave the pick position", "苗盘未离开取苗位"),
         Text(
-            "Outputs tray_run and tray_forward on? Stepper drive and its supply; belt slipping, tray "
-            "caught; next tray less than 40 mm behind, or laid in under the sensor; tray_front_edge dirty or covered: LED, "
-            "wire",
+            "Outputs tray_run and tray_forward on? Stepper drive and its supply; belt slipping, tray caught; next tray "
+            "less than 40 mm behind, or laid in under the sensor; tray_front_edge dirty or covered: LED, wire",
             "输出 tray_run 和 tray_forward 是否得电;步进驱动器及其电源;输送带打滑、苗盘卡住;"
             "后一苗盘间距不足 40 mm,或被放在传感器下;tray_front_edge 脏污或被遮挡:指示灯、接线",
         ),
