@@ -18,12 +18,14 @@ class Expectation:
         harm: What the monitors may find because no program can prevent it: kinds of incident, names of monitors.
         loses: Whether seedlings may be lost by it, or left behind.
         note: Why it is not told, or not in time, and what would tell it; empty where all is told in time.
+        stops: How often the machine may stop for it.
     """
 
     alarms: frozenset[str] = frozenset()
     harm: frozenset[str] = frozenset()
     loses: bool = False
     note: str = ""
+    stops: int = 1
 
 
 def expectation(subject: Subject) -> Expectation:
@@ -73,7 +75,8 @@ _TRAY_TOO_FAR = (
 
 _TRAY_PASSES = (
     "a sensor that fails while the tray is on its way: the tray goes through the machine unseen and is told missing; "
-    "its seedlings are whole and can be laid in again. A second sensor would tell it"
+    "its seedlings are whole and can be laid in again. A second sensor would tell it. One that is mended with a tray "
+    "under it stops the machine once more, for that tray was not met creeping and is asked about"
 )
 
 _ROW = _told("approach row", "return to row", "overrun", "close claws", "slide switches")
@@ -108,7 +111,9 @@ _SWITCH_OFF = {
     "claws_spread": _told("spread", "open claws", "unbidden"),
     "claws_converged": _told("converge", "approach row", "off home", "unbidden"),
     "cup_pulse": _told("no cups", "cup counts"),
-    "tray_front_edge": _harms(_told("tray_lost", "no tray", "approach row"), _TRAY_PASSES, loses=True),
+    "tray_front_edge": replace(
+        _harms(_told("tray_lost", "no tray", "approach row"), _TRAY_PASSES, loses=True), stops=2
+    ),
 }
 """A switch that says off stops the step that waits for it, or takes away what lets a coil on; at rest it is missed."""
 _SWITCH_ON = {

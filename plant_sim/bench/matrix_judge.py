@@ -30,7 +30,7 @@ def complaints(subject: Subject, outcome: Outcome) -> list[str]:
         if not signal.is_in_time:
             found.append(f"told after {signal.in_step_ms} ms in {signal.step}, limit {signal.limit_ms} ms")
     found += [f"the {side} arm did not finish to feed" for side in outcome.away]
-    if outcome.rounds > 1 + outcome.passed:  # for a tray that went through it waits once more, in vain
+    if outcome.rounds > expected.stops + outcome.passed:  # for a tray that went through it waits once more, in vain
         found.append(f"stopped again after it was mended, {outcome.rounds - 1} times")
     if outcome.left and not expected.loses:
         counts = outcome.counts
