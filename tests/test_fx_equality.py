@@ -45,7 +45,8 @@ def test_the_export_gives_the_same_outputs_in_every_scan() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(1_200)
 def test_a_million_scans() -> None:
-    pairs = compared(NIGHTLY_SCANS, 1_000)
+    """Any stories will do for the outputs; those from this seed on come by every step, the rarest once or twice."""
+    pairs = compared(NIGHTLY_SCANS, 2_000)
     assert sum(pair.scans for pair in pairs) == NIGHTLY_SCANS
     assert set().union(*(pair.visited for pair in pairs)) == {name for _, name in STEPS}
 
