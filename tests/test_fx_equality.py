@@ -77,7 +77,7 @@ def test_a_whole_trial_is_the_same_for_the_export(mirrored: type[Mirror]) -> Non
 
 @cache
 def tapes() -> list[Recorded]:
-    return [Recorded.of(seed, 4_000) for seed in (3, 11, 12, 13)]
+    return [Recorded.of(seed, 4_000) for seed in (3, 11, 12, 13, 21, 34)]
 
 
 def damaged(index: int) -> Ladder:
@@ -118,8 +118,8 @@ def test_one_inverted_contact_in_the_output_block_is_caught(index: int) -> None:
 def test_most_damages_of_one_bit_anywhere_are_caught() -> None:
     """One instruction in 300, inverted or with another constant, and relays and states compared beside the outputs.
 
-    What is not caught makes no difference in these 16,000 scans: orders that nobody gave, faults that did not come, and
-    conditions that another one holds, too. Of one instruction in 100 these scans catch 24 of 39, 96,000 scans 28.
+    What is not caught makes no difference in these 24,000 scans: orders that nobody gave, faults that did not come, and
+    conditions that another one holds, too. Of one instruction in 100, 96,000 scans, these among them, catch 28 of 39.
     """
     candidates = [
         i
@@ -128,7 +128,7 @@ def test_most_damages_of_one_bit_anywhere_are_caught() -> None:
     ]
     sample = candidates[150::300]
     caught = [i for i in sample if any(tape.changed_by(damaged(i)) is not None for tape in tapes())]
-    assert len(caught) > 0.5 * len(sample)
+    assert len(caught) >= 0.75 * len(sample)
 
 
 def test_what_was_written_is_read_back() -> None:

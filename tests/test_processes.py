@@ -24,7 +24,7 @@ from controller.io_map import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.bench.live import Process
-from plant_sim.bench.operator import Operator, counts_of
+from plant_sim.bench.operator import PRESS_MS, Operator, counts_of
 from plant_sim.bench.twin import SCAN_MS, Twin
 
 LIMIT_S = 60.0
@@ -309,6 +309,14 @@ def test_trial_command_gives_one_json_object_and_repeats_itself() -> None:
     assert first["cycles"] == 12
     other = json.loads(run("plant_sim", "trial", "--seed", "2", "--json").stdout)
     assert {k: other[k] for k in ("P", "D", "T")} != {k: first[k] for k in ("P", "D", "T")}
+
+
+def test_two_presses_of_a_button_never_look_like_one() -> None:
+    """A press takes its time by the plant's clock, and so does the pause after it."""
+    with plant_process() as (_, port), Operator("127.0.0.1", port) as operator:
+        before_ms = operator.telemetry()["time_ms"]
+        operator.press("start")
+        assert operator.telemetry()["time_ms"] - before_ms >= 2 * PRESS_MS
 
 
 @pytest.mark.parametrize("stroke", [signal.SIGKILL, signal.SIGSTOP])
