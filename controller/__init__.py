@@ -1,1 +1,1 @@
-"""The controller: a soft PLC and its program; it can be installed and run alone."""
+"""Soft PLC and control program of the seedling transplanter; independent of the plant package."""

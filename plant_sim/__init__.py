@@ -1,1 +1,1 @@
-"""The machine in software; of the controller it knows only the I/O map."""
+"""Simulated transplanter, and its digital twin with the controller."""

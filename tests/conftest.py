@@ -1,14 +1,55 @@
-"""Before anything else: the plant is compiled once, not by every worker at the same time."""
+"""Set-up of the test run: compilation of the plant, and the default sample of tests that exist for both arms."""
+
+from pathlib import Path
+from typing import Final
+from zlib import crc32
 
 import pytest
 
-from controller.io_map import DEFAULT_IO_MAP, load_io_map
-from plant_sim.parameters import load_machine
-from plant_sim.plant import Plant
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.tags import SIDES
+from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.plant import Plant
+from tests.paths import ROOT
+
+SAMPLED: Final = tuple(
+    ROOT / "tests" / folder
+    for folder in (
+        "controller/program/cycle",
+        "controller/program/modes",
+        "controller/program/recovery",
+        "plant_sim/twin",
+    )
+)
+"""Folders of scenarios on the whole machine."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the plant, or load its machine code, in the process that starts the workers."""
+    """Compile the plant, or load its cached machine code, in the process that starts the workers."""
     if not hasattr(config, "workerinput"):
         plant = Plant(load_io_map(DEFAULT_IO_MAP), load_machine(), seed=1)
         assert plant.x
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run a scenario that exists for both arms on one of them by default, and on both with ``--nightly``.
+
+    The program of an arm is declared once and instantiated for both. The arm is chosen by a checksum of the test's
+    name and other parameters, so that about half of the scenarios run on each.
+    """
+    for item in items:
+        if isinstance(item, pytest.Function) and _is_sampled(item.path) and not _is_chosen(item):
+            item.add_marker(pytest.mark.nightly)
+
+
+def _is_sampled(path: Path) -> bool:
+    return any(path.is_relative_to(folder) for folder in SAMPLED)
+
+
+def _is_chosen(item: pytest.Function) -> bool:
+    parameters = item.callspec.params if hasattr(item, "callspec") else {}
+    if parameters.get("side") not in SIDES:
+        return True
+    name = item.name.replace(str(parameters["side"]), "")
+    return bool(SIDES[crc32(name.encode()) % len(SIDES)] == parameters["side"])

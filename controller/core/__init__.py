@@ -1,1 +1,1 @@
-"""The PLC: devices, expressions, rungs, sequences, timers, counters, the scan, retentive memory."""
+"""PLC core: devices, expressions, rungs, sequences, timers, counters, the scan and retentive memory."""

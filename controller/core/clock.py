@@ -1,4 +1,4 @@
-"""Clocks: the only place of the core that reads one. Times are integer ms."""
+"""Clocks; the only core module that reads the system time. Times are integers in ms."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Gives the time since some fixed instant, never going back."""
+    """Monotonic clock: time elapsed since a fixed instant."""
 
     def now_ms(self) -> int:
         """Return the time in ms."""
@@ -15,7 +15,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The machine's own clock, starting at 0 when created."""
+    """System clock that starts at 0 when created and never goes back."""
 
     def __init__(self) -> None:
         self._start_ns = time.monotonic_ns()
@@ -26,12 +26,12 @@ class MonotonicClock:
 
 
 def utc_ms() -> int:
-    """Return the wall clock, ms since 1970 UTC: for records that people read, never for the program."""
+    """Return the wall-clock time in ms since 1970 UTC, for timestamps of records; the program never uses it."""
     return time.time_ns() // 1_000_000
 
 
 class SimulatedClock:
-    """A clock that stands until it is advanced."""
+    """Clock that changes only when it is advanced."""
 
     def __init__(self) -> None:
         self._now_ms = 0
@@ -41,11 +41,14 @@ class SimulatedClock:
         return self._now_ms
 
     def advance(self, for_ms: int) -> None:
-        """Let time pass.
+        """Advance the clock.
+
+        Args:
+            for_ms: Duration, ms.
 
         Raises:
-            ValueError: A clock does not go back.
+            ValueError: The duration is negative.
         """
         if for_ms < 0:
-            raise ValueError(f"a clock does not go back: {for_ms} ms")
+            raise ValueError(f"cannot advance a clock by {for_ms} ms: the duration must not be negative")
         self._now_ms += for_ms

@@ -1,7 +1,7 @@
-"""Blocks of a program as Python functions over the lists of one Memory.
+"""Compiler from program blocks to Python functions that operate on the lists of one Memory.
 
-The text of each function is made from the declaration; nothing is interpreted while scanning. The functions
-take the scan's ticks (time divided by 100, 10 and 1 ms), latched once per scan.
+The source of each function is generated from the declaration; nothing is interpreted during a scan. The functions
+take the tick counts of the scan (time divided by 100, 10 and 1 ms), which are latched once per scan.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ BlockFunction = Callable[[int, int, int], None]
 Transfers = dict[str, Callable[[], None]]
 
 _Latching = Set | Rst | ZoneReset | Mov | Inc
-"""Rungs that leave everything as it is while they are not driven."""
+"""Rung types that write nothing while they are not driven."""
 
 _LISTS: Final = ("X", "Y", "M", "S", "T", "C", "D", "TV", "TS", "CV", "CE", "E")
 _RETENTIVE_TIMERS: Final = 246
@@ -69,7 +69,7 @@ def expression(expr: Expr) -> str:
 
 
 def word(operand: Word | int) -> str:
-    """Return a word or number as a Python expression."""
+    """Return a word or a constant as a Python expression."""
     if isinstance(operand, int):
         return str(operand)
     return f"{ {'D': 'D', 'T': 'TV', 'C': 'CV'}[operand.kind] }[{operand.number}]"
@@ -80,10 +80,10 @@ def _grouped(expr: Expr) -> str:
 
 
 def _common_contact(item: Rung | Sequence) -> Expr | None:
-    """Return the first contact of a rung that does nothing at all while it is open.
+    """Return the first contact of a rung if the rung writes nothing while that contact is open, otherwise None.
 
-    Such rungs in a row are executed as one branch (MPS, MRD, MPP) of that contact. One that works on the contact
-    itself stands alone.
+    Consecutive rungs with the same first contact are executed as branches (MPS, MRD, MPP) of that contact. A rung
+    that writes the contact itself is not part of a branch.
     """
     if not isinstance(item, _Latching):
         return None
@@ -93,7 +93,7 @@ def _common_contact(item: Rung | Sequence) -> Expr | None:
 
 
 class _Source:
-    """Text of one function, line by line."""
+    """Line-by-line builder of the source of one function."""
 
     def __init__(self, edges: Iterator[int]) -> None:
         self.lines: list[str] = []
@@ -194,8 +194,8 @@ class _Source:
                 self.rung(dwell, 2)
             for n, transfer in enumerate(transfers):
                 self.add(2, f"{'el' if n else ''}if {expression(transfer.when)}:", f"    {trigger(index, bit, n)}()")
-                if sequence.spends is not None:
-                    self.add(3, f"{expression(sequence.spends)} = False")
+                if sequence.consumes is not None:
+                    self.add(3, f"{expression(sequence.consumes)} = False")
             if dwell is not None:
                 n = dwell.timer.number
                 self.add(1, f"elif TS[{n}] >= 0: TS[{n}] = -1; TV[{n}] = 0; T[{n}] = False")
@@ -214,28 +214,28 @@ def _reset(target: Bit | Word | Timer | Counter) -> tuple[str, ...]:
 
 
 def trigger(index: int, source: Bit, n: int) -> str:
-    """Return the name of the n-th transfer out of a step of the index-th sequence."""
+    """Return the trigger name of the n-th transfer out of a step of the index-th sequence."""
     return f"transfer_{index}_{source.number}_{n}"
 
 
 def compile_program(program: Program, memory: Memory, transfers: Transfers) -> list[BlockFunction]:
-    """Compile every block to a function over the memory.
+    """Compile every block to a function that operates on the memory.
 
     Args:
-        program: The program.
-        memory: Its lists become part of the functions; E is sized for the program's edges.
-        transfers: What to call for each transfer, by `trigger` name.
+        program: Program to compile.
+        memory: Memory whose lists the functions access; E is resized to the number of edges in the program.
+        transfers: Functions to call for the transfers, keyed by `trigger` name.
 
     Returns:
-        One function a block, in scan order, of the ticks of 100, 10 and 1 ms.
+        One function per block, in scan order; its arguments are the tick counts of 100, 10 and 1 ms.
     """
     memory.E[:] = [False] * _edges(program)
     namespace = {name: getattr(memory, name) for name in _LISTS} | transfers
     functions: list[BlockFunction] = []
     for code in _code(program):
-        own = dict(namespace)
-        exec(code, own)  # noqa: S102 - text made from checked declarations
-        functions.append(own["block"])
+        block_namespace = dict(namespace)
+        exec(code, block_namespace)  # noqa: S102 - source generated from checked declarations
+        functions.append(block_namespace["block"])
     return functions
 
 
@@ -245,7 +245,7 @@ def _edges(program: Program) -> int:
 
 @lru_cache(maxsize=16)
 def _code(program: Program) -> tuple[CodeType, ...]:
-    """Return what defines the function of each block; any number of PLCs share it."""
+    """Return the code object of each block function; all PLCs with the same program share them."""
     edges, index = iter(range(_edges(program))), iter(range(len(list(program.sequences()))))
     return tuple(_block_code(block, edges, index) for block in program.blocks)
 

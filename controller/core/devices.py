@@ -1,7 +1,7 @@
-"""FX2N devices: their ranges, their retention, and the memory that holds them.
+"""FX2N devices: ranges, retention and device memory.
 
-Ranges and retention follow the FX2N (FX.md 1.5, seen in independent digests of the manuals, not in the
-manual itself). X and Y are octal in text and plain integers here: X10 is number 8.
+Ranges and retention follow the FX2N (fx2n.md 1.5, based on independent summaries of the manuals, not on the
+manuals themselves). X and Y numbers are octal in text and plain integers here: X10 is number 8.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ RETENTIVE: Final = {
     "C": (range(100, 200), range(220, 256)),
     "D": (range(200, 8000),),
 }
-"""Ranges kept by the battery. Within them M1024-M3071 and D512-D7999 are latched whatever the parameters say."""
+"""Battery-backed ranges. Within them M1024-M3071 and D512-D7999 are latched regardless of the parameters."""
 
 ANNUNCIATORS: Final = range(900, 1000)
 MS_100_TIMERS: Final = range(200)
-"""Plain timers of 100 ms; T250-T255 have that base too, but keep their value."""
+"""Non-retentive 100 ms timers; T250-T255 have the same base but are retentive."""
 RUN_MONITOR: Final = 8000
 INITIAL_PULSE: Final = 8002
 CLOCK_1_S: Final = 8013
@@ -40,7 +40,7 @@ LOWEST_ANNUNCIATOR: Final = 8049
 
 
 class DeviceError(ValueError):
-    """A device that an FX2N does not have, or has not for this use."""
+    """Raised for a device that an FX2N does not have or does not support for this use."""
 
 
 def device_name(kind: str, number: int) -> str:
@@ -57,18 +57,18 @@ def check_device(kind: str, number: int) -> None:
     """Raise DeviceError unless the FX2N has this device."""
     size = SIZES.get(kind)
     if size is None:
-        raise DeviceError(f"{kind}{number}: there is no device kind {kind!r}; use one of {', '.join(SIZES)}")
+        raise DeviceError(f"{kind}{number}: unknown device kind {kind!r}; use one of {', '.join(SIZES)}")
     if not 0 <= number < size or number in _GAPS.get(kind, ()):
         raise DeviceError(f"{device_name(kind, number)}: outside the range of an FX2N")
 
 
 def is_retentive(kind: str, number: int) -> bool:
-    """Tell whether the device keeps its value without power."""
+    """Return True if the device retains its value through a power failure."""
     return any(number in span for span in RETENTIVE.get(kind, ()))
 
 
 def timer_base_ms(number: int) -> int:
-    """Return the time base of timer T<number> in ms (FX.md 1.5).
+    """Return the time base of timer T<number> in ms (docs/sources/fx2n.md 1.5).
 
     Examples:
         >>> timer_base_ms(0), timer_base_ms(200), timer_base_ms(246), timer_base_ms(250)
@@ -81,27 +81,27 @@ def timer_base_ms(number: int) -> int:
 
 
 def is_32_bit_counter(number: int) -> bool:
-    """Tell whether C<number> counts in 32 bits, up or down (C200 and above)."""
+    """Return True if C<number> is a 32-bit up/down counter (C200 and above)."""
     return number >= 200
 
 
 @dataclass(slots=True)
 class Memory:
-    """All devices of one PLC. Bits are bools, words are ints; compiled code holds on to these very lists.
+    """Device memory of one PLC. Bits are bools, words are ints; compiled code references these list objects.
 
     Attributes:
         X: Input image, raw terminal levels (after the input filter).
         Y: Output image, raw terminal levels.
         M: Auxiliary relays and special relays.
-        S: States; S900-S999 annunciators.
+        S: States; S900-S999 are annunciators.
         T: Timer contacts.
         C: Counter contacts.
         D: Data registers.
         TV: Current values of the timers, in their time base.
-        TS: Tick at which a running timer was started or last counted; -1 while it stands.
+        TS: Tick at which a running timer was started or last incremented; -1 while it is stopped.
         CV: Current values of the counters.
-        CE: Whether a counter's input was on when it was last executed.
-        E: Input of every PLS and PLF when it was last executed, in program order.
+        CE: Input of each counter at its last execution.
+        E: Input of each PLS and PLF at its last execution, in program order.
     """
 
     X: list[bool] = field(default_factory=lambda: [False] * SIZES["X"])

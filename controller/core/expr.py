@@ -1,4 +1,4 @@
-"""Conditions as data: expressions over devices that can be compiled, exported, proved and drawn.
+"""Conditions as data: expressions over devices for compilation, export, proof and drawing.
 
 Write ``x.left.lift_down & ~m.hold | (d.count >= 12)``; never ``and``, ``or``, ``not`` (they raise).
 """
@@ -6,6 +6,7 @@ Write ``x.left.lift_down & ~m.hold | (d.count >= 12)``; never ``and``, ``or``, `
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, NoReturn
@@ -14,38 +15,38 @@ from controller.core.devices import Memory, check_device, device_name, timer_bas
 
 
 class Expr:
-    """A condition: true or false in every scan."""
+    """Condition that is true or false in each scan."""
 
     __slots__ = ()
 
     def __and__(self, other: Expr) -> Expr:
-        """Series contact."""
+        """Return the series connection of the two contacts."""
         return all_of(self, other)
 
     def __or__(self, other: Expr) -> Expr:
-        """Parallel contact."""
+        """Return the parallel connection of the two contacts."""
         return any_of(self, other)
 
     def __invert__(self) -> Expr:
-        """Break contact."""
+        """Return the normally closed contact."""
         return (
             self.operand if isinstance(self, Not) else FALSE if self is TRUE else TRUE if self is FALSE else Not(self)
         )
 
     def __bool__(self) -> NoReturn:
-        """Refuse Python's and / or / not, which would evaluate the condition now instead of in the scan."""
+        """Reject Python's and / or / not, which would evaluate the condition at declaration, not in the scan."""
         raise TypeError("a condition is data: use & | ~ instead of and / or / not")
 
 
 @dataclass(frozen=True, slots=True)
 class Bit(Expr):
-    """A contact of X, Y, M, S, T or C. Equality and hash look at the device alone.
+    """Contact of an X, Y, M, S, T or C device. Equality and hash use only the device.
 
     Attributes:
         kind: Device kind.
-        number: Device number (X and Y: the value of the octal label).
-        name: Tag, for texts and exports.
-        comment: What it means, for texts and exports.
+        number: Device number; for X and Y, the value of the octal label.
+        name: Tag name for texts and exports.
+        comment: Device comment for texts and exports.
     """
 
     kind: str
@@ -64,7 +65,7 @@ class Bit(Expr):
 
 @dataclass(frozen=True, slots=True)
 class Not(Expr):
-    """True while the operand is false."""
+    """Condition that is true while the operand is false."""
 
     operand: Expr
 
@@ -74,7 +75,7 @@ class Not(Expr):
 
 @dataclass(frozen=True, slots=True)
 class And(Expr):
-    """True while every operand is true."""
+    """Condition that is true while every operand is true."""
 
     operands: tuple[Expr, ...]
 
@@ -84,7 +85,7 @@ class And(Expr):
 
 @dataclass(frozen=True, slots=True)
 class Or(Expr):
-    """True while at least one operand is true."""
+    """Condition that is true while at least one operand is true."""
 
     operands: tuple[Expr, ...]
 
@@ -94,7 +95,7 @@ class Or(Expr):
 
 @dataclass(frozen=True, slots=True)
 class Const(Expr):
-    """Always true (M8000) or always false (M8001)."""
+    """Condition that is always true (M8000) or always false (M8001)."""
 
     value: bool
 
@@ -117,9 +118,9 @@ COMPARISONS: Final[dict[str, Callable[[int, int], bool]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A word: data register D, or the current value of a timer (T) or counter (C).
+    """Word device: data register D, or the current value of a timer (T) or counter (C).
 
-    Comparisons give contacts: ``d.count >= 12``; equality is ``d.state.equals(6)``.
+    Comparisons return contacts: ``d.count >= 12``; equality is ``d.state.equals(6)``.
     """
 
     kind: str
@@ -130,17 +131,17 @@ class Word:
     def __post_init__(self) -> None:
         check_device(self.kind, self.number)
         if self.kind not in "DTC":
-            raise TypeError(f"{self}: only D, T and C have words")
+            raise TypeError(f"{self}: only D, T and C are words")
 
     def __str__(self) -> str:
         return device_name(self.kind, self.number)
 
     def equals(self, other: Word | int) -> Compare:
-        """Contact that is on while the word equals other."""
+        """Return a contact that is on while the word equals other."""
         return Compare("==", self, other)
 
     def differs(self, other: Word | int) -> Compare:
-        """Contact that is on while the word differs from other."""
+        """Return a contact that is on while the word differs from other."""
         return Compare("!=", self, other)
 
     def __lt__(self, other: Word | int) -> Compare:
@@ -158,7 +159,7 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Compare(Expr):
-    """Contact comparison of two words (LD= and its kin)."""
+    """Comparison contact of two words (LD=, LD<>, LD<, ...)."""
 
     relation: str
     left: Word
@@ -170,7 +171,7 @@ class Compare(Expr):
 
 @dataclass(frozen=True, slots=True)
 class Timer:
-    """A timer T: its contact and its current value share one number."""
+    """Timer T; its contact and its current value have the same number."""
 
     number: int
     name: str = field(default="", compare=False)
@@ -178,7 +179,7 @@ class Timer:
 
     @property
     def done(self) -> Bit:
-        """The timer's contact."""
+        """Contact of the timer."""
         return Bit("T", self.number, self.name, self.comment)
 
     @property
@@ -192,7 +193,7 @@ class Timer:
 
 @dataclass(frozen=True, slots=True)
 class Counter:
-    """A counter C: its contact and its current value share one number."""
+    """Counter C; its contact and its current value have the same number."""
 
     number: int
     name: str = field(default="", compare=False)
@@ -200,12 +201,12 @@ class Counter:
 
     @property
     def done(self) -> Bit:
-        """The counter's contact."""
+        """Contact of the counter."""
         return Bit("C", self.number, self.name, self.comment)
 
     @property
     def value(self) -> Word:
-        """The counter's current value."""
+        """Current value of the counter."""
         return Word("C", self.number, self.name, self.comment)
 
     def __str__(self) -> str:
@@ -213,7 +214,7 @@ class Counter:
 
 
 def all_of(*operands: Expr) -> Expr:
-    """Series of contacts, flattened; an empty series is always true."""
+    """Return the series connection of contacts, flattened; an empty series is always true."""
     parts: list[Expr] = []
     for operand in operands:
         if operand is FALSE:
@@ -224,7 +225,7 @@ def all_of(*operands: Expr) -> Expr:
 
 
 def any_of(*operands: Expr) -> Expr:
-    """Parallel contacts, flattened; an empty parallel is never true."""
+    """Return the parallel connection of contacts, flattened; an empty connection is never true."""
     parts: list[Expr] = []
     for operand in operands:
         if operand is TRUE:
@@ -235,7 +236,7 @@ def any_of(*operands: Expr) -> Expr:
 
 
 def evaluate(expr: Expr, memory: Memory) -> bool:
-    """Evaluate a condition directly: the plain reference for every compiled form."""
+    """Evaluate a condition by interpretation; this is the reference for every compiled form."""
     match expr:
         case Bit(kind, number):
             return memory.bits(kind)[number]
@@ -254,7 +255,7 @@ def evaluate(expr: Expr, memory: Memory) -> bool:
 
 
 def leaves(expr: Expr) -> Iterator[Bit | Word]:
-    """Yield every device a condition reads."""
+    """Yield every device that a condition reads."""
     match expr:
         case Bit():
             yield expr
@@ -267,3 +268,10 @@ def leaves(expr: Expr) -> Iterator[Bit | Word]:
             yield left
             if isinstance(right, Word):
                 yield right
+
+
+def readable(expr: Expr) -> str:
+    """Return a condition with tag names in place of device addresses."""
+    names = {str(leaf): leaf.name for leaf in leaves(expr) if leaf.name}
+    text = re.sub(r"[XYMSTCD]\d+", lambda match: f"[{names.get(match[0], match[0])}]", str(expr))
+    return f"`{text}`"

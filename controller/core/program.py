@@ -1,4 +1,4 @@
-"""A program: blocks of rungs and sequences in the order of a scan, checked when it is put together."""
+"""PLC program: blocks of rungs and sequences in scan order, checked on construction."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from controller.core.sequence import Sequence
 
 
 class ProgramError(ValueError):
-    """A program that breaks a rule of the house: double coil, shared timer, output written outside its block."""
+    """Raised for a program that breaks a rule: double coil, shared timer or output written outside its block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,24 +25,24 @@ class Block:
     items: tuple[Rung | Sequence, ...]
 
     def rungs(self) -> Iterator[Rung]:
-        """Yield the block's rungs (not those inside steps)."""
+        """Yield the rungs of the block, excluding those inside steps."""
         return (item for item in self.items if not isinstance(item, Sequence))
 
     def sequences(self) -> Iterator[Sequence]:
-        """Yield the block's sequences."""
+        """Yield the sequences of the block."""
         return (item for item in self.items if isinstance(item, Sequence))
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """One PLC program; equal to itself alone.
+    """PLC program; programs are compared by identity.
 
     Attributes:
         name: Name of the program.
         blocks: Blocks in scan order.
         outputs: Title of the only block that may write Y.
-        system: Bits written from outside before a scan (commands, link state).
-        set_points: Words written from outside, with their first value.
+        system: Bits written by the runtime before a scan (commands, link state).
+        set_points: Words written by the runtime, with their default values.
     """
 
     name: str
@@ -56,11 +56,11 @@ class Program:
         self._check_timers()
 
     def block(self, title: str) -> Block:
-        """Return the block of this title."""
+        """Return the block with this title."""
         return next(block for block in self.blocks if block.title == title)
 
     def rungs(self) -> Iterator[Rung]:
-        """Yield every rung in scan order, dwell timers of the steps included."""
+        """Yield every rung in scan order, including the dwell timers of the steps."""
         for block in self.blocks:
             for item in block.items:
                 if isinstance(item, Sequence):
@@ -74,29 +74,29 @@ class Program:
 
     @cached_property
     def retentive(self) -> tuple[Bit | Word, ...]:
-        """The devices of the program that keep their value without power, by kind and number.
+        """Retentive devices of the program, sorted by kind and number.
 
-        A timer or counter keeps both its contact and its current value, and is returned as both.
+        A timer or counter appears twice: as its contact and as its current value.
         """
         used: dict[tuple[str, int, bool], Bit | Word] = {}
         for device in self.devices():
             if is_retentive(device.kind, device.number) and device.kind != "S":
-                for kept in _contact_and_value(device):
-                    key = (kept.kind, kept.number, isinstance(kept, Word))
-                    if not used.setdefault(key, kept).name and kept.name:
-                        used[key] = kept
+                for part in _contact_and_value(device):
+                    key = (part.kind, part.number, isinstance(part, Word))
+                    if not used.setdefault(key, part).name and part.name:
+                        used[key] = part
         return tuple(used[key] for key in sorted(used))
 
     def devices(self) -> Iterator[Bit | Word]:
-        """Yield every device the program reads or writes, more than once."""
+        """Yield every device that the program reads or writes; devices may repeat."""
         yield from self.system
         yield from (word for word, _ in self.set_points)
         for rung in self.rungs():
             yield from read_devices(rung)
             yield from written_devices(rung)
         for sequence in self.sequences():
-            if sequence.spends is not None:
-                yield sequence.spends
+            if sequence.consumes is not None:
+                yield sequence.consumes
             for bit, step in sequence:
                 yield bit
                 for transfer in sequence.transfers[step.title]:
@@ -130,9 +130,9 @@ def _contact_and_value(device: Bit | Word) -> tuple[Bit | Word, ...]:
 
 
 def requests(sequences: Rows[Sequence]) -> dict[Bit, list[Expr]]:
-    """Return for every request the conditions of all steps, in all these sequences, that hold it."""
-    found: dict[Bit, list[Expr]] = {}
+    """Return, for each request, the conditions of all steps in these sequences that hold it."""
+    conditions: dict[Bit, list[Expr]] = {}
     for sequence in sequences:
         for request in dict.fromkeys(request for _, step in sequence for request in step.hold):
-            found.setdefault(request, []).extend(sequence.holding(request))
-    return found
+            conditions.setdefault(request, []).extend(sequence.holding(request))
+    return conditions

@@ -1,6 +1,6 @@
 """Rungs: one coil or instruction each, with the condition that drives it.
 
-A rung without ``when`` is always driven. Times are given in ms and become counts of the timer's base.
+A rung without ``when`` is always driven. Times are specified in ms and converted to counts of the timer's base.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from controller.core.expr import TRUE, Bit, Counter, Expr, Timer, Word, leaves
 
 
 class RungError(ValueError):
-    """A rung that an FX2N could not execute."""
+    """Raised for a rung that an FX2N cannot execute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Out:
 
 @dataclass(frozen=True, slots=True)
 class Set:
-    """SET: the bit goes on and stays."""
+    """SET: the bit is set and stays on."""
 
     target: Bit
     when: Expr = TRUE
@@ -42,7 +42,7 @@ class Set:
 
 @dataclass(frozen=True, slots=True)
 class Rst:
-    """RST: the bit goes off; a word, timer or counter goes to zero."""
+    """RST: the bit is reset; a word, timer or counter is cleared to zero."""
 
     target: Bit | Word | Timer | Counter
     when: Expr = TRUE
@@ -54,7 +54,7 @@ class Rst:
 
 @dataclass(frozen=True, slots=True)
 class ZoneReset:
-    """ZRST: every bit from first to last goes off."""
+    """ZRST: every bit from first to last is reset."""
 
     first: Bit
     last: Bit
@@ -62,12 +62,12 @@ class ZoneReset:
 
     def __post_init__(self) -> None:
         if self.first.kind != self.last.kind or self.first.kind not in "YMS" or self.first.number > self.last.number:
-            raise RungError(f"ZRST {self.first} {self.last}: one kind of Y, M or S, lower number first")
+            raise RungError(f"ZRST {self.first} {self.last}: use one kind (Y, M or S), lower number first")
 
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """PLS: the bit is on for the one scan in which the condition has become true."""
+    """PLS: the bit is on for one scan at the rising edge of the condition."""
 
     target: Bit
     when: Expr
@@ -79,7 +79,7 @@ class Pulse:
 
 @dataclass(frozen=True, slots=True)
 class PulseFalling:
-    """PLF: the bit is on for the one scan in which the condition has become false."""
+    """PLF: the bit is on for one scan at the falling edge of the condition."""
 
     target: Bit
     when: Expr
@@ -91,12 +91,12 @@ class PulseFalling:
 
 @dataclass(frozen=True, slots=True)
 class OnDelay:
-    """OUT T: on-delay timer; T246-T255 keep their value until RST.
+    """OUT T: on-delay timer; T246-T255 retain their value until RST.
 
     Attributes:
-        timer: The timer; its base is 100, 10 or 1 ms by its number.
-        preset: Delay in ms (a multiple of the base), or a word that holds it in counts of the base.
-        when: Drives the timer.
+        timer: Timer; its number determines its base of 100, 10 or 1 ms.
+        preset: Delay in ms (a multiple of the base), or a word that contains it in counts of the base.
+        when: Condition that drives the timer.
     """
 
     timer: Timer
@@ -108,20 +108,20 @@ class OnDelay:
             counts, rest = divmod(self.preset, self.timer.base_ms)
             if rest or not 0 < counts <= WORD_MAX:
                 raise RungError(
-                    f"OUT {self.timer}: {self.preset} ms is no multiple of {self.timer.base_ms} ms in range"
+                    f"OUT {self.timer}: {self.preset} ms is not a multiple of {self.timer.base_ms} ms in range"
                 )
 
     @property
     def counts(self) -> int | Word:
-        """The preset in counts of the timer's base, as the K or D operand."""
+        """Preset in counts of the timer's base, as the K or D operand."""
         return self.preset // self.timer.base_ms if isinstance(self.preset, int) else self.preset
 
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """OUT C: counts rising edges of the condition; a 16-bit counter stops at its preset.
+    """OUT C: counter of rising edges of the condition; a 16-bit counter stops at its preset.
 
-    Counters from C200 count in 32 bits, down while special relay M8<number> is on, and go past the preset.
+    Counters C200 and above have 32 bits, count down while special relay M8<number> is on and continue past the preset.
     """
 
     counter: Counter
@@ -131,12 +131,12 @@ class Count:
     def __post_init__(self) -> None:
         limit = 2**31 - 1 if is_32_bit_counter(self.counter.number) else WORD_MAX
         if isinstance(self.preset, int) and not 0 < self.preset <= limit:
-            raise RungError(f"OUT {self.counter}: preset {self.preset} is not in 1..{limit}")
+            raise RungError(f"OUT {self.counter}: preset {self.preset} is out of range 1..{limit}")
 
 
 @dataclass(frozen=True, slots=True)
 class Mov:
-    """MOV: copy a number or word to a data register in every driven scan."""
+    """MOV: copy a constant or a word to a data register in every driven scan."""
 
     source: Word | int
     target: Word
@@ -146,12 +146,12 @@ class Mov:
         if self.target.kind != "D":
             raise RungError(f"MOV to {self.target}: the target is a D")
         if isinstance(self.source, int) and not WORD_MIN <= self.source <= WORD_MAX:
-            raise RungError(f"MOV {self.source} to {self.target}: a word holds {WORD_MIN}..{WORD_MAX}")
+            raise RungError(f"MOV {self.source} to {self.target}: out of range {WORD_MIN}..{WORD_MAX} of a word")
 
 
 @dataclass(frozen=True, slots=True)
 class Inc:
-    """INC: add one in every driven scan; 32767 goes on to -32768. Drive it with a pulse."""
+    """INC: add one in every driven scan; 32767 wraps to -32768. Drive it with a pulse."""
 
     target: Word
     when: Expr
@@ -163,9 +163,9 @@ class Inc:
 
 @dataclass(frozen=True, slots=True)
 class Annunciate:
-    """ANS: set annunciator S900-S999 when the condition has been true for the time; it stays set.
+    """ANS: set annunciator S900-S999 after the condition has been true for the preset time; it stays set.
 
-    The timer is a 100 ms one (T0-T199), as the FX2N asks.
+    The FX2N requires a 100 ms timer (T0-T199).
     """
 
     timer: Timer
@@ -179,7 +179,7 @@ class Annunciate:
         counts, rest = divmod(self.preset, MS_100)
         if self.timer.number not in MS_100_TIMERS or rest or not 0 < counts <= WORD_MAX:
             raise RungError(
-                f"ANS {self.target}: {self.timer} {self.preset} ms; T0-T199 and a multiple of 100 ms in range"
+                f"ANS {self.target}: {self.timer} {self.preset} ms; use T0-T199 and a multiple of 100 ms in range"
             )
 
 
@@ -187,7 +187,7 @@ Rung = Out | Set | Rst | ZoneReset | Pulse | PulseFalling | OnDelay | Count | Mo
 
 
 def read_devices(rung: Rung) -> Iterator[Bit | Word]:
-    """Yield every device the rung reads."""
+    """Yield every device that the rung reads."""
     yield from leaves(rung.when)
     operands = {OnDelay: "preset", Count: "preset", Mov: "source"}
     word = getattr(rung, operands[type(rung)]) if type(rung) in operands else None
@@ -196,7 +196,7 @@ def read_devices(rung: Rung) -> Iterator[Bit | Word]:
 
 
 def written_devices(rung: Rung) -> Iterator[Bit | Word]:
-    """Yield every device the rung writes; a zone reset yields its whole zone."""
+    """Yield every device that the rung writes; a zone reset yields every device of its zone."""
     match rung:
         case ZoneReset(first, last):
             for number in range(first.number, last.number + 1):

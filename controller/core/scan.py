@@ -1,4 +1,4 @@
-"""The scan: X image latched, blocks in order, Y image out, in one place."""
+"""PLC scan: latch the X image, execute the blocks in order, return the Y image."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from controller.core.devices import (
     Memory,
 )
 from controller.core.expr import Bit, Word
-from controller.core.filter import InputFilter
+from controller.core.input_filter import InputFilter
 from controller.core.program import Program
 from controller.core.sequence import Sequence, Transfer
 
 
 class StepMachine:
-    """A sequence as a `transitions` machine. It holds the newest step; the S bits are the truth.
+    """Sequence as a `transitions` machine. Its state is the step entered last; the S bits are authoritative.
 
-    The compiled scan calls a trigger only when the transfer's condition was true. The transfer turns the
-    destination on and queues the source to be turned off at END.
+    The compiled scan calls a trigger only if the transfer's condition was true. The transfer sets the
+    destination and queues the source to be reset at END.
     """
 
     state: str
@@ -38,22 +38,29 @@ class StepMachine:
         self._states = memory.S
         self._leaving = leaving
         rows = [
-            {"trigger": trigger(index, t.source, n), "source": title, "dest": self._title(sequence, t),
-             "after": partial(self._transfer, t)}
+            {
+                "trigger": trigger(index, t.source, n),
+                "source": title,
+                "dest": self._title(sequence, t),
+                "after": partial(self._transfer, t),
+            }
             for title, transfers in sequence.transfers.items()
             for n, t in enumerate(transfers)
-        ]  # fmt: skip
+        ]
         self._machine = Machine(
-            model=self, states=list(sequence.bits), transitions=rows, initial=sequence.steps[0].title,
+            model=self,
+            states=list(sequence.bits),
+            transitions=rows,
+            initial=sequence.steps[0].title,
             auto_transitions=False,
-        )  # fmt: skip
+        )
         self.triggers: Transfers = {
             str(row["trigger"]): partial(self._fire, str(row["source"]), getattr(self, str(row["trigger"])))
             for row in rows
         }
 
     def _fire(self, source: str, fire: Callable[[], None]) -> None:
-        # S bits can also be set by rungs (initial step, restart), which the machine has not seen.
+        # Rungs can also set S bits (initial step, restart) without notifying the machine.
         if self.state != source:
             self._machine.set_state(source)
         fire()
@@ -72,20 +79,20 @@ class StepMachine:
 
 
 class Plc:
-    """One PLC in RUN with one program: the memory and the scan.
+    """PLC in RUN mode with one program: memory and scan.
 
     Attributes:
-        program: The program.
+        program: Program that is executed.
         memory: All devices.
-        scans: Scans done since start.
+        scans: Number of scans since start.
     """
 
     def __init__(self, program: Program, *, input_filter_ms: int = 10) -> None:
-        """Put the PLC in RUN with cleared memory; M8002 is on in the first scan.
+        """Start the PLC with cleared memory; M8002 is on in the first scan.
 
         Args:
-            program: The program to run.
-            input_filter_ms: Filter of X0-X17; 0 = off. X20 and up have 10 ms fixed, off with 0.
+            program: Program to execute.
+            input_filter_ms: Filter time of X0-X17, ms. X20 and up are fixed at 10 ms; 0 disables all filters.
         """
         self.program = program
         self.memory = Memory()
@@ -97,7 +104,7 @@ class Plc:
             transfers |= StepMachine(sequence, index, self.memory, self._leaving).triggers
         self._blocks: list[BlockFunction] = compile_program(program, self.memory, transfers)
         self._retentive = program.retentive
-        self._kept_spans = self._spans()
+        self._retentive_spans = self._spans()
         for word, value in program.set_points:
             self.memory.set_word(word.kind, word.number, value)
 
@@ -105,11 +112,11 @@ class Plc:
         """Run one scan.
 
         Args:
-            now_ms: The scan's time, read once by the caller; never going back.
-            levels: Raw levels of the X terminals, by octal value, from X0 on.
+            now_ms: Time of the scan, ms, read once by the caller; monotonic.
+            levels: Raw levels of the X terminals, indexed by octal value from X0.
 
         Returns:
-            The Y image: raw levels by octal value (a copy).
+            Copy of the Y image: raw levels indexed by octal value.
         """
         memory = self.memory
         self._filter.latch(now_ms, levels)
@@ -129,7 +136,7 @@ class Plc:
         return memory.Y.copy()
 
     def press(self, bit: Bit) -> None:
-        """Turn a system bit on before the next scan; a command bit lives that one scan."""
+        """Set a system bit before the next scan; a command bit is on for that scan only."""
         self.memory.bits(bit.kind)[bit.number] = True
 
     def write(self, device: Bit | Word, value: int) -> None:
@@ -140,7 +147,7 @@ class Plc:
             self.memory.set_word(device.kind, device.number, value)
 
     def read(self, device: Bit | Word) -> int:
-        """Read any device after a scan."""
+        """Return the value of any device after a scan."""
         if isinstance(device, Bit):
             return int(self.memory.bits(device.kind)[device.number])
         return self.memory.word(device.kind, device.number)
@@ -150,27 +157,27 @@ class Plc:
         states = self.memory.S
         return [n for n in ANNUNCIATORS if states[n]] if self.memory.M[ANNUNCIATOR_ON] else []
 
-    def kept_image(self) -> tuple[list[int], ...]:
-        """Return the spans that hold all retentive devices: a quick way to see whether any has changed."""
-        return tuple(words[span] for words, span in self._kept_spans)
+    def retentive_image(self) -> tuple[list[int], ...]:
+        """Return a copy of the memory spans that contain all retentive devices, for fast change detection."""
+        return tuple(words[span] for words, span in self._retentive_spans)
 
     def retained(self) -> dict[str, int]:
-        """Return the program's battery-kept devices by FX name: what survives the loss of power.
+        """Return the values of the program's battery-backed devices by FX name.
 
-        T246 and C100 are contacts; the current values are TN246 and CN100, as in the FX's own protocols.
+        T246 and C100 are contacts; the current values are TN246 and CN100, as in the FX protocols.
         """
-        return {_kept_name(device): self.read(device) for device in self._retentive}
+        return {_retentive_name(device): self.read(device) for device in self._retentive}
 
     def restore(self, values: Mapping[str, int]) -> None:
-        """Put back what `retained` gave, before the first scan.
+        """Restore the values returned by `retained`, before the first scan.
 
         Raises:
-            ValueError: The names are not exactly those of this program's retentive devices.
+            ValueError: The names differ from those of this program's retentive devices.
         """
-        expected = {_kept_name(device): device for device in self._retentive}
+        expected = {_retentive_name(device): device for device in self._retentive}
         if expected.keys() != values.keys():
-            strange = ", ".join(sorted(expected.keys() ^ values.keys()))
-            raise ValueError(f"retentive devices of another program: {strange}")
+            differing = ", ".join(sorted(expected.keys() ^ values.keys()))
+            raise ValueError(f"retentive devices of another program: {differing}")
         for name, device in expected.items():
             self.write(device, values[name])
 
@@ -178,13 +185,16 @@ class Plc:
         spans: list[tuple[list[int], slice]] = []
         memory = self.memory
         lists: dict[str, tuple[Rows[int], ...]] = {
-            "M": (memory.M,), "D": (memory.D,), "C": (memory.C, memory.CV), "T": (memory.T, memory.TV)
-        }  # fmt: skip
-        for kind, kept in lists.items():
+            "M": (memory.M,),
+            "D": (memory.D,),
+            "C": (memory.C, memory.CV),
+            "T": (memory.T, memory.TV),
+        }
+        for kind, rows in lists.items():
             numbers = [device.number for device in self._retentive if device.kind == kind]
             if numbers:
                 span = slice(min(numbers), max(numbers) + 1)
-                spans += [(cast(list[int], words), span) for words in kept]
+                spans += [(cast(list[int], words), span) for words in rows]
         return spans
 
     def _watch_annunciators(self) -> None:
@@ -195,5 +205,5 @@ class Plc:
             memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if active else 0
 
 
-def _kept_name(device: Bit | Word) -> str:
+def _retentive_name(device: Bit | Word) -> str:
     return f"{device.kind}N{device.number}" if isinstance(device, Word) and device.kind in "TC" else str(device)

@@ -1,13 +1,13 @@
 """Sequences: steps and transitions, the SFC / STL part of a program, as rows of data.
 
-Semantics are those of the FX step ladder (FX.md 1.7), settled as follows:
+The semantics are those of the FX step ladder (docs/sources/fx2n.md 1.7), with these rules:
 
-- Steps run in declaration order while their S bit is on.
-- A transfer turns the destination on at once and the source off at END: both are on in the transfer scan,
-  and a destination declared later already acts in it. A step left and entered again in one scan stays on.
-- Of several transitions out of a step the first true one is taken.
+- Steps execute in declaration order while their S bit is on.
+- A transfer sets the destination immediately and resets the source at END: both are on in the transfer scan,
+  and a destination declared later is executed in the same scan. A step left and re-entered in one scan stays on.
+- If several transitions out of a step are true, the first one is taken.
 - A step's request (``hold``) is a coil driven by every step that holds it, written once after all sequences.
-- A step's dwell timer runs while the step is on and falls back when the step's turn finds it off.
+- A step's dwell timer runs while the step is on and is reset when the scan reaches the step and the step is off.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from controller.core.rungs import Annunciate, OnDelay
 
 
 class SequenceError(ValueError):
-    """A sequence that cannot work: unknown step, moving step without limit, ..."""
+    """Raised for an invalid sequence: unknown step, moving step without a time limit, ..."""
 
 
 @dataclass(frozen=True, slots=True)
 class To:
-    """A transition: to the step of this title, when the condition is true."""
+    """Transition to the step with this title while the condition is true."""
 
     step: str
     when: Expr
@@ -35,12 +35,12 @@ class To:
 
 @dataclass(frozen=True, slots=True)
 class Dwell:
-    """A time the step takes.
+    """Dwell time of a step.
 
     Attributes:
-        timer: The step's own timer, T0-T245; its contact is used in the step's transitions.
+        timer: Timer reserved for the step, T0-T245; its contact is used in the step's transitions.
         preset: Time in ms, or a word with counts of the timer's base.
-        when: The time runs only while this holds, and begins anew when it does again.
+        when: Condition required for the time to run; the timer restarts when the condition becomes true again.
     """
 
     timer: Timer
@@ -49,17 +49,17 @@ class Dwell:
 
     def __post_init__(self) -> None:
         if is_retentive("T", self.timer.number):
-            raise SequenceError(f"dwell {self.timer}: a retentive timer would not start anew; use T0-T245")
+            raise SequenceError(f"dwell {self.timer}: a retentive timer does not restart from 0; use T0-T245")
 
 
 @dataclass(frozen=True, slots=True)
 class Timeout:
-    """The limit of a moving step.
+    """Time limit of a moving step.
 
     Attributes:
-        ms: Longest time the step may take, a multiple of 100 ms.
-        alarm: Annunciator that is set then.
-        timer: 100 ms timer of the limit.
+        ms: Longest permitted duration of the step, ms, a multiple of 100.
+        alarm: Annunciator that is set when the limit is exceeded.
+        timer: 100 ms timer that measures the duration.
     """
 
     ms: int
@@ -71,17 +71,17 @@ class Timeout:
 class Step:
     """One row of a sequence.
 
-    A step that holds a request moves something: it has a limit (watch) or takes a fixed time (dwell).
-    A step that holds nothing waits: it takes a fixed time or says what it waits for.
+    A step that holds a request moves something and must have a time limit (watch) or a fixed time (dwell).
+    A step that holds no request waits and must have a fixed time or a description of the awaited event (waits_for).
 
     Attributes:
-        title: Unique within the sequence; shown to the operator.
-        go: Transitions out of the step, first true one taken.
+        title: Title, unique within the sequence; shown to the operator.
+        go: Transitions out of the step; the first true one is taken.
         hold: Requests that are on while the step is on.
-        dwell: Time the step takes.
-        watch: Limit and alarm of a moving step.
-        waits_for: What a waiting step waits for, in words.
-        runs_on: Its transfers fire even where those of the sequence are withheld.
+        dwell: Dwell time of the step.
+        watch: Time limit and alarm of a moving step.
+        waits_for: Description of the event that a waiting step awaits.
+        ignores_enable: True if the transfers of the step fire regardless of the sequence's enable condition.
     """
 
     title: str
@@ -90,18 +90,18 @@ class Step:
     dwell: Dwell | None = None
     watch: Timeout | None = None
     waits_for: str = ""
-    runs_on: bool = False
+    ignores_enable: bool = False
 
     def __post_init__(self) -> None:
         if self.hold and not (self.watch or self.dwell):
-            raise SequenceError(f"step {self.title!r} moves something but has neither a limit nor a fixed time")
+            raise SequenceError(f"step {self.title!r} moves something but has neither a time limit nor a fixed time")
         if not self.hold and not (self.dwell or self.waits_for):
-            raise SequenceError(f"step {self.title!r} holds nothing and does not say what it waits for")
+            raise SequenceError(f"step {self.title!r} holds no request and does not state what it waits for")
 
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """A transition of a sequence with its S bits and the condition that includes the priority of earlier ones."""
+    """Transition of a sequence with its S bits; its condition excludes all transitions with higher priority."""
 
     source: Bit
     target: Bit
@@ -109,7 +109,7 @@ class Transfer:
 
 
 class Sequence:
-    """Steps in S bits from ``first_state`` on, in declaration order."""
+    """Steps in consecutive S bits from ``first_state``, in declaration order."""
 
     def __init__(
         self,
@@ -117,27 +117,27 @@ class Sequence:
         first_state: int,
         steps: Rows[Step],
         enable: Expr | None = None,
-        spends: Bit | None = None,
+        consumes: Bit | None = None,
         *,
-        rests_withheld: bool = False,
+        drops_requests_when_blocked: bool = False,
     ) -> None:
         """Number the steps and resolve the transitions.
 
         Args:
             name: Name of the sequence.
             first_state: Number of the first step's S bit.
-            steps: The rows.
-            enable: Condition without which no transfer fires (the FX's M8040, per sequence); None = always.
-            spends: Bit that every transfer resets (RST in the step): one press, one transfer.
-            rests_withheld: Whether a step that has reached its end and may not go on drops its requests.
+            steps: Rows of the sequence.
+            enable: Condition required for every transfer (M8040 of the FX, per sequence); None = always enabled.
+            consumes: Bit that every transfer resets (RST in the step), so that one press allows one transfer.
+            drops_requests_when_blocked: True if a step drops its requests while a transition is true but not enabled.
 
         Raises:
-            SequenceError: Two steps of one title, or a transition to a step that does not exist.
+            SequenceError: Two steps have the same title, or a transition leads to an unknown step.
         """
         self.name = name
-        self.spends = spends
+        self.consumes = consumes
         self._enable = enable
-        self._rests_withheld = rests_withheld
+        self._drops_requests_when_blocked = drops_requests_when_blocked
         self.steps = tuple(steps)
         self.bits = {
             step.title: Bit("S", first_state + n, f"{name}: {step.title}", step.waits_for)
@@ -166,18 +166,19 @@ class Sequence:
         return self.bits[self.steps[-1].title]
 
     def holding(self, request: Bit) -> list[Expr]:
-        """Return for each step that holds a request the condition that it does."""
+        """Return the conditions under which the steps of this sequence hold a request, one per step."""
         return [bit & self._drives(step) for bit, step in self if request in step.hold]
 
     def _drives(self, step: Step) -> Expr:
-        if self._enable is None or not self._rests_withheld:
+        if self._enable is None or not self._drops_requests_when_blocked:
             return TRUE
         return self._enable | self._unreached(step)
 
     def limits(self) -> list[Annunciate]:
-        """Return the alarm rungs of all watched steps.
+        """Return the alarm rungs of all steps with a time limit.
 
-        Where transfers can be withheld, a step that has reached its end and may not go on is not late.
+        In a sequence with an enable condition, the time of a step is not monitored while one of its transitions is
+        true.
         """
         return [
             Annunciate(step.watch.timer, step.watch.ms, step.watch.alarm, when=bit & self._unreached(step))
@@ -186,10 +187,10 @@ class Sequence:
         ]
 
     def _unreached(self, step: Step) -> Expr:
-        return TRUE if self._enable is None or step.runs_on else ~any_of(*(to.when for to in step.go))
+        return TRUE if self._enable is None or step.ignores_enable else ~any_of(*(to.when for to in step.go))
 
     def dwell_rung(self, step: Step) -> OnDelay | None:
-        """Return the step's dwell timer as a rung of the step."""
+        """Return the dwell timer of a step as a rung; None if the step has none."""
         return OnDelay(step.dwell.timer, step.dwell.preset, step.dwell.when) if step.dwell else None
 
     def _transfers(self, step: Step, enable: Expr | None) -> Iterator[Transfer]:
@@ -200,6 +201,6 @@ class Sequence:
             when = to.when
             for condition in earlier:
                 when = when & ~condition
-            gate = TRUE if enable is None or step.runs_on else enable
+            gate = TRUE if enable is None or step.ignores_enable else enable
             yield Transfer(self.bits[step.title], self.bits[to.step], gate & when)
             earlier.append(to.when)

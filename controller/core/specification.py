@@ -1,4 +1,4 @@
-"""What a program must never do, as data: monitors that look on, what is required, and why it holds."""
+"""Specification of a program as data: monitors, safety requirements, invariants and recovery sequences."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from controller.core.program import Block, Program
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """Something that may be so after no scan.
+    """Safety requirement: a condition that must be false after every scan.
 
     Attributes:
-        name: What it is called in reports, unique.
-        reason: Why.
-        never: A condition over the memory after a scan, X image, Y image and monitors included.
+        name: Unique name in reports.
+        reason: Reason for the requirement.
+        never: Condition over the memory after a scan, including X image, Y image and monitors.
     """
 
     name: str
@@ -26,11 +26,11 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True)
 class Invariant:
-    """Something that is so after every scan, and helps to prove a requirement.
+    """Condition that is true after every scan, used as a lemma in the proof of a requirement.
 
     Attributes:
-        name: What it is called in reports, unique.
-        holds: A condition over the memory after a scan.
+        name: Unique name in reports.
+        holds: Condition over the memory after a scan.
     """
 
     name: str
@@ -39,14 +39,14 @@ class Invariant:
 
 @dataclass(frozen=True, slots=True)
 class WayOut:
-    """Presses that lead from a situation to a goal, whatever else happens meanwhile.
+    """Input sequence that leads from a given state to a goal, regardless of all other inputs.
 
     Attributes:
-        name: What it is called in reports, unique.
-        start: The situation: a condition over the memory after a scan.
-        scans: For each scan in turn, what is on and off before it: X terminals, system bits and commands. What is
-            not named may be on or off.
-        goal: A condition that is true after the last of them.
+        name: Unique name in reports.
+        start: Start state: a condition over the memory after a scan.
+        scans: Levels of X terminals, system bits and commands before each scan, in order. Inputs not listed may be
+            on or off.
+        goal: Condition that is true after the last of these scans.
     """
 
     name: str
@@ -57,17 +57,17 @@ class WayOut:
 
 @dataclass(frozen=True)
 class Specification:
-    """What is to be proved of a program.
+    """Properties to prove about a program.
 
     Attributes:
-        program: The program.
-        monitors: Rungs that watch it: they read anything and write only bits of their own.
-        remembered: Bits of the monitors that tell something about the machine; they outlive a loss of power, and
-            nothing is known of them at the first start.
-        requirements: What must never be.
-        invariants: What always is.
-        ways_out: How each dead end is avoided.
-        ranges: Words written from outside, with the least and the greatest value that the runtime lets through.
+        program: Program to prove.
+        monitors: Rungs that observe the program; they may read any device and write only their private bits.
+        remembered: Bits of the monitors that represent the machine's physical state; they survive a power failure
+            and are unknown at the first start.
+        requirements: Safety requirements.
+        invariants: Lemmas for the requirements.
+        ways_out: Input sequences that prove the absence of dead ends.
+        ranges: Words written by the runtime, with the minimum and maximum values that it accepts.
     """
 
     program: Program
@@ -80,6 +80,6 @@ class Specification:
 
     @property
     def watched(self) -> Program:
-        """The program with its monitors: they come after the outputs, before the last block ends the presses."""
+        """Program with its monitors inserted after the outputs, before the last block, which resets the commands."""
         *blocks, last = self.program.blocks
         return replace(self.program, blocks=(*blocks, self.monitors, last))

@@ -1,1 +1,1 @@
-"""FX2N: instruction lists read, written, checked, drawn and run."""
+"""Parser, checks, drawing and execution engine for FX2N programs."""

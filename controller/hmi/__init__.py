@@ -1,1 +1,1 @@
-"""What the operator's side sees of the controller."""
+"""Operator interfaces of the controller: Modbus server, console, web panel."""

@@ -1,11 +1,11 @@
-"""The operator's orders as lines of text, for a machine without a panel."""
+"""Text console: operator orders line by line, for a machine without a panel."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Final
 
-from controller.hmi.alarm_list import AlarmList, AlarmRefusalError
+from controller.events.alarm_list import AlarmList, AlarmRefusalError
 from controller.io.runtime import Runtime
 from controller.program.tags import LONGEST_NUMBER, SetPointError
 
@@ -21,32 +21,32 @@ FORMS: Final = (
 
 
 class OrderError(ValueError):
-    """A line that is no order, or one that cannot be carried out; one line with the remedy."""
+    """Raised for an unknown or refused order; the message is one line with the remedy."""
 
 
 class Console:
-    """Takes orders line by line; every line, an empty one too, is a sign of life."""
+    """Line interpreter; every line, including an empty one, counts as a sign of life from the operator."""
 
     def __init__(self, runtime: Runtime, alarms: AlarmList) -> None:
-        """Give orders to a runtime and its alarm list."""
+        """Initialize a console for a runtime and its alarm list."""
         self._runtime = runtime
         self._alarms = alarms
 
-    def take(self, line: str) -> None:
-        """Carry out one line.
+    def execute(self, line: str) -> None:
+        """Execute one line.
 
         Raises:
-            OrderError: It is no order; nothing has happened.
+            OrderError: The order is unknown or refused; nothing has changed.
         """
-        self._runtime.heard()
+        self._runtime.panel_heartbeat()
         word, *rest = line.split() or [""]
         try:
             if word:
-                self._carry_out(word, rest)
+                self._dispatch(word, rest)
         except (AlarmRefusalError, SetPointError) as error:
             raise OrderError(f"{line.strip()}: {error}") from error
 
-    def _carry_out(self, word: str, rest: list[str]) -> None:
+    def _dispatch(self, word: str, rest: list[str]) -> None:
         match word, rest:
             case "set", [text]:
                 name, _, value = text.partition("=")
@@ -55,15 +55,15 @@ class Console:
                 self._alarms.acknowledge(by=OPERATOR)
                 self._runtime.order(word)
             case "acknowledge", [alarm]:
-                self._alarms.acknowledge(_whole(alarm), by=OPERATOR)
+                self._alarms.acknowledge(_whole_number(alarm), by=OPERATOR)
             case "shelve", [alarm, minutes]:
-                self._alarms.shelve(_whole(alarm), _whole(minutes) * MINUTE_MS, by=OPERATOR)
+                self._alarms.shelve(_whole_number(alarm), _whole_number(minutes) * MINUTE_MS, by=OPERATOR)
             case "unshelve", [alarm]:
-                self._alarms.unshelve(_whole(alarm), by=OPERATOR)
+                self._alarms.unshelve(_whole_number(alarm), by=OPERATOR)
             case _, []:
                 self._order(word)
             case _:
-                raise OrderError(f"no order {' '.join([word, *rest])!r}; give {_either(FORMS)}")
+                raise OrderError(f"unknown order {' '.join([word, *rest])!r}; give {_either(FORMS)}")
 
     def _order(self, name: str) -> None:
         try:
@@ -72,9 +72,9 @@ class Console:
             raise OrderError(str(error.args[0])) from error
 
 
-def _whole(text: str) -> int:
+def _whole_number(text: str) -> int:
     if not text.isdecimal() or len(text) > LONGEST_NUMBER:
-        raise OrderError(f"{text[:20]!r} is no whole number of up to {LONGEST_NUMBER} digits")
+        raise OrderError(f"{text[:20]!r} is not a whole number of up to {LONGEST_NUMBER} digits")
     return int(text)
 
 

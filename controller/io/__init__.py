@@ -1,1 +1,1 @@
-"""Links from the controller to the field: the machine's inputs and outputs."""
+"""Field I/O of the controller: links, runtime, scan loops and forcing."""

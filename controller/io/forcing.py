@@ -1,8 +1,8 @@
-"""Forcing: inputs held at a level of somebody's choice, to try what the program, the alarms and a panel make of them.
+"""Forcing of inputs to a chosen level, to test the reaction of the program, the alarms and the panel.
 
-A forced input deceives every interlock, so nothing moves meanwhile: inputs are forced only while the machine stands in
-Stopped in manual mode, the runtime writes every output safe, and it all ends by itself when the machine is to leave
-Stopped, or when whoever forces has been silent.
+A forced input bypasses interlocks, so motion is inhibited: inputs can be forced only while the machine is
+Stopped in manual mode, and the runtime then writes the safe state of every output. Forcing ends automatically when the
+machine leaves this state or mode, or when the forcing client does not renew it in time.
 """
 
 from __future__ import annotations
@@ -17,85 +17,89 @@ from controller.program.machine import Transplanter
 from controller.program.states import State
 
 LEASE_MS: Final = 1_000
-"""Silence of whoever forces after which every input is let go."""
+"""Time without a renewal by the forcing client after which all inputs are released, ms."""
 
 
 class ForcingError(ValueError):
-    """An input that cannot be forced; one line with the remedy."""
+    """Raised for an input that cannot be forced; the message is one line with the remedy."""
 
 
 class Forcing:
-    """The forced inputs of one PLC; ordered from any thread, applied by the scan."""
+    """Forced inputs of one PLC. Requests are thread-safe and are applied by the scan.
+
+    Attributes:
+        allowed: True if inputs may be forced.
+    """
 
     def __init__(self, machine: Transplanter, plc: Plc, *, allowed: bool) -> None:
-        """Force nothing yet.
+        """Initialize with no forced inputs.
 
         Args:
-            machine: The program and its tags.
-            plc: The PLC whose inputs they are.
-            allowed: Whether inputs may be forced at all.
+            machine: Program and its tags.
+            plc: PLC whose inputs are forced.
+            allowed: True to permit forcing.
         """
         self.allowed = allowed
         self._plc = plc
         self._numbers = frozenset(point.number for point in machine.io_map.inputs)
         control = machine.tags.machine
-        self._may = all_of(control.manual, control.state.equals(State.STOPPED))
+        self._permitted = all_of(control.manual, control.state.equals(State.STOPPED))
         self._levels: dict[int, bool] = {}
         self._lock = threading.Lock()
         self._renewed = False
-        self._heard_ms = 0
+        self._renewed_ms = 0
 
     @property
     def levels(self) -> dict[int, bool]:
-        """The forced inputs: level by X number (octal value)."""
+        """Levels of the forced inputs by X number (octal value)."""
         return dict(self._levels)
 
     def force(self, number: int, level: bool | None) -> None:
-        """Hold an input at a level, or let it go.
+        """Force an input to a level, or release it.
 
         Args:
             number: X number, octal value.
-            level: Raw level of the terminal; None = let go.
+            level: Raw level of the terminal; None = release.
 
         Raises:
-            ForcingError: Forcing is not allowed, there is no such input, or the machine does not stand in Stopped in
-                manual mode; nothing happens.
+            ForcingError: Forcing is not allowed, the input does not exist, or the machine is not Stopped in manual
+                mode; nothing is changed.
         """
         if not self.allowed:
-            raise ForcingError("inputs may not be forced here; start the controller with --allow-forcing")
+            raise ForcingError("forcing is not allowed; start the controller with --allow-forcing")
         if number not in self._numbers:
             raise ForcingError(f"X{number:o} is not wired")
-        if level is not None and not evaluate(self._may, self._plc.memory):
+        if level is not None and not evaluate(self._permitted, self._plc.memory):
             raise ForcingError("inputs can be forced only in Stopped in manual mode")
         with self._lock:
             if level is None:
                 self._levels.pop(number, None)
             else:
-                self._renewed = True  # first: the scan must not judge the new level by the silence before it
+                self._renewed = True  # set first, so that the scan does not apply the previous timeout to this level
                 self._levels[number] = level
 
     def renew(self) -> None:
-        """Take a sign of life of whoever forces."""
+        """Renew the lease of the forcing client."""
         self._renewed = True
 
-    def let_go(self) -> None:
-        """Force nothing any more."""
+    def release_all(self) -> None:
+        """Release all forced inputs."""
         with self._lock:
             self._levels.clear()
 
-    def over(self, inputs: list[bool], now_ms: int) -> Sequence[bool]:
-        """Return the inputs of this scan; the very same list while nothing is forced.
+    def apply(self, inputs: list[bool], now_ms: int) -> Sequence[bool]:
+        """Return the inputs with forced levels; the same list object if nothing is forced.
 
         Args:
-            inputs: What the field has sent, by X number.
+            inputs: Levels read from the field, by X number.
             now_ms: Time of the scan, ms.
         """
         if not self._levels:
             return inputs
         if self._renewed:
-            self._renewed, self._heard_ms = False, now_ms
-        if now_ms - self._heard_ms >= LEASE_MS or not evaluate(self._may, self._plc.memory):
-            self.let_go()
+            self._renewed, self._renewed_ms = False, now_ms
+        if now_ms - self._renewed_ms >= LEASE_MS or not evaluate(self._permitted, self._plc.memory):
+            self.release_all()
             return inputs
         levels = list(inputs)
         with self._lock:

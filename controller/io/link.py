@@ -1,7 +1,7 @@
-"""What the scan loop needs from any way to the field, and when that way counts as lost.
+"""Field link interface of the scan loop, and the link watchdog.
 
 An image is a `list[bool]` of raw terminal levels, indexed by the octal value of the address
-(X10 is index 8). Polarity is no business of a link.
+(X10 is index 8). Links do not apply the polarity.
 """
 
 from __future__ import annotations
@@ -11,97 +11,97 @@ from typing import Protocol
 
 
 class LinkError(OSError):
-    """The field could not be reached, did not answer in time or refused; `str()` is one line."""
+    """Raised if the field I/O is unreachable, does not answer in time or returns an error; the message is one line."""
 
 
 class FieldLink(Protocol):
-    """A way to the field I/O.
+    """Link to the field I/O.
 
-    Every method but `close` raises `OSError` when it cannot do its work. Links of the controller
-    raise `LinkError`; the links of the simulated plant, which know nothing of the controller,
-    raise their own `OSError`. Callers therefore catch `OSError`.
+    Every method except `close` raises `OSError` on failure. Links of the controller raise
+    `LinkError`. The links of the simulated plant do not depend on the controller and raise
+    other subclasses of `OSError`. Callers therefore catch `OSError`.
 
-    After any `OSError` the link is closed: it neither answers nor reconnects by itself until
-    `open` is called again. An image of the wrong length is a mistake of the caller (`ValueError`)
-    and leaves the link as it is.
+    After any `OSError` the link is closed; it does not reconnect until `open` is called again.
+    An image of the wrong length is a programming error (`ValueError`) and does not close the
+    link.
     """
 
     def open(self) -> None:
-        """Reach the far side; does nothing on an open link.
+        """Connect to the field I/O; no effect on an open link.
 
         Raises:
-            OSError: the far side is not there.
+            OSError: The field I/O is not reachable.
         """
 
     def read_inputs(self) -> list[bool]:
         """Read the raw X image.
 
         Returns:
-            Levels by X number, `IoMap.input_count` long.
+            Levels by X number, of length `IoMap.input_count`.
 
         Raises:
-            OSError: the link is closed, silent, or the far side refused.
+            OSError: The link is closed, there is no response, or the field I/O returns an error.
         """
 
     def write_outputs(self, image: Sequence[bool]) -> None:
         """Write the raw Y image.
 
         Args:
-            image: Levels by Y number, `IoMap.output_count` long.
+            image: Levels by Y number, of length `IoMap.output_count`.
 
         Raises:
-            OSError: the link is closed, silent, or the far side refused.
-            ValueError: the image has the wrong length.
+            OSError: The link is closed, there is no response, or the field I/O returns an error.
+            ValueError: The image has the wrong length.
         """
 
     def close(self) -> None:
-        """Let go of the far side; does nothing on a closed link."""
+        """Disconnect; no effect on a closed link."""
 
 
 class LinkWatchdog:
-    """Says when the field has been silent for too long. Pure logic: every instant is passed in.
+    """Timeout of the field link. It does not read a clock; the caller passes all times.
 
-    The limit runs from the last good exchange, or from the first question asked when there has
-    been none. Once lost stays lost, whatever arrives later, until `reset`.
+    The timeout runs from the last successful exchange, or from the first call if there has been
+    none. An expired watchdog stays expired until `reset`, regardless of later exchanges.
 
     >>> watchdog = LinkWatchdog(limit_ms=100)
-    >>> watchdog.good(0)
-    >>> watchdog.lost(99), watchdog.lost(100)
+    >>> watchdog.feed(0)
+    >>> watchdog.expired(99), watchdog.expired(100)
     (False, True)
-    >>> watchdog.good(101)
-    >>> watchdog.lost(101)
+    >>> watchdog.feed(101)
+    >>> watchdog.expired(101)
     True
     """
 
     def __init__(self, limit_ms: int = 100) -> None:
-        """Create a watchdog that has seen nothing yet.
+        """Create a watchdog whose timeout starts at the first call.
 
         Args:
-            limit_ms: Silence that is too long, ms.
+            limit_ms: Timeout, ms.
 
         Raises:
-            ValueError: the limit is not positive.
+            ValueError: The timeout is not positive.
         """
         if limit_ms <= 0:
             raise ValueError(f"limit_ms is {limit_ms}: a link watchdog needs at least 1 ms")
         self._limit_ms = limit_ms
-        self._last_good_ms: int | None = None
-        self._lost = False
+        self._last_fed_ms: int | None = None
+        self._expired = False
 
-    def good(self, now_ms: int) -> None:
-        """Note a good exchange at `now_ms`; one that comes too late is not good enough."""
-        if not self.lost(now_ms):
-            self._last_good_ms = now_ms
+    def feed(self, now_ms: int) -> None:
+        """Record a successful exchange at `now_ms`; an exchange after the timeout has no effect."""
+        if not self.expired(now_ms):
+            self._last_fed_ms = now_ms
 
-    def lost(self, now_ms: int) -> bool:
-        """Whether the silence has reached the limit by `now_ms` or ever since the last reset."""
-        if self._last_good_ms is None:
-            self._last_good_ms = now_ms
-        if now_ms - self._last_good_ms >= self._limit_ms:
-            self._lost = True
-        return self._lost
+    def expired(self, now_ms: int) -> bool:
+        """Return True if the timeout has elapsed at `now_ms` or at any time since the last reset."""
+        if self._last_fed_ms is None:
+            self._last_fed_ms = now_ms
+        if now_ms - self._last_fed_ms >= self._limit_ms:
+            self._expired = True
+        return self._expired
 
     def reset(self) -> None:
-        """Forget the loss; the limit starts anew at the next call."""
-        self._lost = False
-        self._last_good_ms = None
+        """Reset the watchdog; the timeout restarts at the next call."""
+        self._expired = False
+        self._last_fed_ms = None

@@ -1,7 +1,7 @@
-"""The field I/O over Modbus TCP: one FC02 and one FC15 a scan where the map allows it.
+"""Field I/O over Modbus TCP: one FC02 and one FC15 per scan if the I/O map permits it.
 
-pymodbus' synchronous client is given no second chances (`retries=0`) and never reconnects by
-itself: a scan must know within its own time that the field did not answer.
+The synchronous pymodbus client is used without retries (`retries=0`) and without automatic
+reconnection, so that a missing response is detected within the scan.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import ReadDiscreteInputsRequest, WriteMultipleCoilsRequest
 
 from controller.io.link import LinkError
-from controller.io_map import IoMap, Point
+from controller.iomap.loader import IoMap, Point
 
-# Every failure below becomes one LinkError; pymodbus' own lines would only repeat it each scan.
+# Every failure below raises a LinkError; the log messages of pymodbus would repeat it in every scan.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Points with neighbouring Modbus offsets, moved in one transfer.
+    """Points with consecutive Modbus offsets, transferred in one request.
 
     Attributes:
         first_offset: Modbus offset of the first point.
-        numbers: X or Y number of each point, by rising offset.
+        numbers: X or Y number of each point, in ascending order of offsets.
     """
 
     first_offset: int
@@ -38,7 +38,7 @@ class Run:
 
 
 def group_into_runs(points: Iterable[Point]) -> tuple[Run, ...]:
-    """Group points into the fewest transfers that touch no offset outside the map."""
+    """Group points into the smallest number of requests that contain no offset outside the map."""
     numbers_by_offset = {point.offset: point.number for point in points}
     runs: list[tuple[int, list[int]]] = []
     for offset in sorted(numbers_by_offset):
@@ -49,24 +49,25 @@ def group_into_runs(points: Iterable[Point]) -> tuple[Run, ...]:
 
 
 class ModbusTcpLink:
-    """A `FieldLink` to a Modbus TCP server: a remote I/O module, or the simulated plant.
+    """`FieldLink` to a Modbus TCP server: a remote I/O module or the simulated plant.
 
-    The image is moved in one transfer when the offsets in the I/O map leave no gap, else in one
-    transfer per gapless run, because strict modules answer an undeclared offset with an exception.
+    An image is transferred in one request if the offsets in the I/O map are consecutive, otherwise in
+    one request per run of consecutive offsets, because strict modules answer an undeclared offset with
+    an exception.
     """
 
     def __init__(self, host: str, port: int, io_map: IoMap, *, unit: int = 1, timeout_s: float = 0.05) -> None:
-        """Prepare the link; nothing is sent before `open`.
+        """Create a closed link; `open` connects it.
 
         Args:
             host: Name or address of the server.
-            port: TCP port, usually 502; the simulated plant has 5020.
-            io_map: Where every point lies.
+            port: TCP port, usually 502; 5020 for the simulated plant.
+            io_map: I/O map with the Modbus offsets of the points.
             unit: Modbus unit identifier.
-            timeout_s: Longest wait for a connection and for each answer, s; an answer that comes in
-                pieces may take twice as long.
+            timeout_s: Timeout of the connection and of each answer, s; an answer in several segments
+                may take twice as long.
         """
-        self._where = f"{host}:{port}"
+        self._address = f"{host}:{port}"
         self._unit = unit
         self._timeout_ms = round(timeout_s * 1_000)
         self._input_runs = group_into_runs(io_map.inputs)
@@ -79,86 +80,86 @@ class ModbusTcpLink:
         """Connect.
 
         Raises:
-            LinkError: nobody listens there, or not within the timeout.
+            LinkError: The server is not reachable within the timeout.
         """
         if not self._client.connect():  # type: ignore[no-untyped-call]
             raise LinkError(
-                f"no field I/O at {self._where}: not reachable within {self._timeout_ms} ms; "
+                f"no field I/O at {self._address}: not reachable within {self._timeout_ms} ms; "
                 "check the address and that the I/O module or plant server is running"
             )
         if self._client.socket is not None:
-            # Without this the kernel may hold a small frame back for 40 ms, four scans.
+            # Without TCP_NODELAY the kernel may delay a small frame by 40 ms, four scans.
             self._client.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def read_inputs(self) -> list[bool]:
         """Read the raw X image.
 
         Returns:
-            Levels by X number; numbers that are not in the map read False.
+            Levels by X number; numbers that are not in the map are False.
 
         Raises:
-            LinkError: closed, no answer in time, refused, or a wrong number of bits.
+            LinkError: The link is closed, or the answer is late, an exception or malformed.
         """
         image = [False] * self._input_count
         for run in self._input_runs:
             count = len(run.numbers)
-            what = f"read of {count} inputs from offset {run.first_offset}"
+            operation = f"read of {count} inputs from offset {run.first_offset}"
             request = ReadDiscreteInputsRequest(address=run.first_offset, count=count, dev_id=self._unit)
-            bits = self._exchange(what, request).bits
-            if not count <= len(bits) < count + 8:  # answers come in whole bytes
-                raise self._failed(what, f"{len(bits)} bits came back")
+            bits = self._exchange(operation, request).bits
+            if not count <= len(bits) < count + 8:  # answers are padded to complete bytes
+                raise self._failed(operation, f"answer contains {len(bits)} bits")
             for number, level in zip(run.numbers, bits, strict=False):
                 image[number] = level
         return image
 
     def write_outputs(self, image: Sequence[bool]) -> None:
-        """Write the raw Y image, in rising order of offsets.
+        """Write the raw Y image, in ascending order of offsets.
 
         Args:
-            image: Levels by Y number; those of numbers that are not in the map go nowhere.
+            image: Levels by Y number; numbers that are not in the map are ignored.
 
         Raises:
-            LinkError: closed, no answer in time, or refused.
-            ValueError: the image has the wrong length.
+            LinkError: The link is closed, or the answer is late, an exception or malformed.
+            ValueError: The image has the wrong length.
         """
         if len(image) != self._output_count:
             raise ValueError(f"Y image has {len(image)} levels, the map {self._output_count}")
         for run in self._output_runs:
             levels = [image[number] for number in run.numbers]
-            what = f"write of {len(levels)} outputs from offset {run.first_offset}"
+            operation = f"write of {len(levels)} outputs from offset {run.first_offset}"
             reply = self._exchange(
-                what,
+                operation,
                 WriteMultipleCoilsRequest(address=run.first_offset, bits=levels, dev_id=self._unit),
             )
             if (reply.address, reply.count) != (run.first_offset, len(levels)):
-                raise self._failed(what, f"answer names {reply.count} from {reply.address}")
+                raise self._failed(operation, f"answer confirms {reply.count} from {reply.address}")
 
     def close(self) -> None:
-        """Close the connection; does nothing when closed."""
+        """Close the connection; no effect on a closed link."""
         self._client.close()  # type: ignore[no-untyped-call]
 
-    def _exchange(self, what: str, request: ModbusPDU) -> ModbusPDU:
-        """Send a request and return its answer, or close the link and say why there is none."""
-        if not self._client.connected:  # pymodbus would silently connect again
-            raise self._failed(what, "the link is not open")
+    def _exchange(self, operation: str, request: ModbusPDU) -> ModbusPDU:
+        """Send a request and return its answer; close the link and raise LinkError if there is no valid answer."""
+        if not self._client.connected:  # pymodbus would silently reconnect
+            raise self._failed(operation, "the link is not open")
         try:
             reply = self._client.execute(False, request)
         except ConnectionException as error:
-            raise self._failed(what, "connection lost") from error
+            raise self._failed(operation, "connection lost") from error
         except ModbusException as error:
-            raise self._failed(what, f"no valid answer within {self._timeout_ms} ms") from error
+            raise self._failed(operation, f"no valid answer within {self._timeout_ms} ms") from error
         except OSError as error:
-            raise self._failed(what, str(error)) from error
+            raise self._failed(operation, str(error)) from error
         if isinstance(reply, ExceptionResponse):
-            raise self._failed(what, f"refused with exception {_exception_name(reply)}")
+            raise self._failed(operation, f"refused with exception {_exception_name(reply)}")
         if reply.function_code != request.function_code:
-            raise self._failed(what, f"answer to another function ({reply.function_code})")
+            raise self._failed(operation, f"answer to another function ({reply.function_code})")
         return reply
 
-    def _failed(self, what: str, reason: str) -> LinkError:
-        """Close the connection and make the error: a late answer must never meet a new question."""
+    def _failed(self, operation: str, reason: str) -> LinkError:
+        """Close the connection and return the error; a late answer must not be taken for the next one."""
         self.close()
-        return LinkError(f"field I/O at {self._where}: {what}: {reason}")
+        return LinkError(f"field I/O at {self._address}: {operation}: {reason}")
 
 
 def _exception_name(reply: ExceptionResponse) -> str:

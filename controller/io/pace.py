@@ -1,4 +1,4 @@
-"""How fast simulated time goes against the clock on the wall."""
+"""Pace of simulated time relative to real time."""
 
 from __future__ import annotations
 
@@ -9,39 +9,40 @@ from typing import Final
 PAUSED: Final = 0
 REAL_TIME: Final = 100
 FASTEST: Final = 5_000
+"""Highest pace with a speed limit, percent."""
 FLAT_OUT: Final = 65_535
-"""No waiting at all: as fast as the computer can."""
+"""Unlimited pace: as fast as the computer permits."""
 
-_NEVER_MADE_GOOD_S: Final = 0.2
-"""A computer that was busy for longer than this goes on from there and does not race."""
+_MAX_BACKLOG_S: Final = 0.2
+"""Longest delay that is caught up, s; the excess of a longer delay on a busy computer is dropped."""
 
 
 class PaceError(ValueError):
-    """A pace that cannot be; one line with the remedy."""
+    """Raised for an invalid pace; the message is one line with the remedy."""
 
 
 class Pace:
-    """Speed of simulated time in percent of real time; changed from any thread.
+    """Speed of simulated time in percent of real time; thread-safe.
 
     Attributes:
-        percent: 0 = paused, 100 = as on the wall, `FLAT_OUT` = without waiting.
+        percent: 0 = paused, 100 = real time, `FLAT_OUT` = unlimited.
     """
 
     def __init__(self, percent: int = REAL_TIME) -> None:
-        """Begin at a pace.
+        """Create a pace.
 
         Raises:
-            PaceError: There is no such pace.
+            PaceError: The pace is invalid.
         """
         self.percent = _checked(percent)
         self._changed = threading.Condition()
         self._due_s = time.perf_counter()
 
     def set(self, percent: int) -> None:
-        """Go on at another pace.
+        """Change the pace.
 
         Raises:
-            PaceError: There is no such pace; nothing happens.
+            PaceError: The pace is invalid; nothing is changed.
         """
         _checked(percent)
         with self._changed:
@@ -50,12 +51,12 @@ class Pace:
             self._changed.notify_all()
 
     def wait(self, for_ms: int, stop: threading.Event) -> bool:
-        """Wait until another `for_ms` of simulated time are due; False when told to stop.
+        """Wait until the next `for_ms` of simulated time has elapsed; return False if `stop` is set.
 
-        A pause is left by `set`, or by `stop` within a tenth of a second.
+        A pause ends with `set`, or within 0.1 s after `stop` is set.
         """
         with self._changed:
-            self._due_s = max(self._due_s + self._span_s(for_ms), time.perf_counter() - _NEVER_MADE_GOOD_S)
+            self._due_s = max(self._due_s + self._span_s(for_ms), time.perf_counter() - _MAX_BACKLOG_S)
             while not stop.is_set():
                 left_s = self._due_s - time.perf_counter()
                 if self.percent != PAUSED and left_s <= 0:
@@ -69,5 +70,5 @@ class Pace:
 
 def _checked(percent: int) -> int:
     if percent != FLAT_OUT and not PAUSED <= percent <= FASTEST:
-        raise PaceError(f"pace {percent} %: give 0 (paused) to {FASTEST}, or {FLAT_OUT} for as fast as it can")
+        raise PaceError(f"pace {percent} %: give 0 (paused) to {FASTEST}, or {FLAT_OUT} for unlimited")
     return percent

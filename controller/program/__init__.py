@@ -1,1 +1,1 @@
-"""The program of this machine: tags, commands, modes, arms, tray feeder, alarms, interlocks."""
+"""PLC program of the transplanter: tags, commands, modes, arms, tray feeder, alarms, interlocks."""

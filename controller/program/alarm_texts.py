@@ -1,4 +1,4 @@
-"""Alarms in words: what has happened and what to check, in English and Chinese."""
+"""Alarm texts: message and checks, in English and Chinese."""
 
 from __future__ import annotations
 
@@ -8,299 +8,342 @@ from controller.program.texts import Text
 
 
 class AlarmText(NamedTuple):
-    """What an alarm says, and what to check."""
+    """Texts of an alarm.
+
+    Attributes:
+        message: Description of the event for the operator.
+        check: Checks that help the operator find the cause.
+        comment: Device comment of the annunciator in exports; empty = the English message.
+    """
 
     message: Text
     check: Text
+    comment: str = ""
 
     @property
     def en(self) -> str:
-        """The message in English."""
+        """Message in English."""
         return self.message.en
 
     @property
     def zh(self) -> str:
-        """The message in Chinese."""
+        """Message in Chinese."""
         return self.message.zh
 
     def of(self, side: Text | None) -> AlarmText:
-        """Return the text with the side's name put in."""
-        return AlarmText(self.message.of(side), self.check.of(side))
+        """Return the texts with the side name filled in."""
+        comment = Text(self.comment or self.message.en, "").of(side).en
+        return AlarmText(self.message.of(side), self.check.of(side), comment)
 
 
-# What to check belongs to the actuator that moved: one text for all steps that move it the same way. Coils and
-# switches are named by their tags, which stay when a wire moves to another terminal.
+# The checks depend on the actuator and its direction, so all steps with the same motion share one text. Coils and
+# switches are named by their tags, which do not change if a wire is moved to another terminal.
 _LIFT_UP: Final = Text(
     "Coil lift_retract on? Lift valve, tubes, throttle; air pressure; guide jammed or load caught? With the arm up: "
     "LED, position and wire of switch lift_up",
-    "线圈 lift_retract 是否得电;升降电磁阀、气管、节流阀;气压;导向卡滞或负载受阻;"
+    "线圈 lift_retract 是否得电；升降电磁阀、气管、节流阀；气压；导向卡滞或负载受阻；"
     "臂在上限位时开关 lift_up 的指示灯、安装位置和接线",
 )
 _LIFT_DOWN: Final = Text(
     "Coil lift_extend on? Lift valve, tubes, throttle; air pressure; guide jammed or something below? With the arm "
     "down: LED, position and wire of switch lift_down",
-    "线圈 lift_extend 是否得电;升降电磁阀、气管、节流阀;气压;导向卡滞或下方有异物;"
+    "线圈 lift_extend 是否得电；升降电磁阀、气管、节流阀；气压；导向卡滞或下方有异物；"
     "臂在下限位时开关 lift_down 的指示灯、安装位置和接线",
 )
 _SLIDE_TO_ROW: Final = Text(
     "Coil slide_inward (back: slide_outward) on? Slide valve, tubes, throttle; air pressure; rail jammed, magnet let "
     "go? At the row: LED, position and wire of switches slide_at_pick_1 to slide_at_pick_3",
-    "线圈 slide_inward(退回时为 slide_outward)是否得电;滑块电磁阀、气管、节流阀;气压;导轨卡滞或磁耦脱开;"
+    "线圈 slide_inward（退回时为 slide_outward）是否得电；滑块电磁阀、气管、节流阀；气压；导轨卡滞或磁耦脱开；"
     "在取苗位时开关 slide_at_pick_1 至 slide_at_pick_3 的指示灯、安装位置和接线",
 )
 _SLIDE_TO_FEED: Final = Text(
-    "Coil slide_outward on? Slide valve, tubes, throttle; air pressure; rail jammed, magnet let go, claws caught? At "
-    "feed: LED, position and wire of switch slide_at_feed",
-    "线圈 slide_outward 是否得电;滑块电磁阀、气管、节流阀;气压;导轨卡滞、磁耦脱开或夹爪受阻;"
+    "Coil slide_outward on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic coupling lost, claws "
+    "caught? At feed: LED, position and wire of switch slide_at_feed",
+    "线圈 slide_outward 是否得电；滑块电磁阀、气管、节流阀；气压；导轨卡滞、磁耦脱开或夹爪受阻；"
     "在投苗位时开关 slide_at_feed 的指示灯、安装位置和接线",
 )
 _SPREAD: Final = Text(
     "Output spread on? Motor drive, fuse and cable; belt tension; a claw jammed or two claws caught? With the claws "
     "spread: LED, position and wire of switch claws_spread",
-    "输出 spread 是否得电;电机驱动器、熔断器和电缆;同步带张力;夹爪卡滞或相互勾住;"
+    "输出 spread 是否得电；电机驱动器、熔断器和电缆；同步带张力；夹爪卡滞或相互勾住；"
     "夹爪分散后开关 claws_spread 的指示灯、安装位置和接线",
 )
 _CONVERGE: Final = Text(
     "Output converge on? Motor drive, fuse and cable; belt tension; something between the claws? With the claws "
     "converged: LED, position and wire of switch claws_converged",
-    "输出 converge 是否得电;电机驱动器、熔断器和电缆;同步带张力;夹爪之间有异物;"
+    "输出 converge 是否得电；电机驱动器、熔断器和电缆；同步带张力；夹爪之间有异物；"
     "夹爪聚合后开关 claws_converged 的指示灯、安装位置和接线",
 )
 _CLAWS_CLOSE: Final = Text(
-    "Coil claws_close on? If not: slide still on its switch of slide_at_pick_1 to slide_at_pick_3, arm down? Outputs "
-    "held back by a slow disk? If so: claw valve, tubes",
-    "线圈 claws_close 是否得电;未得电:滑块是否仍压住 slide_at_pick_1 至 slide_at_pick_3 中的相应开关,臂是否在下限位,"
-    "输出是否因磁盘写入慢而被保持;已得电:夹爪电磁阀、气管",
+    "Coil claws_close on? If on: claw valve, tubes. If off: slide still on its switch (slide_at_pick_1 to "
+    "slide_at_pick_3)? Arm down? Outputs delayed by a slow disk?",
+    "线圈 claws_close 是否得电；已得电：夹爪电磁阀、气管；未得电：滑块是否仍在相应开关"
+    "（slide_at_pick_1 至 slide_at_pick_3）上，臂是否在下限位，输出是否因磁盘写入慢而被延迟",
 )
 _CLAWS_OPEN: Final = Text(
-    "Coil claws_open on? If not: slide still at its place (slide_at_feed or slide_at_pick_1 to slide_at_pick_3), arm "
-    "down? Outputs held back by a slow disk? If so: claw valve, tubes",
-    "线圈 claws_open 是否得电;未得电:滑块是否仍在位(slide_at_feed 或 slide_at_pick_1 至 slide_at_pick_3),"
-    "臂是否在下限位,输出是否因磁盘写入慢而被保持;已得电:夹爪电磁阀、气管",
+    "Coil claws_open on? If on: claw valve, tubes. If off: slide still in position (slide_at_feed or slide_at_pick_1 "
+    "to slide_at_pick_3)? Arm down? Outputs delayed by a slow disk?",
+    "线圈 claws_open 是否得电；已得电：夹爪电磁阀、气管；未得电：滑块是否仍在位（slide_at_feed 或 slide_at_pick_1 至 "
+    "slide_at_pick_3），臂是否在下限位，输出是否因磁盘写入慢而被延迟",
 )
 
 ALARMS: Final = {
     "emergency_stop": AlarmText(
         Text("Emergency stop pressed", "急停按钮已按下"),
         Text(
-            "Nobody in the machine? Release the button; if nobody pressed it: safety relay, wire of emergency_stop",
-            "确认机内无人后释放按钮;若无人按下:检查安全继电器和 emergency_stop 接线",
+            "Make sure the machine is clear of people and release the button; if it was not pressed: safety relay, "
+            "wire of emergency_stop",
+            "确认机内无人后释放按钮；若无人按下：检查安全继电器和 emergency_stop 接线",
         ),
     ),
     "link_lost": AlarmText(
-        Text("Field link lost; outputs off", "现场通信中断,输出已切断"),
+        Text("Field link lost; outputs off", "现场通信中断，输出已切断"),
         Text(
-            "Supply and LEDs of the I/O module; network cable and switch; address and port of the field",
-            "I/O 模块电源和指示灯;网线和交换机;现场设备的地址和端口",
+            "Power supply and LEDs of the I/O module; network cable and switch; address and port of the field I/O",
+            "I/O 模块电源和指示灯；网线和交换机；现场设备的地址和端口",
         ),
     ),
     "scan_fault": AlarmText(
-        Text("Scan over its limit or failed; outputs off", "扫描超时或出错,输出已切断"),
+        Text("Scan time exceeded or scan failed; outputs off", "扫描超时或出错，输出已切断"),
         Text(
-            "Log of the controller; other programs that load the computer; did it sleep? If it comes back: restart",
-            "控制器日志;是否有其他程序占用计算机,是否进入过休眠;再次出现时重启控制器",
+            "Controller log; CPU load of other programs; computer in sleep mode? If it recurs: restart the controller",
+            "控制器日志；是否有其他程序占用计算机，是否进入过休眠；再次出现时重启控制器",
         ),
+        comment="Scan over its limit or failed; outputs off",
     ),
     "store_fault": AlarmText(
         Text("Retentive memory cannot be stored", "保持数据无法保存"),
         Text(
-            "Disk full, slow or read-only? Right to write the memory file and its folder; log of the controller",
-            "磁盘是否已满、过慢或只读;保持数据文件及其文件夹的写权限;控制器日志",
+            "Disk full, slow or read-only? Write permission for the memory file and its folder; controller log",
+            "磁盘是否已满、过慢或只读；保持数据文件及其文件夹的写权限；控制器日志",
         ),
     ),
     "memory_lost": AlarmText(
         Text("Retentive memory lost", "保持数据丢失"),
         Text(
-            "Look at the claws, the rows and the tray; set-points are back at their first values: set them again",
-            "查看夹爪、苗排和苗盘的实际情况;设定值已恢复为初始值,请重新设定",
+            "Check the claws, the rows and the tray; the set-points have been reset to their defaults: enter them "
+            "again",
+            "查看夹爪、苗行和苗盘的实际情况；设定值已恢复为默认值，请重新设定",
         ),
     ),
     "air_low": AlarmText(
         Text("Air pressure low", "气压过低"),
         Text(
             "Compressor on, shut-off valve open? Regulator, filter, leaks; wire of switch air_pressure_ok",
-            "空压机是否运行,截止阀是否打开;减压阀、过滤器、漏气;开关 air_pressure_ok 接线",
+            "空压机是否运行，截止阀是否打开；减压阀、过滤器、漏气；开关 air_pressure_ok 接线",
         ),
     ),
     "overrun": AlarmText(
-        Text("{side} slide went off the pick position after arriving", "{side}滑块到位后又离开取苗位"),
+        Text("{side} slide moved off the pick position after arriving", "{side}滑块到位后又离开取苗位"),
         Text(
             "Slide too fast: throttle, air pressure; brake or check valves of the slide; position of the switches "
             "slide_at_pick_1 to slide_at_pick_3",
-            "滑块过快:节流阀、气压;滑块制动器或单向阀;开关 slide_at_pick_1 至 slide_at_pick_3 的安装位置",
+            "滑块过快：节流阀、气压；滑块制动器或单向阀；开关 slide_at_pick_1 至 slide_at_pick_3 的安装位置",
         ),
+        comment="{side} slide went off the pick position after arriving",
     ),
     "off home": AlarmText(
-        Text("{side} arm went off home by itself", "{side}臂自行离开原位"),
+        Text("{side} arm moved off the home position without a command", "{side}臂自行离开原位"),
         Text(
             "Moved by hand? Leak at valve, check valve or tube of the lift or slide; switches lift_down, "
             "slide_at_feed, claws_converged: LED and wire",
-            "是否被人推动;升降或滑块的电磁阀、单向阀、气管漏气;开关 lift_down、slide_at_feed、claws_converged "
+            "是否被人推动；升降或滑块的电磁阀、单向阀、气管漏气；开关 lift_down、slide_at_feed、claws_converged "
             "的指示灯和接线",
         ),
+        comment="{side} arm went off home by itself",
     ),
     "unbidden": AlarmText(
-        Text("{side} arm: a switch changed without a command", "{side}臂:无指令时开关状态改变"),
+        Text("{side} arm: a switch changed without a command", "{side}臂：无指令时开关状态改变"),
         Text(
-            "Did the arm move? By hand, or leak at valve, check valve or tube. It did not: the switch that changed, "
-            "its position, LED and wire",
-            "臂是否移动过:被人推动,或电磁阀、单向阀、气管漏气;未移动:状态改变的开关的安装位置、指示灯和接线",
+            "Did the arm move? If so: moved by hand, or leak at valve, check valve or tube. If not: position, LED and "
+            "wire of the switch that changed",
+            "臂是否移动过；已移动：被人推动，或电磁阀、单向阀、气管漏气；未移动：状态改变的开关的安装位置、指示灯和接线",
         ),
     ),
     "lift switches": AlarmText(
-        Text("{side} lift: both switches on, or one too early", "{side}升降:上、下限位开关同时接通或过早接通"),
+        Text("{side} lift: both switches on, or a switch on too early", "{side}升降：上、下限位开关同时接通或过早接通"),
         Text(
             "Switches lift_up and lift_down: which LED is wrong? Stuck switch, position on the cylinder, wires "
-            "shorted or exchanged; after a jam the lift may have shot up or down: reset again",
-            "开关 lift_up 和 lift_down:哪个指示灯不对;开关粘连、在气缸上的位置、接线短路或接反;"
-            "卡滞排除后升降可能冲得过快:再次复位",
+            "shorted or swapped; after a jam the lift may have moved too fast: reset again",
+            "开关 lift_up 和 lift_down：哪个指示灯不对；开关粘连、在气缸上的位置、接线短路或接反；"
+            "卡滞排除后升降可能动作过快，请再次复位",
         ),
+        comment="{side} lift: both switches on, or one too early",
     ),
     "slide switches": AlarmText(
-        Text("{side} slide: two switches on, or one too early", "{side}滑块:两个位置开关同时接通或过早接通"),
+        Text("{side} slide: two switches on, or a switch on too early", "{side}滑块：两个位置开关同时接通或过早接通"),
         Text(
             "Switches slide_at_feed and slide_at_pick_1 to slide_at_pick_3: which LED is wrong? Stuck switch, metal "
-            "before it, wires shorted or exchanged. After a jam the slide may have moved too fast: reset again. Row "
+            "in front of it, wires shorted or swapped. After a jam the slide may have moved too fast: reset again. Row "
             "spacing changed? Set-point slide_least",
-            "开关 slide_at_feed 和 slide_at_pick_1 至 slide_at_pick_3:哪个指示灯不对;开关粘连、前方有金属物、"
-            "接线短路或接反;卡滞排除后滑块可能移动过快,请再次复位;行距改变时检查设定值 slide_least",
+            "开关 slide_at_feed 和 slide_at_pick_1 至 slide_at_pick_3：哪个指示灯不对；开关粘连、前方有金属物、"
+            "接线短路或接反；卡滞排除后滑块可能移动过快，请再次复位；行距改变时检查设定值 slide_least",
         ),
+        comment="{side} slide: two switches on, or one too early",
     ),
     "belt switches": AlarmText(
-        Text("{side} claws: spread and converged at once, or too early", "{side}夹爪:分散、聚合开关同时接通或过早接通"),
         Text(
-            "Switches claws_spread and claws_converged: which LED is wrong? Stuck switch, metal before it, wires "
-            "shorted or exchanged",
-            "开关 claws_spread 和 claws_converged:哪个指示灯不对;开关粘连、前方有金属物、接线短路或接反",
+            "{side} claws: spread and converged both on, or on too early",
+            "{side}夹爪：分散、聚合开关同时接通或过早接通",
         ),
+        Text(
+            "Switches claws_spread and claws_converged: which LED is wrong? Stuck switch, metal in front of it, wires "
+            "shorted or swapped",
+            "开关 claws_spread 和 claws_converged：哪个指示灯不对；开关粘连、前方有金属物、接线短路或接反",
+        ),
+        comment="{side} claws: spread and converged at once, or too early",
     ),
     "cup counts": AlarmText(
-        Text("{side} cups are counted, but none of the other row", "{side}行有转杯计数,另一行没有"),
+        Text("{side} row counts cups, the other row does not", "{side}行有苗杯计数，另一行没有"),
         Text(
             "Both counters: LED of cup_pulse as cups pass, distance to the flags, wire; chain of the other row "
-            "broken, flags lost? A counter that trembles while the tractor stands?",
-            "两个计数器:转杯经过时 cup_pulse 的指示灯、与感应片的距离、接线;另一行链条断裂或感应片丢失;"
+            "broken or flags missing? Counter bouncing while the tractor stands still?",
+            "两个计数器：苗杯经过时 cup_pulse 的指示灯、与感应片的距离、接线；另一行链条断裂或感应片丢失；"
             "停车时计数器是否误计数",
         ),
+        comment="{side} cups are counted, but none of the other row",
     ),
     "approach row": AlarmText(Text("{side} slide did not reach the row", "{side}滑块未到达取苗位"), _SLIDE_TO_ROW),
     "return to row": AlarmText(Text("{side} slide did not return to the row", "{side}滑块未退回取苗位"), _SLIDE_TO_ROW),
     "close claws": AlarmText(
-        Text("{side} claws not closed: place or outputs lost", "{side}夹爪未闭合:位置或输出丢失"), _CLAWS_CLOSE
+        Text("{side} claws not closed: position or outputs lost", "{side}夹爪未闭合：位置或输出丢失"),
+        _CLAWS_CLOSE,
+        comment="{side} claws not closed: place or outputs lost",
     ),
     "lift from row": AlarmText(Text("{side} arm not up after clamping", "{side}臂夹苗后未升到上限位"), _LIFT_UP),
     "slide to feed": AlarmText(
-        Text("{side} slide did not reach feed, loaded", "{side}滑块带苗未到达投苗位"), _SLIDE_TO_FEED
+        Text("{side} slide did not reach feed while loaded", "{side}滑块带苗未到达投苗位"),
+        _SLIDE_TO_FEED,
+        comment="{side} slide did not reach feed, loaded",
     ),
     "spread": AlarmText(Text("{side} claws not spread", "{side}夹爪未分散到位"), _SPREAD),
     "lower over cups": AlarmText(
-        Text("{side} arm not down over the cups", "{side}臂在转杯上方未降到下限位"), _LIFT_DOWN
+        Text("{side} arm not down over the cups", "{side}臂在苗杯上方未降到下限位"), _LIFT_DOWN
     ),
     "open claws": AlarmText(
-        Text("{side} claws not opened: place or outputs lost", "{side}夹爪未张开:位置或输出丢失"), _CLAWS_OPEN
+        Text("{side} claws not opened: position or outputs lost", "{side}夹爪未张开：位置或输出丢失"),
+        _CLAWS_OPEN,
+        comment="{side} claws not opened: place or outputs lost",
     ),
-    "raise empty": AlarmText(Text("{side} arm not up after the throw", "{side}臂投苗后未升到上限位"), _LIFT_UP),
+    "raise empty": AlarmText(
+        Text("{side} arm not up after the release", "{side}臂投苗后未升到上限位"),
+        _LIFT_UP,
+        comment="{side} arm not up after the throw",
+    ),
     "converge": AlarmText(Text("{side} claws not converged", "{side}夹爪未聚合到位"), _CONVERGE),
     "lower empty": AlarmText(Text("{side} arm not down after converging", "{side}臂聚合后未降到下限位"), _LIFT_DOWN),
     "park": AlarmText(Text("{side} arm not up while parking", "{side}臂停放时未升到上限位"), _LIFT_UP),
     "home: lower to put back": AlarmText(
-        Text("Homing: {side} arm not down at the row", "复位:{side}臂在取苗位未降到下限位"), _LIFT_DOWN
+        Text("Homing: {side} arm not down at the row", "回原点：{side}臂在取苗位未降到下限位"), _LIFT_DOWN
     ),
     "home: put back": AlarmText(
-        Text("Homing: {side} claws not opened at the row", "复位:{side}夹爪在取苗位未张开"), _CLAWS_OPEN
+        Text("Homing: {side} claws not opened at the row", "回原点：{side}夹爪在取苗位未张开"), _CLAWS_OPEN
     ),
     "home: raise loaded": AlarmText(
-        Text("Homing: {side} arm not up, loaded", "复位:{side}臂带苗未升到上限位"), _LIFT_UP
+        Text("Homing: {side} arm not up while loaded", "回原点：{side}臂带苗未升到上限位"),
+        _LIFT_UP,
+        comment="Homing: {side} arm not up, loaded",
     ),
-    "home: raise empty": AlarmText(Text("Homing: {side} arm not up, empty", "复位:{side}臂空载未升到上限位"), _LIFT_UP),
+    "home: raise empty": AlarmText(
+        Text("Homing: {side} arm not up while empty", "回原点：{side}臂空载未升到上限位"),
+        _LIFT_UP,
+        comment="Homing: {side} arm not up, empty",
+    ),
     "home: out": AlarmText(
-        Text("Homing: {side} slide did not reach feed", "复位:{side}滑块未到达投苗位"), _SLIDE_TO_FEED
+        Text("Homing: {side} slide did not reach feed", "回原点：{side}滑块未到达投苗位"), _SLIDE_TO_FEED
     ),
     "home: out low": AlarmText(
-        Text("Homing: {side} slide did not reach feed, arm low", "复位:{side}滑块低位未到达投苗位"), _SLIDE_TO_FEED
+        Text("Homing: {side} slide did not reach feed with the arm down", "回原点：{side}滑块低位未到达投苗位"),
+        _SLIDE_TO_FEED,
+        comment="Homing: {side} slide did not reach feed, arm low",
     ),
     "home: raise at feed": AlarmText(
-        Text("Homing: {side} arm not up at feed", "复位:{side}臂在投苗位未升到上限位"), _LIFT_UP
+        Text("Homing: {side} arm not up at feed", "回原点：{side}臂在投苗位未升到上限位"), _LIFT_UP
     ),
-    "home: discard, spread": AlarmText(Text("Discard: {side} claws not spread", "弃苗:{side}夹爪未分散到位"), _SPREAD),
+    "home: discard, spread": AlarmText(Text("Discard: {side} claws not spread", "弃苗：{side}夹爪未分散到位"), _SPREAD),
     "home: discard, lower": AlarmText(
-        Text("Discard: {side} arm not down over the cups", "弃苗:{side}臂未降到下限位"), _LIFT_DOWN
+        Text("Discard: {side} arm not down over the cups", "弃苗：{side}臂未降到下限位"), _LIFT_DOWN
     ),
     "home: open at feed": AlarmText(
-        Text("Homing: {side} claws not opened at feed", "复位:{side}夹爪在投苗位未张开"), _CLAWS_OPEN
+        Text("Homing: {side} claws not opened at feed", "回原点：{side}夹爪在投苗位未张开"), _CLAWS_OPEN
     ),
     "home: raise to converge": AlarmText(
-        Text("Homing: {side} arm not up to converge", "复位:{side}臂聚合前未升到上限位"), _LIFT_UP
+        Text("Homing: {side} arm not up before converging", "回原点：{side}臂聚合前未升到上限位"),
+        _LIFT_UP,
+        comment="Homing: {side} arm not up to converge",
     ),
-    "home: converge": AlarmText(Text("Homing: {side} claws not converged", "复位:{side}夹爪未聚合到位"), _CONVERGE),
-    "home: lower": AlarmText(Text("Homing: {side} arm not down", "复位:{side}臂未降到下限位"), _LIFT_DOWN),
+    "home: converge": AlarmText(Text("Homing: {side} claws not converged", "回原点：{side}夹爪未聚合到位"), _CONVERGE),
+    "home: lower": AlarmText(Text("Homing: {side} arm not down", "回原点：{side}臂未降到下限位"), _LIFT_DOWN),
     "tray_jam": AlarmText(
         Text("Tray did not leave the pick position", "苗盘未离开取苗位"),
         Text(
             "Outputs tray_run and tray_forward on? Stepper drive and its supply; belt slipping, tray caught; next tray "
-            "less than 40 mm behind, or laid in under the sensor; tray_front_edge dirty or covered: LED, wire",
-            "输出 tray_run 和 tray_forward 是否得电;步进驱动器及其电源;输送带打滑、苗盘卡住;"
-            "后一苗盘间距不足 40 mm,或被放在传感器下;tray_front_edge 脏污或被遮挡:指示灯、接线",
+            "less than 40 mm behind, or inserted under the sensor; tray_front_edge dirty or covered: LED, wire",
+            "输出 tray_run 和 tray_forward 是否得电；步进驱动器及其电源；输送带打滑、苗盘卡住；"
+            "后一苗盘间距不足 40 mm，或被放在传感器下；tray_front_edge 脏污或被遮挡：指示灯、接线",
         ),
     ),
     "tray_lost": AlarmText(
-        Text("Tray at the pick position has gone", "取苗位苗盘丢失"),
+        Text("Tray missing at the pick position", "取苗位苗盘丢失"),
         Text(
-            "Tray taken out or pushed? Sensor tray_front_edge: alignment, dirt, LED, wire",
-            "苗盘是否被取走或推动;传感器 tray_front_edge:对准、脏污、指示灯、接线",
+            "Tray removed or pushed? Sensor tray_front_edge: alignment, dirt, LED, wire",
+            "苗盘是否被取走或推动；传感器 tray_front_edge：对准、脏污、指示灯、接线",
         ),
+        comment="Tray at the pick position has gone",
     ),
     "magazine_empty": AlarmText(
         Text("Tray magazine empty", "苗盘仓已空"),
         Text(
-            "Fill the magazine; if it is full: sensor magazine_empty, its wire",
-            "补充苗盘;若仍有苗盘:检查传感器 magazine_empty 及其接线",
+            "Fill the magazine; if it is not empty: sensor magazine_empty and its wire",
+            "补充苗盘；若仍有苗盘：检查传感器 magazine_empty 及其接线",
         ),
     ),
     "stop_stuck": AlarmText(
-        Text("Stop button or its wire open: nothing can start", "停止按钮或其线路断开,无法启动"),
+        Text("Stop button pressed or its wire broken: start not possible", "停止按钮或其线路断开，无法启动"),
         Text(
             "Stop button released? Contact block, wire and terminal of stop (normally closed: on while released)",
-            "停止按钮是否释放;stop 的触点、接线和端子(常闭:释放时接通)",
+            "停止按钮是否释放；stop 的触点、接线和端子（常闭：释放时接通）",
         ),
+        comment="Stop button or its wire open: nothing can start",
     ),
     "hmi_silent": AlarmText(
-        Text("Operator panel silent: the cycle is finished, then hold", "操作面板无响应:完成当前循环后保持"),
+        Text("Operator panel not responding: holding after the current cycle", "操作面板无响应：完成当前循环后保持"),
         Text(
-            "Panel switched on? Its network cable and address; load of the panel's computer",
-            "面板是否通电;面板的网线和地址;面板计算机的负载",
+            "Panel powered on? Network cable and address of the panel; CPU load of the panel computer",
+            "面板是否通电；面板的网线和地址；面板计算机的负载",
         ),
+        comment="Operator panel silent: the cycle is finished, then hold",
     ),
 }
-"""Alarm texts by key."""
+"""Alarm texts, by key."""
 
 ALARM_STATES: Final = {
     "normal": Text("normal", "正常"),
     "unacknowledged": Text("unacknowledged", "未确认"),
     "acknowledged": Text("acknowledged", "已确认"),
-    "returned_unacknowledged": Text("returned to normal, unacknowledged", "已恢复,未确认"),
-    "latched_unacknowledged": Text("latched, unacknowledged", "锁存,未确认"),
-    "latched_acknowledged": Text("latched, acknowledged", "锁存,已确认"),
+    "returned_unacknowledged": Text("returned to normal, unacknowledged", "已恢复，未确认"),
+    "latched_unacknowledged": Text("latched, unacknowledged", "锁存，未确认"),
+    "latched_acknowledged": Text("latched, acknowledged", "锁存，已确认"),
     "shelved": Text("shelved", "已搁置"),
 }
-"""Alarm states of ISA-18.2, by value of `AlarmState`."""
+"""Names of the ISA-18.2 alarm states, by value of `AlarmState`."""
 
 ALARM_REFUSALS: Final = {
     "unknown": Text(
-        "there is no alarm S{number}; take a number of the alarm list", "没有报警 S{number};请使用报警表中的编号"
+        "unknown alarm S{number}; give a number of the alarm list", "没有报警 S{number}，请使用报警表中的编号"
     ),
     "safety": Text(
-        "S{number} is a safety alarm and is never shelved; remove its cause and reset",
-        "S{number} 是安全报警,不得搁置;请排除原因后复位",
+        "S{number} is a safety alarm and cannot be shelved; remove its cause and reset",
+        "S{number} 是安全报警，不得搁置；请排除原因后复位",
     ),
     "stops_work": Text(
-        "S{number} stops work, shelved or not; remove its cause and reset",
-        "S{number} 会使机器停止,搁置无效;请排除原因后复位",
+        "S{number} stops the machine and cannot be shelved; remove its cause and reset",
+        "S{number} 会使机器停止，不得搁置；请排除原因后复位",
     ),
     "time": Text(
-        "an alarm is shelved for 1 ms to {limit} h, not for {for_ms} ms",
-        "搁置时间为 1 ms 至 {limit} h,不能是 {for_ms} ms",
+        "the shelving time must be 1 ms to {limit} h, not {for_ms} ms",
+        "搁置时间须为 1 毫秒至 {limit} 小时，不能是 {for_ms} 毫秒",
     ),
-    "nobody": Text("say who does it: the name goes into the journal", "请注明操作人:姓名将记入日志"),
+    "nobody": Text("operator name required for the journal", "请注明操作人：姓名将记入日志"),
 }
-"""Why an action on the alarm list is refused."""
+"""Reasons for refusing an alarm list action."""

@@ -1,9 +1,16 @@
-"""Annunciators S900-S999, numbered by severity: safety, then motion, then warnings."""
+"""Alarm table of the program: annunciators S900-S999 with severity, texts and causes, and the rungs that set them.
+
+S numbers are permanent because panels, logs and operators refer to them. A number is never changed or reused; a new
+alarm gets the first free number after the last one in use below S990, a new warning the first after the last warning.
+Severity is a separate field and does not depend on the number. As on the FX2N, D8049 contains the lowest number that is
+on, regardless of severity.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Final
 
 from controller.core.devices import ANNUNCIATORS, MS_100
@@ -12,33 +19,84 @@ from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
 from controller.program.alarm_texts import ALARMS, AlarmText
-from controller.program.tags import FIRST_SCAN, IN_PLACE, ArmTags, Side, Tags
+from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
 from controller.program.texts import SIDES as SIDE_TEXTS
 
 SLIDE_LIMIT_MS: Final = 5_000
-"""Longest slide stroke is 378.5 mm at 800 mm row spacing: 2.6 s at 0.143 m/s, twice that rounded down."""
+"""Time limit for slide motion, ms: twice the 2.6 s of the longest stroke (378.5 mm at 800 mm row spacing, 0.143 m/s),
+rounded down."""
 LIFT_LIMIT_MS: Final = 2_500
-"""150 mm at 0.2 m/s: 0.75 s; three times that."""
+"""Time limit for lift motion, ms: more than three times the 0.75 s for 150 mm at 0.2 m/s."""
 SPREAD_LIMIT_MS: Final = 2_500
-"""187 mm at 0.2 m/s: 0.94 s; two and a half times that."""
+"""Time limit for spreading and converging, ms: more than two and a half times the 0.94 s for 187 mm at 0.2 m/s."""
 TRAY_OUT_LIMIT_MS: Final = 3_200
-"""540 mm at 0.2 m/s and the ramps: 2.9 s. Not much longer, or a sensor that sticks lets the next tray run out, too."""
+"""Time limit for conveying a tray out, ms. 540 mm at 0.2 m/s take 2.9 s including the ramps. If the limit were much
+longer and the sensor stuck, the next tray would be conveyed out as well."""
 CLAW_LIMIT_MS: Final = 3_000
-"""Longest dwell that can be set is 2 s; a claw coil that is not granted or not released for so long has a reason."""
+"""Time limit for a claw step, ms. The maximum dwell setting is 2 s; a claw coil still blocked by an interlock or by
+delayed outputs after 3 s indicates a fault."""
 OFF_HOME_MS: Final = 1_000
-"""An arm at rest at home does not leave its switches; longer than a switch may tremble."""
+"""Delay of the alarm for an arm that is no longer at home, ms; longer than switch bounce."""
 STOP_STUCK_MS: Final = 5_000
-"""Nobody holds X24 so long: clearing takes 3 s."""
+"""Delay of the stuck button alarm, ms. Longer than any intended press of X24; clearing requires 3 s."""
 TRAY_LOST_MS: Final = 500
-"""A tray that stands does not leave its front edge sensor; longer than the sensor may tremble."""
+"""Delay of the alarm for a tray at rest that is no longer detected by the front edge sensor, ms; longer than sensor
+bounce."""
 IN_DOUBT_MS: Final = 200
-"""No two switches of one device, nor one too early, are on together for longer than filters and cables explain."""
+"""Delay of the alarm for implausible switches, ms: two switches of one device are on at the same time, or one comes on
+too early, for longer than input filters and cables can explain."""
 UNBIDDEN_MS: Final = 500
-"""An arm at rest does not leave or reach a switch; longer than a switch may tremble."""
+"""Delay of the alarm for an arm at rest that leaves or reaches a switch, ms; longer than switch bounce."""
 LONE_CUPS: Final = 6
-"""Cups of one row without one of the other: both carousels turn with the same ground wheel."""
+"""Number of cups counted in one row but none in the other that raises an alarm. The same ground wheel drives both
+carousels."""
 
-_WARNINGS: Final = 990
+ARM_ALARM_NUMBERS: Final[dict[str, tuple[int, int]]] = {
+    "approach row": (908, 920),
+    "return to row": (909, 921),
+    "close claws": (910, 922),
+    "lift from row": (911, 923),
+    "slide to feed": (912, 924),
+    "spread": (913, 925),
+    "lower over cups": (914, 926),
+    "open claws": (915, 927),
+    "raise empty": (916, 928),
+    "converge": (917, 929),
+    "lower empty": (918, 930),
+    "park": (919, 931),
+    "home: lower to put back": (932, 945),
+    "home: put back": (933, 946),
+    "home: raise loaded": (934, 947),
+    "home: raise empty": (935, 948),
+    "home: out": (936, 949),
+    "home: out low": (937, 950),
+    "home: raise at feed": (938, 951),
+    "home: discard, spread": (939, 952),
+    "home: discard, lower": (940, 953),
+    "home: open at feed": (941, 954),
+    "home: raise to converge": (942, 955),
+    "home: converge": (943, 956),
+    "home: lower": (944, 957),
+    "overrun": (958, 965),
+    "off home": (959, 966),
+    "lift switches": (960, 967),
+    "slide switches": (961, 968),
+    "belt switches": (962, 969),
+    "unbidden": (963, 970),
+    "cup counts": (964, 971),
+}
+"""Permanent S numbers of the arm alarms by key: left, right. Append new rows at the end."""
+
+
+class Severity(IntEnum):
+    """Severity of an alarm; a lower value is more severe."""
+
+    SAFETY = 1
+    """Emergency stop or a lost safeguard: the outputs are off, and the alarm cannot be shelved."""
+    FAULT = 2
+    """Fault of the machine or loss of its data."""
+    WARNING = 3
+    """Work continues; the alarm can be shelved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,46 +104,65 @@ class Alarm:
     """One annunciator.
 
     Attributes:
-        bit: S bit.
-        key: Key of its text.
-        side: Arm it belongs to, if any.
-        text: What the operator reads.
-        stops_work: Whether it holds the machine; a warning does not.
-        safety: Whether it tells of an emergency stop or a lost safeguard; it is never shelved.
-        cause: True while the cause lasts; the alarm cannot be reset then. None: the cause ends with the motion that
-            the alarm has stopped.
+        bit: S bit; its number is permanent.
+        key: Key of the alarm, unique per arm.
+        side: Arm that it belongs to; None for the machine.
+        text: Message and checks for the operator.
+        severity: Severity, independent of the S number.
+        stops_work: True if the alarm holds the machine.
+        cause: Condition that is true while the cause persists; the alarm cannot be reset during this time. None if the
+            cause disappears when the alarm stops the motion.
     """
 
     bit: Bit
     key: str
     side: Side | None
     text: AlarmText
+    severity: Severity = Severity.FAULT
     stops_work: bool = True
-    safety: bool = False
     cause: Expr | None = None
+
+    @property
+    def safety(self) -> bool:
+        """True for a safety alarm."""
+        return self.severity is Severity.SAFETY
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """Sort key: severity, then S number."""
+        return self.severity, self.bit.number
 
 
 class Annunciators:
-    """The alarm table of the program."""
+    """Alarm table of the program."""
 
     def __init__(self, tags: Tags) -> None:
         x, system, tray = tags.x, tags.system, tags.tray
-        air, magazine = x.optional("air_pressure_ok"), x.optional("magazine_empty")
+        safety, warning = Severity.SAFETY, Severity.WARNING
         self._table: list[Alarm] = []
-        self.emergency_stop = self.add("emergency_stop", safety=True, cause=x.emergency_stop & ~system.link_lost)
-        self.link_lost = self.add("link_lost", safety=True, cause=system.link_lost)
-        self.scan_fault = self.add("scan_fault", safety=True, cause=system.scan_fault)
-        self.store_fault = self.add("store_fault", safety=True, cause=system.store_fault)
-        self.memory_lost = self.add("memory_lost", stops_work=False)
-        self.air_low = self.add("air_low", cause=None if air is None else ~air)
-        self.tray_jam = self.add("tray_jam")
-        self.tray_lost = self.add("tray_lost", cause=tray.phase.equals(IN_PLACE) & ~tray.edge & ~tray.ask)
-        self.stop_stuck = self.add("stop_stuck", number=_WARNINGS + 1, stops_work=False, cause=x.stop)
-        self.magazine_empty = self.add("magazine_empty", number=_WARNINGS, stops_work=False, cause=magazine)
-        self.panel_silent = self.add("hmi_silent", number=_WARNINGS + 2, stops_work=False, cause=system.panel_silent)
+        self.emergency_stop = self.add(
+            "emergency_stop", number=900, severity=safety, cause=x.emergency_stop & ~system.link_lost
+        )
+        self.link_lost = self.add("link_lost", number=901, severity=safety, cause=system.link_lost)
+        self.scan_fault = self.add("scan_fault", number=902, severity=safety, cause=system.scan_fault)
+        self.store_fault = self.add("store_fault", number=903, severity=safety, cause=system.store_fault)
+        self.memory_lost = self.add("memory_lost", number=904, stops_work=False)
+        self.air_low = self.add("air_low", number=905, cause=x.optional_off("air_pressure_ok"))
+        self.tray_jam = self.add("tray_jam", number=906)
+        self.tray_lost = self.add("tray_lost", number=907, cause=tray.phase.equals(IN_PLACE) & ~tray.edge & ~tray.ask)
+        self.magazine_empty = self.add(
+            "magazine_empty", number=990, severity=warning, cause=x.optional("magazine_empty")
+        )
+        self.stop_stuck = self.add("stop_stuck", number=991, severity=warning, cause=x.stop)
+        self.panel_silent = self.add("hmi_silent", number=992, severity=warning, cause=system.panel_silent)
 
     def __iter__(self) -> Iterator[Alarm]:
+        """Iterate over all alarms by S number."""
         return iter(sorted(self._table, key=lambda alarm: alarm.bit.number))
+
+    def by_severity(self) -> list[Alarm]:
+        """Return all alarms, the most severe first; alarms of equal severity are in order of S number."""
+        return sorted(self._table, key=lambda alarm: alarm.rank)
 
     def of(self, number: int) -> Alarm:
         """Return the alarm of annunciator S<number>."""
@@ -94,42 +171,53 @@ class Annunciators:
     def add(
         self,
         key: str,
-        side: Side | None = None,
         *,
-        number: int | None = None,
-        stops_work: bool = True,
-        safety: bool = False,
+        number: int,
+        side: Side | None = None,
+        severity: Severity = Severity.FAULT,
+        stops_work: bool | None = None,
+        text: AlarmText | None = None,
         cause: Expr | None = None,
     ) -> Bit:
-        """Add an alarm; its text is the one of this key.
+        """Add an alarm.
 
         Args:
-            key: Key in `alarm_texts.ALARMS`.
-            side: Arm it belongs to.
-            number: Its S number; None = the next one.
-            stops_work: False for a warning.
-            safety: True if it is never shelved.
-            cause: True while the cause lasts.
+            key: Key of the alarm, unique per arm.
+            number: Permanent S number.
+            side: Arm that it belongs to; None for the machine.
+            severity: Severity of the alarm.
+            stops_work: True if the alarm holds the machine. Default: all alarms but warnings.
+            text: Message and checks. Default: the entry of this key in `alarm_texts.ALARMS`.
+            cause: Condition that is true while the cause persists.
 
         Returns:
             The annunciator.
+
+        Raises:
+            ValueError: The number is in use or is not an annunciator.
         """
-        if number is None:
-            number = 1 + max(
-                (a.bit.number for a in self._table if a.bit.number < _WARNINGS), default=ANNUNCIATORS[0] - 1
-            )
-        text = ALARMS[key].of(SIDE_TEXTS[side] if side else None)
+        if not ANNUNCIATORS[0] <= number <= ANNUNCIATORS[-1]:
+            raise ValueError(f"alarm {key}: S{number} is not an annunciator")
+        if any(alarm.bit.number == number for alarm in self._table):
+            raise ValueError(f"alarm {key}: S{number} is already in use; choose the next free number")
+        text = (text or ALARMS[key]).of(SIDE_TEXTS[side] if side else None)
         name = f"{side}.alarm: {key}" if side else f"alarm: {key}"
-        self._table.append(Alarm(Bit("S", number, name, text.en), key, side, text, stops_work, safety, cause))
+        if stops_work is None:
+            stops_work = severity is not Severity.WARNING
+        self._table.append(Alarm(Bit("S", number, name, text.comment), key, side, text, severity, stops_work, cause))
         return self._table[-1].bit
+
+    def add_to_arm(self, key: str, side: Side, *, cause: Expr | None = None) -> Bit:
+        """Add an alarm of one arm with its number from `ARM_ALARM_NUMBERS` and return the annunciator."""
+        return self.add(key, number=ARM_ALARM_NUMBERS[key][SIDES.index(side)], side=side, cause=cause)
 
     def of_side(self, side: Side) -> list[Bit]:
         """Return the annunciators of one arm."""
         return [alarm.bit for alarm in self._table if alarm.side == side]
 
 
-class Limits:
-    """Gives every moving step of one arm its own 100 ms timer and its own annunciator."""
+class StepLimits:
+    """Factory for the step time limits of one arm: a 100 ms timer and an annunciator for each step with motion."""
 
     def __init__(self, arm: ArmTags, alarms: Annunciators) -> None:
         self._arm = arm
@@ -137,10 +225,10 @@ class Limits:
         self._next = arm.first_limit
 
     def __call__(self, key: str, ms: int) -> Timeout:
-        """Return the limit of the step whose alarm text has this key."""
+        """Return the time limit of the step whose alarm has this key."""
         timer = Timer(self._next, f"{self._arm.side}.limit: {key}")
         self._next += 1
-        return Timeout(ms, self._alarms.add(key, self._arm.side), timer)
+        return Timeout(ms, self._alarms.add_to_arm(key, self._arm.side), timer)
 
 
 def alarm_block(
@@ -149,7 +237,7 @@ def alarm_block(
     arms: dict[Side, ArmAlarms],
     sequences: list[Sequence],
 ) -> Block:
-    """Return the block that sets annunciators and tells each actuator's group that it has a fault."""
+    """Return the block that sets and resets the annunciators and the fault relays of the arms and the tray feeder."""
     machine, tray = tags.machine, tags.tray
     rungs: list[Rung] = [
         Out(machine.alarm_reset, when=machine.entered_resetting | machine.clear_requested),
@@ -159,9 +247,11 @@ def alarm_block(
     for sequence in sequences:
         rungs += sequence.limits()
     for side, arm_alarms in arms.items():
-        rungs += [*_arm_alarms(tags, tags.arms[side], arm_alarms),
-                  Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side)))]  # fmt: skip
-    stopping = [alarm.bit for alarm in alarms if alarm.stops_work]
+        rungs += [
+            *_arm_alarms(tags, tags.arms[side], arm_alarms),
+            Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side))),
+        ]
+    stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work]
     of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None]
     rungs += [
         Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
@@ -184,7 +274,7 @@ def _lasting(alarm: Alarm) -> Expr:
 
 
 def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
-    """Alarms of the machine as a whole; optional points where they are wired."""
+    """Return the rungs of the machine alarms; an optional input is used only if it is wired."""
     x, system, machine, tray = tags.x, tags.system, tags.machine, tags.tray
     rungs: list[Rung] = [
         Set(alarms.emergency_stop, when=x.emergency_stop & ~system.link_lost),
@@ -204,31 +294,31 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
             when=all_of(machine.running, ~machine.manual, tray.phase.equals(IN_PLACE), ~tray.edge),
         ),
     ]
-    air, magazine = x.optional("air_pressure_ok"), x.optional("magazine_empty")
-    if air is not None:
-        rungs.append(Annunciate(Timer(105, "air low"), 5 * MS_100, alarms.air_low, when=~air))
-    if magazine is not None:
+    if (air_low := x.optional_off("air_pressure_ok")) is not None:
+        rungs.append(Annunciate(Timer(105, "air low"), 5 * MS_100, alarms.air_low, when=air_low))
+    if (magazine := x.optional("magazine_empty")) is not None:
         rungs += [Set(alarms.magazine_empty, when=magazine), Rst(alarms.magazine_empty, when=~magazine)]
     return rungs
 
 
 class ArmAlarms:
-    """The annunciators of one arm that belong to no step."""
+    """Annunciators of one arm other than step time limits."""
 
-    def __init__(self, arm: ArmTags, alarms: Annunciators, limit: Limits) -> None:
-        self.overrun = alarms.add("overrun", arm.side)
+    def __init__(self, arm: ArmTags, alarms: Annunciators, limit: StepLimits) -> None:
+        self.overrun = alarms.add_to_arm("overrun", arm.side)
         self.off_home = limit("off home", OFF_HOME_MS)
         self.switches = {
-            name: alarms.add(f"{name} switches", arm.side, cause=doubt) for name, doubt in arm.doubt.items()
+            name: alarms.add_to_arm(f"{name} switches", arm.side, cause=doubt) for name, doubt in arm.doubt.items()
         }
-        self.unbidden = alarms.add("unbidden", arm.side)
-        self.cup_counts = alarms.add("cup counts", arm.side)
+        self.unbidden = alarms.add_to_arm("unbidden", arm.side)
+        self.cup_counts = alarms.add_to_arm("cup counts", arm.side)
 
 
 def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
-    """Alarms of one arm that belong to no step: overrun, and what cannot be true.
+    """Return the rungs of the arm alarms other than step time limits: overrun and implausible sensors.
 
-    By hand an arm is moved to find out why a switch lies; there the interlocks see to it that it does no harm.
+    The plausibility alarms are off in manual mode because the operator moves the arm to find the faulty switch. The
+    interlocks still apply.
     """
     machine, other = tags.machine, tags.other(arm.side)
     works = machine.motion & ~machine.manual
@@ -240,7 +330,7 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
             Annunciate(arm.t_doubt[name], IN_DOUBT_MS, alarm, when=works & arm.doubt[name])
             for name, alarm in alarms.switches.items()
         ),
-        *(Set(arm.lied[name], when=alarm & arm.doubt[name]) for name, alarm in alarms.switches.items()),
+        *(Set(arm.distrusted[name], when=alarm & arm.doubt[name]) for name, alarm in alarms.switches.items()),
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup),

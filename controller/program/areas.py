@@ -1,4 +1,4 @@
-"""Areas: runs of consecutive devices that belong to one owner."""
+"""Device areas: ranges of consecutive devices, each with one owner."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from controller.core.expr import Bit, Timer, Word
 
 
 class Area:
-    """Hands out consecutive devices of one kind."""
+    """Allocator of consecutive devices of one kind."""
 
     def __init__(self, kind: str, first: int, last: int, owner: str = "") -> None:
         self._kind = kind
@@ -14,21 +14,21 @@ class Area:
         self._last = last
         self._owner = f"{owner}." if owner else ""
 
-    def _take(self) -> int:
+    def _next_number(self) -> int:
         number = self._next
         if number > self._last:
-            raise ValueError(f"area of {self._kind} ends at {self._last}")
+            raise ValueError(f"{self._owner}{self._kind} area is full: it ends at {self._kind}{self._last}")
         self._next += 1
         return number
 
     def bit(self, name: str, comment: str) -> Bit:
-        """Return the next bit."""
-        return Bit(self._kind, self._take(), self._owner + name, comment)
+        """Allocate the next bit."""
+        return Bit(self._kind, self._next_number(), self._owner + name, comment)
 
     def word(self, name: str, comment: str) -> Word:
-        """Return the next data register."""
-        return Word(self._kind, self._take(), self._owner + name, comment)
+        """Allocate the next data register."""
+        return Word(self._kind, self._next_number(), self._owner + name, comment)
 
     def timer(self, name: str, comment: str) -> Timer:
-        """Return the next timer."""
-        return Timer(self._take(), self._owner + name, comment)
+        """Allocate the next timer."""
+        return Timer(self._next_number(), self._owner + name, comment)

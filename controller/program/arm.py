@@ -1,4 +1,7 @@
-"""One arm, declared once for both sides: the transplanting cycle and the bookkeeping around it."""
+"""Transplanting cycle of one arm and its bookkeeping, declared once for both sides.
+
+The throw (the papers' term) is the release of the seedlings over the cups.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
-from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
+from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.places import places
 from controller.program.states import Mode, State
 from controller.program.tags import (
@@ -24,8 +27,8 @@ from controller.program.tags import (
 )
 
 
-def cycle(tags: Tags, side: Side, limit: Limits) -> Sequence:
-    """Return the transplanting cycle (paper, 1.2): pick at a row, lift, out, spread, lower, throw, converge."""
+def cycle(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
+    """Return the transplanting cycle (paper, 1.2): pick a row, lift, move out, spread, lower, throw, converge."""
     a, machine, sp = tags.arms[side], tags.machine, tags.sp
     want = a.want
     steps = [
@@ -76,11 +79,11 @@ def cycle(tags: Tags, side: Side, limit: Limits) -> Sequence:
         *_throw_steps(tags, side, limit),
     ]
     armed = machine.step_armed[f"{a.side} arm"]
-    return Sequence(f"{a.side} arm", a.first_step, steps, enable=~machine.stepping | armed, spends=armed)
+    return Sequence(f"{a.side} arm", a.first_step, steps, enable=~machine.stepping | armed, consumes=armed)
 
 
-def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
-    """Return the second half of the cycle, at feed: from spreading to the next row."""
+def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
+    """Return the steps of the second half of the cycle, at feed: from spreading to waiting for the next row."""
     a, machine, sp = tags.arms[side], tags.machine, tags.sp
     want = a.want
     return [
@@ -116,7 +119,7 @@ def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
             "release delay",
             dwell=Dwell(a.t_release_delay, sp.release_delay),
             go=[To("open claws", when=a.t_release_delay.done)],
-            runs_on=True,  # the cup that was waited for is passing by
+            ignores_enable=True,  # the awaited cup is already passing
         ),
         Step(
             "open claws",
@@ -151,9 +154,9 @@ def _throw_steps(tags: Tags, side: Side, limit: Limits) -> list[Step]:
 
 
 def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> list[Rung]:
-    """Return the rungs that make facts of sensors and memory, before anything acts on them.
+    """Return the rungs that evaluate sensors and memory before the sequences act on them.
 
-    While the field is lost the X image is assumed, not read: nothing is made a fact then.
+    While the field link is lost, the X image contains assumed levels; no state is derived from them.
     """
     a = tags.arms[side]
     real = ~tags.system.link_lost
@@ -168,7 +171,7 @@ def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> lis
 
 
 def _claws(tags: Tags, a: ArmTags) -> list[Rung]:
-    """Time what the claws' coils have really done: they have no sensor, and a coil held back does nothing."""
+    """Return the rungs of the claw dwell timers, which run only while the coil is actually on; claws have no sensor."""
     out = ~tags.system.outputs_held
     return [
         OnDelay(a.t_closing, tags.sp.clamp, when=a.coils["claws_close"] & out),
@@ -177,7 +180,7 @@ def _claws(tags: Tags, a: ArmTags) -> list[Rung]:
 
 
 def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
-    """After power-up: unknown claws count as closed and loaded; a row between clamping and lifting is in doubt."""
+    """Return the power-up rungs: unknown claws count as closed and loaded; a row not yet lifted is in doubt."""
     unknown = FIRST_SCAN & ~a.claws_known
     lifted = all_of(FIRST_SCAN, real, ~a.down, ~a.at_feed)
     rows: list[Rung] = []
@@ -190,9 +193,10 @@ def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
 
 
 def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
-    """Cups are counted in every state. The release edge is count 0; the twelfth edge after it may release.
+    """Return the rungs of the cup counter, which runs in every state.
 
-    Every edge, counted or not, starts the pulse interval: a trembling flag counts once, however long it trembles.
+    The edge that releases a row is count 0; the twelfth edge after it may release the next row. Every edge, counted or
+    not, restarts the pulse interval, so a bouncing flag counts once.
     """
     machine, sp = tags.machine, tags.sp
     waiting = steps["wait for cups"] | steps["wait to lower"]
@@ -216,13 +220,13 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
 
 
 def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]:
-    """The next row is the first that is not taken; a row is taken once the lift takes it off its lower limit."""
+    """Return the row rungs: the next row is the first one not taken; lifting the arm takes a row."""
     real = ~tags.system.link_lost
-    by_hand = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
+    jogged = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
     driven = a.loaded & (a.coils["slide_inward"] | a.coils["slide_outward"])
-    raising = any_of(steps["lift from row"], home["raise loaded"], by_hand)
-    found_up = all_of(a.loaded, a.up, ~a.at_feed, ~steps["close claws"])
-    lifted = driven | (real & any_of(raising & ~a.down, found_up))
+    raising = any_of(steps["lift from row"], home["raise loaded"], jogged)
+    already_up = all_of(a.loaded, a.up, ~a.at_feed, ~steps["close claws"])
+    lifted = driven | (real & any_of(raising & ~a.down, already_up))
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE
@@ -242,14 +246,14 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
 
 
 def _at_or_beyond(a: ArmTags, row: int) -> Expr:
-    """Any switch stops the slide, believed or not."""
+    """Return the condition that a switch at or beyond a row is on; it stops the slide even if implausible."""
     return any_of(*(a.sensed_at_pick[pick] for pick in ROWS if pick >= row))
 
 
 def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
-    """A cycle starts from home when the row is full, the tray stands, and the centre is free.
+    """Return the cycle permit: the arm is home, its row is full, the tray is at rest and the centre is free.
 
-    The centre (inward of pick 2) belongs to one arm at a time; where both want it the left arm goes first.
+    Only one arm at a time may be in the centre (inward of pick 2); the left arm has priority.
     """
     other, machine, tray = tags.other(a.side), tags.machine, tags.tray
     may_meet = tags.sp.arms_may_meet.differs(0)
@@ -267,11 +271,11 @@ def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
 
 
 def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Block:
-    """Return the rungs after the sequences that remember what has been done to claws, rows and cups."""
+    """Return the block that follows the sequences and updates the stored states of claws, rows and cups."""
     a, machine = tags.arms[side], tags.machine
     released = steps["release delay"] & a.release_edge
-    open_by_hand = machine.jogs[f"{side}.claws_open"]
-    thrown = all_of(a.t_opening.done, a.loaded, a.at_feed, ~a.discard, ~open_by_hand)
+    jog_open = machine.jogs[f"{side}.claws_open"]
+    thrown = all_of(a.t_opening.done, a.loaded, a.at_feed, ~a.discard, ~jog_open)
     over_cups = ("wait to lower", "lower over cups", "wait for cups")
     settling_again = steps["settle at row"] & a.retried & ~steps["return to row"]
     off_row = ~a.at_wanted_row & (steps["close claws"] | settling_again)
@@ -300,19 +304,19 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
 
 
 def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, released: Expr) -> list[Rung]:
-    """Remember what the claws hold, and which row it comes from, whether a step or a hand has worked them.
+    """Return the rungs that store the row of seedlings in the claws, in automatic and manual mode.
 
-    Closing counts from the request on, opening from the end of its dwell: in between the claws count as closed.
+    Claws count as closed from the closing request until the end of the opening dwell.
     """
     jogs = tags.machine.jogs
-    close_by_hand, open_by_hand = jogs[f"{a.side}.claws_close"], jogs[f"{a.side}.claws_open"]
-    gripping = steps["close claws"] | all_of(close_by_hand, a.at_wanted_row, a.down, ~tags.system.link_lost)
+    jog_close, jog_open = jogs[f"{a.side}.claws_close"], jogs[f"{a.side}.claws_open"]
+    gripping = steps["close claws"] | all_of(jog_close, a.at_wanted_row, a.down, ~tags.system.link_lost)
     takes = gripping & ~a.loaded
-    closing = steps["close claws"] | (close_by_hand & (a.at_feed | all_of(a.at_wanted_row, a.down)))
-    opening = any_of(steps["open claws"], home["put back"], home["open at feed"], open_by_hand)
+    closing = steps["close claws"] | (jog_close & (a.at_feed | all_of(a.at_wanted_row, a.down)))
+    opening = any_of(steps["open claws"], home["put back"], home["open at feed"], jog_open)
     opened = a.t_opening.done
-    put_back = all_of(opened, home["put back"] | (open_by_hand & a.at_wanted_row))
-    discarded = a.loaded & a.at_feed & (home["open at feed"] | open_by_hand)
+    put_back = all_of(opened, home["put back"] | (jog_open & a.at_wanted_row))
+    discarded = a.loaded & a.at_feed & (home["open at feed"] | jog_open)
     return [
         *(Mov(FULL, a.rows[row], when=put_back & a.rows[row].equals(IN_PROGRESS)) for row in ROWS),
         Rst(a.cup_counter, when=released | discarded),
@@ -332,7 +336,7 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
 
 
 def coils_memory(a: ArmTags) -> list[Rung]:
-    """Remember what the coils of this scan have done; the rungs come after the outputs."""
+    """Return the rungs that record the effect of the coils; they follow the outputs in the scan."""
     return [
         Rst(a.on_row, when=a.coils["slide_inward"] | a.coils["slide_outward"]),
         Set(a.on_row, when=a.coils["claws_close"] & ~a.sensed_at_feed),

@@ -1,4 +1,4 @@
-"""The command table: everything an operator can order without a wire, as M bits that live one scan."""
+"""Command table: operator commands without a wire, as M bits that are on for one scan."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from controller.program.areas import Area
 from controller.program.states import Mode
 
 ANSWER: Final = "answer"
+"""Command group for answers to questions."""
 JOG_LEASE_MS: Final = 300
-"""A jog command that has not been renewed for so long is let go."""
+"""Timeout of a jog command that is not renewed, ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One order.
+    """One command.
 
     Attributes:
-        name: Name for panels, Modbus tag lists and tests.
-        number: Number by which a refusal names it.
-        bit: M bit that is on for one scan when the order is given.
-        meaning: What it does.
-        group: Key of its name in refusals, `texts.ORDERS`.
-        packml: Number of the PackML command (FX.md 5), if it is one.
+        name: Name in panels, Modbus tag lists and tests.
+        number: Number in the refusal registers.
+        bit: M bit that is on for one scan when the command is given.
+        meaning: Description of the effect.
+        group: Key in `texts.ORDERS` of the name used in refusals.
+        packml: Number of the PackML command (docs/sources/fx2n.md 5), or None.
     """
 
     name: str
@@ -38,7 +39,7 @@ class Command:
 
 
 class Commands:
-    """All commands, by attribute and by name."""
+    """All commands, accessible by attribute and by name."""
 
     def __init__(self) -> None:
         self._area = Area("M", 400, 469, "command")
@@ -99,7 +100,7 @@ class Commands:
         """Return the bit of a command.
 
         Raises:
-            KeyError: There is no such command.
+            KeyError: The command is unknown.
         """
         for command in self._table:
             if command.name == name:
@@ -108,11 +109,11 @@ class Commands:
         raise KeyError(f"no command {name!r}; known: {known}")
 
     def numbered(self, number: int) -> Command:
-        """Return the command of a number."""
+        """Return the command with this number."""
         return self._table[number - 1]
 
     def consumed(self) -> ZoneReset:
-        """Return the rung that ends every press after its scan."""
+        """Return the rung that resets every command bit at the end of the scan."""
         return ZoneReset(self._table[0].bit, self._table[-1].bit)
 
 
@@ -127,4 +128,4 @@ ARM_OUTPUTS: Final = (
     "claws_close",
 )
 JOGGED: Final = (*(f"{side}.{output}" for side in ("left", "right") for output in ARM_OUTPUTS), "tray_run")
-"""Outputs that can be held by hand, by the value of the jog register from 1 on."""
+"""Outputs that can be jogged; value 1 of the jog register selects the first."""

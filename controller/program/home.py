@@ -1,4 +1,4 @@
-"""Homing of one arm from wherever it stands (MACHINE decisions, first match of seven cases)."""
+"""Homing of one arm from any position: the first of seven cases that applies."""
 
 from __future__ import annotations
 
@@ -6,23 +6,26 @@ from controller.core.expr import all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, To
-from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, Limits
+from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, Side, Tags
 
 FIRST_STEP_OFFSET = 40
 PRESS_MS = 600
-"""Time to fill the slide's outer chamber through its valve and tube. After low air, or a jam, that chamber may be
-empty, and the first stroke inward would find nothing to push against."""
+"""Time to fill the outer chamber of the slide through its valve and tube, ms. After low air pressure or a jam this
+chamber may be empty; the first stroke inward would then meet no back pressure."""
 
 
-def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
-    """Return the homing sequence; its first step decides, in the order of the seven cases.
+def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
+    """Return the homing sequence; its first step selects one of seven cases.
 
-    A row in progress with the arm still down is put back and stays full (2); so is one whose claws had not gripped it
-    when the arm came up by itself: half closed they may not lift it. A load away from feed goes
-    fully up, then out (3). An empty arm goes out low if it is down (4), else up and out (4). At feed a load goes
-    up and stays, ready (5); an empty arm opens, goes up, converges and goes down (6). Where it cannot be told,
-    the step waits for the operator (7). Unknown claws count as closed and loaded (1): see `arm.conditioning`.
+    1. Unknown claws count as closed and loaded, see `arm.conditioning`.
+    2. A row in progress is put back and stays full if the arm is still down, or if the arm has risen by itself before
+       the claws had gripped, because half-closed claws must not lift a row.
+    3. A loaded arm away from feed moves fully up, then out.
+    4. An empty arm away from feed moves out low if it is down, otherwise up and then out.
+    5. A loaded arm at feed moves up and stays ready.
+    6. An empty arm at feed opens, moves up, converges and moves down.
+    7. If the case cannot be determined, the step waits for the operator.
     """
     a = tags.arms[side]
     steps = [
@@ -45,8 +48,8 @@ def homing(tags: Tags, side: Side, limit: Limits) -> Sequence:
     return Sequence(f"{a.side} homing", a.first_step + FIRST_STEP_OFFSET, steps)
 
 
-def _to_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
-    """Return the steps that bring the arm to feed."""
+def _to_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
+    """Return the steps that move the arm to feed."""
     a = tags.arms[side]
     want = a.want
     return [
@@ -89,8 +92,8 @@ def _to_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
     ]
 
 
-def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
-    """Return the steps at feed, up to the initial state or loaded-ready."""
+def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
+    """Return the steps at feed that lead to the initial state, or to loaded and ready."""
     a = tags.arms[side]
     want = a.want
     return [
@@ -149,14 +152,15 @@ def _at_feed(tags: Tags, side: Side, limit: Limits) -> list[Step]:
 def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     """Return the rungs of the question "does the arm hold seedlings?" and its answers.
 
-    It is asked where memory and sensors do not agree: a row in doubt after a power loss, or a row in progress
-    while the arm stands at feed, where it can only have come by hand. Answers are heard while the arm stands.
+    The question is asked if memory and sensors disagree: a row is in doubt after a power loss, or a row is in progress
+    although the arm is at feed, which is possible only if it was moved manually. Answers are accepted while the arm is
+    at rest.
     """
     a, commands, machine = tags.arms[side], tags.commands, tags.machine
     open_row = a.row_in_doubt | (a.row_in_progress & a.at_feed)
     discard = commands.discard[side]
-    heard = ~machine.motion | home["decide"]
-    yes, no = heard & (commands.loaded_yes[side] | discard), heard & commands.loaded_no[side]
+    accepted = ~machine.motion | home["decide"]
+    yes, no = accepted & (commands.loaded_yes[side] | discard), accepted & commands.loaded_no[side]
     rows: list[Rung] = []
     for row in a.rows.values():
         rows += [
@@ -166,7 +170,7 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
         ]
     return [
         *(Set(bit, when=yes & open_row) for bit in (a.loaded, a.claws_closed, a.clamped)),
-        Set(a.discard, when=all_of(discard, a.loaded, heard | machine.jogging)),
+        Set(a.discard, when=all_of(discard, a.loaded, accepted | machine.jogging)),
         Rst(a.loaded, when=no & open_row & a.at_feed),
         *rows,
         Out(a.ask, when=open_row),
@@ -174,7 +178,7 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
 
 
 def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Block:
-    """Return the rungs that start homing, end it with its state, and tell when the arm rests."""
+    """Return the block that starts and ends homing and reports the arm as active, at rest or homed."""
     a, machine = tags.arms[side], tags.machine
     resting = cycle["wait at feed"] | cycle["parked"]
     held = machine.holding & (cycle["pause at feed"] | cycle["wait to lower"])

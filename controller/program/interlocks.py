@@ -1,6 +1,7 @@
-"""Interlocks: named rules, and the only rungs that write Y.
+"""Interlocks: named rules and the only rungs that write Y.
 
-Sequences request; a coil is granted while every rule about it holds, in every state and from every source.
+Sequences request outputs. A coil is on only while all of its rules allow it, in every state and regardless of the
+source of the request.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from controller.core.expr import Bit, Expr, Word, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, Out, Rung
 from controller.core.sequence import Sequence
-from controller.io_map import IoMap
+from controller.iomap.loader import IoMap
 from controller.program.commands import ARM_OUTPUTS
 from controller.program.states import State
 from controller.program.tags import IN_PLACE, Side, Tags
@@ -29,11 +30,11 @@ class Rule:
     """One interlock.
 
     Attributes:
-        number: What the register "blocked by" names it by, the same for both arms.
-        name: What it is called in tables and refusals.
-        reason: Why it is there.
-        outputs: Outputs of one arm, or of the tray, that it governs.
-        allow: They may be on only while this holds.
+        number: Value of the register "blocked by", the same for both arms.
+        name: Name in tables and refusals.
+        reason: Rationale.
+        outputs: Outputs of one arm, or of the tray, to which the rule applies.
+        allow: Condition under which the outputs may be on.
     """
 
     number: int
@@ -44,52 +45,103 @@ class Rule:
 
 
 def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[Rule]:
-    """Return every rule about the outputs of one arm."""
+    """Return all rules for the outputs of one arm."""
     x, sp, machine, tray = tags.x, tags.sp, tags.machine, tags.tray
     a, other = tags.arms[side], tags.other(side)
     want = a.want
     clamping_place = (a.at_wanted_row & a.down) | a.at_feed
-    by_hand = machine.jogs[f"{side}.claws_open"]
+    jogged = machine.jogs[f"{side}.claws_open"]
     opening_place = any_of(
         all_of(a.at_feed, a.down, a.is_spread, cycle["open claws"]),
         all_of(home["put back"], a.row_in_progress, a.down, ~a.at_feed),
         all_of(home["open at feed"], a.at_feed, a.down, a.is_spread),
-        all_of(by_hand, a.row_in_progress, a.at_wanted_row, a.down),
-        all_of(by_hand, a.discard, a.at_feed, a.down, a.is_spread),
+        all_of(jogged, a.row_in_progress, a.at_wanted_row, a.down),
+        all_of(jogged, a.discard, a.at_feed, a.down, a.is_spread),
     )
     table = [
         *_one_of_a_pair(want),
-        ("motion allowed", "nothing moves in an emergency stop or in a state of rest", ARM_OUTPUTS,
-         machine.motion & ~x.emergency_stop),
-        ("no fault of the arm", "a jammed actuator is not driven on", ARM_OUTPUTS,
-         ~a.fault | machine.jogging),
-        ("belt at rest", "the slide and lift stand while the claws spread or converge", (*SLIDE, *LIFT),
-         ~want["spread"] & ~want["converge"]),
-        ("inward ready", "going in low with claws closed or spread tears the seedlings", ("slide_inward",),
-         all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged)),
-        ("tray in place", "the arm goes in only over a tray at rest", ("slide_inward",),
-         all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.ask, ~tray.want_run, ~tray.want_creep)),
-        ("stop at the row", "the wanted row is the inner end of the motion; beyond it stand seedlings",
-         ("slide_inward",), ~a.passed & any_of(*a.row_is.values())),
-        ("centre is free", "the arms' fingers overlap inward of pick 2", ("slide_inward",),
-         any_of(~a.row_is[3], sp.arms_may_meet.differs(0), ~other.in_centre & (other.at_feed | other.cycling))),
-        ("outward clear", "a load goes out only up, an empty arm up or low with open claws", ("slide_outward",),
-         a.up | all_of(a.down, ~a.loaded, ~a.claws_closed)),
-        ("lift clear", "over the tray the lift goes up clamped or open, never half closed", ("lift_retract",),
-         any_of(a.at_feed, ~a.claws_closed, a.clamped)),
-        ("down at feed only", "elsewhere the arm would go down into the tray, but for the row it has just closed on",
-         ("lift_extend",), a.at_feed | all_of(home["lower to put back"], a.on_row, a.at_wanted_row, ~a.down)),
+        (
+            "motion allowed",
+            "nothing moves in an emergency stop or in a state of rest",
+            ARM_OUTPUTS,
+            machine.motion & ~x.emergency_stop,
+        ),
+        ("no fault of the arm", "a jammed actuator is not driven on", ARM_OUTPUTS, ~a.fault | machine.jogging),
+        (
+            "belt at rest",
+            "slide and lift are at rest while the claws spread or converge",
+            (*SLIDE, *LIFT),
+            ~want["spread"] & ~want["converge"],
+        ),
+        (
+            "inward ready",
+            "going in low with claws closed or spread tears the seedlings",
+            ("slide_inward",),
+            all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged),
+        ),
+        (
+            "tray in place",
+            "the arm goes in only over a tray at rest",
+            ("slide_inward",),
+            all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.ask, ~tray.want_run, ~tray.want_creep),
+        ),
+        (
+            "stop at the row",
+            "the wanted row is the inner end of the motion; beyond it are seedlings",
+            ("slide_inward",),
+            ~a.passed & any_of(*a.row_is.values()),
+        ),
+        (
+            "centre is free",
+            "the arms' fingers overlap inward of pick 2",
+            ("slide_inward",),
+            any_of(~a.row_is[3], sp.arms_may_meet.differs(0), ~other.in_centre & (other.at_feed | other.cycling)),
+        ),
+        (
+            "outward clear",
+            "a load goes out only up, an empty arm up or low with open claws",
+            ("slide_outward",),
+            a.up | all_of(a.down, ~a.loaded, ~a.claws_closed),
+        ),
+        (
+            "lift clear",
+            "over the tray the lift goes up clamped or open, never half closed",
+            ("lift_retract",),
+            any_of(a.at_feed, ~a.claws_closed, a.clamped),
+        ),
+        (
+            "down at feed only",
+            "elsewhere the arm would go down into the tray, but for the row it has just closed on",
+            ("lift_extend",),
+            a.at_feed | all_of(home["lower to put back"], a.on_row, a.at_wanted_row, ~a.down),
+        ),
         ("spread up at feed", "spread claws fit only over the cups", ("spread",), all_of(a.up, a.at_feed)),
-        ("converge empty at feed", "a load would be torn; the cups must be below", ("converge",),
-         all_of(a.at_feed, ~a.loaded)),
-        ("spread as far as it goes", "the motor would work against its end stop", ("spread",),
-         ~a.sensed_spread | a.lied["belt"]),
-        ("converge as far as it goes", "the motor would work against its end stop", ("converge",),
-         ~a.sensed_converged | a.lied["belt"]),
+        (
+            "converge empty at feed",
+            "a load would be torn; the cups must be below",
+            ("converge",),
+            all_of(a.at_feed, ~a.loaded),
+        ),
+        (
+            "spread as far as it goes",
+            "the motor would work against its end stop",
+            ("spread",),
+            ~a.sensed_spread | a.distrusted["belt"],
+        ),
+        (
+            "converge as far as it goes",
+            "the motor would work against its end stop",
+            ("converge",),
+            ~a.sensed_converged | a.distrusted["belt"],
+        ),
         ("clamp at a place", "claws close only at a row or at feed", ("claws_close",), clamping_place),
-        ("open at a place", "a load opens only over the cups or at the row it came from", ("claws_open",),
-         ~a.loaded | opening_place),
-    ]  # fmt: skip
+        (
+            "open at a place",
+            "a load opens only over the cups or at the row it came from",
+            ("claws_open",),
+            ~a.loaded | opening_place,
+        ),
+    ]
     return [Rule(number, *row) for number, row in enumerate(table, 1)]
 
 
@@ -100,27 +152,31 @@ def _one_of_a_pair(want: Mapping[str, Bit]) -> list[tuple[str, str, tuple[str, .
 
 
 def tray_rules(tags: Tags) -> list[Rule]:
-    """Return every rule about the conveyor."""
+    """Return all rules for the conveyor."""
     tray, arms, machine, x = tags.tray, tags.arms, tags.machine, tags.x
     at_feed = all_of(*(arm.at_feed for arm in arms.values()))
     inward = any_of(*(arm.want["slide_inward"] for arm in arms.values()))
     both = ("tray_run", "tray_forward")
     return [
-        Rule(1, "motion allowed", "nothing moves in an emergency stop or in a state of rest", both,
-             machine.motion & ~x.emergency_stop),
+        Rule(
+            1,
+            "motion allowed",
+            "nothing moves in an emergency stop or in a state of rest",
+            both,
+            machine.motion & ~x.emergency_stop,
+        ),
         Rule(2, "arms at feed", "a tray would shear an arm that is in it", both, at_feed & ~inward),
-        Rule(3, "no fault of the feeder", "a jammed tray is not driven on", both,
-             ~tray.fault | machine.jogging),
-    ]  # fmt: skip
+        Rule(3, "no fault of the feeder", "a jammed tray is not driven on", both, ~tray.fault | machine.jogging),
+    ]
 
 
 def granted(request: Expr, output: str, rules: list[Rule]) -> Expr:
-    """Return the condition of a coil: the request and every rule about the output."""
+    """Return the condition of a coil: the output is requested, and all rules for it allow it."""
     return all_of(request, *(rule.allow for rule in rules if output in rule.outputs))
 
 
 def tray_requests(tags: Tags) -> dict[str, Expr]:
-    """Return what the conveyor's outputs are asked for."""
+    """Return the requests for the outputs of the conveyor."""
     tray = tags.tray
     return {
         "tray_run": tray.want_run | (tray.want_creep & ~tray.t_on.done),
@@ -129,7 +185,7 @@ def tray_requests(tags: Tags) -> dict[str, Expr]:
 
 
 def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules_tray: list[Rule]) -> Block:
-    """Return the last block of the scan: every Y, once."""
+    """Return the block that writes every Y exactly once."""
     arms, machine = tags.arms, tags.machine
     rungs: list[Rung] = []
 
@@ -155,19 +211,21 @@ def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules
 
 
 def block_register(tags: Tags, rules: dict[Side, list[Rule]], rules_tray: list[Rule]) -> Block:
-    """Return the block that names, for each arm and the tray, the rule that refuses what is wanted; 0 = none."""
+    """Return the block that writes the number of the blocking rule for each arm and the tray; 0 = none."""
     rungs: list[Rung] = []
     for side, arm in tags.arms.items():
         ungranted = any_of(*(arm.want[output] & ~arm.coils[output] for output in ARM_OUTPUTS))
-        rungs += _named(arm.ungranted, ungranted, arm.blocked_by, rules[side], arm.want)
+        rungs += _blocked_by(arm.ungranted, ungranted, arm.blocked_by, rules[side], arm.want)
     belt = dict.fromkeys(("tray_run", "tray_forward"), tags.tray.want_run | tags.tray.want_creep)
     forward = tags.tray.driven["tray_forward"]
-    rungs += _named(tags.tray.ungranted, belt["tray_forward"] & ~forward, tags.tray.blocked_by, rules_tray, belt)
+    rungs += _blocked_by(tags.tray.ungranted, belt["tray_forward"] & ~forward, tags.tray.blocked_by, rules_tray, belt)
     return Block("what interlocks refuse", tuple(rungs))
 
 
-def _named(bit: Bit, ungranted: Expr, register: Word, rules: list[Rule], wanted: Mapping[str, Expr]) -> Iterator[Rung]:
-    """Yield the rungs of one register; of several rules the first of the table is named."""
+def _blocked_by(
+    bit: Bit, ungranted: Expr, register: Word, rules: list[Rule], wanted: Mapping[str, Expr]
+) -> Iterator[Rung]:
+    """Yield the rungs of one register; if several rules block, the first one in the table is reported."""
     yield Out(bit, when=ungranted)
     yield Mov(0, register, when=~bit)
     for rule in reversed(rules):

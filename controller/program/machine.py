@@ -1,17 +1,18 @@
-"""The whole program: tags, sequences and blocks put together in the order of a scan."""
+"""Complete program: tags, sequences and blocks in scan order."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from controller.common.errors import InputError
 from controller.core.expr import FALSE, any_of
 from controller.core.program import Block, Program, requests
 from controller.core.rungs import Out
 from controller.core.sequence import Sequence
-from controller.io_map import IoMap
+from controller.iomap.loader import IoMap
 from controller.program import arm, home, modes, tray
-from controller.program.alarms import Annunciators, ArmAlarms, Limits, alarm_block
+from controller.program.alarms import Annunciators, ArmAlarms, StepLimits, alarm_block
 from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
 from controller.program.refusals import Orders
 from controller.program.tags import SIDES, Side, Tags
@@ -21,7 +22,7 @@ OUTPUTS = "interlocks and outputs"
 
 @dataclass(frozen=True)
 class Transplanter:
-    """The machine's program with everything a panel, a test or a document asks for by name."""
+    """Program of the machine, with the parts that panels, tests and documentation need."""
 
     io_map: IoMap
     program: Program
@@ -36,27 +37,27 @@ class Transplanter:
     tray_rules: list[Rule]
 
 
-class RuleError(ValueError):
-    """There is no such interlock; one line that names those there are."""
+class RuleError(InputError):
+    """Unknown interlock rule; the message is one line with the known rules."""
 
 
 def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
-    """Put the program together for the wires of an I/O map.
+    """Build the program for an I/O map.
 
     Args:
-        io_map: The wires; optional points are used where they are wired.
-        without: Interlock rules to leave out, as "left: down at feed only", to see what they prevent. Never for a
-            machine.
+        io_map: I/O map; optional points are used if they are wired.
+        without: Interlock rules to leave out, for example "left: down at feed only", to study their effect. Never use
+            this on a real machine.
 
     Returns:
-        The program and its parts.
+        Program and its parts.
 
     Raises:
-        RuleError: There is no such rule.
+        RuleError: A rule is unknown.
     """
     tags = Tags.of(io_map)
     alarms = Annunciators(tags)
-    limits = {side: Limits(tags.arms[side], alarms) for side in SIDES}
+    limits = {side: StepLimits(tags.arms[side], alarms) for side in SIDES}
     cycles = {side: arm.cycle(tags, side, limits[side]) for side in SIDES}
     homings = {side: home.homing(tags, side, limits[side]) for side in SIDES}
     arm_alarms = {side: ArmAlarms(tags.arms[side], alarms, limits[side]) for side in SIDES}
@@ -106,21 +107,21 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
 
 def _leave_out(rules: list[tuple[str, list[Rule]]], without: Collection[str]) -> None:
     known = [f"{group}: {rule.name}" for group, table in rules for rule in table]
-    strange = sorted(set(without) - set(known))
-    if strange:
-        raise RuleError(f"no interlock rule {strange[0]!r}; known: {', '.join(known)}")
+    unknown = sorted(set(without) - set(known))
+    if unknown:
+        raise RuleError(f"no interlock rule {unknown[0]!r}; known: {', '.join(known)}")
     for group, table in rules:
         table[:] = [rule for rule in table if f"{group}: {rule.name}" not in without]
 
 
 def _requests(tags: Tags, sequences: list[Sequence]) -> Block:
-    """Return the block that gathers what steps ask for, and hands in manual mode."""
+    """Return the block that combines the requests of steps and of manual mode."""
     jogs = tags.machine.jogs
-    by_hand = {arm.want[name]: jogs[f"{side}.{name}"] for side, arm in tags.arms.items() for name in arm.want}
-    by_hand[tags.tray.want_run] = jogs["tray_run"]
+    jogged = {arm.want[name]: jogs[f"{side}.{name}"] for side, arm in tags.arms.items() for name in arm.want}
+    jogged[tags.tray.want_run] = jogs["tray_run"]
     steps = requests(sequences)
-    wanted = dict.fromkeys((*steps, *by_hand))
+    wanted = dict.fromkeys((*steps, *jogged))
     return Block(
         "requests",
-        tuple(Out(bit, when=any_of(*steps.get(bit, ()), by_hand.get(bit, FALSE))) for bit in wanted),
+        tuple(Out(bit, when=any_of(*steps.get(bit, ()), jogged.get(bit, FALSE))) for bit in wanted),
     )

@@ -1,4 +1,4 @@
-"""PackML: the state of the machine as a number in one register, and the rows that change it."""
+"""PackML state machine: a state number in one register, and the transition table."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, R
 from controller.program.tags import FIRST_SCAN, STEPPED, Tags
 
 CLEAR_HOLD_MS = 3_000
+"""Time for which X24 must be held to clear an emergency stop, ms."""
 STEP_PRESS_MS = 2_000
-"""A press in step mode waits so long for its transfer (a cup to come by), and not longer: nothing moves late."""
+"""Timeout of a step mode press whose transfer is still waiting (for example, for a cup), ms; prevents late motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateChange:
-    """One row of the state table: from any of these states to another. Later rows win over earlier ones."""
+    """One row of the state table: a transition from any of the source states. Later rows have priority."""
 
     sources: tuple[State, ...]
     target: State
@@ -28,10 +29,10 @@ class StateChange:
 
 
 def state_table(tags: Tags) -> list[StateChange]:
-    """Return the PackML table of this machine, in rising order of priority."""
+    """Return the PackML table of this machine in ascending order of priority."""
     machine, arms, tray = tags.machine, tags.arms, tags.tray
     manual, at_once = machine.manual, machine.stops_at_once
-    # an arm that was given leave in the last scan has left since its rest was looked at
+    # an arm with a permit from the last scan has started since `at_rest` was evaluated
     at_rest = all_of(*(arm.at_rest & ~arm.permit for arm in arms.values()))
     empty = all_of(*(~arm.loaded for arm in arms.values()))
     homed = all_of(*(arm.homed for arm in arms.values()))
@@ -44,8 +45,12 @@ def state_table(tags: Tags) -> list[StateChange]:
     return [
         StateChange((s.STOPPED, s.HELD, s.COMPLETE), s.RESETTING, machine.home_requested, "reset and home"),
         StateChange((s.RESETTING,), s.IDLE, manual | (homed & tray.ready & ~asking), "homed, or mode is manual"),
-        StateChange((s.RESETTING,), s.HOLDING, all_of(~manual, asking | machine.fault, settled),
-                    "cannot go on: question or alarm"),
+        StateChange(
+            (s.RESETTING,),
+            s.HOLDING,
+            all_of(~manual, asking | machine.fault, settled),
+            "cannot go on: question or alarm",
+        ),
         StateChange((s.IDLE,), s.STARTING, machine.start_requested, "start"),
         StateChange((s.STARTING,), s.EXECUTE, TRUE, "started"),
         StateChange((s.HELD,), s.UNHOLDING, machine.unhold_requested, "go on after a hold"),
@@ -56,29 +61,34 @@ def state_table(tags: Tags) -> list[StateChange]:
         StateChange((s.UNSUSPENDING,), s.EXECUTE, TRUE, "goes on"),
         StateChange((s.EXECUTE,), s.COMPLETING, all_of(~manual, at_rest, empty, done), "work done"),
         StateChange((s.COMPLETING,), s.COMPLETE, rest, "arms home"),
-        StateChange((*RUNNING, s.COMPLETING), s.HOLDING, (machine.fault & ~manual) | machine.hold_requested,
-                    "alarm, or ordered"),
+        StateChange(
+            (*RUNNING, s.COMPLETING), s.HOLDING, (machine.fault & ~manual) | machine.hold_requested, "alarm, or ordered"
+        ),
         StateChange((s.HOLDING,), s.HELD, at_once | rest, "arms at feed"),
         StateChange(STOPPABLE, s.STOPPING, machine.stop_pressed, "stop"),
         StateChange((s.STOPPING,), s.STOPPED, at_once | rest, "arms home or parked"),
         StateChange((s.CLEARING,), s.STOPPED, TRUE, "cleared"),
         StateChange((s.ABORTED,), s.CLEARING, machine.clear_requested, "clear"),
         StateChange((s.ABORTING,), s.ABORTED, TRUE, "outputs off"),
-        StateChange(tuple(state for state in s if state not in {s.ABORTING, s.ABORTED}), s.ABORTING, machine.abort,
-                    "emergency stop, abort, link, scan or store fault"),
-    ]  # fmt: skip
+        StateChange(
+            tuple(state for state in s if state not in {s.ABORTING, s.ABORTED}),
+            s.ABORTING,
+            machine.abort,
+            "emergency stop, abort, link, scan or store fault",
+        ),
+    ]
 
 
 def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
-    """Return the rungs that turn buttons and command bits into requests; `refusals` says which are heard when."""
+    """Return the rungs that turn buttons and command bits into requests; see `refusals` for their conditions."""
     x, system, machine, commands = tags.x, tags.system, tags.machine, tags.commands
     state = machine.state
     button = x.optional("reset")
     reset = FALSE if button is None else button
     faults = any_of(system.link_lost, system.scan_fault, system.store_fault)
-    heard = orders.heard
+    accepted = orders.accepted
     return [
-        # A button held while the power comes gives its edge in the first scan, where it counts for nothing.
+        # A button held at power-up produces its edge in the first scan, in which it is ignored.
         Pulse(machine.start_pressed, when=x.start),
         Pulse(machine.stop_pressed, when=x.stop | commands.stop),
         Pulse(machine.reset_pressed, when=reset),
@@ -90,40 +100,40 @@ def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
         Set(machine.clear_armed, when=machine.stop_pressed & state.equals(State.ABORTED)),
         Rst(machine.clear_armed, when=~x.stop | machine.abort | state.differs(State.ABORTED)),
         OnDelay(machine.stop_held, CLEAR_HOLD_MS, when=machine.clear_armed),
-        Out(machine.clear_requested, when=heard(commands.clear)),
-        Out(machine.home_requested, when=heard(commands.reset)),
-        Out(machine.start_requested, when=heard(commands.start)),
-        Out(machine.unhold_requested, when=heard(commands.unhold)),
-        *orders.rungs(),  # before anything that is ordered changes what stands in its way
+        Out(machine.clear_requested, when=accepted(commands.clear)),
+        Out(machine.home_requested, when=accepted(commands.reset)),
+        Out(machine.start_requested, when=accepted(commands.start)),
+        Out(machine.unhold_requested, when=accepted(commands.unhold)),
+        *orders.rungs(),  # before an accepted command changes the conditions of another
         *_holds(tags, orders),
         *_jog(tags, orders),
         *_step_presses(tags, orders),
-        *(Mov(mode, machine.mode, when=heard(bit)) for mode, bit in commands.modes.items()),
+        *(Mov(mode, machine.mode, when=accepted(bit)) for mode, bit in commands.modes.items()),
         Mov(Mode.CONTINUOUS, machine.mode, when=FIRST_SCAN & machine.mode.equals(0)),
     ]
 
 
 def _holds(tags: Tags, orders: Orders) -> list[Rung]:
-    """Holds and suspensions that the operator orders, or that follow from a panel gone silent."""
+    """Return the hold and suspend rungs, triggered by a command or by a panel that no longer responds."""
     system, machine, commands, state = tags.system, tags.machine, tags.commands, tags.machine.state
     ends = any_of(*(state.equals(s) for s in (State.STOPPED, State.RESETTING, State.COMPLETE, State.ABORTED)))
     return [
         Pulse(machine.panel_lost, when=system.panel_silent),
         Set(machine.held_by_panel, when=machine.panel_lost & machine.running),
-        Set(machine.held_by_operator, when=orders.heard(commands.hold)),
-        Out(machine.hold_requested, when=orders.heard(commands.hold) | machine.panel_lost),
-        Rst(machine.suspended_by_operator, when=ends | orders.heard(commands.unsuspend)),
-        Set(machine.suspended_by_operator, when=orders.heard(commands.suspend)),
+        Set(machine.held_by_operator, when=orders.accepted(commands.hold)),
+        Out(machine.hold_requested, when=orders.accepted(commands.hold) | machine.panel_lost),
+        Rst(machine.suspended_by_operator, when=ends | orders.accepted(commands.unsuspend)),
+        Set(machine.suspended_by_operator, when=orders.accepted(commands.suspend)),
         Rst(machine.complete_ordered, when=ends),
-        Set(machine.complete_ordered, when=orders.heard(commands.complete)),
+        Set(machine.complete_ordered, when=orders.accepted(commands.complete)),
     ]
 
 
 def _jog(tags: Tags, orders: Orders) -> list[Rung]:
-    """One output at a time is held by hand, while the command is renewed."""
+    """Return the jog rungs: one output at a time is on while its command is renewed."""
     machine, commands = tags.machine, tags.commands
     return [
-        Out(machine.jog_renewed, when=any_of(*(orders.heard(bit) for bit in commands.jog.values()))),
+        Out(machine.jog_renewed, when=any_of(*(orders.accepted(bit) for bit in commands.jog.values()))),
         *(Mov(1 + n, machine.jog, when=machine.jog_renewed & bit) for n, bit in enumerate(commands.jog.values())),
         OnDelay(machine.t_jog_lease, JOG_LEASE_MS, when=machine.jog.differs(0) & ~machine.jog_renewed),
         Mov(0, machine.jog, when=any_of(machine.t_jog_lease.done, commands.jog_release, ~machine.jogging)),
@@ -131,9 +141,9 @@ def _jog(tags: Tags, orders: Orders) -> list[Rung]:
 
 
 def _step_presses(tags: Tags, orders: Orders) -> list[Rung]:
-    """A press in step mode arms the next transfer of the chosen sequence, for a time."""
+    """Return the rungs of step mode: a press arms the next transfer of the selected sequence for a limited time."""
     machine, armed = tags.machine, tags.machine.step_armed
-    press = orders.heard(tags.commands.step)
+    press = orders.accepted(tags.commands.step)
     first, *_, last = armed.values()
     return [
         OnDelay(machine.t_step_press, STEP_PRESS_MS, when=any_of(*armed.values()) & ~press),
@@ -143,7 +153,7 @@ def _step_presses(tags: Tags, orders: Orders) -> list[Rung]:
 
 
 def _reason(tags: Tags) -> list[Rung]:
-    """Say in one register why the machine cannot work on: of several reasons the one to see to first."""
+    """Return the rungs of the reason register; if several reasons apply, it contains the one to resolve first."""
     machine, reason = tags.machine, tags.machine.reason
     held = any_of(*(machine.state.equals(s) for s in HOLDS))
     left, right = tags.arms["left"].no_cups, tags.arms["right"].no_cups
@@ -164,7 +174,7 @@ def _reason(tags: Tags) -> list[Rung]:
 
 
 def mode_block(tags: Tags, table: list[StateChange]) -> Block:
-    """Return the block that finds this scan's state and what follows from it."""
+    """Return the block that determines the state of this scan and the bits derived from it."""
     machine, arms, tray = tags.machine, tags.arms, tags.tray
     state, before, mode = machine.state, machine.state_before, machine.mode
     no_cups = any_of(*(arm.no_cups for arm in arms.values())) & ~machine.stepping

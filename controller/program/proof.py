@@ -1,4 +1,4 @@
-"""The machine's specification: what it must never do, why that holds, and the ways out of every situation."""
+"""Specification of the machine: requirements, the invariants that support them, and a way out of every situation."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from controller.program.ways_out import ways_out
 
 
 def specification(machine: Transplanter) -> Specification:
-    """Return what is to be proved of the machine's program."""
+    """Return the specification that is proved for the program of the machine."""
     tags = machine.tags
     safety = Safety(tags, machine.alarms)
     invariants = dict(_of_machine(machine, safety))
     for side in SIDES:
-        own = _of_arm(machine, side, safety.arms[side])
-        invariants |= {f"{side}: {name}": holds for name, holds in own.items()}
+        of_arm = _of_arm(machine, side, safety.arms[side])
+        invariants |= {f"{side}: {name}": holds for name, holds in of_arm.items()}
     return Specification(
         program=machine.program,
         monitors=safety.monitors,
@@ -43,7 +43,7 @@ def _one_of(word: Word, values: Iterable[int]) -> Expr:
 
 
 def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Expr]]:
-    """Yield what holds of states, numbers and steps."""
+    """Yield the invariants about machine states, register values and steps."""
     tags = machine.tags
     control = tags.machine
     yield "the state is one of PackML's", _one_of(control.state, State)
@@ -96,28 +96,28 @@ def _any_step(sequence: Sequence) -> Expr:
     return any_of(*(bit for bit, _ in sequence))
 
 
-def _of_arm(machine: Transplanter, side: Side, own: ArmMonitor) -> dict[str, Expr]:
-    """Return how the program's memory of one arm stands to what its coils have brought about."""
+def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str, Expr]:
+    """Return the invariants that relate the program memory of one arm to the effect of its coils."""
     a, cycle, home = machine.tags.arms[side], machine.cycles[side], machine.homings[side]
     in_progress = any_of(*(a.rows[row].equals(IN_PROGRESS) for row in ROWS))
     discarding = home["discard, spread"] | home["discard, lower"]
     working = any_of(*(bit for bit, step in cycle if step.title not in {"wait at feed", "parked"}))
     driven = a.coils["slide_inward"] | a.coils["slide_outward"]
     return {
-        "claws that are not closed are open": _implies(~a.claws_closed, own.open),
-        "what the claws may hold counts as a load": _implies(own.holds, a.loaded),
+        "claws that are not closed are open": _implies(~a.claws_closed, monitor.open),
+        "what the claws may hold counts as a load": _implies(monitor.holds, a.loaded),
         "a load is held by closed claws": _implies(a.loaded, a.claws_closed),
-        "clamped claws have gripped": _implies(a.clamped, own.gripped),
-        "claws closed on a row have not moved from it": _implies(a.on_row, own.unmoved),
-        "a row in progress has not been left": _implies(in_progress & own.holds, own.unmoved | driven),
-        "a slide that has arrived has passed": _implies(own.arrived, a.passed),
-        "release delay follows a cup": _implies(cycle["release delay"], own.released | ~own.holds),
-        "claws open after a cup": _implies(cycle["open claws"], own.released | ~own.holds),
-        "a load is discarded by order": _implies(a.discard, own.discarded),
+        "clamped claws have gripped": _implies(a.clamped, monitor.gripped),
+        "claws closed on a row have not moved from it": _implies(a.on_row, monitor.unmoved),
+        "a row in progress has not been left": _implies(in_progress & monitor.holds, monitor.unmoved | driven),
+        "a slide that has arrived has passed": _implies(monitor.arrived, a.passed),
+        "release delay follows a cup": _implies(cycle["release delay"], monitor.released | ~monitor.holds),
+        "claws open after a cup": _implies(cycle["open claws"], monitor.released | ~monitor.holds),
+        "a load is discarded by order": _implies(a.discard, monitor.discarded),
         "discarding was ordered": _implies(discarding, a.discard | ~a.loaded),
         "out low goes an empty arm": _implies(home["out low"], ~a.loaded),
         "at feed only a discarded load opens": _implies(home["open at feed"], a.discard | ~a.loaded),
         "an arm in the centre is known or not believed home": _implies(
-            own.in_centre, a.in_centre | ~any_of(a.at_feed, a.cycling, working)
+            monitor.in_centre, a.in_centre | ~any_of(a.at_feed, a.cycling, working)
         ),
     }

@@ -1,6 +1,6 @@
-"""Which command is heard when, and the reason for every refusal, in one table.
+"""Conditions of all commands and the reasons for refusing them, in one table.
 
-A command with an obstacle in its way changes nothing; two registers say which it was and why.
+A refused command has no effect; its number and the reason are stored in two registers.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from controller.program.texts import CANNOT, ORDERS, REFUSALS, Language
 
 
 class Refusal(IntEnum):
-    """Reasons by number; their texts are `texts.REFUSALS`."""
+    """Reasons for refusals by number; their texts are in `texts.REFUSALS`."""
 
     NOT_AT_REST = auto()
     NOT_IDLE = auto()
@@ -58,14 +58,14 @@ class Refusal(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """What stands in the way of a command while a condition holds."""
+    """Reason to refuse a command while a condition is true."""
 
     reason: Refusal
-    stands: Expr
+    active: Expr
 
 
 class Orders:
-    """Every command as it is pressed, by button or bit, and what stands in its way; the first obstacle is told."""
+    """Requests of all commands, from buttons or bits, and their obstacles; the first active obstacle is reported."""
 
     def __init__(self, tags: Tags) -> None:
         self._tags = tags
@@ -73,43 +73,45 @@ class Orders:
         at_rest = any_of(*(state.equals(s) for s in HOMED_FROM))
         steps_by_button = machine.start_pressed & machine.stepping & machine.running
         self.pressed: dict[Bit, Expr] = {
-            commands.reset: any_of(commands.reset, machine.reset_pressed & ~state.equals(State.ABORTED),
-                                   machine.start_pressed & at_rest),
+            commands.reset: any_of(
+                commands.reset, machine.reset_pressed & ~state.equals(State.ABORTED), machine.start_pressed & at_rest
+            ),
             commands.start: commands.start | all_of(machine.start_pressed, ~at_rest, ~steps_by_button),
-            commands.clear: any_of(commands.clear, machine.stop_held.done,
-                                   machine.reset_pressed & state.equals(State.ABORTED)),
+            commands.clear: any_of(
+                commands.clear, machine.stop_held.done, machine.reset_pressed & state.equals(State.ABORTED)
+            ),
             commands.step: commands.step | steps_by_button,
-        }  # fmt: skip
+        }
         self._obstacles = dict(self._table())
 
-    def heard(self, command: Bit) -> Expr:
-        """Return the condition of a command that is pressed and has no obstacle."""
+    def accepted(self, command: Bit) -> Expr:
+        """Return the condition that a command is requested and has no active obstacle."""
         return self.pressed.get(command, command) & self.free(command)
 
     def free(self, command: Bit) -> Expr:
-        """Return the condition that nothing stands in the way of a command."""
-        return all_of(*(~obstacle.stands for obstacle in self._obstacles[command]))
+        """Return the condition that a command has no active obstacle."""
+        return all_of(*(~obstacle.active for obstacle in self._obstacles[command]))
 
     def obstacles(self, command: Bit) -> list[Obstacle]:
-        """Return what can stand in the way of a command, the first to be told first."""
+        """Return the obstacles of a command in the order in which they are reported."""
         return self._obstacles.get(command, [])
 
     def rungs(self) -> list[Rung]:
-        """Return the rungs that say which command was refused, and why; it is taken back before anything hears it."""
+        """Return the rungs that report a refused command with its reason and reset its bit before it takes effect."""
         machine = self._tags.machine
         presses = {bit: self.pressed.get(bit, bit) for bit in self._obstacles}
-        told: list[Rung] = [Out(machine.ordered, when=any_of(*presses.values()))]
+        rungs: list[Rung] = [Out(machine.ordered, when=any_of(*presses.values()))]
         refused: dict[Bit, Expr] = {}
         for command in self._tags.commands:
             obstacles = self.obstacles(command.bit)
             if not obstacles:
                 continue
             pressed = all_of(machine.ordered, presses[command.bit])
-            refused[command.bit] = pressed & any_of(*(each.stands for each in obstacles))
-            told.append(Mov(command.number, machine.refused, when=refused[command.bit]))
-            told += [Mov(each.reason, machine.refusal, when=pressed & each.stands) for each in reversed(obstacles)]
-        told.append(Inc(machine.refusals, when=all_of(machine.ordered, any_of(*refused.values()))))
-        return [*told, *(Rst(bit, when=when) for bit, when in refused.items())]
+            refused[command.bit] = pressed & any_of(*(each.active for each in obstacles))
+            rungs.append(Mov(command.number, machine.refused, when=refused[command.bit]))
+            rungs += [Mov(each.reason, machine.refusal, when=pressed & each.active) for each in reversed(obstacles)]
+        rungs.append(Inc(machine.refusals, when=all_of(machine.ordered, any_of(*refused.values()))))
+        return [*rungs, *(Rst(bit, when=when) for bit, when in refused.items())]
 
     def _table(self) -> Iterator[tuple[Bit, list[Obstacle]]]:
         tags = self._tags
@@ -122,13 +124,17 @@ class Orders:
         alarm = Obstacle(Refusal.ALARM, machine.fault & ~machine.manual)
         running = _only_in(Refusal.NOT_RUNNING, tags, *RUNNING)
         arms = [obstacle for side in SIDES for obstacle in self._arm_not_ready(side)]
-        from_idle = [Obstacle(o.reason, all_of(state.equals(State.IDLE), o.stands)) for o in (alarm, questions, *arms)]
+        from_idle = [Obstacle(o.reason, all_of(state.equals(State.IDLE), o.active)) for o in (alarm, questions, *arms)]
         yield commands.reset, [_only_in(Refusal.NOT_AT_REST, tags, *HOMED_FROM), stop]
-        yield commands.start, [_only_in(Refusal.NOT_IDLE, tags, State.IDLE, State.SUSPENDED), stop, zero_return,
-                               *from_idle]  # fmt: skip
+        yield (
+            commands.start,
+            [_only_in(Refusal.NOT_IDLE, tags, State.IDLE, State.SUSPENDED), stop, zero_return, *from_idle],
+        )
         yield commands.hold, [running]
-        yield commands.unhold, [_only_in(Refusal.NOT_HELD, tags, State.HELD), stop, zero_return, alarm, questions,
-                                *arms]  # fmt: skip
+        yield (
+            commands.unhold,
+            [_only_in(Refusal.NOT_HELD, tags, State.HELD), stop, zero_return, alarm, questions, *arms],
+        )
         yield commands.suspend, [running, manual]
         yield commands.unsuspend, [Obstacle(Refusal.NOT_SUSPENDED, ~machine.suspended_by_operator)]
         yield commands.clear, self._clear()
@@ -186,16 +192,16 @@ class Orders:
             )
 
     def _arm_not_ready(self, side: Side) -> list[Obstacle]:
-        """An arm begins at feed: empty at home, or up with a load."""
+        """Return the obstacles of an arm that is not ready; a ready arm is empty at home, or loaded and up at feed."""
         arm, automatic = self._tags.arms[side], ~self._tags.machine.manual
-        wrong = {
+        obstacles = {
             "NOT_AT_FEED": ~arm.at_feed,
             "NOT_DOWN": ~arm.loaded & ~arm.down,
             "NOT_UP": arm.loaded & ~arm.up,
             "NOT_CONVERGED": ~arm.loaded & ~arm.is_converged,
             "NOT_OPEN": ~arm.loaded & arm.claws_closed,
         }
-        return [Obstacle(Refusal[f"{side.upper()}_{name}"], automatic & stands) for name, stands in wrong.items()]
+        return [Obstacle(Refusal[f"{side.upper()}_{name}"], automatic & active) for name, active in obstacles.items()]
 
 
 def _only_in(reason: Refusal, tags: Tags, *states: State) -> Obstacle:
@@ -203,6 +209,6 @@ def _only_in(reason: Refusal, tags: Tags, *states: State) -> Obstacle:
 
 
 def refusal_text(command: Command, reason: Refusal, language: Language) -> str:
-    """Return what the operator reads, as 'cannot start: left lift not down'."""
+    """Return the message for the operator, for example 'cannot start: left lift not down'."""
     order, why, form = (getattr(text, language) for text in (ORDERS[command.group], REFUSALS[reason.name], CANNOT))
     return str(form.format(order=order, reason=why))

@@ -1,7 +1,7 @@
-"""What the machine must never do, in terms of wires: terminals, coils, and what coils have brought about.
+"""Safety requirements of the machine in terms of terminals, coils and the effect of coils.
 
-The interlocks act on what the program remembers; these monitors look at the coils alone and remember for themselves.
-That the two never disagree is proved (`python -m controller prove`) and watched in tests.
+The interlocks rely on the stored states of the program. The monitors derive the same facts from the coils and store
+them separately. The proof (`python -m controller prove`) shows that the two never disagree; tests check this as well.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from controller.program.tags import FIRST_SCAN, IN_PLACE, ROWS, SIDES, TAKEN, Ar
 
 
 class ArmMonitor:
-    """What the coils of one arm have brought about."""
+    """Monitor of the effects of one arm's coils."""
 
     def __init__(self, tags: Tags, side: Side) -> None:
         m = Area("M", 470 + 9 * SIDES.index(side), 478 + 9 * SIDES.index(side), f"{side} monitor")
@@ -35,11 +35,11 @@ class ArmMonitor:
 
     @property
     def remembered(self) -> tuple[Bit, ...]:
-        """What stays so without power."""
+        """Bits that are retained through a loss of power."""
         return (self.open, self.gripped, self.holds, self.unmoved, self.arrived, self.in_centre)
 
     def rungs(self) -> list[Rung]:
-        """Return the rungs that watch; they come after the outputs."""
+        """Return the rungs of the monitor; they follow the outputs in the scan."""
         tags, a = self._tags, self._tags.arms[self._side]
         y, commands = a.coils, tags.commands
         yes, no, discard = (table[self._side] for table in (commands.loaded_yes, commands.loaded_no, commands.discard))
@@ -65,7 +65,7 @@ class ArmMonitor:
 
 
 class MachineMonitor:
-    """Whether the machine was still, and what has been pressed since."""
+    """Monitor of the machine: motion in the last scan and commands since then."""
 
     def __init__(self, tags: Tags) -> None:
         m = Area("M", 488, 499, "monitor")
@@ -77,7 +77,7 @@ class MachineMonitor:
         self.jog_unbidden = m.bit("jog unbidden", "an output is held by hand that nobody asked for")
 
     def rungs(self) -> list[Rung]:
-        """Return the rungs that watch; they come after the outputs."""
+        """Return the rungs of the monitor; they follow the outputs in the scan."""
         tags = self._tags
         machine, commands = tags.machine, tags.commands
         buttons = (machine.start_pressed | machine.reset_pressed) & ~FIRST_SCAN
@@ -95,13 +95,13 @@ class MachineMonitor:
 
 
 def any_coil(tags: Tags) -> Expr:
-    """Return the condition that any coil which moves something is on."""
+    """Return the condition that any coil that causes motion is on."""
     arms = (coil for arm in tags.arms.values() for coil in arm.coils.values())
     return any_of(*arms, *tags.tray.driven.values())
 
 
 class Safety:
-    """Every monitor of the machine, and what is required of it."""
+    """All monitors and requirements of the machine."""
 
     def __init__(self, tags: Tags, alarms: Annunciators) -> None:
         self.arms = {side: ArmMonitor(tags, side) for side in SIDES}
@@ -115,53 +115,72 @@ class Safety:
 
     @property
     def remembered(self) -> tuple[Bit, ...]:
-        """What the monitors know of the machine, with and without power."""
+        """Bits of the monitors that are retained through a loss of power."""
         return tuple(bit for arm in self.arms.values() for bit in arm.remembered)
 
 
 def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Expr) -> Iterator[Requirement]:
-    a, own = tags.arms[side], monitors[side]
+    a, monitor = tags.arms[side], monitors[side]
     other = monitors["right" if side == "left" else "left"]
     y, tray, up, down, feed = a.coils, tags.tray, a.sensed_up, a.sensed_down, a.sensed_at_feed
     inward, outward, raises, lowers = (y[name] for name in (*SLIDE, *reversed(LIFT)))
     spreads, converges, opens, closes = (y[name] for name in (*BELT, *CLAWS))
     belt, slide_or_lift = spreads | converges, any_of(*(y[name] for name in (*SLIDE, *LIFT)))
-    over_cups = all_of(feed, down, a.sensed_spread, own.released | own.discarded)
+    over_cups = all_of(feed, down, a.sensed_spread, monitor.released | monitor.discarded)
     never = {
-        **{f"{one} with {two}": ("two coils of one valve or motor", y[one] & y[two])
-           for one, two in (SLIDE, LIFT, BELT, CLAWS)},
+        **{
+            f"{one} with {two}": ("two coils of one valve or motor", y[one] & y[two])
+            for one, two in (SLIDE, LIFT, BELT, CLAWS)
+        },
         "inward, not down": ("the arm would go through the tray or over it", inward & ~down),
-        "inward, claws not open": ("closed claws tear the seedlings", inward & ~own.open),
+        "inward, claws not open": ("closed claws tear the seedlings", inward & ~monitor.open),
         "inward, not converged": ("spread claws do not fit between the seedlings", inward & ~a.sensed_converged),
-        "inward, no tray at rest": ("the arm goes in only over a tray that stands",
-                                    inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE))),
-        "inward, past the row": ("beyond the next row stand seedlings", inward & own.arrived),
-        "inward, which tray?": ("a tray that is asked about may stand wrong", inward & tray.ask),
-        "inward, into the other arm": ("both arms' fingers do not fit in the centre",
-                                       all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre)),
+        "inward, no tray at rest": (
+            "the arm goes in only over a tray at rest",
+            inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE)),
+        ),
+        "inward, past the row": ("beyond the next row are seedlings", inward & monitor.arrived),
+        "inward, which tray?": ("a tray with an open question may be misplaced", inward & tray.ask),
+        "inward, into the other arm": (
+            "both arms' fingers do not fit in the centre",
+            all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre),
+        ),
         "close nowhere": ("claws close only at the next row or at feed", closes & ~feed & ~(down & _at_next_row(a))),
-        "up, half closed": ("over the tray the lift goes up gripping or open, never half closed",
-                            all_of(raises, ~feed, ~own.open, ~own.gripped)),
-        "outward with a load, not up": ("a load hangs into the tray", all_of(outward, own.holds, ~up)),
-        "outward low, claws not open": ("closed claws tear the seedlings", all_of(outward, ~up, ~(down & own.open))),
-        "down away from feed": ("the arm would go down into the tray, but for the row it has just closed on",
-                                lowers & ~feed & ~own.unmoved),
+        "up, half closed": (
+            "over the tray the lift goes up gripping or open, never half closed",
+            all_of(raises, ~feed, ~monitor.open, ~monitor.gripped),
+        ),
+        "outward with a load, not up": ("a load hangs into the tray", all_of(outward, monitor.holds, ~up)),
+        "outward low, claws not open": (
+            "closed claws tear the seedlings",
+            all_of(outward, ~up, ~(down & monitor.open)),
+        ),
+        "down away from feed": (
+            "the arm would go down into the tray, but for the row it has just closed on",
+            lowers & ~feed & ~monitor.unmoved,
+        ),
         "spread, not up at feed": ("spread claws fit only over the cups", spreads & ~(up & feed)),
-        "belt with slide or lift": ("slide and lift stand while the belt runs", belt & slide_or_lift),
-        "converge with a load": ("the seedlings would be torn", converges & own.holds),
-        "belt against its stop": ("the motor works against its end stop only where a switch has lied",
-                                  ~a.lied["belt"] & ((spreads & a.sensed_spread) | (converges & a.sensed_converged))),
+        "belt with slide or lift": ("slide and lift are at rest while the belt runs", belt & slide_or_lift),
+        "converge with a load": ("the seedlings would be torn", converges & monitor.holds),
+        "belt against its stop": (
+            "the motor runs against its end stop only after a switch was implausible",
+            ~a.distrusted["belt"] & ((spreads & a.sensed_spread) | (converges & a.sensed_converged)),
+        ),
         "converge away from feed": ("claws change their pitch only at feed", converges & ~feed),
-        "open a load elsewhere": ("a load goes into its cups, or back to the row it came from, or where it is told",
-                                  all_of(opens, own.holds, ~over_cups, ~(own.unmoved & down))),
-        "coil with a fault": ("a jammed actuator is driven on by hand only",
-                              all_of(fault, ~tags.machine.manual, any_of(*y.values()))),
-    }  # fmt: skip
+        "open a load elsewhere": (
+            "a load is released over its cups, at its own row, or by a discard command",
+            all_of(opens, monitor.holds, ~over_cups, ~(monitor.unmoved & down)),
+        ),
+        "coil with a fault": (
+            "a jammed actuator is driven only in manual mode",
+            all_of(fault, ~tags.machine.manual, any_of(*y.values())),
+        ),
+    }
     return (Requirement(f"{side}: {name}", reason, when) for name, (reason, when) in never.items())
 
 
 def _at_next_row(a: ArmTags) -> Expr:
-    """The slide is at the first row that is not taken."""
+    """Return the condition that the slide is at the first row that is not taken."""
     return any_of(
         *(
             all_of(
@@ -183,20 +202,26 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
     run, forward = tags.tray.driven["tray_run"], tags.tray.driven["tray_forward"]
     away, entering = any_of(*(~a.sensed_at_feed for a in arms)), any_of(*(a.coils["slide_inward"] for a in arms))
     never = {
-        "moves in an emergency stop": ("nothing moves then", moves & x.emergency_stop),
-        "moves without its field": ("what is not seen is not moved", moves & tags.system.link_lost),
-        "moves after a fault of scan or store": ("outputs are off then",
-                                                 moves & (tags.system.scan_fault | tags.system.store_fault)),
-        "moves at rest": ("nothing moves in a state of rest", moves & ~machine.motion),
-        "moves in the first scan": ("power returns and nothing moves", moves & FIRST_SCAN),
-        "restarts by itself": ("after a stop somebody presses something first", monitor.restarted),
-        "jog not renewed": ("a hand that lets go stops the motion",
-                            machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0))),
-        "jog by itself": ("an output is held by hand only after somebody has asked for it", monitor.jog_unbidden),
+        "moves in an emergency stop": ("no motion during an emergency stop", moves & x.emergency_stop),
+        "moves without its field": ("no motion without inputs", moves & tags.system.link_lost),
+        "moves after a fault of scan or store": (
+            "outputs are off after such a fault",
+            moves & (tags.system.scan_fault | tags.system.store_fault),
+        ),
+        "moves at rest": ("no motion in a state of rest", moves & ~machine.motion),
+        "moves in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
+        "restarts by itself": ("after a stop, motion needs a new command", monitor.restarted),
+        "jog not renewed": (
+            "releasing a jog command stops the motion",
+            machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0)),
+        ),
+        "jog by itself": ("an output is jogged only by command", monitor.jog_unbidden),
         "tray, arm away from feed": ("a tray would shear an arm that is in it", (run | forward) & away),
         "tray, arm goes in": ("the arm goes in only over a tray at rest", (run | forward) & entering),
         "tray, wrong way": ("the belt has one direction", run & ~forward),
-        "tray with a fault": ("a jammed tray is driven on by hand only",
-                              all_of(tray_fault, ~machine.manual, run | forward)),
-    }  # fmt: skip
+        "tray with a fault": (
+            "a jammed tray is driven only in manual mode",
+            all_of(tray_fault, ~machine.manual, run | forward),
+        ),
+    }
     return (Requirement(name, reason, when) for name, (reason, when) in never.items())

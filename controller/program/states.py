@@ -1,4 +1,4 @@
-"""Numbers of the machine's states, modes and reasons."""
+"""State, mode and reason numbers of the machine."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Mode(IntEnum):
-    """Operating modes: PackML's numbers 1 Production and 3 Manual, user modes above (FX.md 1.8 and 5)."""
+    """Operating modes: 1 Production and 3 Manual as in PackML, user-defined modes above (fx2n.md 1.8 and 5)."""
 
     CONTINUOUS = 1
     MANUAL = 3
@@ -16,7 +16,7 @@ class Mode(IntEnum):
 
 
 class State(IntEnum):
-    """PackML state numbers (FX.md 5)."""
+    """PackML state numbers (docs/sources/fx2n.md 5)."""
 
     CLEARING = 1
     STOPPED = 2
@@ -38,7 +38,7 @@ class State(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why the machine is Suspended or Held."""
+    """Reasons for Suspended or Held."""
 
     NONE = 0
     NO_TRAY = 1
@@ -55,10 +55,9 @@ class Reason(IntEnum):
 RUNNING = (State.STARTING, State.EXECUTE, State.SUSPENDING, State.SUSPENDED, State.UNSUSPENDING, State.UNHOLDING)
 MOVING = (*RUNNING, State.RESETTING, State.STOPPING, State.HOLDING, State.COMPLETING)
 """States in which actuators may move."""
-STOPPABLE = (*RUNNING, State.RESETTING, State.IDLE, State.HOLDING, State.HELD, State.COMPLETING,
-             State.COMPLETE)  # fmt: skip
+STOPPABLE = (*RUNNING, State.RESETTING, State.IDLE, State.HOLDING, State.HELD, State.COMPLETING, State.COMPLETE)
 HOLDS = (State.HOLDING, State.HELD)
 HOMED_FROM = (State.STOPPED, State.HELD, State.COMPLETE)
-"""States in which reset is heard."""
+"""States in which reset is accepted."""
 MODE_CHANGES = (State.STOPPED, State.IDLE, State.HELD, State.COMPLETE)
-"""States in which the mode may change; to or from manual not in Idle, which promises that the arms are home."""
+"""States in which the mode may change. In Idle the arms must be at home, so changing to or from manual is refused."""

@@ -1,7 +1,8 @@
-"""Tags: every device of the program, by name.
+"""Tags: all devices of the program, by name.
 
-Addresses are handed out one after another inside an area of each owner, so an FX programmer finds an arm's
-relays together. Everything retentive lies in the fixed latched ranges (M1024+, D512+).
+Addresses are allocated consecutively in the area of their owner, so the relays of one arm are adjacent. Retentive
+devices are in the fixed latched ranges (M1024+, D512+). Panels use these addresses: append new devices at the end of
+their area.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Final, Literal
 
 from controller.core.devices import INITIAL_PULSE
 from controller.core.expr import Bit, Counter, Expr, Timer, Word
-from controller.io_map import IoMap, Point
+from controller.iomap.loader import IoMap, Point
 from controller.program.areas import Area
 from controller.program.commands import ARM_OUTPUTS, JOGGED, Commands
 
@@ -21,38 +22,40 @@ CUPS: Final = 12
 ROWS: Final = (1, 2, 3)
 
 DEVICES: Final = ("lift", "slide", "belt")
-"""What each arm moves between switches."""
+"""Devices of an arm that move between switches."""
 
 TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
 """States of a row of seedlings."""
 
 STEPPED: Final = ("left arm", "right arm", "tray feeder")
-"""What step mode can move, by the value of its set-point from 1 on."""
+"""Sequences that can be stepped; value 1 of the set-point selects the first."""
 
 NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
-"""Phases of the tray: unknown or none, at the pick position, leaving it, on its way."""
+"""Phases of the tray: unknown or none, at the pick position, leaving it, approaching it."""
 
 RELEASE_DELAY_X10_MS: Final = 6
-"""From the releasing cup pulse to the open coil: the pulse comes 15 mm before the cup is under the claw, 333 ms at
-45 plants/(min row); from the coil to the landed plug take 126 ms valve, air and fingers (simulated at 0.40 MPa) and
-128 ms fall from 80 mm, and the input filter and half a scan 15 ms: 333 - 254 - 15 = 64 ms, in whole units of the
-timer (machine.yaml)."""
+"""Delay from the releasing cup pulse to the open coil. The pulse comes 15 mm before the cup is under the claw, 333 ms
+at 45 plants/(min row). After the coil comes on, valve, air and fingers take 126 ms (simulated at 0.40 MPa) and the fall
+of 80 mm takes 128 ms. The input filter and half a scan add 15 ms: 333 - 254 - 15 = 64 ms, rounded down to whole units
+of the timer (machine.yaml)."""
 
 SLIDE_LEAST_X10_MS: Final = 90
-"""From the switch of row 1 to that of feed: 192.5 mm less both switch bands, 180 mm, take 1.2 s at 0.15 m/s; three
-quarters of that. Other row spacings need another value (machine.yaml)."""
+"""Shortest plausible travel from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
+take 1.2 s at 0.15 m/s; the value is three quarters of that. A different row spacing requires a different value
+(machine.yaml)."""
 
 ROW_PITCH_MM: Final = 43.0
 FINGER_OVERHANG_MM: Final = 25.0
-"""Reach of the fingers inward past the stems: half the 50 mm spring strip (paper) gripping at its middle (assumed)."""
+"""Inward reach of the fingers past the stems: half of the 50 mm spring strip (paper), assumed to grip at its middle."""
 ARMS_MAY_MEET: Final = int(2 * FINGER_OVERHANG_MM < ROW_PITCH_MM)
-"""Rows 3 of both arms are one row pitch apart; both arms fit there only if their fingers do not overlap."""
+"""1 if both arms may be at row 3 at the same time. They are one row pitch apart there, so their fingers must not
+overlap."""
 
 FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
 
 
 class Inputs:
-    """Conditions over the X terminals: true when the thing named is so, whatever the wire's polarity."""
+    """Conditions on the X terminals: true while the point is active, regardless of the wiring polarity."""
 
     def __init__(self, io_map: IoMap) -> None:
         self._map = io_map
@@ -65,9 +68,14 @@ class Inputs:
         return _condition(self._map[tag])
 
     def optional(self, tag: str) -> Expr | None:
-        """Return the condition of an optional point, or None if it is not wired."""
+        """Return the condition of an optional input, or None if it is not wired."""
         point = self._map.get(tag)
         return None if point is None else _condition(point)
+
+    def optional_off(self, tag: str) -> Expr | None:
+        """Return the condition that an optional input is not active, or None if it is not wired."""
+        condition = self.optional(tag)
+        return None if condition is None else ~condition
 
 
 def _condition(point: Point) -> Expr:
@@ -77,13 +85,13 @@ def _condition(point: Point) -> Expr:
 
 
 def _driven(point: Point) -> Expr:
-    """True while the output is on, as the last scan has left it."""
+    """Return the condition that an output is on, as written by the last scan."""
     contact = Bit("Y", point.number, point.tag, point.meaning)
     return ~contact if point.inverted else contact
 
 
 class System:
-    """Bits written from outside before a scan by the runtime around the PLC."""
+    """Bits that the runtime writes before each scan."""
 
     def __init__(self) -> None:
         m = Area("M", 0, 9)
@@ -96,20 +104,26 @@ class System:
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
-        return (self.link_lost, self.scan_fault, self.memory_lost, self.outputs_held, self.store_fault,
-                self.panel_silent)  # fmt: skip
+        return (
+            self.link_lost,
+            self.scan_fault,
+            self.memory_lost,
+            self.outputs_held,
+            self.store_fault,
+            self.panel_silent,
+        )
 
 
 LONGEST_NUMBER: Final = 9
-"""Digits of a number that somebody may type."""
+"""Maximum number of digits in a set-point value."""
 
 
 class SetPointError(ValueError):
-    """A set-point that does not exist, or a value it cannot have; one line."""
+    """Unknown set-point or invalid value; the message is one line."""
 
 
 class SetPoints:
-    """Words the operator may change, with their first values. Times of 10 ms timers are in units of 10 ms."""
+    """Words that the operator may change, with their defaults. Times of 10 ms timers are in units of 10 ms."""
 
     def __init__(self) -> None:
         d = Area("D", 512, 539)
@@ -117,11 +131,11 @@ class SetPoints:
 
         self.limits: dict[Word, tuple[int, int]] = {}
         self.at_start: list[Word] = []
-        """Set-points that change with the machine, not while it runs."""
+        """Set-points that depend on the machine and do not change while it runs."""
 
-        def add(name: str, first_value: int, lowest: int, highest: int, comment: str) -> Word:
+        def add(name: str, default: int, lowest: int, highest: int, comment: str) -> Word:
             word = d.word(name, comment)
-            self.defaults.append((word, first_value))
+            self.defaults.append((word, default))
             self.limits[word] = (lowest, highest)
             return word
 
@@ -153,10 +167,10 @@ class SetPoints:
         return [name for name, value in vars(self).items() if isinstance(value, Word)]
 
     def checked(self, name: str, text: str) -> tuple[Word, int]:
-        """Return the word and value of a set-point as somebody has written them.
+        """Return the word of a set-point and the value parsed from text.
 
         Raises:
-            SetPointError: There is no such set-point, or the value is no whole number or out of range.
+            SetPointError: The set-point is unknown, or the value is not an integer or out of range.
         """
         if name not in self.names():
             raise SetPointError(f"no set-point {name!r}; known: {', '.join(self.names())}")
@@ -172,7 +186,7 @@ class SetPoints:
 
 
 class MachineTags:
-    """Relays and registers of the machine as a whole."""
+    """Relays and registers of the machine."""
 
     def __init__(self) -> None:  # noqa: PLR0915 - a list of tags
         m = Area("M", 10, 99)
@@ -243,8 +257,8 @@ class ArmTags:
         x = Inputs(io_map)
         index = SIDES.index(side)
         m = Area("M", 100 + 100 * index, 199 + 100 * index, side)
-        kept_m = Area("M", 1024 + 16 * index, 1039 + 16 * index, side)
-        kept_d = Area("D", 540 + 10 * index, 549 + 10 * index, side)
+        retentive_m = Area("M", 1024 + 16 * index, 1039 + 16 * index, side)
+        retentive_d = Area("D", 540 + 10 * index, 549 + 10 * index, side)
         t10 = Area("T", 200 + 10 * index, 209 + 10 * index, side)
         self.side = side
         self.first_step = 20 + 80 * index
@@ -319,18 +333,22 @@ class ArmTags:
         self.off_home = m.bit("off home", "the arm should stand at home, and does not")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
 
-        self.loaded = kept_m.bit("loaded", "the claws hold seedlings")
-        self.claws_closed = kept_m.bit("claws closed", "last claw command was close")
-        self.claws_known = kept_m.bit("claws known", "the claw command is remembered")
-        self.clamped = kept_m.bit("clamped", "claws closed for their dwell")
-        self.on_row = kept_m.bit("on row", "the claws have closed at a row, and the slide has not been driven since")
-        self.lied = {
-            name: kept_m.bit(f"{name} switch lied", "no switch of it is believed until it was driven against its end")
+        self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
+        self.claws_closed = retentive_m.bit("claws closed", "last claw command was close")
+        self.claws_known = retentive_m.bit("claws known", "the claw command is remembered")
+        self.clamped = retentive_m.bit("clamped", "claws closed for their dwell")
+        self.on_row = retentive_m.bit(
+            "on row", "the claws have closed at a row, and the slide has not been driven since"
+        )
+        self.distrusted = {
+            name: retentive_m.bit(
+                f"{name} switch lied", "no switch of it is believed until it was driven against its end"
+            )
             for name in DEVICES
         }
-        self.rows = {row: kept_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
-        self.missed_cups = kept_d.word("missed cups", "cups that passed empty beyond twelve")
-        self.cycles = kept_d.word("cycles", "rows thrown")
+        self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
+        self.missed_cups = retentive_d.word("missed cups", "cups that passed empty beyond twelve")
+        self.cycles = retentive_d.word("cycles", "rows thrown")
 
         self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
         self.t_pulse = t10.timer("pulse interval", "shortest time between two cups")
@@ -402,10 +420,10 @@ class Tags:
 
     @classmethod
     def of(cls, io_map: IoMap) -> Tags:
-        """Return the tags for the wires of an I/O map."""
+        """Return the tags of the program for an I/O map."""
         arms = {side: ArmTags(side, io_map) for side in SIDES}
         return cls(Inputs(io_map), System(), Commands(), SetPoints(), MachineTags(), arms, TrayTags(io_map))
 
     def other(self, side: Side) -> ArmTags:
-        """Return the arm that faces this one."""
+        """Return the tags of the opposite arm."""
         return self.arms["right" if side == "left" else "left"]

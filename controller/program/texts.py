@@ -1,4 +1,4 @@
-"""Every text an operator reads, in English and Chinese, in one table."""
+"""Operator texts of the program in English and Chinese: states, modes, reasons, questions and refusals."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ Language = Literal["en", "zh"]
 
 
 class Text(NamedTuple):
-    """One text in both languages; ``{side}`` stands for the side's name."""
+    """Text in both languages; ``{side}`` is a placeholder for the name of the side."""
 
     en: str
     zh: str
 
     def of(self, side: Text | None) -> Text:
-        """Return the text with the side's name put in."""
+        """Return the text with the side name filled in, or the unchanged text if `side` is None."""
         return self if side is None else Text(self.en.format(side=side.en), self.zh.format(side=side.zh))
 
 
@@ -28,18 +28,18 @@ STATES: Final = {
     5: Text("Suspended", "已暂挂"),
     6: Text("Execute", "运行"),
     7: Text("Stopping", "停止中"),
-    8: Text("Aborting", "急停中"),
-    9: Text("Aborted", "已急停"),
+    8: Text("Aborting", "中止中"),
+    9: Text("Aborted", "已中止"),
     10: Text("Holding", "保持中"),
     11: Text("Held", "已保持"),
     12: Text("Unholding", "解除保持中"),
     13: Text("Suspending", "暂挂中"),
-    14: Text("Unsuspending", "恢复中"),
+    14: Text("Unsuspending", "解除暂挂中"),
     15: Text("Resetting", "复位中"),
     16: Text("Completing", "完成中"),
     17: Text("Complete", "已完成"),
 }
-"""PackML states by their number (FX.md 5: numbers as used in several public implementations)."""
+"""PackML states by number (docs/sources/fx2n.md 5: numbers as used in several public implementations)."""
 
 REASONS: Final = {
     0: Text("", ""),
@@ -49,11 +49,11 @@ REASONS: Final = {
     4: Text("no cups", "无苗杯"),
     5: Text("suspended by the operator", "操作员暂挂"),
     6: Text("alarm", "有报警"),
-    7: Text("a question is open", "有待回答的问题"),
+    7: Text("operator answer required", "等待操作员回答"),
     8: Text("held by the operator", "操作员保持"),
-    9: Text("operator panel silent", "操作面板无通信"),
+    9: Text("operator panel not responding", "操作面板无响应"),
 }
-"""Why the machine is Suspended or Held, by `states.Reason`."""
+"""Reasons for Suspended and Held, by `states.Reason`."""
 
 MODES: Final = {
     1: Text("continuous", "连续运行"),
@@ -62,67 +62,69 @@ MODES: Final = {
     5: Text("step", "单步"),
     6: Text("zero return", "回原点"),
 }
-"""Operating modes by `states.Mode`."""
+"""Operating modes, by `states.Mode`."""
 
 QUESTIONS: Final = {
-    "loaded": Text("Does the {side} arm hold seedlings?", "{side}臂是否夹有苗?"),
+    "loaded": Text("Is the {side} arm holding seedlings?", "{side}臂是否夹有苗？"),
     "tray": Text(
-        "Is the tray at the pick position the same, a full one, or none?", "取苗位的苗盘是原盘、满盘还是无盘?"
+        "Which tray is at the pick position: the same one, a full one, or no usable one?",
+        "取苗位的苗盘是原盘、满盘，还是没有可用的苗盘？",
     ),
     "cups": Text(
-        "Are the cups under the {side} claws empty? Otherwise twelve of them must pass",
-        "{side}夹爪下方的苗杯是否为空?否则须先转过十二个苗杯",
+        "Are the cups under the {side} claws empty? If not confirmed, twelve cups must pass first",
+        "{side}夹爪下方的苗杯是否为空？如不确认，须先转过十二个苗杯",
     ),
 }
-"""What the operator is asked when homing cannot tell."""
+"""Questions to the operator when homing cannot determine the state from the sensors."""
 
 ORDERS: Final = {
     "reset": Text("reset", "复位"),
     "start": Text("start", "启动"),
     "stop": Text("stop", "停止"),
     "hold": Text("hold", "保持"),
-    "unhold": Text("go on", "解除保持"),
+    "unhold": Text("resume", "解除保持"),
     "suspend": Text("suspend", "暂挂"),
-    "unsuspend": Text("end the suspension", "解除暂挂"),
+    "unsuspend": Text("unsuspend", "解除暂挂"),
     "abort": Text("abort", "中止"),
     "clear": Text("clear", "清除"),
     "complete": Text("complete", "结束生产"),
     "mode": Text("change the mode", "切换模式"),
     "step": Text("step", "单步"),
     "acknowledge": Text("acknowledge", "确认"),
-    "answer": Text("take the answer", "接受回答"),
-    "discard": Text("discard", "弃苗"),
-    "count": Text("clear the counts", "清零计数"),
-    "jog": Text("move by hand", "手动操作"),
+    "answer": Text("accept the answer", "接受回答"),
+    "discard": Text("discard the load", "弃苗"),
+    "count": Text("reset the counters", "清零计数"),
+    "jog": Text("jog", "点动"),
 }
-"""What a command is called in a refusal, by its group."""
+"""Names of commands in refusals, by command group."""
 
 REFUSALS: Final = {
     "NOT_AT_REST": Text("the machine is not in Stopped, Held or Complete", "机器不在停止、保持或完成状态"),
     "NOT_IDLE": Text("the machine is not in Idle or Suspended", "机器不在待机或暂挂状态"),
     "NOT_RUNNING": Text("the machine is not running", "机器未在运行"),
-    "NOT_HELD": Text("the machine is not held", "机器未处于保持状态"),
+    "NOT_HELD": Text("the machine is not in Held", "机器未处于保持状态"),
     "NOT_SUSPENDED": Text("the machine was not suspended by the operator", "机器未被操作员暂挂"),
-    "NOT_ABORTED": Text("the machine is not aborted", "机器未处于急停状态"),
+    "NOT_ABORTED": Text("the machine is not in Aborted", "机器未处于中止状态"),
     "NO_MODE_CHANGE": Text(
-        "the mode changes only in Stopped, Idle, Held or Complete", "只能在停止、待机、保持或完成状态切换模式"
+        "the mode can be changed only in Stopped, Idle, Held or Complete", "只能在停止、待机、保持或完成状态切换模式"
     ),
     "MANUAL_ONLY_AT_REST": Text(
-        "to and from manual only in Stopped, Held or Complete", "手动模式只能在停止、保持或完成状态切换"
+        "manual mode can be entered or left only in Stopped, Held or Complete",
+        "只能在停止、保持或完成状态进入或退出手动模式",
     ),
-    "NOT_STEPPING": Text("step mode is not at work", "未在单步模式下运行"),
-    "NOT_JOGGING": Text("manual mode has not been started", "手动模式未启动"),
-    "MODE_MANUAL": Text("the mode is manual", "当前为手动模式"),
-    "MODE_ZERO_RETURN": Text("the mode is zero return", "当前为回原点模式"),
-    "STOP_PRESSED": Text("the stop button is pressed or its wire open", "停止按钮按下或线路断开"),
+    "NOT_STEPPING": Text("step mode is not running", "未在单步模式下运行"),
+    "NOT_JOGGING": Text("manual mode is not started", "手动模式未启动"),
+    "MODE_MANUAL": Text("manual mode is selected", "当前为手动模式"),
+    "MODE_ZERO_RETURN": Text("zero return mode is selected", "当前为回原点模式"),
+    "STOP_PRESSED": Text("the stop button is pressed or its wire is broken", "停止按钮按下或线路断开"),
     "EMERGENCY_STOP": Text("the emergency stop is pressed", "急停按钮按下"),
     "LINK_LOST": Text("the field link is lost", "现场通信中断"),
-    "SCAN_FAULT": Text("the scan is at fault", "扫描故障"),
+    "SCAN_FAULT": Text("a scan fault is active", "存在扫描故障"),
     "STORE_FAULT": Text("retentive memory cannot be stored", "保持数据无法保存"),
-    "ALARM": Text("an alarm is set", "有报警未复位"),
-    "QUESTION": Text("a question is open", "有待回答的问题"),
-    "NOT_ASKED": Text("it has not been asked", "当前没有此提问"),
-    "NO_TRAY_SEEN": Text("no such tray is at the pick position", "取苗位没有相应的苗盘"),
+    "ALARM": Text("an alarm is active", "有报警未复位"),
+    "QUESTION": Text("a question is unanswered", "有待回答的问题"),
+    "NOT_ASKED": Text("this question is not open", "当前没有此提问"),
+    "NO_TRAY_SEEN": Text("no matching tray is detected at the pick position", "取苗位未检测到相应的苗盘"),
     "MOVING": Text("the machine is moving", "机器正在运动"),
     **{
         f"{side.upper()}_{name}": text.of(SIDES[side])
@@ -130,14 +132,14 @@ REFUSALS: Final = {
         for name, text in {
             "NOT_AT_FEED": Text("{side} slide not at feed", "{side}滑块不在投苗位"),
             "NOT_DOWN": Text("{side} lift not down", "{side}升降缸不在下限位"),
-            "NOT_UP": Text("{side} lift not up with its load", "{side}臂带苗时不在上限位"),
+            "NOT_UP": Text("{side} lift not up while loaded", "{side}臂带苗时不在上限位"),
             "NOT_CONVERGED": Text("{side} claws not converged", "{side}夹爪未聚合"),
-            "NOT_OPEN": Text("{side} claws closed, but empty", "{side}夹爪空载但未张开"),
-            "NOT_LOADED": Text("{side} arm holds nothing", "{side}臂未夹苗"),
+            "NOT_OPEN": Text("{side} claws closed but not loaded", "{side}夹爪空载但未张开"),
+            "NOT_LOADED": Text("{side} arm not loaded", "{side}臂未夹苗"),
         }.items()
     },
 }
-"""Why a command is refused, by name of `refusals.Refusal`."""
+"""Reasons for refusing a command, by name of `refusals.Refusal`."""
 
-CANNOT: Final = Text("cannot {order}: {reason}", "无法{order}:{reason}")
-"""How a refusal is told."""
+CANNOT: Final = Text("cannot {order}: {reason}", "无法{order}：{reason}")
+"""Format of a refusal."""

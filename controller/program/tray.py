@@ -1,7 +1,7 @@
-"""The tray feeder: run the empty tray out, index into the gap behind it, creep to the front edge of the next.
+"""Tray feeder: convey the empty tray out, index into the gap behind it, creep to the front edge of the next tray.
 
-A front edge is believed only when it was met creeping: one met at full speed overruns the claws' reach. So the feeder
-indexes only where it has seen the rear edge leave, and otherwise creeps all the way.
+A front edge is accepted only while creeping because a tray that arrives at full speed stops out of reach of the claws.
+The feeder therefore indexes only after it has detected the rear edge, and otherwise creeps the entire distance.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from controller.program.tags import (
 )
 
 MET_MS: Final = 200
-"""The gap behind a tray is longer than the index: what the front edge sensor sees there, longer than it may tremble, is
-a tray that did not leave, or one that came too soon."""
+"""Delay of the alarm for a tray detected during the index, ms; longer than sensor bounce. The gap behind a tray is
+longer than the index, so either the tray has not left or the next one came too early."""
 CREEP_RUN_MS: Final = 20
 CREEP_PAUSE_MS: Final = 30
-"""The belt comes to rest after each pulse. At a scan of 10 ms one moves the twin's by 3.6 mm: neither a pulse too many
-nor a drive that loses its current within one carries the tray out of the claws' reach."""
+"""Pause after each creep pulse, ms, in which the belt stops. With a 10 ms scan one pulse moves the belt of the twin by
+3.6 mm. Neither an extra pulse nor a loss of drive current during a pulse moves the tray out of reach of the claws."""
 
 
 def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
-    """Return the feeder's sequence. Its phase is retentive, so that it goes on rightly after a power loss."""
+    """Return the feeder sequence. The tray phase is retentive, so feeding resumes correctly after a power loss."""
     t, machine, sp = tags.tray, tags.machine, tags.sp
     begun = machine.start_requested | machine.entered_starting
     steps = [
@@ -86,40 +86,46 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
         ),
     ]
     armed = machine.step_armed["tray feeder"]
-    return Sequence("tray feeder", t.first_step, steps, enable=~machine.stepping | armed, spends=armed,
-                    rests_withheld=True)  # fmt: skip
+    return Sequence(
+        "tray feeder",
+        t.first_step,
+        steps,
+        enable=~machine.stepping | armed,
+        consumes=armed,
+        drops_requests_when_blocked=True,
+    )
 
 
 def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
-    """Return the rungs that know where the tray is and whether another one is wanted and may come."""
+    """Return the rungs for the phase of the tray and the request and permit for the next tray."""
     t, arms, machine, sp, commands = tags.tray, tags.arms, tags.machine, tags.sp, tags.commands
     rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
     all_taken = all_of(*(row.equals(TAKEN) for row in rows))
     at_feed = all_of(*(arm.at_feed for arm in arms.values()))
     homed = all_of(*(arm.homed for arm in arms.values()))
     unloading = any_of(*(arm.row_in_progress for arm in arms.values()))
-    # a tray under the sensor that was not seen to settle may have come too far
+    # a tray that is under the sensor but has not settled may have overrun
     unsettled = t.edge & (t.phase.equals(NO_TRAY) | t.phase.equals(COMING))
     doubt = unsettled | (t.phase.equals(IN_PLACE) & ~t.edge)
-    heard = t.ask & (~machine.motion | machine.resetting)  # rows do not change under a working arm
-    full = heard & commands.tray_full & t.edge
-    none = heard & commands.tray_none
+    accepted = t.ask & (~machine.motion | machine.resetting)  # rows must not change under an active arm
+    full = accepted & commands.tray_full & t.edge
+    none = accepted & commands.tray_none
     real = ~tags.system.link_lost
-    by_hand = machine.jogs["tray_run"] & t.driven["tray_run"]
+    jogged = machine.jogs["tray_run"] & t.driven["tray_run"]
     return [
         Mov(NO_TRAY, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),
         Mov(MOVING_OUT, t.phase, when=t.emptied),
-        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # it may be this tray or the next: the operator looks
+        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # this tray or the next one: the operator must check
         Rst(machine.trays_done, when=commands.count_reset),
-        *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not one that an arm is about to take
+        *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not a row in progress
         *(Mov(TAKEN, row, when=none) for row in rows),
         Mov(IN_PLACE, t.phase, when=full),
         Mov(MOVING_OUT, t.phase, when=none),
-        Rst(t.ask, when=full | none | (heard & commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
+        Rst(t.ask, when=full | none | (accepted & commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
         Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
-        Set(t.ask, when=by_hand | all_of(machine.entered_resetting, ~machine.manual, doubt)),
+        Set(t.ask, when=jogged | all_of(machine.entered_resetting, ~machine.manual, doubt)),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
         Out(t.needed, when=all_of(t.phase.differs(IN_PLACE), ~machine.target_reached, ~machine.complete_ordered)),
         Out(
@@ -133,7 +139,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
 
 
 def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
-    """Return the rungs after the sequences: phase, rows of a new tray, creep pulses."""
+    """Return the block that follows the sequences: phase, rows of a new tray, creep pulses."""
     t, arms = tags.tray, tags.arms
     arrived = all_of(feeder["settle"], t.t_settle.done, t.edge, t.phase.differs(IN_PLACE))
     in_the_gap = feeder["met in the index"] & t.t_met.done
@@ -152,7 +158,7 @@ def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
 
 
 def supervision(tags: Tags, feeder: Sequence) -> Block:
-    """Return the rungs that start the feeder and take its steps away when the state allows no motion."""
+    """Return the block that starts the feeder and resets its steps when the state does not allow motion."""
     machine = tags.machine
     return Block(
         "tray supervision",

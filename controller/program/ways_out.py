@@ -1,4 +1,4 @@
-"""How every situation is left: presses that lead on, whatever the rest of the world does meanwhile."""
+"""Ways out of every situation: commands that take effect regardless of all other inputs."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ Presses = Mapping[Bit, bool]
 
 
 def ways_out(machine: Transplanter) -> tuple[WayOut, ...]:
-    """Return how the operator gets on from wherever the machine is: no state, step or mode is a dead end.
+    """Return the ways out of every situation; they show that no state, step or mode is a dead end.
 
-    An emergency stop leads from anywhere to Aborted, clear from there to Stopped, and from Stopped every mode and
-    homing can be had.
+    An emergency stop leads from any state to Aborted, clear leads from there to Stopped, and from Stopped every mode
+    and homing can be selected.
     """
     return (*_to_stopped(machine), *_from_stopped(machine), *_to_work(machine))
 
 
-class _Hands:
-    """Presses of an operator who presses nothing else, at a machine whose field, scan and store are sound."""
+class _OperatorPresses:
+    """Input levels for single commands, with no other command and no fault of the field link, scan or memory file."""
 
     def __init__(self, machine: Transplanter) -> None:
         tags = machine.tags
@@ -36,16 +36,16 @@ class _Hands:
         }
 
     def off(self) -> Presses:
-        """Return nothing pressed."""
+        """Return the levels if no command is given."""
         return self._nothing
 
     def press(self, command: Bit) -> Presses:
-        """Return one command pressed."""
+        """Return the levels if only one command is given."""
         return {**self._nothing, command: True}
 
 
 def _terminal(condition: Expr, *, active: bool) -> tuple[Bit, bool]:
-    """Return the terminal of a condition and its level."""
+    """Return the terminal of an input condition and its level."""
     inverted = isinstance(condition, Not)
     bit = condition.operand if isinstance(condition, Not) else condition
     assert isinstance(bit, Bit)  # noqa: S101 - narrows the union for the type checker
@@ -57,38 +57,47 @@ def _is(machine: Transplanter, *states: State) -> Expr:
 
 
 def _to_stopped(machine: Transplanter) -> Iterator[WayOut]:
-    tags, hands = machine.tags, _Hands(machine)
+    tags, operator = machine.tags, _OperatorPresses(machine)
     stop = dict([_terminal(tags.x.emergency_stop, active=True)])
     steps = any_of(*(bit for sequence in machine.program.sequences() for bit, _ in sequence))
     dead = all_of(_is(machine, State.ABORTED), ~steps, ~any_coil(tags))
     anywhere = _is(machine, *State)
     yield WayOut("emergency stop: from anywhere to Aborted, all steps and coils off", anywhere, (stop, stop), dead)
-    clear = (hands.press(tags.commands.clear), hands.off())
+    clear = (operator.press(tags.commands.clear), operator.off())
     yield WayOut("clear: from Aborted to Stopped", _is(machine, State.ABORTED), clear, _is(machine, State.STOPPED))
 
 
 def _from_stopped(machine: Transplanter) -> Iterator[WayOut]:
-    tags, hands = machine.tags, _Hands(machine)
+    tags, operator = machine.tags, _OperatorPresses(machine)
     stopped = _is(machine, State.STOPPED)
     for mode, command in tags.commands.modes.items():
         wanted = tags.machine.mode.equals(mode)
-        yield WayOut(f"mode {mode.name.lower()}: from Stopped, whatever the mode", stopped, (hands.press(command),),
-                     wanted)  # fmt: skip
+        yield WayOut(
+            f"mode {mode.name.lower()}: from Stopped, whatever the mode", stopped, (operator.press(command),), wanted
+        )
     for state in HOMED_FROM:
-        yield WayOut(f"reset: from {state.name.title()} to Resetting", _is(machine, state),
-                     (hands.press(tags.commands.reset),), _is(machine, State.RESETTING))  # fmt: skip
+        yield WayOut(
+            f"reset: from {state.name.title()} to Resetting",
+            _is(machine, state),
+            (operator.press(tags.commands.reset),),
+            _is(machine, State.RESETTING),
+        )
 
 
 def _to_work(machine: Transplanter) -> Iterator[WayOut]:
-    tags, hands = machine.tags, _Hands(machine)
+    tags, operator = machine.tags, _OperatorPresses(machine)
     control = tags.machine
     for state, name, command, target in (
         (State.IDLE, "start", tags.commands.start, State.STARTING),
         (State.HELD, "unhold", tags.commands.unhold, State.UNHOLDING),
     ):
         start = all_of(_is(machine, state), machine.orders.free(command))
-        yield WayOut(f"{name}: from {state.name.title()} to {target.name.title()}, arms ready", start,
-                     (hands.press(command),), _is(machine, target))  # fmt: skip
+        yield WayOut(
+            f"{name}: from {state.name.title()} to {target.name.title()}, arms ready",
+            start,
+            (operator.press(command),),
+            _is(machine, target),
+        )
     manual = all_of(_is(machine, State.IDLE), control.manual, machine.orders.free(tags.commands.start))
-    run = (hands.press(tags.commands.start), hands.off())
+    run = (operator.press(tags.commands.start), operator.off())
     yield WayOut("start: manual from Idle to work by hand", manual, run, control.jogging | control.fault)

@@ -1,1 +1,1 @@
-"""Proofs about a Program: what it can never do, whatever its inputs do, and a trace where it can."""
+"""Formal verification of a Program: proofs for all inputs, and counter-example traces."""

@@ -1,7 +1,7 @@
-"""Every place a scan reads or writes, as z3 terms: devices, current values, timer starts, edge memories.
+"""Memory cells of a scan as z3 terms: devices, current values, timer starts, edge memories.
 
-A cell is named like the list of `controller.core.devices.Memory` that holds it, so that a model found by z3 can be
-put into a real PLC and compared with one.
+A cell is named after its list in `controller.core.devices.Memory`, so that a z3 model can be loaded into a soft PLC and
+compared with it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from controller.core.program import Program
 from controller.core.rungs import Count, Pulse, PulseFalling
 
 BIT_KINDS: Final = ("X", "Y", "M", "S", "T", "C", "CE", "E")
-STANDING: Final = -1
-"""Start tick of a timer that does not run."""
+STOPPED: Final = -1
+"""Start tick of a stopped timer."""
 
 _VALUES: Final = {"D": "D", "T": "TV", "C": "CV"}
 _FX_NAMES: Final = {"TV": "TN", "CV": "CN"}
@@ -37,15 +37,15 @@ _KINDS: Final = {fx: kind for kind, fx in _FX_NAMES.items()}
 
 
 class ModelError(ValueError):
-    """A program or specification that cannot be put into formulas."""
+    """A program or specification that cannot be expressed as formulas."""
 
 
 class Cell(NamedTuple):
-    """One place in the memory of a PLC.
+    """One cell in the memory of a PLC.
 
     Attributes:
-        kind: The list of `controller.core.devices.Memory` that holds it.
-        number: Its place in that list.
+        kind: List of `controller.core.devices.Memory` that contains the cell.
+        number: Index in that list.
     """
 
     kind: str
@@ -53,7 +53,7 @@ class Cell(NamedTuple):
 
     @property
     def is_bit(self) -> bool:
-        """Whether it holds a bit and not a number."""
+        """True for a bit, False for a number."""
         return self.kind in BIT_KINDS
 
     @property
@@ -65,25 +65,25 @@ class Cell(NamedTuple):
         return device_name(_FX_NAMES.get(self.kind, self.kind), self.number)
 
     def variable(self, label: str) -> z3.ExprRef:
-        """Return an unknown for it; the label tells the unknowns of one cell apart."""
+        """Return a z3 variable for the cell; the label distinguishes variables of the same cell."""
         name = f"{self}@{label}"
         return z3.Bool(name) if self.is_bit else z3.BitVec(name, self.width)
 
     def constant(self, value: int) -> z3.ExprRef:
-        """Return a value of it as a term."""
+        """Return a value of the cell as a z3 constant."""
         return z3.BoolVal(bool(value)) if self.is_bit else z3.BitVecVal(value, self.width)
 
     @property
-    def empty(self) -> int:
-        """Its value in a memory that nothing was ever written to."""
-        return STANDING if self.kind == "TS" else 0
+    def default(self) -> int:
+        """Value before the cell is first written."""
+        return STOPPED if self.kind == "TS" else 0
 
     def read(self, memory: Memory) -> int:
-        """Read it in the memory of a real PLC."""
+        """Read the cell in the memory of a soft PLC."""
         return int(getattr(memory, self.kind)[self.number])
 
     def force(self, memory: Memory, value: int) -> None:
-        """Put a value into the memory of a real PLC."""
+        """Write a value to the cell in the memory of a soft PLC."""
         getattr(memory, self.kind)[self.number] = bool(value) if self.is_bit else value
 
 
@@ -96,10 +96,10 @@ def cell_of(device: Bit | Word) -> Cell:
 
 
 def parse_cell(name: str) -> Cell:
-    """Return the cell of this name, the opposite of `str`.
+    """Parse the name of a cell, the inverse of `str`.
 
     Raises:
-        ModelError: It is no name of a cell.
+        ModelError: The name is not a valid cell name.
 
     Examples:
         >>> parse_cell("X10"), str(parse_cell("TN246"))
@@ -111,12 +111,12 @@ def parse_cell(name: str) -> Cell:
         raise ModelError(f"{name!r}: no such device; write it as X10, M8, D512 or TN246")
     cell = Cell(kind, int(match[2], 8 if kind in "XY" else 10))
     if cell.number >= SIZES.get(kind[0], cell.number + 1):
-        raise ModelError(f"{name!r}: outside the range of an FX2N")
+        raise ModelError(f"{name!r}: out of range for an FX2N")
     return cell
 
 
 def cells_of(program: Program, conditions: Iterable[Expr]) -> list[Cell]:
-    """Return every cell that the program or one of these conditions reads or writes, in order."""
+    """Return all cells that the program or these conditions use, sorted."""
     cells = {Cell("M", n) for n in (RUN_MONITOR, INITIAL_PULSE, CLOCK_1_S, ANNUNCIATOR_ON)}
     cells.add(Cell("D", LOWEST_ANNUNCIATOR))
     devices = [*program.devices(), *(device for condition in conditions for device in leaves(condition))]
@@ -148,12 +148,12 @@ def condition(expr: Expr, memory: Mapping[Cell, z3.ExprRef]) -> z3.BoolRef:
 
 
 def operand_of(operand: Word | int, memory: Mapping[Cell, z3.ExprRef]) -> z3.BitVecRef | int:
-    """Return a number as it is, and a word as its term."""
+    """Return an integer unchanged, or the term for a word."""
     return operand if isinstance(operand, int) else memory[cell_of(operand)]
 
 
 def compare(relation: str, left: z3.BitVecRef, right: z3.BitVecRef | int) -> z3.BoolRef:
-    """Compare two signed numbers of any widths."""
+    """Compare two signed numbers of any width."""
     needed = right.bit_length() + 1 if isinstance(right, int) else right.size()
     width = max(left.size(), needed)
     one, two = widened(left, width), widened(right, width)
@@ -172,7 +172,7 @@ def compare(relation: str, left: z3.BitVecRef, right: z3.BitVecRef | int) -> z3.
 
 
 def widened(number: z3.BitVecRef | int, width: int) -> z3.BitVecRef:
-    """Return a signed number in at least this many bits."""
+    """Return a signed number sign-extended to at least this width."""
     if isinstance(number, int):
         return z3.BitVecVal(number, width)
     return z3.SignExt(width - number.size(), number) if number.size() < width else number

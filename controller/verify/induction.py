@@ -1,8 +1,8 @@
-"""Proof by induction over one scan: what holds before it, whatever the inputs are, holds after it.
+"""Proof by induction over one scan: if all goals hold before the scan, they hold after it, for all inputs.
 
-A goal is proved when it holds after the first scan at the first power-up, and when one more scan, running or the
-first after a loss of power, cannot break it where all goals held before. The solver tells which of them the proof
-rests on; a proof counts only as far as those are proved too.
+A goal is proved if it holds after the first scan at the first power-up, and if no further scan, whether in normal
+operation or the first one after a loss of power, can violate it from a memory in which all goals hold. The solver
+reports which goals a proof depends on; the proof is valid only if these are proved too.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import z3
 from controller.verify.cells import Cell, condition
 from controller.verify.model import Frame, Goal, Model, leaves_of
 from controller.verify.solving import (
-    assumed,
     core_names,
+    goal_switches,
     new_solver,
-    preferred,
+    preferred_model,
     smallest_core,
     switch,
     unknowns,
@@ -30,7 +30,7 @@ from controller.verify.timing import ExactTimers
 
 
 class Moment(StrEnum):
-    """Which scan it is."""
+    """Kind of scan."""
 
     FACTORY = "the first scan at the first power-up"
     POWER_UP = "the first scan after a loss of power"
@@ -39,16 +39,17 @@ class Moment(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """A scan that breaks a goal, from a memory where every goal holds. Whether that memory is ever reached is open.
+    """A scan that violates a goal, starting from a memory in which every goal holds. The memory need not be reachable.
 
     Attributes:
         goal: The goal.
-        moment: Which scan it is.
-        before: The memory before the scan, with as little on as possible.
-        start: The same with the inputs of the scan.
-        after: The memory after the scan.
-        because: Cells of `before` whose values, with those in `because_inputs`, are enough to break the goal.
-        because_inputs: Cells written from outside before the scan whose values matter.
+        moment: Kind of scan.
+        before: Memory before the scan, with as few non-default values as possible.
+        start: The same memory with the inputs of the scan.
+        after: Memory after the scan.
+        causes: Cells of `before` whose values, together with those in `input_causes`, are sufficient to violate the
+            goal.
+        input_causes: Cells written externally before the scan whose values are part of the cause.
     """
 
     goal: Goal
@@ -56,19 +57,19 @@ class Failure:
     before: Mapping[Cell, int]
     start: Mapping[Cell, int]
     after: Mapping[Cell, int]
-    because: tuple[Cell, ...]
-    because_inputs: tuple[Cell, ...]
+    causes: tuple[Cell, ...]
+    input_causes: tuple[Cell, ...]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What induction says of a goal.
+    """Result of the induction for one goal.
 
     Attributes:
         goal: The goal.
-        proved: Whether one scan cannot break it; None where the solver did not answer in time.
+        proved: Whether the goal is proved; None = solver timeout.
         rests_on: Names of the goals that must hold before the scan.
-        failure: The scan that breaks it.
+        failure: Scan that violates the goal.
     """
 
     goal: Goal
@@ -78,10 +79,10 @@ class Verdict:
 
 
 class Induction:
-    """The three kinds of scan of a model, each with its solver, made when first asked for."""
+    """The three kinds of scan of a model, each with its solver, created on first use."""
 
     def __init__(self, model: Model) -> None:
-        """Take the model; nothing is solved yet."""
+        """Store the model; solving starts on demand."""
         self._model = model
 
     @cached_property
@@ -89,7 +90,7 @@ class Induction:
         return [_Scan(self._model, moment) for moment in Moment]
 
     def prove(self, goal: Goal) -> Verdict:
-        """Try to prove that no scan breaks a goal."""
+        """Try to prove that no scan violates a goal."""
         rests_on: frozenset[str] = frozenset()
         for scan in self._scans:
             verdict = scan.prove(goal)
@@ -111,7 +112,7 @@ class _Scan:
         timing = ExactTimers.aged("scan")
         self._frame: Frame = model.frame(self.before, "scan", first=moment is not Moment.RUNNING, timing=timing)
         self._solver = new_solver(facts + self._frame.limits)
-        self._assumed = {} if moment is Moment.FACTORY else assumed(self._solver, model, unknown)
+        self._assumed = {} if moment is Moment.FACTORY else goal_switches(self._solver, model, unknown)
 
     def prove(self, goal: Goal) -> Verdict:
         after = condition(goal.holds, self._frame.after)
@@ -124,71 +125,71 @@ class _Scan:
         return Verdict(goal, proved=False, failure=self._failure(goal, after, broken, self._solver.model()))
 
     def _failure(self, goal: Goal, after: z3.BoolRef, broken: z3.BoolRef, any_model: z3.ModelRef) -> Failure:
-        quiet = [switch(self._solver, term == cell.constant(cell.empty)) for cell, term in self._unknown()]
-        found = preferred(self._solver, [broken, *self._assumed.values()], quiet) or any_model
-        before, start = values(found, self.before), values(found, self._frame.start)
-        because = self._because(after, start)
+        quiet = [switch(self._solver, term == cell.constant(cell.default)) for cell, term in self._unknown()]
+        solution = preferred_model(self._solver, [broken, *self._assumed.values()], quiet) or any_model
+        before, start = values(solution, self.before), values(solution, self._frame.start)
+        causes = self._causes(after, start)
         inputs = set(self._model.inputs)
         return Failure(
             goal,
             self._moment,
             before,
             start,
-            values(found, self._frame.after),
-            tuple(cell for cell in because if cell not in inputs),
-            tuple(cell for cell in because if cell in inputs),
+            values(solution, self._frame.after),
+            tuple(cell for cell in causes if cell not in inputs),
+            tuple(cell for cell in causes if cell in inputs),
         )
 
     def _unknown(self) -> list[tuple[Cell, z3.ExprRef]]:
-        """Return what the scan starts from as far as it is unknown."""
+        """Return the unknown terms at the start of the scan."""
         terms = {**self.before, **{cell: self._frame.start[cell] for cell in self._model.inputs}}
         return [(cell, term) for cell, term in terms.items() if next(unknowns(term), None) is not None]
 
-    def _because(self, after: z3.BoolRef, start: Mapping[Cell, int]) -> list[Cell]:
-        """Return the cells whose values at the start of the scan are enough for the goal not to hold after it."""
-        matter = {term.get_id() for term in unknowns(after)}
+    def _causes(self, after: z3.BoolRef, start: Mapping[Cell, int]) -> list[Cell]:
+        """Return the cells whose values at the start of the scan are sufficient to violate the goal."""
+        relevant = {term.get_id() for term in unknowns(after)}
         solver = new_solver([after])
         literals = {
             cell: switch(solver, term == cell.constant(start[cell]))
             for cell, term in self._frame.start.items()
-            if term.get_id() in matter
+            if term.get_id() in relevant
         }
         core = {literal.get_id() for literal in smallest_core(solver, literals.values()) or ()}
         return [cell for cell, literal in literals.items() if literal.get_id() in core]
 
 
-def account(model: Model, failure: Failure) -> list[str]:
-    """Return lines that tell somebody who writes invariants what the failed scan is about."""
+def describe_failure(model: Model, failure: Failure) -> list[str]:
+    """Return a description of the failed scan for the author of the invariants."""
     others = [
         cell
-        for cell, held in failure.before.items()
-        if held != cell.empty and cell not in failure.because and cell not in model.inputs and cell.kind != "TV"
+        for cell, value in failure.before.items()
+        if value != cell.default and cell not in failure.causes and cell not in model.inputs and cell.kind != "TV"
     ]
-    lines = [f"{failure.goal.name!r} is broken by {failure.moment}:"]
+    lines = [f"{failure.goal.name!r} is violated by {failure.moment}:"]
     for title, cells, memory in (
-        ("enough for that, before the scan", failure.because, failure.start),
-        ("enough for that, from outside", failure.because_inputs, failure.start),
-        ("not empty either before the scan", others, failure.before),
-        ("after the scan", [c for c in leaves_of(failure.goal.holds) if failure.after[c] != c.empty], failure.after),
+        ("cause, before the scan", failure.causes, failure.start),
+        ("cause, from outside", failure.input_causes, failure.start),
+        ("other values before the scan", others, failure.before),
+        ("after the scan", [c for c in leaves_of(failure.goal.holds) if failure.after[c] != c.default], failure.after),
     ):
         if cells:
-            lines.append(f"  {title}: {', '.join(model.names.told(cell, memory[cell]) for cell in cells)}")
+            lines.append(f"  {title}: {', '.join(model.names.describe(cell, memory[cell]) for cell in cells)}")
     return lines
 
 
 def unproved(verdicts: Iterable[Verdict]) -> dict[str, frozenset[str]]:
-    """Return the goals that are not proved, each with the goals not proved that its own proof rests on, if it has one.
+    """Return the unproved goals, each with the unproved goals that its own proof depends on.
 
-    Goals that hold up each other are proved together: each holds at the first power-up by itself.
+    Goals that depend on each other are proved together because each holds independently at the first power-up.
     """
     verdicts = tuple(verdicts)
     failed: dict[str, frozenset[str]] = {v.goal.name: frozenset() for v in verdicts if not v.proved}
     while True:
-        shaken = {
+        dependent = {
             v.goal.name: v.rests_on & failed.keys()
             for v in verdicts
             if v.goal.name not in failed and v.rests_on & failed.keys()
         }
-        if not shaken:
+        if not dependent:
             return failed
-        failed |= shaken
+        failed |= dependent

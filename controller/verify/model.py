@@ -1,4 +1,4 @@
-"""A specification as formulas: any memory, what power-up leaves of it, and one scan with any inputs."""
+"""A specification as formulas: arbitrary memory, the memory after power-up, and one scan with arbitrary inputs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from controller.core.specification import Specification
 from controller.verify.cells import Cell, ModelError, SymbolicMemory, cell_of, cells_of, compare
 from controller.verify.symbolic import SymbolicScan, execute
 from controller.verify.text import Names
-from controller.verify.timing import FreeTimers, Timing, possible
+from controller.verify.timing import FreeTimers, Timing, timer_facts
 
 REQUIREMENT: Final = "requirement"
 INVARIANT: Final = "invariant"
@@ -23,13 +23,13 @@ INVARIANT: Final = "invariant"
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A condition that is to be true after every scan.
+    """A condition that must be true after every scan.
 
     Attributes:
         name: Name of the requirement or invariant.
         kind: REQUIREMENT or INVARIANT.
         holds: The condition.
-        reason: Why it is asked for.
+        reason: Rationale.
     """
 
     name: str
@@ -39,30 +39,30 @@ class Goal:
 
 
 def goals_of(specification: Specification) -> tuple[Goal, ...]:
-    """Return everything that is to be proved by induction, invariants first.
+    """Return all goals for the proof by induction, invariants first.
 
     Raises:
-        ModelError: Two of them have one name.
+        ModelError: Two goals have the same name.
     """
     goals = (
         *(Goal(i.name, INVARIANT, i.holds) for i in specification.invariants),
         *(Goal(r.name, REQUIREMENT, ~r.never, r.reason) for r in specification.requirements),
     )
     names = [*(goal.name for goal in goals), *(way.name for way in specification.ways_out)]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ModelError(f"two goals are called {twice[0]!r}; give each a name of its own")
+    duplicates = sorted({name for name in names if names.count(name) > 1})
+    if duplicates:
+        raise ModelError(f"two goals are named {duplicates[0]!r}; use unique names")
     return goals
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One scan from a memory.
+    """One scan starting from a memory.
 
     Attributes:
-        start: The memory with the scan's inputs in it.
-        limits: What the inputs keep to.
-        scan: What the scan does.
+        start: Memory with the inputs of the scan.
+        limits: Constraints on the inputs.
+        scan: Symbolic result of the scan.
     """
 
     start: SymbolicMemory
@@ -71,31 +71,31 @@ class Frame:
 
     @property
     def after(self) -> SymbolicMemory:
-        """The memory after the scan."""
+        """Memory after the scan."""
         return self.scan.after
 
 
 @dataclass
 class Model:
-    """The watched program of a specification.
+    """The monitored program of a specification.
 
     Attributes:
-        specification: What is to be proved.
-        goals: Its requirements and invariants.
-        cells: Everything the program or the specification reads or writes.
-        inputs: What is written from outside before every scan: X image, system bits and commands, set-points.
-        kept: What is still there when power returns: retentive devices, and what the monitors remember.
-        program: The program with its monitors.
-        names: The names of its devices.
-        remembered: What the monitors remember.
-        set_points: Words written from outside, with their first values.
+        specification: Specification to prove.
+        goals: Requirements and invariants.
+        cells: All cells that the program or the specification reads or writes.
+        inputs: Cells written externally before every scan: X image, system bits and commands, set-points.
+        retained_cells: Cells retained through a loss of power: retentive devices, and the state of the monitors.
+        program: Program with monitors.
+        names: Device names.
+        remembered: State of the monitors.
+        set_points: Words written externally, with their initial values.
     """
 
     specification: Specification
     goals: tuple[Goal, ...] = field(init=False)
     cells: list[Cell] = field(init=False)
     inputs: list[Cell] = field(init=False)
-    kept: frozenset[Cell] = field(init=False)
+    retained_cells: frozenset[Cell] = field(init=False)
     program: Program = field(init=False)
     names: Names = field(init=False)
     remembered: list[Cell] = field(init=False)
@@ -111,46 +111,49 @@ class Model:
         self.set_points = {cell_of(word): value for word, value in self.program.set_points}
         system = {cell_of(bit) for bit in self.program.system}
         self.inputs = [c for c in self.cells if c.kind == "X" or c in system or c in self.set_points]
-        self.kept = frozenset(cell_of(device) for device in self.program.retentive) | {*self.remembered}
+        self.retained_cells = frozenset(cell_of(device) for device in self.program.retentive) | {*self.remembered}
         self._ranges = {cell_of(word): limits for word, limits in specification.ranges.items()}
         self._untouched = self._never_written()
         self._check()
 
     def unknown(self, label: str) -> tuple[SymbolicMemory, list[z3.BoolRef]]:
-        """Return any memory between two scans, and what is so of every one: timers, and what nobody ever writes."""
+        """Return arbitrary memory between two scans, with the facts that always hold for timers and unwritten cells."""
         memory = {cell: cell.variable(label) for cell in self.cells}
-        facts = [memory[cell] == cell.constant(cell.empty) for cell in self._untouched]
-        return memory, facts + possible(memory)
+        facts = [memory[cell] == cell.constant(cell.default) for cell in self._untouched]
+        return memory, facts + timer_facts(memory)
 
     def factory(self, label: str) -> SymbolicMemory:
-        """Return the memory at the first power-up ever: nothing is known of what the monitors remember."""
-        memory = {cell: cell.constant(cell.empty) for cell in self.cells}
+        """Return the memory at the first power-up; the state of the monitors is unknown."""
+        memory = {cell: cell.constant(cell.default) for cell in self.cells}
         memory |= {cell: cell.constant(value) for cell, value in self.set_points.items()}
         return memory | {cell: cell.variable(label) for cell in self.remembered}
 
     def powered_up(self, memory: SymbolicMemory) -> SymbolicMemory:
-        """Return what a loss of power leaves of a memory."""
-        lost = {cell: cell.constant(cell.empty) for cell in self.cells}
+        """Return the memory after a loss of power."""
+        lost = {cell: cell.constant(cell.default) for cell in self.cells}
         lost |= {cell: cell.constant(value) for cell, value in self.set_points.items()}
-        return lost | {cell: memory[cell] for cell in self.kept}
+        return lost | {cell: memory[cell] for cell in self.retained_cells}
 
     def frame(self, before: SymbolicMemory, label: str, *, first: bool, timing: Timing) -> Frame:
-        """Return one scan with any inputs.
+        """Return one scan with arbitrary inputs.
 
         Args:
-            before: The memory before it.
-            label: Tells the unknown inputs of scans apart.
-            first: Whether it is the first after power-up (M8002).
-            timing: What time does in it.
+            before: Memory before the scan.
+            label: Label that distinguishes the unknown inputs of different scans.
+            first: Whether it is the first scan after power-up (M8002).
+            timing: Timer model of the scan.
         """
         inputs = {cell: cell.variable(label) for cell in self.inputs}
-        special = {Cell("M", RUN_MONITOR): z3.BoolVal(val=True), Cell("M", INITIAL_PULSE): z3.BoolVal(val=first),
-                   Cell("M", CLOCK_1_S): timing.clock_1_s}  # fmt: skip
+        special = {
+            Cell("M", RUN_MONITOR): z3.BoolVal(val=True),
+            Cell("M", INITIAL_PULSE): z3.BoolVal(val=first),
+            Cell("M", CLOCK_1_S): timing.clock_1_s,
+        }
         start = {**before, **special, **inputs}
         return Frame(start, list(self._limits(inputs)), execute(self.program, start, timing))
 
     def _limits(self, inputs: SymbolicMemory) -> Iterator[z3.BoolRef]:
-        # A set-point that the program writes too may hold what the program wrote; so may one not written yet.
+        # A set-point that the program also writes may contain the program's value or its initial value.
         for cell, (least, greatest) in self._ranges.items():
             if cell in self._outside_only:
                 allowed = z3.And(compare(">=", inputs[cell], least), compare("<=", inputs[cell], greatest))
@@ -176,13 +179,13 @@ class Model:
     def _check(self) -> None:
         for cell in self._ranges:
             if cell not in self.set_points:
-                raise ModelError(f"range of {cell}: it is no set-point of {self.program.name!r}; take the range out")
+                raise ModelError(f"range of {cell}: not a set-point of {self.program.name!r}; remove the range")
         for way in self.specification.ways_out:
             for cell in (cell_of(bit) for scan in way.scans for bit in scan):
                 if cell not in self.inputs and cell.kind != "T":
-                    raise ModelError(f"way out {way.name!r}: {cell} is no input, command or timer; take it out")
+                    raise ModelError(f"way out {way.name!r}: {cell} is not an input, command or timer; remove it")
 
 
 def leaves_of(expr: Expr) -> list[Cell]:
-    """Return the cells a condition reads, each once, in order."""
+    """Return the cells that a condition reads, without duplicates, sorted."""
     return sorted({cell_of(device) for device in leaves(expr)})

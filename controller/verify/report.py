@@ -1,4 +1,4 @@
-"""The proof of a specification, goal by goal, as a table and as JSON."""
+"""Proof report of a specification, goal by goal, as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from typing import Final, TypeVar
 
 from controller.core.specification import Specification
 from controller.verify.cells import ModelError
-from controller.verify.induction import Induction, Moment, Verdict, account, unproved
+from controller.verify.induction import Induction, Moment, Verdict, describe_failure, unproved
 from controller.verify.model import Model
-from controller.verify.progress import Exits, Finding, lead_out
+from controller.verify.progress import Exits, ProgressResult, lead_out
 from controller.verify.search import Search
 from controller.verify.trace import Start, Trace, breaks, one_scan
 
 _T = TypeVar("_T")
 
 SCANS: Final = 12
-"""Longest trace that is looked for."""
+"""Maximum length of a trace, scans."""
 SEARCH_S: Final = 60.0
-"""Longest time for all traces together."""
+"""Time limit for the entire search for traces, s."""
 CONSISTENT: Final = "all goals together"
-NO_ANSWER: Final = "the solver did not answer in time"
+NO_ANSWER: Final = "solver timeout"
 
 
 class Result(StrEnum):
-    """What came out."""
+    """Result of a goal."""
 
     PROVED = "proved"
     CONDITIONAL = "rests on what is not proved"
@@ -44,16 +44,16 @@ GOOD: Final = frozenset({Result.PROVED, Result.POSSIBLE})
 
 
 @dataclass(frozen=True)
-class Row:
-    """One goal and what came out.
+class GoalResult:
+    """One goal and its result.
 
     Attributes:
         name: Name of the requirement, invariant, step or way out.
-        kind: What it is.
-        result: What came out.
-        seconds: Time it took.
-        lines: How, or why not, in words.
-        trace: Scans that break it.
+        kind: Kind of goal.
+        result: Result.
+        seconds: Computing time.
+        lines: Explanation.
+        trace: Trace that violates the goal.
     """
 
     name: str
@@ -66,32 +66,33 @@ class Row:
 
 @dataclass(frozen=True)
 class Report:
-    """What a proof gave.
+    """Result of a proof.
 
     Attributes:
         program: Name of the program.
-        rows: One for each goal.
-        seconds: Time it took altogether.
+        rows: One row for each goal.
+        seconds: Total computing time.
     """
 
     program: str
-    rows: tuple[Row, ...]
+    rows: tuple[GoalResult, ...]
     seconds: float
 
     @property
     def good(self) -> bool:
-        """Whether everything is proved, or possible where that was the question."""
+        """True if every goal is proved or, for progress goals, possible."""
         return all(row.result in GOOD for row in self.rows)
 
     def text(self) -> str:
-        """Return a table, and below it whatever there is to say of goals not proved."""
+        """Return a table followed by the details of the goals not proved."""
         width = max((len(row.name) for row in self.rows), default=0)
         kind = max((len(row.kind) for row in self.rows), default=0)
         result = max((len(row.result) for row in self.rows), default=0)
         lines = [f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
         for row in self.rows:
-            how = f"  {row.lines[0]}" if row.result is Result.POSSIBLE and row.lines else ""
-            lines.append(f"{row.name:<{width}}  {row.kind:<{kind}}  {row.result:<{result}}  {row.seconds:6.2f} s{how}")
+            explanation = f"  {row.lines[0]}" if row.result is Result.POSSIBLE and row.lines else ""
+            columns = f"{row.name:<{width}}  {row.kind:<{kind}}  {row.result:<{result}}  {row.seconds:6.2f} s"
+            lines.append(columns + explanation)
         for row in self.rows:
             if row.result not in GOOD:
                 lines += ["", f"{row.name}: {row.result}", *(f"  {line}" for line in row.lines)]
@@ -114,19 +115,19 @@ def prove(
     """Prove a specification.
 
     Args:
-        specification: What is to be proved.
-        clock: Seconds, rising: measures how long everything takes and ends the search for traces.
-        only: Names of goals, steps and ways out; those they rest on are proved too. None = all.
-        short: Induction only: neither traces nor progress.
-        scans: Longest trace that is looked for.
-        search_s: Longest time for all traces together, in seconds.
+        specification: Specification to prove.
+        clock: Monotonic clock, s. Measures the computing times and limits the search for traces.
+        only: Names of goals, steps and ways out; goals that they depend on are included. None = all.
+        short: Whether to omit traces and progress checks and run the induction only.
+        scans: Maximum length of a trace, scans.
+        search_s: Time limit for the entire search for traces, s.
 
     Returns:
         One row for each goal.
 
     Raises:
-        ModelError: The specification cannot be put into formulas, or it has none of the goals named.
-        RuntimeError: A trace does not replay on a real PLC: the formulas differ from the scan.
+        ModelError: The specification cannot be expressed as formulas, or a name in `only` is unknown.
+        RuntimeError: A trace does not replay on a soft PLC because the formulas differ from the scan.
     """
     began_s = clock()
     model = Model(specification)
@@ -134,25 +135,25 @@ def prove(
     wanted = _wanted(only, [goal.name for goal in model.goals], [question.name for question in questions])
     answers = [(question, *_timed(clock, question.ask)) for question in questions if question.name in wanted]
     asked = [goal.name for goal in model.goals if goal.name in wanted]
-    asked += [name for _, finding, _ in answers for name in finding.rests_on]
+    asked += [name for _, check, _ in answers for name in check.rests_on]
     verdicts = _verdicts(model, asked, clock)
     failed = unproved(verdict for verdict, _ in verdicts)
-    shaky = [] if short else [verdict for verdict, _ in verdicts if verdict.goal.name in failed]
-    traces = _traces(model, shaky, clock, scans, search_s)
+    open_verdicts = [] if short else [verdict for verdict, _ in verdicts if verdict.goal.name in failed]
+    traces = _traces(model, open_verdicts, clock, scans, search_s)
     rows = [_goal_row(model, v, seconds, failed, traces.get(v.goal.name)) for v, seconds in verdicts]
-    rows += [_progress_row(question, finding, seconds, failed) for question, finding, seconds in answers]
+    rows += [_progress_row(question, check, seconds, failed) for question, check, seconds in answers]
     return Report(model.program.name, tuple(rows), clock() - began_s)
 
 
 @dataclass(frozen=True)
 class _Question:
-    """A question about progress, and what a good answer is called."""
+    """A progress check, with its results for success and failure."""
 
     name: str
     kind: str
     good: Result
     bad: Result
-    ask: Callable[[], Finding]
+    ask: Callable[[], ProgressResult]
 
 
 def _questions(model: Model) -> Iterator[_Question]:
@@ -167,9 +168,9 @@ def _questions(model: Model) -> Iterator[_Question]:
 
 def _wanted(only: Collection[str] | None, goals: list[str], questions: list[str]) -> set[str]:
     known = {*goals, *questions}
-    strange = sorted(set(only or ()) - known)
-    if strange:
-        raise ModelError(f"nothing to prove is called {strange[0]!r}; known: {', '.join([*goals, *questions])}")
+    unknown = sorted(set(only or ()) - known)
+    if unknown:
+        raise ModelError(f"unknown goal {unknown[0]!r}; known: {', '.join([*goals, *questions])}")
     return known if only is None else set(only)
 
 
@@ -179,7 +180,7 @@ def _timed(clock: Callable[[], float], work: Callable[[], _T]) -> tuple[_T, floa
 
 
 def _verdicts(model: Model, asked: Iterable[str], clock: Callable[[], float]) -> list[tuple[Verdict, float]]:
-    """Return the verdict on every goal that is asked for, and on those that these rest on."""
+    """Return the verdicts on the requested goals and on all goals that these depend on."""
     induction = Induction(model)
     goals = {goal.name: goal for goal in model.goals}
     done: dict[str, tuple[Verdict, float]] = {}
@@ -195,7 +196,7 @@ def _verdicts(model: Model, asked: Iterable[str], clock: Callable[[], float]) ->
 def _traces(
     model: Model, verdicts: list[Verdict], clock: Callable[[], float], scans: int, seconds: float
 ) -> dict[str, Trace]:
-    """Return traces of goals that are not proved: from power-up if one is found, else the scan that breaks it.
+    """Return a trace for each unproved goal: from power-up if one is found, otherwise the scan that violates the goal.
 
     Raises:
         RuntimeError: A trace does not replay.
@@ -214,32 +215,34 @@ def _traces(
 
 def _goal_row(
     model: Model, verdict: Verdict, seconds: float, failed: Mapping[str, frozenset[str]], trace: Trace | None
-) -> Row:
+) -> GoalResult:
     goal = verdict.goal
     if goal.name not in failed:
-        return Row(goal.name, goal.kind, Result.PROVED, seconds)
-    lines = [f"it must not be: {goal.reason}"] if goal.reason else []
-    lines += _resting(failed[goal.name])
-    lines += account(model, verdict.failure) if verdict.failure else []
+        return GoalResult(goal.name, goal.kind, Result.PROVED, seconds)
+    lines = [f"reason: {goal.reason}"] if goal.reason else []
+    lines += _dependency_lines(failed[goal.name])
+    lines += describe_failure(model, verdict.failure) if verdict.failure else []
     lines += [NO_ANSWER] if verdict.proved is None else []
     lines += trace.lines(model.program, goal.holds) if trace else []
     if trace is not None and trace.start is not Start.STATE:
         result = Result.BROKEN
     else:
         result = {True: Result.CONDITIONAL, False: Result.UNPROVED, None: Result.UNDECIDED}[verdict.proved]
-    return Row(goal.name, goal.kind, result, seconds, tuple(lines), trace)
+    return GoalResult(goal.name, goal.kind, result, seconds, tuple(lines), trace)
 
 
-def _progress_row(question: _Question, finding: Finding, seconds: float, failed: Mapping[str, frozenset[str]]) -> Row:
-    shaken = finding.rests_on & failed.keys()
-    if finding.holds is None:
-        return Row(question.name, question.kind, Result.UNDECIDED, seconds, (NO_ANSWER,))
-    if shaken:
-        return Row(question.name, question.kind, Result.CONDITIONAL, seconds, _resting(shaken))
-    result = question.good if finding.holds else question.bad
-    return Row(question.name, question.kind, result, seconds, finding.lines)
+def _progress_row(
+    question: _Question, check: ProgressResult, seconds: float, failed: Mapping[str, frozenset[str]]
+) -> GoalResult:
+    dependencies = check.rests_on & failed.keys()
+    if check.holds is None:
+        return GoalResult(question.name, question.kind, Result.UNDECIDED, seconds, (NO_ANSWER,))
+    if dependencies:
+        return GoalResult(question.name, question.kind, Result.CONDITIONAL, seconds, _dependency_lines(dependencies))
+    result = question.good if check.holds else question.bad
+    return GoalResult(question.name, question.kind, result, seconds, check.lines)
 
 
-def _resting(names: Iterable[str]) -> tuple[str, ...]:
+def _dependency_lines(names: Iterable[str]) -> tuple[str, ...]:
     named = ", ".join(repr(name) for name in sorted(names))
-    return (f"its proof rests on {named}",) if named else ()
+    return (f"its proof depends on {named}",) if named else ()

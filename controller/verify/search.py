@@ -1,4 +1,4 @@
-"""Bounded search for a trace: from power-up, with exact timers, one scan more at a time."""
+"""Bounded search for a trace from power-up, with exact timers, adding one scan at a time."""
 
 from __future__ import annotations
 
@@ -10,50 +10,52 @@ import z3
 from controller.core.devices import MS_100
 from controller.verify.cells import SymbolicMemory, cell_of, condition
 from controller.verify.model import Frame, Goal, Model
-from controller.verify.solving import CHECK_LIMIT_MS, assumed, new_solver, preferred, switch, value, values
+from controller.verify.solving import CHECK_LIMIT_MS, goal_switches, new_solver, preferred_model, switch, value, values
 from controller.verify.timing import ExactTimers
 from controller.verify.trace import Start, Trace, scan_of
 
 PAUSE_BITS: Final = 8
-"""Scans are up to 2 to this power tenths of a second apart, 25.6 s; what takes longer takes more scans."""
+"""Number of bits for the pause between scans in tenths of a second, at most 25.6 s; longer waits need more scans."""
 
 
 class Search:
-    """Scans in a row from power-up, made when they are asked for.
+    """Consecutive scans from power-up, created on demand.
 
-    Power returns either for the first time ever or to the memory of any state that satisfies every goal; what is not
-    retained in it is lost. The first kind of trace is looked for first.
+    The search starts from the first power-up, or from a loss of power in any state in which every goal holds; only the
+    retentive devices survive it. Traces from the first power-up are searched for first.
     """
 
     def __init__(self, model: Model, clock: Callable[[], float]) -> None:
         """Start at power-up.
 
         Args:
-            model: What to search.
-            clock: Seconds, rising.
+            model: Model to search.
+            clock: Monotonic clock, s.
         """
         self._model, self._clock = model, clock
         unknown, facts = model.unknown("retained")
         self._solver = new_solver(facts)
         self._factory = z3.Bool("first power-up")
-        for held in assumed(self._solver, model, unknown).values():
-            self._solver.add(z3.Implies(z3.Not(self._factory), held))
-        new, kept = model.factory("remembered"), model.powered_up(unknown)
-        self._start: SymbolicMemory = {cell: z3.If(self._factory, new[cell], kept[cell]) for cell in model.cells}
+        for goal_holds in goal_switches(self._solver, model, unknown).values():
+            self._solver.add(z3.Implies(z3.Not(self._factory), goal_holds))
+        new, retained_cells = model.factory("remembered"), model.powered_up(unknown)
+        self._start: SymbolicMemory = {
+            cell: z3.If(self._factory, new[cell], retained_cells[cell]) for cell in model.cells
+        }
         self._frames: list[Frame] = []
         self._pauses: list[z3.BitVecRef] = []
         self._tenths: list[z3.BitVecRef] = []
 
     def find(self, goals: Iterable[Goal], scans: int, seconds: float) -> dict[str, Trace]:
-        """Look for traces after which a goal does not hold, the shortest first.
+        """Search for traces after which a goal does not hold, the shortest first.
 
         Args:
             goals: The goals.
-            scans: Longest trace.
-            seconds: Longest time for all goals together.
+            scans: Maximum length of a trace, scans.
+            seconds: Time limit for all goals together.
 
         Returns:
-            The traces found, by the name of the goal.
+            Traces found, by goal name.
         """
         until_s = self._clock() + seconds
         wanted = list(goals)
@@ -71,7 +73,7 @@ class Search:
         return found
 
     def _after(self, goal: Goal, scans: int, until_s: float) -> Trace | None:
-        """Look for a trace of just so many scans."""
+        """Search for a trace of exactly this length."""
         holds = condition(goal.holds, self._frames[scans - 1].after)
         broken = switch(self._solver, z3.Not(holds), "broken")
         for origin in (self._factory, z3.Not(self._factory)):
@@ -88,7 +90,7 @@ class Search:
         before = self._memory(number)
         pause = z3.BitVec(f"pause@{number}", PAUSE_BITS)
         longer = z3.ZeroExt(32 - PAUSE_BITS, pause)
-        # Only the phase of the 1 s clock is free in the first scan.
+        # In the first scan only the phase of the 1 s clock is free.
         tenths = z3.URem(longer, 10) if number == 0 else self._tenths[-1] + 1 + longer
         timing = ExactTimers.at_tenths(tenths)
         frame = self._model.frame(before, f"scan {number}", first=number == 0, timing=timing)
@@ -105,25 +107,25 @@ class Search:
         self._solver.set("timeout", CHECK_LIMIT_MS)
         first_model = self._solver.model()
         quiet = [switch(self._solver, fact) for fact in self._quiet(scans)]
-        found = preferred(self._solver, hard, quiet) or first_model
+        solution = preferred_model(self._solver, hard, quiet) or first_model
         model = self._model
         rows = []
         for number in range(scans):
-            before, start = values(found, self._memory(number)), values(found, self._frames[number].start)
-            rows.append(scan_of(model, value(found, self._tenths[number]) * MS_100, before, start))
-        held = values(found, self._start)
-        first_ever = bool(value(found, self._factory))
-        kept = {} if first_ever else {cell_of(device): device for device in model.program.retentive}
-        retained = {str(cell): held[cell] for cell in kept}
-        forced = {str(cell): held[cell] for cell in model.remembered if cell not in kept}
+            before, start = values(solution, self._memory(number)), values(solution, self._frames[number].start)
+            rows.append(scan_of(model, value(solution, self._tenths[number]) * MS_100, before, start))
+        memory = values(solution, self._start)
+        first_ever = bool(value(solution, self._factory))
+        retained_cells = {} if first_ever else {cell_of(device): device for device in model.program.retentive}
+        retained = {str(cell): memory[cell] for cell in retained_cells}
+        forced = {str(cell): memory[cell] for cell in model.remembered if cell not in retained_cells}
         start_of = Start.FACTORY if first_ever else Start.RETAINED
         return Trace(goal.name, start_of, retained, forced, tuple(rows))
 
     def _quiet(self, scans: int) -> Iterator[z3.BoolRef]:
-        """Yield what makes a trace easy to read: short pauses, inputs that stay as they are, empty memory."""
+        """Yield optional facts that simplify a trace: short pauses, unchanged inputs, default memory."""
         for cell, term in self._start.items():
-            if cell in self._model.kept:
-                yield term == cell.constant(cell.empty)
+            if cell in self._model.retained_cells:
+                yield term == cell.constant(cell.default)
         for number in range(scans):
             yield from (z3.Extract(bit, bit, self._pauses[number]) == 0 for bit in reversed(range(PAUSE_BITS)))
             before, start = self._memory(number), self._frames[number].start

@@ -1,4 +1,4 @@
-"""Asking z3: incremental solvers, models with little in them, and what a formula depends on."""
+"""Solver helpers: incremental solvers, simple models, and dependencies of a formula."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from controller.verify.cells import Cell, SymbolicMemory, condition
 from controller.verify.model import Model
 
 CHECK_LIMIT_MS: Final = 60_000
-"""Longest time for one question, unless less is left."""
+"""Timeout of one solver call, ms; the search may set a shorter one."""
 
 
 def new_solver(facts: Iterable[z3.BoolRef] = ()) -> z3.Solver:
@@ -23,19 +23,19 @@ def new_solver(facts: Iterable[z3.BoolRef] = ()) -> z3.Solver:
 
 
 def switch(solver: z3.Solver, fact: z3.BoolRef, name: str = "switch") -> z3.BoolRef:
-    """Add a fact that holds in those questions only that name the switch returned."""
+    """Add a fact that applies only to solver calls that assume the returned switch."""
     literal = z3.FreshBool(name)
     solver.add(z3.Implies(literal, fact))
     return literal
 
 
-def assumed(solver: z3.Solver, model: Model, memory: SymbolicMemory) -> dict[str, z3.BoolRef]:
-    """Return a switch for every goal of the model, by its name: the goal holds in this memory."""
+def goal_switches(solver: z3.Solver, model: Model, memory: SymbolicMemory) -> dict[str, z3.BoolRef]:
+    """Return, by goal name, a switch for the fact that the goal holds in this memory."""
     return {goal.name: switch(solver, condition(goal.holds, memory), goal.name) for goal in model.goals}
 
 
 def core_names(solver: z3.Solver, switches: Mapping[str, z3.BoolRef]) -> frozenset[str]:
-    """Return which of these switches the last answer "impossible" rests on."""
+    """Return the names of the switches in the last unsatisfiable core."""
     core = {literal.get_id() for literal in solver.unsat_core()}
     return frozenset(name for name, literal in switches.items() if literal.get_id() in core)
 
@@ -51,32 +51,32 @@ def values(model: z3.ModelRef, memory: SymbolicMemory) -> dict[Cell, int]:
     return {cell: value(model, term) for cell, term in memory.items()}
 
 
-def preferred(solver: z3.Solver, hard: Sequence[z3.BoolRef], soft: Iterable[z3.BoolRef]) -> z3.ModelRef | None:
-    """Return a model in which the hard literals hold and of the soft ones as many as cannot do harm, the first first.
+def preferred_model(solver: z3.Solver, hard: Sequence[z3.BoolRef], soft: Iterable[z3.BoolRef]) -> z3.ModelRef | None:
+    """Return a model of the hard literals that satisfies as many soft literals as possible, in order of priority.
 
     Returns:
-        The model, or None if even the hard literals cannot hold or nothing was found in time.
+        The model, or None if the hard literals are unsatisfiable or the solver timed out.
     """
     wanted = list(soft)
     dropped: set[int] = set()
     while (answer := solver.check(*hard, *(w for w in wanted if w.get_id() not in dropped))) == z3.unsat:
-        harmful = {literal.get_id() for literal in solver.unsat_core()} & {w.get_id() for w in wanted}
-        if not harmful:
+        conflicting = {literal.get_id() for literal in solver.unsat_core()} & {w.get_id() for w in wanted}
+        if not conflicting:
             return None
-        dropped |= harmful
+        dropped |= conflicting
     if answer != z3.sat:
         return None
     found = solver.model()
-    kept = [literal for literal in wanted if literal.get_id() not in dropped]
+    accepted = [literal for literal in wanted if literal.get_id() not in dropped]
     for literal in (w for w in wanted if w.get_id() in dropped):
-        if solver.check(*hard, *kept, literal) == z3.sat:
+        if solver.check(*hard, *accepted, literal) == z3.sat:
             found = solver.model()
-            kept.append(literal)
+            accepted.append(literal)
     return found
 
 
 def smallest_core(solver: z3.Solver, literals: Iterable[z3.BoolRef]) -> list[z3.BoolRef] | None:
-    """Return literals that cannot hold together, none of which can be left out; None if all of them can hold."""
+    """Return a minimal unsatisfiable subset of the literals; None if unsatisfiability is not shown."""
     if solver.check(*literals) != z3.unsat:
         return None
     core = list(solver.unsat_core())
@@ -88,7 +88,7 @@ def smallest_core(solver: z3.Solver, literals: Iterable[z3.BoolRef]) -> list[z3.
 
 
 def unknowns(term: z3.ExprRef) -> Iterator[z3.ExprRef]:
-    """Yield every unknown that a term is made of, once."""
+    """Yield each unknown of a term once."""
     seen: set[int] = set()
     waiting = [term]
     while waiting:

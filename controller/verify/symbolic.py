@@ -1,4 +1,4 @@
-"""One scan over z3 terms: the same blocks in the same order as `controller.core.compile` and `scan`."""
+"""Symbolic scan over z3 terms: the same blocks in the same order as `controller.core.compile` and `scan`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from controller.core.rungs import (
 )
 from controller.core.sequence import Sequence, Transfer
 from controller.verify.cells import (
-    STANDING,
+    STOPPED,
     Cell,
     ModelError,
     SymbolicMemory,
@@ -41,12 +41,12 @@ from controller.verify.timing import Timing
 
 @dataclass(frozen=True)
 class SymbolicScan:
-    """What a scan does to a memory.
+    """Effect of a scan on a memory.
 
     Attributes:
-        after: The memory after END.
-        blocks: The memory after each block in turn.
-        fired: Whether each transfer of a step's S bit fires, in their order.
+        after: Memory after END.
+        blocks: Memory after each block, in order.
+        fired: Firing condition of each transfer of a step's S bit, in order.
     """
 
     after: SymbolicMemory
@@ -59,15 +59,15 @@ def execute(program: Program, memory: SymbolicMemory, timing: Timing) -> Symboli
 
     Args:
         program: The program.
-        memory: The memory that the scan starts from, X image, special relays and what was written from outside
-            included; it is not changed.
-        timing: What time does to the timers in this scan.
+        memory: Memory at the start of the scan, including X image, special relays and external inputs; it is not
+            changed.
+        timing: Timer model of the scan.
 
     Returns:
-        The memory after the scan and what led to it.
+        Memory after the scan, with intermediate results.
 
     Raises:
-        ModelError: A rung that moves more than 16 bits into a register.
+        ModelError: A rung moves more than 16 bits into a register.
     """
     run = _Run(dict(memory), timing)
     blocks = []
@@ -131,7 +131,7 @@ class _Run:
             self._transfers(sequence, bit, sequence.transfers[step.title], on)
 
     def end(self) -> None:
-        """Turn the sources of the scan's transfers off, then look for annunciators."""
+        """Reset the sources of the scan's transfers, then update the annunciator devices."""
         memory = self.memory
         for cell, left in self.leaving.items():
             memory[cell] = z3.And(memory[cell], z3.Not(left))
@@ -145,7 +145,7 @@ class _Run:
         memory[on] = active
 
     def _transfers(self, sequence: Sequence, bit: Bit, transfers: Iterable[Transfer], on: z3.BoolRef) -> None:
-        # The conditions exclude each other, and all of them are read before any transfer fires.
+        # The conditions exclude each other, and all of them are evaluated before any transfer fires.
         for transfer, true in [(t, condition(t.when, self.memory)) for t in transfers]:
             fires = z3.And(on, true)
             self.fired.setdefault(bit, []).append((transfer, fires))
@@ -155,8 +155,8 @@ class _Run:
                 self.leaving[target] = z3.And(self.leaving[target], z3.Not(fires))
             if source != target:
                 self.leaving[source] = z3.Or(self.leaving.get(source, z3.BoolVal(val=False)), fires)
-            if sequence.spends is not None:
-                self._put(cell_of(sequence.spends), 0, fires)
+            if sequence.consumes is not None:
+                self._put(cell_of(sequence.consumes), 0, fires)
 
     def _put(self, cell: Cell, value: int, driven: z3.BoolRef) -> None:
         self.memory[cell] = z3.If(driven, cell.constant(value), self.memory[cell])
@@ -168,7 +168,7 @@ class _Run:
             case Timer(number):
                 self._put(Cell("T", number), 0, driven)
                 self._put(Cell("TV", number), 0, driven)
-                self._put(Cell("TS", number), STANDING, driven)
+                self._put(Cell("TS", number), STOPPED, driven)
             case Counter(number):
                 self._put(Cell("C", number), 0, driven)
                 self._put(Cell("CV", number), 0, driven)

@@ -1,15 +1,15 @@
-"""Devices and their values in words."""
+"""Text form of devices and their values."""
 
 from __future__ import annotations
 
 from controller.core.program import Program
 from controller.core.rungs import Pulse, PulseFalling
-from controller.verify.cells import STANDING, Cell, cell_of
+from controller.verify.cells import STOPPED, Cell, cell_of
 from controller.verify.timing import LONG
 
 
 class Names:
-    """The names of a program's devices."""
+    """Names of a program's devices."""
 
     def __init__(self, program: Program) -> None:
         """Collect the names."""
@@ -18,13 +18,13 @@ class Names:
         self._names |= {Cell("E", n): f"edge memory of {bit} {bit.name}".rstrip() for n, bit in enumerate(edges)}
 
     def name(self, cell: Cell) -> str:
-        """Return a cell's device with its name: "X10 left.lift_down"."""
-        own = self._names.get(cell) or self._names.get(Cell(cell.kind[0], cell.number), "")
-        return f"{cell} {own}".rstrip()
+        """Return the device of a cell with its name: "X10 left.lift_down"."""
+        tag = self._names.get(cell) or self._names.get(Cell(cell.kind[0], cell.number), "")
+        return f"{cell} {tag}".rstrip()
 
-    def told(self, cell: Cell, value: int, tick: int = LONG) -> str:
-        """Return what a cell holds at a tick of its time base, that of `ExactTimers.aged` if it is not given."""
+    def describe(self, cell: Cell, value: int, tick: int = LONG) -> str:
+        """Return the value of a cell as text at a tick of its time base, by default that of `ExactTimers.aged`."""
         if cell.kind == "TS":
             timer = self.name(Cell("T", cell.number))
-            return f"{timer} standing" if value == STANDING else f"{timer} running for {tick - value} counts"
+            return f"{timer} stopped" if value == STOPPED else f"{timer} running for {tick - value} counts"
         return f"{self.name(cell)} {'on' if value else 'off'}" if cell.is_bit else f"{self.name(cell)} = {value}"

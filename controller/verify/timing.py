@@ -1,6 +1,6 @@
-"""Two models of a timer: exact ones as the scan has them, and free ones that may be over at any time.
+"""Timer models: exact timers as in the scan, and free timers that may elapse at any time.
 
-Free timers allow everything exact ones do and more: what is proved with them holds for any presets and scan times.
+Free timers allow every behaviour of exact timers and more, so proofs that use them hold for all presets and scan times.
 """
 
 from __future__ import annotations
@@ -12,55 +12,55 @@ import z3
 
 from controller.core.devices import MS_1, MS_10, MS_100, WORD_MAX, is_retentive
 from controller.core.expr import Timer, Word
-from controller.verify.cells import STANDING, Cell, SymbolicMemory, operand_of, widened
+from controller.verify.cells import STOPPED, Cell, SymbolicMemory, operand_of, widened
 
 LONG: Final = WORD_MAX + 1
-"""A count that no preset reaches: a timer that has run for longer behaves as if it had run for so long."""
+"""Count above every preset; timers that have run for longer behave in the same way."""
 
 
 class Timing(Protocol):
-    """What time does to the timers in one scan."""
+    """Behaviour of the timers in one scan."""
 
     @property
     def clock_1_s(self) -> z3.BoolRef:
         """The 1 s clock M8013."""
 
     def run(self, memory: SymbolicMemory, timer: Timer, counts: int | Word, driven: z3.BoolRef) -> None:
-        """Execute a timer's coil; counts is its preset in counts of its base."""
+        """Execute a timer's coil; `counts` is its preset in counts of its base."""
 
 
 class FreeTimers:
-    """Every driven timer may be over or not, and its current value is anything."""
+    """Timers that may or may not have elapsed whenever they are driven, with any current value."""
 
     def __init__(self, label: str) -> None:
-        """Make the unknowns of one scan; the label tells scans apart."""
+        """Create the unknowns of one scan; the label distinguishes scans."""
         self._label = label
         self.clock_1_s: z3.BoolRef = z3.Bool(f"1 s clock@{label}")
 
-    def over(self, timer: int) -> z3.BoolRef:
-        """Return the unknown that says whether a timer's time is over in this scan, if it is driven."""
+    def elapsed(self, timer: int) -> z3.BoolRef:
+        """Return the unknown that determines whether a driven timer has elapsed in this scan."""
         return z3.Bool(f"T{timer} over@{self._label}")
 
     def run(self, memory: SymbolicMemory, timer: Timer, counts: int | Word, driven: z3.BoolRef) -> None:  # noqa: ARG002
         """Execute a timer's coil with any outcome."""
         done, value = Cell("T", timer.number), Cell("TV", timer.number)
-        over, some = self.over(timer.number), value.variable(f"{self._label} counted")
+        elapsed, some = self.elapsed(timer.number), value.variable(f"{self._label} counted")
         if is_retentive("T", timer.number):
-            memory[done] = z3.Or(memory[done], z3.And(driven, over))
+            memory[done] = z3.Or(memory[done], z3.And(driven, elapsed))
             memory[value] = z3.If(driven, some, memory[value])
         else:
-            memory[done] = z3.And(driven, over)
+            memory[done] = z3.And(driven, elapsed)
             memory[value] = z3.If(driven, some, value.constant(0))
 
 
 class ExactTimers:
-    """Timers count the scan's ticks by the rules of `controller.core.compile`."""
+    """Timers that count the ticks of the scan by the rules of `controller.core.compile`."""
 
     def __init__(self, ticks: Mapping[int, z3.BitVecRef], clock_1_s: z3.BoolRef) -> None:
-        """Take the time of one scan.
+        """Set the time of one scan.
 
         Args:
-            ticks: For each base in ms the scan's tick, 32 bits, not negative.
+            ticks: Tick of the scan for each base in ms, 32 bits, not negative.
             clock_1_s: The 1 s clock M8013.
         """
         self._ticks = ticks
@@ -68,7 +68,7 @@ class ExactTimers:
 
     @classmethod
     def aged(cls, label: str) -> ExactTimers:
-        """Return the time of a scan before which timers may have run for any time: their start is what is unknown."""
+        """Return a scan time before which timers may have run for any length of time because their start is unknown."""
         tick = z3.BitVecVal(LONG, 32)
         return cls(dict.fromkeys((MS_1, MS_10, MS_100), tick), z3.Bool(f"1 s clock@{label}"))
 
@@ -88,12 +88,12 @@ class ExactTimers:
         runs = memory[started] >= 0
         start = z3.If(runs, memory[started], tick)
         counted = tick - start
-        over = counted >= preset
+        elapsed = counted >= preset
         dropped = z3.And(z3.Not(driven), runs)
-        current = z3.Extract(15, 0, z3.If(over, preset, counted))
-        memory[done] = z3.If(driven, over, z3.And(memory[done], z3.Not(dropped)))
+        current = z3.Extract(15, 0, z3.If(elapsed, preset, counted))
+        memory[done] = z3.If(driven, elapsed, z3.And(memory[done], z3.Not(dropped)))
         memory[value] = z3.If(driven, current, z3.If(dropped, value.constant(0), memory[value]))
-        memory[started] = z3.If(driven, start, started.constant(STANDING))
+        memory[started] = z3.If(driven, start, started.constant(STOPPED))
 
     @staticmethod
     def _run_retentive(
@@ -104,12 +104,12 @@ class ExactTimers:
         capped = z3.If(summed > WORD_MAX, z3.BitVecVal(WORD_MAX, 32), summed)
         counts = z3.And(driven, memory[started] >= 0)
         memory[value] = z3.If(counts, z3.Extract(15, 0, capped), memory[value])
-        memory[started] = z3.If(driven, tick, started.constant(STANDING))
+        memory[started] = z3.If(driven, tick, started.constant(STOPPED))
         memory[done] = z3.Or(memory[done], z3.And(driven, widened(memory[value], 32) >= preset))
 
 
-def possible(memory: SymbolicMemory) -> list[z3.BoolRef]:
-    """Return what is so of every timer between two scans, where the next one is at the tick of `ExactTimers.aged`."""
+def timer_facts(memory: SymbolicMemory) -> list[z3.BoolRef]:
+    """Return the facts about every timer between two scans, with the next scan at the tick of `ExactTimers.aged`."""
     facts = []
     for cell, start in memory.items():
         if cell.kind != "TS":
@@ -117,5 +117,5 @@ def possible(memory: SymbolicMemory) -> list[z3.BoolRef]:
         done, value = memory[Cell("T", cell.number)], memory[Cell("TV", cell.number)]
         runs = z3.And(start >= 0, start <= LONG)
         empty = z3.BoolVal(val=True) if is_retentive("T", cell.number) else z3.And(z3.Not(done), value == 0)
-        facts.append(z3.Or(runs, z3.And(start == STANDING, empty)))
+        facts.append(z3.Or(runs, z3.And(start == STOPPED, empty)))
     return facts

@@ -1,4 +1,4 @@
-"""Counter-examples that a real PLC replays, scan by scan, as data and as text."""
+"""Counter-examples as data and as text; a soft PLC can replay them scan by scan."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from controller.verify.timing import LONG
 
 
 class Start(StrEnum):
-    """Where a trace begins."""
+    """Initial state of a trace."""
 
     FACTORY = "the first power-up"
     RETAINED = "power-up with retained values that the invariants allow"
@@ -30,12 +30,12 @@ class Start(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TracedScan:
-    """What comes from outside before one scan.
+    """External inputs before one scan.
 
     Attributes:
-        at_ms: Instant of the scan.
+        at_ms: Time of the scan, ms.
         inputs: X terminals that are on, raw levels.
-        written: System bits, commands and set-points that are written, by FX name.
+        written: Values written to system bits, commands and set-points, by FX name.
     """
 
     at_ms: int
@@ -45,15 +45,14 @@ class TracedScan:
 
 @dataclass(frozen=True)
 class Trace:
-    """Scans after the last of which a goal does not hold.
+    """Consecutive scans, the last of which violates the goal.
 
     Attributes:
-        goal: Name of the goal.
-        start: Where it begins.
-        retained: What `Plc.retained` gave before the power went; empty unless that is where it begins.
-        forced: What else the memory holds before the first scan, by FX name: what the monitors remember, or all of a
-            state.
-        scans: The scans.
+        goal: Goal name.
+        start: Initial state.
+        retained: Values of `Plc.retained` before the loss of power; empty for other initial states.
+        forced: Other memory values before the first scan, by FX name: the state of the monitors, or a complete state.
+        scans: Scans in order.
     """
 
     goal: str
@@ -68,10 +67,10 @@ class Trace:
 
     @classmethod
     def from_json(cls, text: str) -> Trace:
-        """Read what `to_json` wrote.
+        """Parse the output of `to_json`.
 
         Raises:
-            ModelError: The text is no trace.
+            ModelError: The text is not a trace.
         """
         try:
             data = json.loads(text)
@@ -84,16 +83,16 @@ class Trace:
             retained, forced = _numbers(data["retained"]), _numbers(data["forced"])
             return cls(str(data["goal"]), Start(data["start"]), retained, forced, tuple(scans))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ModelError(f"not a trace: {error!r}; write it anew with the proof that found it") from error
+            raise ModelError(f"not a trace: {error!r}; regenerate it with the proof") from error
 
     def lines(self, program: Program, holds: Expr) -> list[str]:
-        """Return the trace scan by scan as text, with the program's names.
+        """Return the trace as text, scan by scan, with the program's names.
 
         Args:
-            program: The program it was found in, monitors included.
-            holds: The condition that does not hold at the end.
+            program: Program of the trace, monitors included.
+            holds: Condition that is violated at the end.
         """
-        return list(_Teller(program, self).lines(holds))
+        return list(_TracePrinter(program, self).lines(holds))
 
 
 def _numbers(data: Mapping[str, int]) -> dict[str, int]:
@@ -101,19 +100,19 @@ def _numbers(data: Mapping[str, int]) -> dict[str, int]:
 
 
 def replay(program: Program, trace: Trace) -> list[Memory]:
-    """Run a trace on a real PLC.
+    """Run a trace on a soft PLC.
 
     Args:
-        program: The program it was found in, monitors included.
+        program: Program of the trace, monitors included.
         trace: The trace.
 
     Returns:
-        The memory after each scan.
+        Memory after each scan.
 
     Raises:
-        ValueError: The trace is one of another program.
+        ValueError: The trace belongs to another program.
     """
-    plc = _placed(program, trace)
+    plc = _initialised_plc(program, trace)
     memories = []
     for scan in trace.scans:
         for name, value in scan.written.items():
@@ -125,33 +124,33 @@ def replay(program: Program, trace: Trace) -> list[Memory]:
 
 
 def breaks(program: Program, trace: Trace, goal: Goal) -> bool:
-    """Tell whether the goal does not hold after the last scan of a replay."""
+    """Return whether the goal is violated after the last scan of a replay."""
     return not evaluate(goal.holds, replay(program, trace)[-1])
 
 
 def one_scan(model: Model, failure: Failure) -> Trace:
-    """Return the scan of a failed induction as a trace from that state."""
+    """Return the scan of a failed induction as a trace that starts from the state before the scan."""
     at_ms = LONG * MS_100
     if failure.start[Cell("M", CLOCK_1_S)] != (at_ms % 1000 < 500):
         at_ms += 500
 
-    def held(cell: Cell) -> int:
+    def forced_value(cell: Cell) -> int:
         value = failure.before[cell]
         return at_ms // timer_base_ms(cell.number) - (LONG - value) if cell.kind == "TS" and value >= 0 else value
 
-    forced = {str(cell): held(cell) for cell in model.cells if failure.before[cell] != cell.empty}
+    forced = {str(cell): forced_value(cell) for cell in model.cells if failure.before[cell] != cell.default}
     scan = scan_of(model, at_ms, failure.before, failure.start)
     return Trace(failure.goal.name, Start.STATE, {}, forced, (scan,))
 
 
 def scan_of(model: Model, at_ms: int, before: Mapping[Cell, int], start: Mapping[Cell, int]) -> TracedScan:
-    """Return what comes from outside between a memory and the start of the scan on it."""
+    """Return the external inputs that lead from the memory before a scan to the memory at its start."""
     inputs = tuple(str(cell) for cell in model.inputs if cell.kind == "X" and start[cell])
     written = {str(c): start[c] for c in model.inputs if c.kind != "X" and start[c] != before[c]}
     return TracedScan(at_ms, inputs, written)
 
 
-def _placed(program: Program, trace: Trace) -> Plc:
+def _initialised_plc(program: Program, trace: Trace) -> Plc:
     plc = Plc(program, input_filter_ms=0)
     match trace.start:
         case Start.RETAINED:
@@ -163,8 +162,8 @@ def _placed(program: Program, trace: Trace) -> Plc:
     return plc
 
 
-class _Teller:
-    """Tells a trace by running it."""
+class _TracePrinter:
+    """Text form of a trace, obtained by replaying it."""
 
     def __init__(self, program: Program, trace: Trace) -> None:
         self._program, self._trace = program, trace
@@ -176,11 +175,11 @@ class _Teller:
         trace = self._trace
         yield f"trace to {trace.goal!r} from {trace.start}"
         memory = {**trace.retained, **trace.forced}
-        held = {name: value for name, value in memory.items() if value != parse_cell(name).empty}
-        if held:
-            yield f"  in memory: {self._told(held)}"
-        before = _placed(self._program, trace).memory
-        inputs = {name for name, on in held.items() if on and name.startswith("X")}
+        non_default = {name: value for name, value in memory.items() if value != parse_cell(name).default}
+        if non_default:
+            yield f"  in memory: {self._text(non_default)}"
+        before = _initialised_plc(self._program, trace).memory
+        inputs = {name for name, on in non_default.items() if on and name.startswith("X")}
         for number, (scan, after) in enumerate(zip(trace.scans, replay(self._program, trace), strict=True), start=1):
             first = " (first scan, M8002)" if number == 1 and trace.start is not Start.STATE else ""
             yield f"scan {number} at {scan.at_ms} ms{first}"
@@ -188,32 +187,35 @@ class _Teller:
             inputs = set(scan.inputs)
             steps = {str(cell): 1 for cell in self._steps if cell.read(after)}
             outputs = {str(c): c.read(after) for c in self._outputs if c.read(after) != c.read(before)}
-            for title, found in (
-                ("inputs", changed), ("written", scan.written), ("steps", steps), ("outputs", outputs)
-            ):  # fmt: skip
-                if found:
-                    yield f"  {title}: {self._told(found)}"
+            for title, changes in (
+                ("inputs", changed),
+                ("written", scan.written),
+                ("steps", steps),
+                ("outputs", outputs),
+            ):
+                if changes:
+                    yield f"  {title}: {self._text(changes)}"
             before = after
-        yield f"then it is so that {part_that_is(~holds, before)}"
+        yield f"result: {true_part(~holds, before)}"
 
-    def _told(self, found: Mapping[str, int]) -> str:
+    def _text(self, memory: Mapping[str, int]) -> str:
         at_ms = self._trace.scans[0].at_ms
-        cells = {parse_cell(name): value for name, value in found.items()}
+        cells = {parse_cell(name): value for name, value in memory.items()}
         ticks = {cell: at_ms // timer_base_ms(cell.number) for cell in cells if cell.kind == "TS"}
-        return ", ".join(self._names.told(cell, value, ticks.get(cell, 0)) for cell, value in cells.items())
+        return ", ".join(self._names.describe(cell, value, ticks.get(cell, 0)) for cell, value in cells.items())
 
 
-def part_that_is(expr: Expr, memory: Memory) -> Expr:
-    """Return the part of a true condition that makes it true: of parallel contacts the first that is on.
+def true_part(expr: Expr, memory: Memory) -> Expr:
+    """Return the part of a true condition that makes it true; of parallel contacts, the first one that is on.
 
     Examples:
         >>> from controller.core.expr import Bit
-        >>> str(part_that_is(Bit("M", 0) | ~Bit("M", 1), Memory()))
+        >>> str(true_part(Bit("M", 0) | ~Bit("M", 1), Memory()))
         '~M1'
     """
     match expr:
         case Or(operands):
-            return part_that_is(next(o for o in operands if evaluate(o, memory)), memory)
+            return true_part(next(o for o in operands if evaluate(o, memory)), memory)
         case Not(And(operands)):
-            return part_that_is(~next(o for o in operands if not evaluate(o, memory)), memory)
+            return true_part(~next(o for o in operands if not evaluate(o, memory)), memory)
     return expr

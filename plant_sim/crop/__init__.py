@@ -1,1 +1,1 @@
-"""What happens to a seedling on its way from the tray into a cup."""
+"""Seedlings on their way from the tray into a cup."""

@@ -1,26 +1,26 @@
-"""What lies under the arms: the trays near the pick position and what still stands in them."""
+"""Trays near the pick position with the seedlings standing in them."""
 
 from collections.abc import Iterable, Mapping
 
-from plant_sim.crop.seedling import CELLS_ALONG, Place, Seedling, Seedlings
+from plant_sim.crop.seedling import CELLS_ALONG, Location, Seedling, Seedlings
 
 
 class Bed:
-    """Trays within reach of the claws, and how far from the pick position they are.
+    """Trays within reach of the claws, with their offsets from the pick position.
 
     Attributes:
-        trays_m: Way the trays have gone, m.
-        is_placed: Whether one of them stands right for picking.
+        trays_m: Travel of the trays, m.
+        is_placed: True if one of them is at the pick position.
     """
 
     __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "is_placed", "trays_m")
 
     def __init__(self, seedlings: Seedlings, *, pitch_m: float) -> None:
-        """Start with nothing under the arms.
+        """Initialise an empty bed.
 
         Args:
-            seedlings: All of them.
-            pitch_m: From cell to cell, m.
+            seedlings: All seedlings.
+            pitch_m: Distance from cell to cell, m.
         """
         self._seedlings = seedlings
         self._pitch_m = pitch_m
@@ -37,13 +37,13 @@ class Bed:
         is_placed: bool,
         turned: Mapping[int, float],
     ) -> None:
-        """Take note that the trays have moved.
+        """Update after tray motion.
 
         Args:
-            trays: Number of each tray, and how far past the pick position it is, m.
-            trays_m: Way the trays have gone, m.
-            is_placed: Whether one of them stands right for picking.
-            turned: By which angle a tray lies askew, rad, of those that do.
+            trays: Number of each tray and its offset past the pick position, m.
+            trays_m: Travel of the trays, m.
+            is_placed: True if one of them is at the pick position.
+            turned: Angle of each skewed tray, rad.
         """
         self._turned = turned
         within_m = CELLS_ALONG * self._pitch_m
@@ -53,11 +53,11 @@ class Bed:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no tray is within reach of the claws."""
+        """True if no tray is within reach of the claws."""
         return not self._trays
 
     def standing(self, column: int) -> list[Seedling]:
-        """Seedlings that stand in a column within reach of the claws.
+        """Return the seedlings standing in a column within reach of the claws.
 
         Args:
             column: Column of the tray, 0 at the left.
@@ -66,19 +66,19 @@ class Bed:
             seedling
             for number, offset_m in self._trays
             for seedling in self._seedlings.column(number, column)
-            if seedling.place is Place.STANDING and self._is_in_reach(seedling.along, offset_m)
+            if seedling.location is Location.STANDING and self._is_in_reach(seedling.along, offset_m)
         ]
 
     def off_m(self, seedling: Seedling) -> float:
-        """How far a seedling stands off the line of its column because its tray lies askew, m."""
+        """Return the distance of a seedling from the centre line of its column caused by tray skew, m."""
         angle = self._turned.get(seedling.tray, 0.0)
         return angle * (seedling.along - (CELLS_ALONG - 1) / 2) * self._pitch_m
 
     def ahead_m(self, seedling: Seedling) -> float:
-        """How far a seedling stands past its claw because of where its tray stopped, m."""
+        """Return the distance of a seedling past its claw caused by the stop position of its tray, m."""
         return next((offset_m for number, offset_m in self._trays if number == seedling.tray), 0.0)
 
     def _is_in_reach(self, along: int, offset_m: float) -> bool:
-        """Whether a cell lies within the row of claws; a tray past its place brings it forward."""
+        """Return True if a cell is within the row of claws, given the offset of its tray past the pick position."""
         claw = along - offset_m / self._pitch_m
         return -0.5 <= claw <= CELLS_ALONG - 0.5

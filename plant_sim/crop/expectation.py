@@ -1,4 +1,4 @@
-"""Shares of a population of seedlings that fail, by the same mechanics that decide over each of them."""
+"""Expected failure rates of a seedling population, computed with the laws that apply to each seedling."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,18 +11,18 @@ from plant_sim.crop.response import Number
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """How a machine handles its seedlings, as far as they feel it.
+class HandlingMotion:
+    """Motion and forces that act on the seedlings.
 
     Attributes:
-        along_m: How far the claws are off the cells along the row when they close, m.
-        across_m: The same across the row, m.
+        along_m: Offset of the claws from the cells along the row at closing, m.
+        across_m: Offset across the row, m.
         force_n: Force of a finger, N.
-        held_s: From grip to release, s.
-        throw_along_m: How far the plugs are off the cups along the row when they come down, m.
-        throw_across_m: The same across the row, m.
-        fall_s: Time of the fall, s.
-        catch_m: How far off its centre a plug still goes into a cup, m.
+        held_s: Time from grip to release, s.
+        throw_along_m: Offset of the plugs from the cups along the row at landing, m.
+        throw_across_m: Offset across the row at landing, m.
+        fall_s: Fall time, s.
+        catch_m: Largest distance from the centre of a cup at which a plug still falls into it, m.
     """
 
     along_m: Number
@@ -36,14 +36,14 @@ class Motion:
 
 
 class Shares(NamedTuple):
-    """Expected shares of all seedlings, 0 to 1.
+    """Expected fractions of all seedlings, 0 to 1.
 
     Attributes:
         P: Lost while picking.
         D: Lost while carrying.
-        T: Lost while throwing.
+        T: Lost while throwing, the papers' term for the release over the cups.
         missed: Not gripped.
-        cut: Cut while picking; with `missed` and `slipped`, each taken alone, more than `P`.
+        cut: Cut while picking. Each of `missed`, `cut` and `slipped` ignores the others, so their sum exceeds `P`.
         slipped: Plug not pulled out.
     """
 
@@ -56,23 +56,23 @@ class Shares(NamedTuple):
 
     @property
     def success_percent(self) -> Number:
-        """Share that ends in a cup, %."""
+        """Percentage of seedlings in cups."""
         return 100 * (1 - self.P - self.D - self.T)
 
 
-def expected(mechanics: Mechanics, motion: Motion) -> Shares:
-    """Shares of a large population that fail.
+def expected(mechanics: Mechanics, motion: HandlingMotion) -> Shares:
+    """Return the expected failure rates of a large population.
 
     Args:
         mechanics: Crop and pads.
-        motion: How the machine handles them.
+        motion: Motion and forces of the machine.
     """
     seen = ndtr(mechanics.height_margin())
     for margin, off_m in (
         (mechanics.gap_margin, motion.along_m),
         (mechanics.strip_margin, motion.across_m),
     ):
-        # a gap that the pads have closed lets nothing through
+        # if the pads close the gap, no stem fits between them
         seen = seen * np.maximum(1 - ndtr(-margin(off_m)) - ndtr(-margin(-np.asarray(off_m))), 0.0)
     cut = ndtr(-mechanics.cut_margin(motion.force_n))
     slipped = ndtr(-mechanics.slip_margin(motion.force_n))
@@ -80,5 +80,5 @@ def expected(mechanics: Mechanics, motion: Motion) -> Shares:
     carried = picked * ndtr(mechanics.break_margin(motion.force_n, motion.held_s))
     sd_m = mechanics.drift_sd_m(motion.force_n, motion.fall_s)
     off = np.hypot(motion.throw_along_m, motion.throw_across_m) / sd_m
-    beside = 1 - chndtr((motion.catch_m / sd_m) ** 2, 2, off**2)  # two normal errors about a point that is off
+    beside = 1 - chndtr((motion.catch_m / sd_m) ** 2, 2, off**2)  # two normal deviations around an offset point
     return Shares(1 - picked, picked - carried, carried * beside, 1 - seen, cut, slipped)

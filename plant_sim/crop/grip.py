@@ -1,4 +1,4 @@
-"""What the twelve claws of one arm do to seedlings, decided by where things are at that moment."""
+"""Effect of the twelve claws of one arm on the seedlings, determined by the current positions."""
 
 from dataclasses import dataclass
 
@@ -8,22 +8,22 @@ from plant_sim.crop.incident import Incident, Report
 from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
-from plant_sim.crop.seedling import CELLS_ALONG, Place, Seedling, Seedlings
+from plant_sim.crop.seedling import CELLS_ALONG, Location, Seedling, Seedlings
 
 
 @dataclass(slots=True)
-class Felt:
-    """What the seedlings gripped last have felt of the machine.
+class GripHistory:
+    """Loads on the gripped seedlings since the grip.
 
     Attributes:
-        since_s: When they were gripped, s.
-        x_m: Where the slide stood then, m.
-        rise_m: How high the arm was, m.
-        trays_m: How far the trays had gone, m.
-        along_m: How far their cells were past the claws, m; that of the first of them.
-        across_m: How far the claws were inward of the middle of the column, m.
-        peak_n: Greatest force of a finger since then, N.
-        least_n: Least force while they were pulled, N.
+        since_s: Time of the grip, s.
+        x_m: Slide position at the grip, m.
+        rise_m: Height of the arm at the grip, m.
+        trays_m: Travel of the trays at the grip, m.
+        along_m: Offset of the cells past the claws, m, measured at the first seedling.
+        across_m: Offset of the claws inward of the centre of the column, m.
+        peak_n: Maximum force of a finger since the grip, N.
+        least_n: Minimum force during the pull, N.
     """
 
     since_s: float = 0.0
@@ -37,14 +37,14 @@ class Felt:
 
 
 class Grip:
-    """State: what is held, and how far it has come.
+    """Gripped seedlings and their progress.
 
     Attributes:
-        held: Seedlings clamped or carried; a seedling's cell along the tray is its claw.
-        extracted: Whether the plugs of what is held are out of their cells.
-        delivered: Whether what is held has come to the feed.
-        felt: What it has felt so far.
-        slipped: Whether closed fingers have lost what they held, and not opened since.
+        held: Seedlings clamped or carried; the cell number along the tray is also the claw number.
+        extracted: True once the plugs of the gripped seedlings are out of their cells.
+        delivered: True once the gripped seedlings have reached the feed.
+        history: Loads on the gripped seedlings.
+        slipped: True if closed fingers have dropped their seedlings and have not opened since.
     """
 
     __slots__ = (
@@ -59,8 +59,8 @@ class Grip:
         "_spec",
         "delivered",
         "extracted",
-        "felt",
         "held",
+        "history",
         "slipped",
     )
 
@@ -75,16 +75,16 @@ class Grip:
         row: PlantingRow,
         report: Report,
     ) -> None:
-        """Start open and empty.
+        """Initialise open claws without seedlings.
 
         Args:
-            spec: Distances.
-            mechanics: What claws do to stems and plugs.
-            reach: What the arm can get at.
-            seedlings: All of them.
-            bed: What lies under the arms.
-            row: The cups of this side.
-            report: Takes note of incidents.
+            spec: Handling distances.
+            mechanics: Effect of the claws on stems and plugs.
+            reach: Reach of the arm.
+            seedlings: All seedlings.
+            bed: Trays under the arms.
+            row: Cups of this side.
+            report: Callback for incidents.
         """
         self._spec = spec
         self._mechanics = mechanics
@@ -95,25 +95,25 @@ class Grip:
         self._report = report
         self._closed = False
         self._loosened = False
-        self.felt = Felt()
+        self.history = GripHistory()
         self.slipped = False
         self.held: list[Seedling] = []
         self.extracted = False
         self.delivered = False
 
     def sync(self, pose: Pose) -> None:
-        """Take up a starting situation; what is held stays held.
+        """Adopt an initial pose; gripped seedlings remain gripped.
 
         Args:
-            pose: Where the arm is.
+            pose: Pose of the arm.
         """
         self._closed = pose.gripping
 
     def step(self, pose: Pose) -> None:
-        """Decide what the last movement of arm or tray did to the seedlings.
+        """Apply the latest motion of arm or tray to the seedlings.
 
         Args:
-            pose: Where the arm is now.
+            pose: Present pose of the arm.
         """
         if self._closed and pose.free:
             self._closed = self.slipped = False
@@ -129,66 +129,69 @@ class Grip:
             self._pull(pose)
 
     def _close(self, pose: Pose) -> None:
-        """Close on whatever stands between the claws."""
+        """Close the claws on the seedlings between them."""
         index = self._reach.index_at(pose.x_m)
         if index is None or pose.rise_m >= self._spec.stem_clearance_rise_m:
             return
         stems = self._bed.standing(self._reach.column(index))
         if stems and self._fits(pose, index):
-            stems = self._between_the_fingers(stems)
+            stems = self._within_claws(stems)
             self.held = stems
             self.extracted = self.delivered = self._loosened = False
-            self.felt = Felt(
-                pose.now_s, pose.x_m, pose.rise_m, self._bed.trays_m,
+            self.history = GripHistory(
+                pose.now_s,
+                pose.x_m,
+                pose.rise_m,
+                self._bed.trays_m,
                 along_m=self._bed.ahead_m(stems[0]) if stems else 0.0,
                 across_m=pose.x_m - self._reach.columns_m[index],
-            )  # fmt: skip
-            self._move(stems, Place.CLAMPED)
+            )
+            self._move(stems, Location.CLAMPED)
         elif stems:
-            self._move(stems, Place.LOST_PICK)
-            self._note(Incident.STEMS_CUT, f"claws closed wrongly on {len(stems)} stems")
+            self._move(stems, Location.LOST_PICK)
+            self._report_incident(Incident.STEMS_CUT, f"claws closed wrongly on {len(stems)} stems")
 
-    def feel(self, force_n: float) -> None:
-        """Let what is held feel the fingers, also while nothing moves.
+    def record_force(self, force_n: float) -> None:
+        """Record the finger force on the gripped seedlings, also at rest.
 
         Args:
             force_n: Force of a finger, N.
         """
-        self.felt.peak_n = max(self.felt.peak_n, force_n)
+        self.history.peak_n = max(self.history.peak_n, force_n)
 
-    def grip_again(self, pose: Pose) -> None:
-        """Close on what stands between fingers that had lost their force and have it again.
+    def regrip(self, pose: Pose) -> None:
+        """Grip the seedlings between fingers that had lost their force and have regained it.
 
         Args:
-            pose: Where the arm is.
+            pose: Pose of the arm.
         """
         self.slipped = False
         if self._closed:
             self._close(pose)
 
-    def let_slip(self, pose: Pose, now_s: float) -> None:
-        """Let go of everything because the closed fingers have lost their force.
+    def drop_all(self, pose: Pose, now_s: float) -> None:
+        """Drop all seedlings because the closed fingers have lost their force.
 
         Args:
-            pose: Where the arm is.
-            now_s: Time, s.
+            pose: Pose of the arm.
+            now_s: Plant time, s.
         """
-        self._note(Incident.DROPPED, f"{len(self.held)} seedlings slipped out of claws without air")
+        self._report_incident(Incident.DROPPED, f"{len(self.held)} seedlings slipped out of claws without air")
         pose.freed_s = now_s
         self._open(pose, slipped=True)
         self.slipped = True
 
-    def _between_the_fingers(self, stems: list[Seedling]) -> list[Seedling]:
-        """Those of the stems that stand where the claws grip, the tray being askew; the others are cut."""
+    def _within_claws(self, stems: list[Seedling]) -> list[Seedling]:
+        """Return the stems of a skewed tray that are within the claws; the others are cut."""
         gripped = [stem for stem in stems if abs(self._bed.off_m(stem)) <= self._spec.grip_tolerance_m]
         cut = [stem for stem in stems if stem not in gripped]
         if cut:
-            self._move(cut, Place.LOST_PICK)
-            self._note(Incident.STEMS_CUT, f"claws closed beside {len(cut)} stems of a tray that lies askew")
+            self._move(cut, Location.LOST_PICK)
+            self._report_incident(Incident.STEMS_CUT, f"claws closed beside {len(cut)} stems of a tray that lies askew")
         return gripped
 
     def _fits(self, pose: Pose, index: int) -> bool:
-        """Whether the stems of a column stand where the claws grip."""
+        """Return True if the stems of a column are in the grip position of the claws."""
         return (
             abs(pose.x_m - self._reach.columns_m[index]) <= self._spec.grip_tolerance_m
             and pose.rise_m <= self._spec.down_tolerance_m
@@ -197,37 +200,37 @@ class Grip:
         )
 
     def _pull(self, pose: Pose) -> None:
-        """Pull the plugs out of their cells, or tear what is moved sideways before that."""
+        """Pull the plugs out of their cells; seedlings that were moved sideways before are torn."""
         spec = self._spec
-        felt = self.felt
-        shift_m = max(abs(pose.x_m - felt.x_m), abs(self._bed.trays_m - felt.trays_m))
-        risen_m = pose.rise_m - felt.rise_m
+        history = self.history
+        shift_m = max(abs(pose.x_m - history.x_m), abs(self._bed.trays_m - history.trays_m))
+        risen_m = pose.rise_m - history.rise_m
         if risen_m > 0.0:
-            felt.least_n = min(felt.least_n, pose.force_n)
+            history.least_n = min(history.least_n, pose.force_n)
         if shift_m > spec.grip_tolerance_m or pose.travel_m > spec.pitch_tolerance_m:
-            self._note(Incident.TORN, f"{len(self.held)} clamped seedlings were torn sideways")
-            self._lose_all(Place.LOST_PICK)
+            self._report_incident(Incident.TORN, f"{len(self.held)} clamped seedlings were torn sideways")
+            self._lose_all(Location.LOST_PICK)
         elif risen_m >= spec.extraction_rise_m:
             self.extracted = True
-            self._move(self.held, Place.IN_CLAW)
-            self._lose([seedling for seedling in self.held if not self._is_picked(seedling)], Place.LOST_PICK)
+            self._move(self.held, Location.IN_CLAW)
+            self._lose([seedling for seedling in self.held if not self._is_picked(seedling)], Location.LOST_PICK)
         elif risen_m >= spec.put_back_rise_m:
             self._loosened = True
 
     def _carry(self, pose: Pose) -> None:
-        """Carry the plugs, over the tray not too low, to the feed."""
+        """Carry the plugs to the feed; they must be high enough to clear the tray."""
         spec = self._spec
-        lowest_m = self.felt.rise_m + spec.extraction_rise_m - spec.put_back_rise_m
+        lowest_m = self.history.rise_m + spec.extraction_rise_m - spec.put_back_rise_m
         if pose.rise_m < lowest_m and self._is_over_tray(pose):
             text = f"{len(self.held)} plugs were driven against the tray"
-            self._note(Incident.ARM_THROUGH_TRAY, text)
-            self._lose_all(Place.LOST_CARRY)
+            self._report_incident(Incident.ARM_THROUGH_TRAY, text)
+            self._lose_all(Location.LOST_CARRY)
         elif not self.delivered and pose.x_m <= spec.feed_tolerance_m:
             self.delivered = True
             self._lose_broken(pose.now_s)
 
     def _open(self, pose: Pose, *, slipped: bool = False) -> None:
-        """Let go of everything; what has slipped has been told already."""
+        """Release all seedlings; a slip has already been reported."""
         if self.extracted:
             self._lose_broken(pose.freed_s)
         released, self.held = self.held, []
@@ -238,11 +241,11 @@ class Grip:
         elif self._is_over_cups(pose):
             self._throw(released, pose)
         else:
-            self._move(released, Place.LOST_THROW if self.delivered else Place.LOST_CARRY)
+            self._move(released, Location.LOST_THROW if self.delivered else Location.LOST_CARRY)
             if not slipped:
-                self._note(Incident.DROPPED, f"{len(released)} seedlings dropped beside the cups")
+                self._report_incident(Incident.DROPPED, f"{len(released)} seedlings dropped beside the cups")
             if self._is_over_tray(pose):
-                self._note(Incident.DROP_OVER_TRAY, f"{len(released)} seedlings dropped on a tray")
+                self._report_incident(Incident.DROP_OVER_TRAY, f"{len(released)} seedlings dropped on a tray")
 
     def _is_over_cups(self, pose: Pose) -> bool:
         spec = self._spec
@@ -256,41 +259,41 @@ class Grip:
         return pose.x_m > self._reach.tray_edge_m and not self._bed.is_empty
 
     def _is_picked(self, seedling: Seedling) -> bool:
-        """Whether the claws hold a seedling's stem, whole, and have pulled its plug."""
-        felt, mechanics, traits = self.felt, self._mechanics, seedling.traits
+        """Return True if the claws hold the uncut stem of a seedling and have pulled its plug."""
+        history, mechanics, traits = self.history, self._mechanics, seedling.traits
         askew_m = -self._bed.off_m(seedling) if self._reach.mirrored else self._bed.off_m(seedling)
         return not (
-            mechanics.is_missed(traits, along_m=felt.along_m, across_m=felt.across_m + askew_m)
-            or mechanics.is_cut(traits, felt.peak_n)
-            or mechanics.slips(traits, felt.least_n)
+            mechanics.is_missed(traits, along_m=history.along_m, across_m=history.across_m + askew_m)
+            or mechanics.is_cut(traits, history.peak_n)
+            or mechanics.slips(traits, history.least_n)
         )
 
     def _lose_broken(self, now_s: float) -> None:
-        """Lose those of the held seedlings whose stem has not borne being held so long."""
-        felt = self.felt
-        held_s = now_s - felt.since_s
-        broken = [each for each in self.held if self._mechanics.breaks(each.traits, felt.peak_n, held_s)]
-        self._lose(broken, Place.LOST_CARRY)
+        """Record the gripped seedlings whose stems have broken as lost."""
+        history = self.history
+        held_s = now_s - history.since_s
+        broken = [each for each in self.held if self._mechanics.breaks(each.traits, history.peak_n, held_s)]
+        self._lose(broken, Location.LOST_CARRY)
 
     def _is_harmed(self, seedling: Seedling, held_s: float) -> bool:
-        """Whether the claws have cut or broken the stem of a seedling that has not left its cell."""
-        mechanics, peak_n = self._mechanics, self.felt.peak_n
+        """Return True if the claws have cut or broken the stem of a seedling still in its cell."""
+        mechanics, peak_n = self._mechanics, self.history.peak_n
         return mechanics.is_cut(seedling.traits, peak_n) or mechanics.breaks(seedling.traits, peak_n, held_s)
 
     def _put_back(self, released: list[Seedling], now_s: float) -> None:
-        """Leave seedlings in the cells they have not left; what the claws have cut, broken or loosened is lost."""
-        held_s = now_s - self.felt.since_s
+        """Leave seedlings in their cells; those cut, broken or loosened by the claws are lost."""
+        held_s = now_s - self.history.since_s
         for seedling in released:
             harmed = self._loosened or self._is_harmed(seedling, held_s)
-            self._seedlings.move(seedling, Place.LOST_PICK if harmed else Place.STANDING)
+            self._seedlings.move(seedling, Location.LOST_PICK if harmed else Location.STANDING)
 
     def _throw(self, released: list[Seedling], pose: Pose) -> None:
-        """Let plugs fall to the cups."""
+        """Drop plugs towards the cups."""
         claw_pitch_m = self._spec.cell_pitch_m + pose.travel_m / (CELLS_ALONG - 1)
         fall_s = self._spec.fall_s(pose.rise_m)
         for seedling in released:
-            drift_m, across_m = self._mechanics.drift_m(seedling.traits, self.felt.peak_n, fall_s)
-            self._row.let_fall(
+            drift_m, across_m = self._mechanics.drift_m(seedling.traits, self.history.peak_n, fall_s)
+            self._row.start_fall(
                 seedling,
                 position_m=seedling.along * claw_pitch_m,
                 lands_s=pose.freed_s + fall_s,
@@ -298,17 +301,17 @@ class Grip:
                 across_m=pose.x_m + across_m,
             )
 
-    def _lose(self, lost: list[Seedling], place: Place) -> None:
-        """Lose some of the held seedlings."""
-        self._move(lost, place)
+    def _lose(self, lost: list[Seedling], location: Location) -> None:
+        """Record the given gripped seedlings as lost."""
+        self._move(lost, location)
         self.held = [seedling for seedling in self.held if seedling not in lost]
 
-    def _lose_all(self, place: Place) -> None:
-        self._lose(self.held, place)
+    def _lose_all(self, location: Location) -> None:
+        self._lose(self.held, location)
 
-    def _move(self, seedlings: list[Seedling], place: Place) -> None:
+    def _move(self, seedlings: list[Seedling], location: Location) -> None:
         for seedling in seedlings:
-            self._seedlings.move(seedling, place)
+            self._seedlings.move(seedling, location)
 
-    def _note(self, incident: Incident, text: str) -> None:
+    def _report_incident(self, incident: Incident, text: str) -> None:
         self._report(incident, f"{self._reach.side} arm: {text}")

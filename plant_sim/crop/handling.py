@@ -1,31 +1,31 @@
-"""Distances that decide what a claw does to a seedling."""
+"""Distances that determine the effect of a claw on a seedling."""
 
 import math
 from dataclasses import dataclass
 
-from plant_sim.spec import require, require_within
+from plant_sim.common.limits import require, require_within
 
 _GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
 class HandlingSpec:
-    """Geometry of gripping, pulling and throwing.
+    """Distances for gripping, pulling and throwing (the papers' term for the release over the cups).
 
     Attributes:
-        cell_pitch_m: From cell to cell of a tray, and from claw to claw when converged, m.
-        grip_tolerance_m: A claw row this far off a column still grips its stems, m; clamped
-            seedlings can be moved as much before they tear.
-        reach_m: Claws this far off a column touch its stems, m.
-        down_tolerance_m: The arm counts as down this high above its lower limit when gripping, m.
-        pitch_tolerance_m: Belt travel by which the claws may be off either pitch, m.
-        put_back_rise_m: Clamped seedlings raised by less than this can be put back unharmed, m.
-        extraction_rise_m: Raised by this much the plug is out of its cell, m.
-        stem_clearance_rise_m: An arm raised by less than this meets what stands in the tray, m.
-        tray_half_width_m: Half of a tray across the machine, m.
-        feed_tolerance_m: The slide counts as at feed this far from it, m.
-        throw_rise_m: Claws open over the cups at most this high above the lower limit, m.
-        drop_height_m: From the plug to the cup when the arm is down, m.
+        cell_pitch_m: Distance from cell to cell of a tray, and from claw to claw when converged, m.
+        grip_tolerance_m: Largest offset of the claw row from a column at which the stems are gripped, and
+            largest displacement of clamped seedlings before they tear, m.
+        reach_m: Largest offset from a column at which claws touch its stems, m.
+        down_tolerance_m: Largest height above the lower limit at which the arm is down for gripping, m.
+        pitch_tolerance_m: Largest deviation of the belt travel from either pitch, m.
+        put_back_rise_m: Rise below which clamped seedlings can be put back unharmed, m.
+        extraction_rise_m: Rise at which a plug is out of its cell, m.
+        stem_clearance_rise_m: Rise below which an arm collides with seedlings standing in the tray, m.
+        tray_half_width_m: Half of the tray width across the machine, m.
+        feed_tolerance_m: Largest distance from the feed at which the slide is at feed, m.
+        throw_rise_m: Largest height above the lower limit for opening over the cups, m.
+        drop_height_m: Distance from plug to cup with the arm down, m.
     """
 
     cell_pitch_m: float
@@ -42,7 +42,7 @@ class HandlingSpec:
     drop_height_m: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.01, 0.2, "cell_pitch_m")
         require_within(self, 0.0005, 0.02, "grip_tolerance_m", "down_tolerance_m", "pitch_tolerance_m")
         require_within(self, 0.001, 0.03, "put_back_rise_m", "feed_tolerance_m", "throw_rise_m")
@@ -61,7 +61,7 @@ class HandlingSpec:
         )
 
     def fall_s(self, rise_m: float) -> float:
-        """Time of free fall into a cup, s.
+        """Return the time of free fall into a cup, s.
 
         Args:
             rise_m: Height of the arm above its lower limit, m.

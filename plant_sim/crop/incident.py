@@ -1,4 +1,4 @@
-"""Things that must not happen, as the plant notes them."""
+"""Incidents reported by the plant."""
 
 import enum
 from collections.abc import Callable
@@ -8,20 +8,20 @@ class Incident(enum.StrEnum):
     """Kinds of incident."""
 
     ARMS_COLLIDE = "arms_collide"
-    """Both arms are inward of pick 2 on a machine where they may not meet."""
+    """Both arms are inward of pick 2, on a machine that does not permit this."""
     ARM_THROUGH_TRAY = "arm_through_tray"
-    """An arm too low, or what it carries, meets standing seedlings or a tray."""
+    """An arm that is too low, or a seedling in its claws, collides with standing seedlings or a tray."""
     STEMS_CUT = "stems_cut"
-    """Claws close on seedlings that do not stand where the claws grip."""
+    """Claws close on seedlings outside the grip position."""
     TORN = "torn"
-    """Clamped seedlings are moved sideways before their plugs are out."""
+    """Clamped seedlings are moved sideways before their plugs are extracted."""
     DROPPED = "dropped"
-    """Loaded claws open anywhere but over the cups."""
+    """Claws open with seedlings anywhere except over the cups."""
     DROP_OVER_TRAY = "drop_over_tray"
-    """The same over the tray; noted in addition."""
+    """Claws open with seedlings over the tray; reported in addition to `DROPPED`."""
     DOUBLE = "double"
-    """A plug falls into a cup that is taken."""
+    """A plug falls into an occupied cup."""
 
 
-#: Takes note of an incident and a sentence about it.
 Report = Callable[[Incident, str], None]
+"""Callback that receives an incident and its description."""

@@ -1,4 +1,4 @@
-"""Where an arm is, and what it can get at from there."""
+"""Pose and reach of an arm."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ from plant_sim.crop.seedling import COLUMNS
 
 @dataclass(slots=True)
 class Pose:
-    """Where an arm and its claws are.
+    """Position of an arm and its claws.
 
     Attributes:
-        x_m: Slide, from the feed inward, m.
+        x_m: Slide position from the feed inward, m.
         rise_m: Height above the lower limit, m.
-        gripping: Claws closed enough to grip a stem.
-        free: Claws open enough to touch nothing between them.
+        gripping: True if the claws are closed enough to grip a stem.
+        free: True if the claws are open enough not to touch a stem.
         travel_m: Belt travel of the spreader from converged, m.
-        freed_s: When the claws last came to touch nothing, s.
-        now_s: Time, s.
+        freed_s: Time at which the claws last became free, s.
+        now_s: Plant time, s.
         force_n: Force of a finger, N; positive clamps.
     """
 
@@ -29,8 +29,10 @@ class Pose:
     now_s: float = 0.0
     force_n: float = 0.0
 
-    def take(self, x_m: float, rise_m: float, travel_m: float, *, freed_s: float, now_s: float, force_n: float) -> None:
-        """Bring places, times and force up to date."""
+    def update(
+        self, x_m: float, rise_m: float, travel_m: float, *, freed_s: float, now_s: float, force_n: float
+    ) -> None:
+        """Update positions, times and force."""
         self.x_m = x_m
         self.rise_m = rise_m
         self.travel_m = travel_m
@@ -41,15 +43,15 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What one arm can get at.
+    """Reach of one arm.
 
     Attributes:
         side: Name of the arm in reports.
         columns_m: Slide positions of the six columns of a tray, nearest to the feed first, m.
         tray_edge_m: Slide position above the near edge of a tray, m.
-        mirrored: Whether the nearest column is the tray's last.
+        mirrored: True if the nearest column is the last of the tray.
         spread_m: Belt travel at which the claws are spread, m.
-        reach_m: Claws this far off a column touch its stems, m.
+        reach_m: Largest offset from a column at which claws touch its stems, m.
     """
 
     side: str
@@ -60,7 +62,7 @@ class Reach:
     reach_m: float
 
     def index_at(self, x_m: float) -> int | None:
-        """Which column the claws touch, counted from the arm's own side; None between columns.
+        """Return the column touched by the claws, counted from the side of the arm; None between columns.
 
         Args:
             x_m: Slide position, m.
@@ -73,9 +75,9 @@ class Reach:
         return None
 
     def column(self, index: int) -> int:
-        """Column of the tray, 0 at the left.
+        """Return the column of the tray, 0 at the left.
 
         Args:
-            index: The same column counted from the arm's own side.
+            index: Column counted from the side of the arm.
         """
         return COLUMNS - 1 - index if self.mirrored else index

@@ -1,4 +1,4 @@
-"""Response surface of the pepper seedling trial, eq. 5 of the paper, and the settings it speaks of."""
+"""Response surface of the pepper seedling trial, eq. 5 of the paper, and its factors."""
 
 import math
 from dataclasses import dataclass
@@ -7,59 +7,59 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.spec import require_within
+from plant_sim.common.limits import require_within
 
 AXIAL_LEVEL = 1.525
-"""Coded distance of the axial points from the centre of the paper's design. Source: MACHINE.md 5."""
+"""Coded distance of the axial points from the centre of the paper's design. Source: docs/sources/machine.md 5."""
 
 FACTORIAL_RADIUS = math.sqrt(3)
 """Coded distance of the corners from the centre."""
 
 Number = float | NDArray[np.float64]
-"""One value, or an array of them."""
+"""A number or an array of numbers."""
 
 N = TypeVar("N", float, NDArray[np.float64])
 
 
 def coded_factors(foam_mm: N, age_d: N, pressure_mpa: N) -> tuple[N, N, N]:
-    """Factors of the trial as the regression counts them, without unit.
+    """Return the coded, dimensionless factors of the regression.
 
     Args:
         foam_mm: Foam thickness on the claws, mm.
         age_d: Age of the seedlings, days.
         pressure_mpa: Claw pressure, MPa.
 
-    Source: MACHINE.md 5.
+    Source: docs/sources/machine.md 5.
     """
     return (foam_mm - 12) / 3.6, (age_d - 50) / 5, (pressure_mpa - 0.45) / 0.13
 
 
 def natural_factors(x1: N, x2: N, x3: N) -> tuple[N, N, N]:
-    """Foam, mm, age, d, and claw pressure, MPa, from the factors as the regression counts them.
+    """Return foam thickness, mm, age, d, and claw pressure, MPa, from the coded factors.
 
-    Source: MACHINE.md 5.
+    Source: docs/sources/machine.md 5.
     """
     return 12 + 3.6 * x1, 50 + 5 * x2, 0.45 + 0.13 * x3
 
 
 def success_percent(foam_mm: N, age_d: N, pressure_mpa: N) -> N:
-    """Share of the seedlings of a trial that end in a cup, eq. 5 of the pepper paper, %.
+    """Return the percentage of seedlings that end up in a cup, by eq. 5 of the pepper paper.
 
-    Not limited to 0 to 100: outside the design region it is an extrapolation and may be anything.
+    The result is not limited to 0 to 100: outside the design region it is an extrapolation.
 
     Args:
         foam_mm: Foam thickness on the claws, mm.
         age_d: Age of the seedlings, days.
         pressure_mpa: Claw pressure, MPa.
 
-    The paper's optimum as it rounds it, and the centre of the design:
+    The rounded optimum of the paper, and the centre of the design:
 
     >>> round(success_percent(10, 51, 0.40), 2)
     94.93
     >>> round(success_percent(12, 50, 0.45), 2)
     93.76
 
-    Source: MACHINE.md 5.
+    Source: docs/sources/machine.md 5.
     """
     x1, x2, x3 = coded_factors(foam_mm, age_d, pressure_mpa)
     linear = -2.37 * x1 - 0.58 * x2 - 2.91 * x3
@@ -70,10 +70,10 @@ def success_percent(foam_mm: N, age_d: N, pressure_mpa: N) -> N:
 
 @dataclass(frozen=True, slots=True)
 class CropSpec:
-    """The crop and how it is gripped.
+    """Settings of the crop and its grip.
 
     Attributes:
-        foam_thickness_mm: Foam on the claws, mm.
+        foam_thickness_mm: Foam thickness on the claws, mm.
         seedling_age_d: Age of the seedlings, days.
         claw_pressure_mpa: Claw pressure, MPa.
     """
@@ -83,17 +83,17 @@ class CropSpec:
     claw_pressure_mpa: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.0, 30.0, "foam_thickness_mm")
         require_within(self, 1.0, 200.0, "seedling_age_d")
         require_within(self, 0.0, 1.0, "claw_pressure_mpa")
 
     @property
     def extrapolates(self) -> bool:
-        """Whether eq. 5 is used outside the points it was fitted to.
+        """True if the settings are outside the points to which eq. 5 was fitted.
 
-        Inside means: no coded factor beyond the axial level, and no point further from the centre
-        than the corners of the factorial. Our reading; the paper states no region.
+        A point is inside if no coded factor exceeds the axial level and its distance from the centre does not exceed
+        that of the factorial corners. This definition is ours; the paper does not define a region.
         """
         coded = coded_factors(self.foam_thickness_mm, self.seedling_age_d, self.claw_pressure_mpa)
         rounding = 1e-9

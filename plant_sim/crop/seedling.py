@@ -1,4 +1,4 @@
-"""Every seedling of a run, each in exactly one place, and the trays they come in."""
+"""All seedlings of a run, each at exactly one location, and their trays."""
 
 import enum
 import random
@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 from plant_sim.crop.traits import TYPICAL, Traits, draw_traits
 
-#: Cells of a tray in the direction of travel; also claws an arm. Source: MACHINE.md 1.
 CELLS_ALONG = 12
-#: Columns of cells across a tray: three pick positions for either arm. Source: MACHINE.md 1.
+"""Cells of a tray in the direction of travel; also claws per arm. Source: docs/sources/machine.md 1."""
+
 COLUMNS = 6
-#: Cells of a tray.
+"""Columns of cells across a tray: three pick positions for each arm. Source: docs/sources/machine.md 1."""
+
 TRAY_CELLS = COLUMNS * CELLS_ALONG
+"""Cells of a tray."""
 
 
-class Place(enum.IntEnum):
-    """Where a seedling is."""
+class Location(enum.IntEnum):
+    """Location of a seedling."""
 
     STANDING = 0
     CLAMPED = 1
@@ -29,39 +31,39 @@ class Place(enum.IntEnum):
 
 
 class Seedling:
-    """One seedling; only its `Seedlings` moves it.
+    """One seedling; only its `Seedlings` changes its location.
 
     Attributes:
         tray: Number of its tray.
         column: Column in the tray, 0 at the left.
-        along: Cell in the column, 0 at the front edge; also the claw that takes it.
-        traits: What makes it differ from the next one.
-        place: Where it is.
+        along: Cell in the column, 0 at the front edge; also the number of the claw that picks it.
+        traits: Individual deviations.
+        location: Present location.
     """
 
-    __slots__ = ("along", "column", "place", "traits", "tray")
+    __slots__ = ("along", "column", "location", "traits", "tray")
 
     def __init__(self, tray: int, column: int, along: int, traits: Traits) -> None:
-        """Let it stand in its cell."""
+        """Create a seedling standing in its cell."""
         self.tray = tray
         self.column = column
         self.along = along
         self.traits = traits
-        self.place = Place.STANDING
+        self.location = Location.STANDING
 
 
 @dataclass(frozen=True, slots=True)
 class SeedlingCounts:
-    """How many seedlings are where; the first six add up to the total, always.
+    """Number of seedlings by location; the first six always add up to the total.
 
     Attributes:
         in_tray: In a cell, gripped or not.
         in_claw: Out of the cell, in a claw or falling from it.
-        in_cups: Fallen into a cup.
+        in_cups: In a cup.
         P: Lost while picking.
         D: Lost while carrying.
         T: Lost while throwing.
-        total: All there are.
+        total: All seedlings.
     """
 
     in_tray: int
@@ -76,79 +78,79 @@ class SeedlingCounts:
 class Seedlings:
     """All seedlings of a run, in trays of 6 columns with 12 cells each.
 
-    A seedling's traits depend on the seed, its tray and its cell, not on when or how it is handled.
+    The traits of a seedling depend only on the seed, its tray and its cell, not on its handling.
 
     Attributes:
-        total: How many there are.
-        moves: Every move since somebody began to record them, who also empties it; None: nobody does.
+        total: Number of seedlings.
+        moves: Moves recorded since the recorder last cleared the list; None if there is no recorder.
     """
 
     def __init__(self, *, trays: int, seed: int) -> None:
-        """Sow every tray.
+        """Create the seedlings of all trays.
 
         Args:
-            trays: How many trays.
+            trays: Number of trays.
             seed: Seed of the run.
         """
         self._seed = seed
-        self.moves: list[tuple[Seedling, Place]] | None = None
+        self.moves: list[tuple[Seedling, Location]] | None = None
         self._trays = [_sow(tray, seed) for tray in range(trays)]
-        self._at = [0] * len(Place)
-        self._at[Place.STANDING] = self.total = trays * TRAY_CELLS
+        self._at = [0] * len(Location)
+        self._at[Location.STANDING] = self.total = trays * TRAY_CELLS
 
     def __iter__(self) -> Iterator[Seedling]:
         return (plant for tray in self._trays for column in tray for plant in column)
 
     @property
     def trays(self) -> int:
-        """How many trays there are."""
+        """Number of trays."""
         return len(self._trays)
 
     def empty_cells(self, tray: int) -> int:
-        """How many cells of a tray never held a seedling."""
+        """Return the number of cells of a tray without a seedling."""
         return TRAY_CELLS - sum(len(column) for column in self._trays[tray])
 
     def leave_out(self, tray: int, cells: int) -> None:
-        """Let cells of a tray hold no seedling, drawn at random; the others keep their traits.
+        """Remove the seedlings from randomly selected cells of a tray; the other seedlings retain their traits.
 
         Args:
-            tray: The tray; nothing has touched it yet.
-            cells: How many more.
+            tray: Tray number; the tray must be untouched.
+            cells: Number of additional empty cells.
         """
         columns = self._trays[tray]
         sown = [seedling for column in columns for seedling in column]
         for seedling in random.Random(f"seed {self._seed}, tray {tray}, empty cells").sample(sown, cells):
             columns[seedling.column].remove(seedling)
-        self._at[Place.STANDING] -= cells
+        self._at[Location.STANDING] -= cells
         self.total -= cells
 
     def make_typical(self) -> None:
-        """Let every seedling be the typical one of its age: under good motion none fails by itself."""
+        """Give every seedling typical traits; a typical seedling does not fail if the motion is correct."""
         for seedling in self:
             seedling.traits = TYPICAL
 
     def column(self, tray: int, column: int) -> list[Seedling]:
-        """The seedlings of one column, front edge first, wherever they are now."""
+        """Return the seedlings of one column, front edge first, at any location."""
         return self._trays[tray][column]
 
-    def move(self, seedling: Seedling, place: Place) -> None:
-        """Take a seedling from where it is to another place."""
-        self._at[seedling.place] -= 1
-        self._at[place] += 1
-        seedling.place = place
+    def move(self, seedling: Seedling, location: Location) -> None:
+        """Move a seedling to another location."""
+        self._at[seedling.location] -= 1
+        self._at[location] += 1
+        seedling.location = location
         if self.moves is not None:
-            self.moves.append((seedling, place))
+            self.moves.append((seedling, location))
 
     def counts(self) -> SeedlingCounts:
-        """Count them."""
+        """Return the number of seedlings by location."""
         at = self._at
         return SeedlingCounts(
-            in_tray=at[Place.STANDING] + at[Place.CLAMPED],
-            in_claw=at[Place.IN_CLAW] + at[Place.FALLING],
-            in_cups=at[Place.IN_CUP],
-            P=at[Place.LOST_PICK],
-            D=at[Place.LOST_CARRY],
-            T=at[Place.LOST_THROW],
+            in_tray=at[Location.STANDING] + at[Location.CLAMPED],
+            in_claw=at[Location.IN_CLAW] + at[Location.FALLING],
+            in_cups=at[Location.IN_CUP],
+            P=at[Location.LOST_PICK],
+            D=at[Location.LOST_CARRY],
+            T=at[Location.LOST_THROW],
             total=self.total,
         )
 

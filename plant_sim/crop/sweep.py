@@ -1,21 +1,21 @@
-"""What an arm runs into when it moves low over a tray."""
+"""Collisions of a lowered arm with the seedlings in a tray."""
 
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident, Report
 from plant_sim.crop.pose import Pose, Reach
-from plant_sim.crop.seedling import Place, Seedling, Seedlings
+from plant_sim.crop.seedling import Location, Seedling, Seedlings
 
 
 class Sweep:
-    """State: which columns the claw row has passed, and from where it came.
+    """Columns passed by the claw row, and the direction of approach.
 
-    Open, converged claws straddle the stems of a column from its outer side, and draw back the
-    same way. Going through a column that still stands is a collision; hence the order 1, 2, 3.
-    Claws that are closed or spread damage what they touch.
+    Open, converged claws straddle the stems of a column from its outer side and retract the
+    same way. Passing through a standing column is a collision; hence the pick order 1, 2, 3.
+    Closed or spread claws damage the stems that they touch.
 
     Attributes:
-        low: Whether the arm is low enough to meet what stands in a tray.
+        low: True if the arm is low enough to touch seedlings standing in a tray.
     """
 
     __slots__ = (
@@ -32,31 +32,31 @@ class Sweep:
     )
 
     def __init__(self, spec: HandlingSpec, reach: Reach, seedlings: Seedlings, bed: Bed, report: Report) -> None:
-        """Start away from the tray; `sync` puts it elsewhere.
+        """Initialise with the arm away from the tray; `sync` sets another position.
 
         Args:
-            spec: Distances.
-            reach: What the arm can get at.
-            seedlings: All of them.
-            bed: What lies under the arms.
-            report: Takes note of incidents.
+            spec: Handling distances.
+            reach: Reach of the arm.
+            seedlings: All seedlings.
+            bed: Trays under the arms.
+            report: Callback for incidents.
         """
         self._spec = spec
         self._reach = reach
         self._seedlings = seedlings
         self._bed = bed
         self._report = report
-        self._passed = 0  # columns the claw row is inward of
-        self._gentle_x_m = 0.0  # where the claws last were open and converged
-        self._trays_m = 0.0  # where the trays were when the arm came to the tray
+        self._passed = 0  # number of columns outward of the claw row
+        self._gentle_x_m = 0.0  # last position with open, converged claws
+        self._trays_m = 0.0  # travel of the trays when the arm reached the tray
         self._tray_has_moved = False
         self.low = False
 
     def sync(self, pose: Pose) -> None:
-        """Take up a starting situation without asking how the arm came there.
+        """Adopt a pose without evaluating the motion that led to it.
 
         Args:
-            pose: Where it is.
+            pose: Pose of the arm.
         """
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m
         self._passed = sum(pose.x_m > inward_m for inward_m in self._far_sides_m())
@@ -64,10 +64,10 @@ class Sweep:
         self._trays_m = self._bed.trays_m
 
     def step(self, pose: Pose) -> None:
-        """See what the last movement of arm or tray ran into.
+        """Detect collisions caused by the latest motion of arm or tray.
 
         Args:
-            pose: Where the arm is now.
+            pose: Present pose of the arm.
         """
         was_low = self.low
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m
@@ -81,7 +81,7 @@ class Sweep:
                 self._run_into(index, "swept through", damage=True)
             elif not was_low:
                 self._run_into(index, "came down on", damage=False)
-        self._watch_tray(pose, index)
+        self._check_tray_motion(pose, index)
         if gentle:
             self._gentle_x_m = pose.x_m
 
@@ -101,8 +101,8 @@ class Sweep:
                 self._run_into(passed, "went through", damage=not gentle)
         self._passed = passed
 
-    def _watch_tray(self, pose: Pose, index: int | None) -> None:
-        """Notice a tray that moves while the arm is low in it."""
+    def _check_tray_motion(self, pose: Pose, index: int | None) -> None:
+        """Detect a tray that moves while the arm is lowered into it."""
         in_tray = self.low and pose.x_m > self._reach.tray_edge_m
         if not in_tray or self._bed.is_empty:
             self._trays_m = self._bed.trays_m
@@ -127,4 +127,4 @@ class Sweep:
     def _collide(self, text: str, damaged: list[Seedling]) -> None:
         self._report(Incident.ARM_THROUGH_TRAY, text)
         for seedling in damaged:
-            self._seedlings.move(seedling, Place.LOST_PICK)
+            self._seedlings.move(seedling, Location.LOST_PICK)

@@ -1,21 +1,21 @@
-"""What makes one seedling differ from the next."""
+"""Individual deviations of a seedling."""
 
 import random
 from typing import NamedTuple
 
 
 class Traits(NamedTuple):
-    """How a seedling differs from the typical one of its age, in standard deviations of each property.
+    """Deviations from the typical seedling of the same age, in standard deviations of each property.
 
     Attributes:
-        height: Free stem below the lowest leaf; more is taller.
-        lean_along: Where the stem stands between the fingers, along the row.
-        lean_across: Where it stands along the strips, across the row.
-        grasp: How little its plug clings to the cell; more comes out more easily.
+        height: Free stem below the lowest leaf; positive is taller.
+        lean_along: Stem position between the fingers, along the row.
+        lean_across: Stem position along the strips, across the row.
+        grasp: Ease of plug extraction; positive comes out more easily.
         strength: Force that cuts the stem while the claws close and pull.
-        endurance: Contact pressure that the stem bears while it is carried.
-        drift_along: Where its plug comes down, along the row.
-        drift_across: Where its plug comes down, across the row.
+        endurance: Contact pressure that the stem endures while carried.
+        drift_along: Landing position of the plug along the row.
+        drift_across: Landing position of the plug across the row.
     """
 
     height: float
@@ -29,13 +29,13 @@ class Traits(NamedTuple):
 
 
 TYPICAL = Traits(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""A seedling in the middle of everything."""
+"""The typical seedling."""
 
 
 def draw_traits(draws: random.Random) -> Traits:
-    """Draw a seedling from its population.
+    """Draw the traits of a seedling from its population.
 
     Args:
-        draws: Source of all draws.
+        draws: Random generator.
     """
     return Traits(*(draws.gauss(0.0, 1.0) for _ in Traits._fields))

@@ -1,1 +1,1 @@
-"""The moving parts of the machine: coils go in, positions and switches come out."""
+"""Devices of the machine: coils are inputs, positions and switches are outputs."""

@@ -1,31 +1,31 @@
-"""The twelve claws of an arm, opened and closed together by one latching valve."""
+"""Claws: the twelve grippers of an arm, opened and closed together by one latching valve."""
 
 from dataclasses import dataclass
 
+from plant_sim.common.limits import require, require_within
 from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
 from plant_sim.pneumatics.chamber import fill
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import piston_area_m2
-from plant_sim.spec import require, require_within
 
 
 @dataclass(frozen=True, slots=True)
 class ClawsSpec:
-    """What is bolted to the machine: twelve MHC2 an arm, finger angle positive when open.
+    """Parameters of the claws: twelve MHC2 per arm, finger angle positive when open.
 
     Attributes:
         bore_m: Bore of one gripper, m.
         stroke_m: Stroke of its piston, m.
-        grippers: How many an arm has; their chambers are taken as one.
-        moved_kg: Piston and fingers of one, kg.
+        grippers: Grippers per arm; their chambers are lumped into one.
+        moved_kg: Mass of piston and fingers of one gripper, kg.
         throttle_conductance_m3_s_pa: Meter-out throttle of the arm's claws, m3/(s Pa).
-        moment_nm_pa: Moment of a finger for each Pa across the piston, N m/Pa.
-        finger_m: From the joint to where a finger holds the stem, m.
+        moment_nm_pa: Moment of a finger per Pa across the piston, N m/Pa.
+        finger_m: Distance from the joint to the point where a finger holds the stem, m.
         closed_deg: Finger angle at the closed end, degrees.
         open_deg: Finger angle at the open end, degrees.
-        grips_below_deg: At this angle or less a stem is gripped, degrees.
-        frees_above_deg: At this angle or more a stem is free, degrees.
-        holds_above_n: Closed fingers with less force let slip what they hold, N.
+        grips_below_deg: Angle up to which a stem is gripped, degrees.
+        frees_above_deg: Angle from which a stem is free, degrees.
+        holds_above_n: Minimum force with which closed fingers hold, N; below it seedlings slip out.
     """
 
     bore_m: float
@@ -42,7 +42,7 @@ class ClawsSpec:
     holds_above_n: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.004, 0.1, "bore_m")
         require_within(self, 0.001, 0.1, "stroke_m")
         require_within(self, 1, 100, "grippers")
@@ -55,7 +55,7 @@ class ClawsSpec:
         require(
             self.closed_deg < self.grips_below_deg,
             "grips_below_deg",
-            "must lie above the closed end, or nothing is ever gripped",
+            "must lie above the closed end, otherwise nothing can be gripped",
         )
         require(
             self.grips_below_deg < self.frees_above_deg < self.open_deg,
@@ -70,12 +70,12 @@ class ClawsSpec:
 
 
 class Claws(Cylinder):
-    """A view of the claws of an arm; position 0 is closed.
+    """View of the claws of an arm; position 0 is closed.
 
     Attributes:
-        grips_below_m: Position at which a stem is gripped, m.
-        frees_above_m: Position at which a stem is free, m.
-        holds_above_pa: Pressure across the pistons with which closed fingers just hold, Pa.
+        grips_below_m: Position up to which a stem is gripped, m.
+        frees_above_m: Position from which a stem is free, m.
+        holds_above_pa: Minimum pressure across the pistons with which closed fingers hold, Pa.
     """
 
     __slots__ = ("_deg_m", "_port", "_pressure_pa", "_spec", "frees_above_m", "grips_below_m", "holds_above_pa")
@@ -90,18 +90,20 @@ class Claws(Cylinder):
         *,
         pressure_pa: float,
     ) -> None:
-        """Build them, open.
+        """Initialise the claws, open.
 
         Args:
-            spec: What they are.
-            port: The way to either chamber of all grippers.
+            spec: Parameters of the claws.
+            port: Path from the valve to either chamber of all grippers.
             friction: Friction of one gripper.
             common: Valves and air.
-            arm: Where the arm lies in the memory of the kernel.
+            arm: Records of the arm in the kernel memory.
             pressure_pa: Gauge pressure of the claws, Pa.
         """
-        make = arm.make["claws"]
-        super().__init__(arm.state["claws"], make, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + pressure_pa)
+        params = arm.params["claws"]
+        super().__init__(
+            arm.state["claws"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + pressure_pa
+        )
         self._spec = spec
         self._port = port
         self._pressure_pa = pressure_pa
@@ -109,14 +111,14 @@ class Claws(Cylinder):
         self.holds_above_pa = spec.holds_above_n * spec.finger_m / spec.moment_nm_pa
         self.grips_below_m = (spec.grips_below_deg - spec.closed_deg) / self._deg_m
         self.frees_above_m = (spec.frees_above_deg - spec.closed_deg) / self._deg_m
-        make["stroke_m"] = spec.stroke_m
-        make["plus_area_m2"] = make["minus_area_m2"] = spec.area_m2
-        make["load_kg"] = spec.grippers * spec.moved_kg
+        params["stroke_m"] = spec.stroke_m
+        params["plus_area_m2"] = params["minus_area_m2"] = spec.area_m2
+        params["load_kg"] = spec.grippers * spec.moved_kg
         for name in ("coulomb_n", "static_n", "viscous_n_s_m"):
-            make["friction"][name] *= spec.grippers
-        make["cushion_share"] = 1.0
-        make["valve"]["latching"] = 1
-        for line in (make["plus"], make["minus"]):
+            params["friction"][name] *= spec.grippers
+        params["cushion_share"] = 1.0
+        params["valve"]["latching"] = 1
+        for line in (params["plus"], params["minus"]):
             line["throttle_m3_s_pa"] = spec.throttle_conductance_m3_s_pa
             line["checked"] = 0
         self.swing(is_open=True)
@@ -128,29 +130,29 @@ class Claws(Cylinder):
 
     @property
     def gripping(self) -> bool:
-        """Whether what is between the fingers is gripped."""
+        """True if a stem between the fingers is gripped."""
         return self.position_m <= self.grips_below_m
 
     @property
     def free(self) -> bool:
-        """Whether nothing between the fingers is touched."""
+        """True if the fingers do not touch a stem between them."""
         return self.position_m >= self.frees_above_m
 
     @property
     def clamp_n(self) -> float:
         """Force of a finger on the stem, N: positive clamps, negative opens.
 
-        The catalogue's moment at 0.5 MPa, taken as proportional to the pressure across the piston.
+        The moment is proportional to the pressure across the piston, scaled from the catalogue value at 0.5 MPa.
         """
         across_pa = float(self.state["minus"]["chamber"]["pressure_pa"] - self.state["plus"]["chamber"]["pressure_pa"])
         return self._spec.moment_nm_pa * across_pa / self._spec.finger_m
 
     def swing(self, *, is_open: bool) -> None:
-        """Put fingers, valve and air at one end: a starting situation, not a motion."""
-        state, make = self.state, self.make
+        """Set fingers, valve and air to the open or closed end as an initial condition, without motion."""
+        state, params = self.state, self.params
         state["valve"]["spool"] = state["valve"]["target"] = 1.0 if is_open else -1.0
         self.place(self._spec.stroke_m if is_open else 0.0)
-        vent_tubes(state, make, self._gas)
+        vent_tubes(state, params, self._gas)
         fed, vented = ("plus", "minus") if is_open else ("minus", "plus")
         full_pa = ATMOSPHERE_PA + self._pressure_pa
         fill(state[fed]["tube"], self._port.tube_m3, full_pa, self._gas)

@@ -1,30 +1,30 @@
-"""The lift: a cushioned cylinder that lowers the arm by extending, and carries its weight."""
+"""Lift: a cushioned cylinder that lowers the arm by extending, and carries its weight."""
 
 from dataclasses import dataclass
 
+from plant_sim.common.limits import require, require_within
 from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import annulus_area_m2, meter_out_speed_m_s, piston_area_m2
-from plant_sim.spec import require, require_within
 
 _GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True)
 class LiftSpec:
-    """What is bolted to the machine: SC 50x150.
+    """Parameters of a lift: SC 50x150.
 
     Attributes:
         bore_m: Bore, m.
         rod_m: Diameter of the piston rod, m.
         stroke_m: Stroke, m.
-        carried_kg: What hangs on the rod, with rod and piston, kg.
+        carried_kg: Mass on the rod, including rod and piston, kg.
         extend_conductance_m3_s_pa: Sonic conductance of the throttle at the rod side, m3/(s Pa).
-        retract_conductance_m3_s_pa: The same at the full side, m3/(s Pa).
+        retract_conductance_m3_s_pa: Sonic conductance of the throttle at the full side, m3/(s Pa).
         cushion_m: Length of the cushions, m.
-        cushion_share: What a cushion leaves of the throttle.
-        switch_band_m: Half width in which an end switch comes on, m.
-        switch_hysteresis_m: How far beyond the band it goes off, m.
+        cushion_share: Fraction of the throttle left open by a cushion.
+        switch_band_m: Half width of the range in which an end switch turns on, m.
+        switch_hysteresis_m: Distance beyond the band at which it turns off, m.
     """
 
     bore_m: float
@@ -39,7 +39,7 @@ class LiftSpec:
     switch_hysteresis_m: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.006, 0.2, "bore_m")
         require_within(self, 0.01, 1.0, "stroke_m")
         require_within(self, 0.1, 500.0, "carried_kg")
@@ -66,18 +66,18 @@ class LiftSpec:
 
     @property
     def extend_m_s(self) -> float:
-        """Steady speed of the arm going down, m/s; the rod side is emptied."""
+        """Steady downward speed of the arm, m/s; the rod side exhausts."""
         area_m2 = annulus_area_m2(self.bore_m, self.rod_m)
         return meter_out_speed_m_s(self.extend_conductance_m3_s_pa, area_m2)
 
     @property
     def retract_m_s(self) -> float:
-        """Steady speed of the arm going up, m/s; the full side is emptied."""
+        """Steady upward speed of the arm, m/s; the full side exhausts."""
         return meter_out_speed_m_s(self.retract_conductance_m3_s_pa, piston_area_m2(self.bore_m))
 
 
 class Lift(Cylinder):
-    """A view of a lift. Coils: extend (arm down), retract (arm up). Switches: down, up.
+    """View of a lift. Coils: extend (arm down), retract (arm up). Switches: down, up.
 
     Attributes:
         down: Switch at full extension.
@@ -97,34 +97,34 @@ class Lift(Cylinder):
         pressure_pa: float,
         bounce_s: float,
     ) -> None:
-        """Build it, arm down, at rest.
+        """Initialise the lift at rest, arm down.
 
         Args:
-            spec: What it is.
-            port: The way to either chamber.
-            friction: Its friction.
+            spec: Parameters of the lift.
+            port: Path from the valve to either chamber.
+            friction: Friction of the lift.
             common: Valves, check valves and air.
-            arm: Where the arm lies in the memory of the kernel.
+            arm: Records of the arm in the kernel memory.
             pressure_pa: Gauge pressure of the main line, Pa.
-            bounce_s: For how long a closing contact bounces, s.
+            bounce_s: Bounce time of a closing contact, s.
         """
-        make = arm.make["lift"]
+        params = arm.params["lift"]
         super().__init__(
-            arm.state["lift"], make, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
+            arm.state["lift"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
         )
         self._stroke_m = spec.stroke_m
-        make["stroke_m"] = spec.stroke_m
-        make["plus_area_m2"] = piston_area_m2(spec.bore_m)
-        make["minus_area_m2"] = annulus_area_m2(spec.bore_m, spec.rod_m)
-        make["load_kg"] = spec.carried_kg
-        make["weight_n"] = spec.carried_kg * _GRAVITY_M_S2
-        make["cushion_m"], make["cushion_share"] = spec.cushion_m, spec.cushion_share
-        make["minus"]["throttle_m3_s_pa"] = spec.extend_conductance_m3_s_pa
-        make["plus"]["throttle_m3_s_pa"] = spec.retract_conductance_m3_s_pa
-        self.up, self.down = self._mount(
-            arm.state["lift_switches"], arm.make["lift_switches"], (0.0, spec.stroke_m), spec, bounce_s
+        params["stroke_m"] = spec.stroke_m
+        params["plus_area_m2"] = piston_area_m2(spec.bore_m)
+        params["minus_area_m2"] = annulus_area_m2(spec.bore_m, spec.rod_m)
+        params["load_kg"] = spec.carried_kg
+        params["weight_n"] = spec.carried_kg * _GRAVITY_M_S2
+        params["cushion_m"], params["cushion_share"] = spec.cushion_m, spec.cushion_share
+        params["minus"]["throttle_m3_s_pa"] = spec.extend_conductance_m3_s_pa
+        params["plus"]["throttle_m3_s_pa"] = spec.retract_conductance_m3_s_pa
+        self.up, self.down = self._add_switches(
+            arm.state["lift_switches"], arm.params["lift_switches"], (0.0, spec.stroke_m), spec, bounce_s
         )
-        vent_tubes(self.state, make, arm.gas)
+        vent_tubes(self.state, params, arm.gas)
         self.place(spec.stroke_m)
 
     @property
@@ -134,5 +134,5 @@ class Lift(Cylinder):
 
     @property
     def rise_m(self) -> float:
-        """How high the arm is above its lower limit, m."""
+        """Height of the arm above its lower limit, m."""
         return self._stroke_m - self.position_m

@@ -1,18 +1,18 @@
-"""The push buttons at the machine."""
+"""Push buttons of the machine."""
 
 from dataclasses import dataclass
 
 
 @dataclass(slots=True)
 class OperatorBox:
-    """Buttons, True while pressed (the emergency stop: while latched in).
+    """Button states, True while pressed (for the emergency stop: while latched).
 
-    Their polarity belongs to the wiring, not to the hand.
+    Contact polarity is defined by the wiring, not here.
 
     Attributes:
         start: Machine start.
         stop: Machine stop.
-        emergency_stop: Emergency stop; its relay also takes the coil power.
+        emergency_stop: Emergency stop; its relay also removes coil power.
         reset: Reset, on machines that have it.
     """
 

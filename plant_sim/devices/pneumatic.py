@@ -1,28 +1,29 @@
-"""What slide, lift and claws are made of: valves, ports, friction, and the views of a cylinder."""
+"""Common parts of slide, lift and claws: valves, ports, friction, and the view of a cylinder."""
 
 import math
 from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
+from plant_sim.common.compiled import compiled_and_cached
+from plant_sim.common.limits import require, require_within
 from plant_sim.devices.sensor import Sensor, place_switch
 from plant_sim.devices.view import View
 from plant_sim.pneumatics.chamber import fill
-from plant_sim.pneumatics.compiled import compiled_and_kept
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, tube_conductance_m3_s_pa
-from plant_sim.spec import require, require_within
 
-_WAVE_M_S = 343.0  # speed of sound: how fast a tube passes on a change of pressure; PLANT.md 1.3
+_WAVE_M_S = 343.0
+"""Speed of sound, at which a pressure change travels through a tube, m/s. Source: docs/sources/plant.md 1.3."""
 
 
 @dataclass(frozen=True, slots=True)
 class AirSpec:
-    """How air behaves in every chamber.
+    """Gas model common to all chambers.
 
     Attributes:
-        polytropic_exponent: 1 (slow, isothermal) to 1.4 (fast, adiabatic).
-        wall_time_s: Time in which the air takes the temperature of the walls, s.
-        thermal: Whether its temperature follows the energy balance instead.
-        wall_w_m2_k: Heat transfer to the walls in that case, W/(m2 K).
+        polytropic_exponent: Polytropic exponent of air, 1 (slow, isothermal) to 1.4 (fast, adiabatic).
+        wall_time_s: Time constant of the relaxation to wall temperature, s.
+        thermal: True to compute the temperature from the energy balance instead.
+        wall_w_m2_k: Heat transfer to the walls with `thermal`, W/(m2 K).
     """
 
     polytropic_exponent: float
@@ -31,25 +32,25 @@ class AirSpec:
     wall_w_m2_k: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 1.0, 1.4, "polytropic_exponent")
         require_within(self, 0.01, 100.0, "wall_time_s")
         require_within(self, 0.0, 1000.0, "wall_w_m2_k")
 
     @property
     def stiffness_exponent(self) -> float:
-        """Exponent with which the pressure follows within a step."""
+        """Exponent of the pressure change within a step."""
         return 1.4 if self.thermal else self.polytropic_exponent
 
 
 @dataclass(frozen=True, slots=True)
 class ValveSpec:
-    """Switching of a solenoid valve.
+    """Switching times of a solenoid valve.
 
     Attributes:
-        on_delay_s: From coil on until the spool moves, s.
-        off_delay_s: From coil off until the spool moves, s.
-        spool_s: Time of the spool from the middle to an end, s.
+        on_delay_s: Delay from coil on to spool motion, s.
+        off_delay_s: Delay from coil off to spool motion, s.
+        spool_s: Travel time of the spool from the middle to an end, s.
     """
 
     on_delay_s: float
@@ -57,19 +58,19 @@ class ValveSpec:
     spool_s: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.0, 0.5, "on_delay_s", "off_delay_s")
         require_within(self, 0.0005, 0.1, "spool_s")
 
 
 @dataclass(frozen=True, slots=True)
 class CheckValveSpec:
-    """Pilot check valve in each port of a cylinder.
+    """Pilot check valve at each port of a cylinder.
 
     Attributes:
-        crack_pa: It opens inward at this difference, Pa.
-        pilot_ratio: It opens outward when the pilot has this part of the gauge pressure behind it.
-        pilot_least_pa: The pilot needs at least this gauge pressure, Pa.
+        crack_pa: Pressure difference at which it opens inward, Pa.
+        pilot_ratio: Ratio of pilot to chamber gauge pressure at which it opens outward.
+        pilot_least_pa: Minimum pilot gauge pressure, Pa.
     """
 
     crack_pa: float
@@ -77,7 +78,7 @@ class CheckValveSpec:
     pilot_least_pa: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.0, 1e5, "crack_pa")
         require_within(self, 0.05, 1.0, "pilot_ratio")
         require_within(self, 0.0, 0.5e6, "pilot_least_pa")
@@ -85,17 +86,18 @@ class CheckValveSpec:
 
 @dataclass(frozen=True, slots=True)
 class PortSpec:
-    """The way from a valve to the cylinder, the same at either port.
+    """Path from a valve to the cylinder, equal at both ports.
 
     Attributes:
-        valve_conductance_m3_s_pa: Valve, m3/(s Pa).
+        valve_conductance_m3_s_pa: Sonic conductance of the valve, m3/(s Pa).
         valve_critical_ratio: Critical pressure ratio of the valve.
         tube_inner_m: Inner diameter of the tube, m.
-        tube_length_m: Its length, m.
-        tubes: How many tubes lie side by side.
-        fitting_conductance_m3_s_pa: Speed controller (free flow), check valve and port, m3/(s Pa).
-        fitting_critical_ratio: Critical pressure ratio of these, and of the throttle.
-        dead_volume_m3: Volume of the cylinder's chamber at the end of the stroke, m3.
+        tube_length_m: Length of the tube, m.
+        tubes: Number of parallel tubes.
+        fitting_conductance_m3_s_pa: Sonic conductance of speed controller (free flow), check valve and port,
+            m3/(s Pa).
+        fitting_critical_ratio: Critical pressure ratio of these and of the throttle.
+        dead_volume_m3: Chamber volume at the end of the stroke, m3.
     """
 
     valve_conductance_m3_s_pa: float
@@ -108,7 +110,7 @@ class PortSpec:
     dead_volume_m3: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 1e-10, 1e-6, "valve_conductance_m3_s_pa", "fitting_conductance_m3_s_pa")
         require_within(self, 0.05, 0.6, "valve_critical_ratio", "fitting_critical_ratio")
         require_within(self, 0.0005, 0.05, "tube_inner_m")
@@ -128,19 +130,19 @@ class PortSpec:
 
     @property
     def delay_s(self) -> float:
-        """How much later the cylinder feels the valve, s."""
+        """Travel time of a pressure change from the valve to the cylinder, s."""
         return self.tube_length_m / _WAVE_M_S
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionSpec:
-    """Friction of seals and guides (Stribeck).
+    """Friction of seals and guides by the Stribeck curve.
 
     Attributes:
-        coulomb_n: While it moves, N.
-        static_n: Before it moves, N.
-        stribeck_m_s: Speed at which it has fallen half way from the one to the other, m/s.
-        viscous_n_s_m: What it grows with the speed, N s/m.
+        coulomb_n: Friction in motion, N.
+        static_n: Breakaway friction, N.
+        stribeck_m_s: Speed at which half of the difference has decayed, m/s.
+        viscous_n_s_m: Viscous coefficient, N s/m.
     """
 
     coulomb_n: float
@@ -149,7 +151,7 @@ class FrictionSpec:
     viscous_n_s_m: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.0, 2000.0, "coulomb_n", "static_n")
         require_within(self, 0.001, 1.0, "stribeck_m_s")
         require_within(self, 0.0, 10000.0, "viscous_n_s_m")
@@ -158,7 +160,7 @@ class FrictionSpec:
 
 @dataclass(frozen=True, slots=True)
 class Pneumatics:
-    """What is common to every cylinder."""
+    """Specs common to all cylinders."""
 
     air: AirSpec
     valve: ValveSpec
@@ -166,46 +168,46 @@ class Pneumatics:
 
 
 class Records(NamedTuple):
-    """Where an arm lies in the memory of the kernel.
+    """Records of an arm in the kernel memory.
 
     Attributes:
-        state: Its record, `ARM`.
-        make: Its record, `ARM_MAKE`.
-        gas: How air behaves, `GAS`.
+        state: State record, `ARM`.
+        params: Parameter record, `ARM_PARAMS`.
+        gas: Gas model, `GAS`.
     """
 
     state: Any
-    make: Any
+    params: Any
     gas: Any
 
 
-@compiled_and_kept
-def put(c: Any, make: Any, position_m: float, mean_pa: float, gas: Any) -> None:
-    """Put a cylinder somewhere, at rest, its chambers holding the load: a starting situation."""
+@compiled_and_cached
+def place_cylinder(c: Any, params: Any, position_m: float, mean_pa: float, gas: Any) -> None:
+    """Set a cylinder to a position at rest as an initial condition; the chamber pressures balance the load."""
     c.position_m = c.piston_m = position_m
     c.speed_m_s = c.piston_m_s = c.magnet_n = 0.0
     c.decoupled = 0
-    plus_m2, minus_m2 = make.plus_area_m2, make.minus_area_m2
-    # the load is held where plus_pa plus_m2 - minus_pa minus_m2 = atmosphere (plus_m2 - minus_m2) - weight
+    plus_m2, minus_m2 = params.plus_area_m2, params.minus_area_m2
+    # force balance of the load: plus_pa plus_m2 - minus_pa minus_m2 = atmosphere (plus_m2 - minus_m2) - weight
     minus_pa = mean_pa
-    plus_pa = (minus_pa * minus_m2 + ATMOSPHERE_PA * (plus_m2 - minus_m2) - make.weight_n) / plus_m2
-    fill(c.plus.chamber, make.plus.dead_m3 + plus_m2 * position_m, plus_pa, gas)
-    fill(c.minus.chamber, make.minus.dead_m3 + minus_m2 * (make.stroke_m - position_m), minus_pa, gas)
+    plus_pa = (minus_pa * minus_m2 + ATMOSPHERE_PA * (plus_m2 - minus_m2) - params.weight_n) / plus_m2
+    fill(c.plus.chamber, params.plus.dead_m3 + plus_m2 * position_m, plus_pa, gas)
+    fill(c.minus.chamber, params.minus.dead_m3 + minus_m2 * (params.stroke_m - position_m), minus_pa, gas)
 
 
-@compiled_and_kept
-def vent_tubes(c: Any, make: Any, gas: Any) -> None:
-    """Empty both tubes: the valve stands in the middle."""
-    fill(c.plus.tube, make.plus.tube_m3, ATMOSPHERE_PA, gas)
-    fill(c.minus.tube, make.minus.tube_m3, ATMOSPHERE_PA, gas)
+@compiled_and_cached
+def vent_tubes(c: Any, params: Any, gas: Any) -> None:
+    """Vent both tubes; the valve is in its middle position."""
+    fill(c.plus.tube, params.plus.tube_m3, ATMOSPHERE_PA, gas)
+    fill(c.minus.tube, params.minus.tube_m3, ATMOSPHERE_PA, gas)
 
 
 class Cylinder(View):
-    """A view of a cylinder with its valve and switches.
+    """View of a cylinder with its valve and switches.
 
     Attributes:
-        state: Its record, `CYLINDER`.
-        make: Its record, `CYLINDER_MAKE`; what can break is changed here.
+        state: Its state record, `CYLINDER`.
+        params: Its parameter record, `CYLINDER_PARAMS`; faults change it.
     """
 
     __slots__ = ("_gas", "_hold_pa", "_switches")
@@ -213,7 +215,7 @@ class Cylinder(View):
     def __init__(
         self,
         state: Any,
-        make: Any,
+        params: Any,
         gas: Any,
         port: PortSpec,
         friction: FrictionSpec,
@@ -221,29 +223,29 @@ class Cylinder(View):
         *,
         hold_pa: float,
     ) -> None:
-        """Build the parts that every cylinder has.
+        """Initialise the parts common to all cylinders.
 
         Args:
-            state: Its record.
-            make: Its record.
-            gas: How air behaves.
-            port: The way to either chamber.
-            friction: Its friction.
+            state: State record of the cylinder.
+            params: Parameter record of the cylinder.
+            gas: Gas model.
+            port: Path from the valve to either chamber.
+            friction: Friction of the cylinder.
             common: Valves, check valves and air.
-            hold_pa: Absolute pressure that its chambers keep at rest, Pa.
+            hold_pa: Absolute pressure of the chambers at rest, Pa.
         """
-        super().__init__(state, make)
+        super().__init__(state, params)
         self._gas = gas
         self._hold_pa = hold_pa
         self._switches: tuple[tuple[Any, Any], ...] = ()
-        make["friction"] = astuple(friction)
+        params["friction"] = astuple(friction)
         valve, check = common.valve, common.check_valve
-        make["valve"]["on_delay_s"] = valve.on_delay_s + port.delay_s
-        make["valve"]["off_delay_s"] = valve.off_delay_s + port.delay_s
-        make["valve"]["spool_s"] = valve.spool_s
-        make["valve"]["conductance_m3_s_pa"] = port.valve_conductance_m3_s_pa
-        make["valve"]["critical_ratio"] = port.valve_critical_ratio
-        for line in (make["plus"], make["minus"]):
+        params["valve"]["on_delay_s"] = valve.on_delay_s + port.delay_s
+        params["valve"]["off_delay_s"] = valve.off_delay_s + port.delay_s
+        params["valve"]["spool_s"] = valve.spool_s
+        params["valve"]["conductance_m3_s_pa"] = port.valve_conductance_m3_s_pa
+        params["valve"]["critical_ratio"] = port.valve_critical_ratio
+        for line in (params["plus"], params["minus"]):
             line["tube_m3_s_pa"] = port.tube_conductance_m3_s_pa
             line["tube_m3"] = port.tube_m3
             line["dead_m3"] = port.dead_volume_m3
@@ -256,30 +258,32 @@ class Cylinder(View):
 
     @property
     def position_m(self) -> float:
-        """From the end stop at 0, m."""
+        """Distance from the end stop at 0, m."""
         return float(self.state["position_m"])
 
     @property
     def speed_m_s(self) -> float:
-        """Positive away from 0, m/s."""
+        """Speed, m/s, positive away from 0."""
         return float(self.state["speed_m_s"])
 
     def place(self, position_m: float) -> None:
-        """Put it somewhere, at rest: a starting situation, not a motion.
+        """Set the position at rest as an initial condition, without motion.
 
         Args:
-            position_m: Where, m; clipped to the stroke that the bumpers leave.
+            position_m: Position, m; clipped to the stroke between the bumpers.
         """
-        bumper_m = float(self.make["bumper_m"])
-        position_m = min(max(position_m, bumper_m), float(self.make["stroke_m"]) - bumper_m)
-        put(self.state, self.make, position_m, self._hold_pa, self._gas)
-        for state, make in self._switches:
-            place_switch(state, make, position_m)
+        bumper_m = float(self.params["bumper_m"])
+        position_m = min(max(position_m, bumper_m), float(self.params["stroke_m"]) - bumper_m)
+        place_cylinder(self.state, self.params, position_m, self._hold_pa, self._gas)
+        for state, params in self._switches:
+            place_switch(state, params, position_m)
 
-    def _mount(self, states: Any, makes: Any, places_m: tuple[float, ...], spec: Any, bounce_s: float) -> list[Sensor]:
-        """Mount position switches; return their views."""
-        for make, at_m in zip(makes, places_m, strict=True):
-            make["at_m"], make["forced"], make["bounce_s"] = at_m, -1, bounce_s
-            make["band_m"], make["hysteresis_m"] = spec.switch_band_m, spec.switch_hysteresis_m
-        self._switches = tuple((states[number], makes[number]) for number in range(len(places_m)))
-        return [Sensor(state, make) for state, make in self._switches]
+    def _add_switches(
+        self, states: Any, all_params: Any, places_m: tuple[float, ...], spec: Any, bounce_s: float
+    ) -> list[Sensor]:
+        """Initialise the position switches; return their views."""
+        for params, at_m in zip(all_params, places_m, strict=True):
+            params["at_m"], params["forced"], params["bounce_s"] = at_m, -1, bounce_s
+            params["band_m"], params["hysteresis_m"] = spec.switch_band_m, spec.switch_hysteresis_m
+        self._switches = tuple((states[number], all_params[number]) for number in range(len(places_m)))
+        return [Sensor(state, params) for state, params in self._switches]

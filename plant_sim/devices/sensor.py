@@ -1,4 +1,4 @@
-"""Binary sensors: position switches with band, hysteresis and bouncing contacts; each can be forced as a fault."""
+"""Binary sensors: position switches with band, hysteresis and contact bounce; a sensor can be forced as a fault."""
 
 import math
 from dataclasses import dataclass
@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
-from plant_sim.spec import require_within
+from plant_sim.common.compiled import compiled, compiled_and_cached
+from plant_sim.common.limits import require_within
 
-#: State: what there is to be seen, since when (interpolated within a step), and what the sensor says.
-#: `busy` 1 while it does not yet, or not steadily, say what it sees.
-SENSOR = np.dtype([("seen", "i8"), ("edge_s", "f8"), ("says", "i8"), ("busy", "i8")])
+SENSOR = np.dtype([("detected", "i8"), ("edge_s", "f8"), ("output", "i8"), ("busy", "i8")])
+"""State: detected level, time of its last edge (interpolated within a step), and output level.
 
-#: What it is. A position switch is on within `band_m` of `at_m` and goes off `hysteresis_m` beyond.
-#: A contact bounces for `bounce_s` after closing. `late_s` and `forced` (0 or 1, else -1) are faults.
-SENSOR_MAKE = np.dtype(
+`busy` is 1 while the output is delayed or bounces.
+"""
+
+SENSOR_PARAMS = np.dtype(
     [
         ("at_m", "f8"),
         ("band_m", "f8"),
@@ -25,123 +25,129 @@ SENSOR_MAKE = np.dtype(
         ("forced", "i8"),
     ]
 )
+"""Parameters.
 
-_BOUNCES = 5.0  # closed and open in turn, so many times in the time of bouncing; closed at first and at last
+A position switch turns on within `band_m` of `at_m` and turns off `hysteresis_m` beyond the band. A contact bounces for
+`bounce_s` after closing. `late_s` and `forced` (0 or 1; -1 if not forced) are faults.
+"""
+
+_BOUNCES = 5.0
+"""Intervals within the bounce time, alternately closed and open; the first and the last are closed."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContactSpec:
-    """The contacts of every switch.
+    """Parameters of the contacts of all switches.
 
     Attributes:
-        bounce_s: For how long a closing contact bounces, s.
+        bounce_s: Bounce time of a closing contact, s.
     """
 
     bounce_s: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.0, 0.05, "bounce_s")
 
 
 @compiled
-def step_switch(s: Any, make: Any, before_m: float, after_m: float, at_s: float, step_s: float) -> None:
-    """See a part move within a step that begins at `at_s`; the edge is interpolated between its ends."""
+def step_switch(s: Any, params: Any, before_m: float, after_m: float, at_s: float, step_s: float) -> None:
+    """Update a position switch for a step that begins at `at_s`; the edge is interpolated within the step."""
     if before_m != after_m:
-        reach_m = make.band_m + make.hysteresis_m if s.seen else make.band_m
-        off_m = after_m - make.at_m
-        if (abs(off_m) <= reach_m) != (s.seen != 0):
-            side = math.copysign(1.0, off_m if s.seen else before_m - make.at_m)
-            edge_m = make.at_m + side * reach_m
+        reach_m = params.band_m + params.hysteresis_m if s.detected else params.band_m
+        off_m = after_m - params.at_m
+        if (abs(off_m) <= reach_m) != (s.detected != 0):
+            side = math.copysign(1.0, off_m if s.detected else before_m - params.at_m)
+            edge_m = params.at_m + side * reach_m
             share = min(max((edge_m - before_m) / (after_m - before_m), 0.0), 1.0)
-            note_edge(s, at_s + share * step_s)
+            record_edge(s, at_s + share * step_s)
     if s.busy:
-        speak(s, make, at_s + step_s)
+        update_output(s, params, at_s + step_s)
 
 
 @compiled
-def note_edge(s: Any, edge_s: float) -> None:
-    """Take note that what there is to be seen changed at `edge_s`."""
-    s.seen = 1 - s.seen
+def record_edge(s: Any, edge_s: float) -> None:
+    """Toggle the detected level at `edge_s`."""
+    s.detected = 1 - s.detected
     s.edge_s = edge_s
     s.busy = 1
 
 
 @compiled
-def speak(s: Any, make: Any, now_s: float) -> None:
-    """Bring what the sensor says up to date."""
-    since_s = now_s - s.edge_s - make.late_s
+def update_output(s: Any, params: Any, now_s: float) -> None:
+    """Update the output for delay and bounce."""
+    since_s = now_s - s.edge_s - params.late_s
     if since_s < 0.0:
         return
-    s.says = s.seen
-    if s.seen and since_s < make.bounce_s:
-        s.says = 1 - int(_BOUNCES * since_s / make.bounce_s) % 2
+    s.output = s.detected
+    if s.detected and since_s < params.bounce_s:
+        s.output = 1 - int(_BOUNCES * since_s / params.bounce_s) % 2
     else:
         s.busy = 0
 
 
-@compiled_and_kept
-def place_switch(s: Any, make: Any, position_m: float) -> None:
-    """Put the part in front of a switch somewhere: a starting situation, no edge."""
-    s.seen = 1 if abs(position_m - make.at_m) <= make.band_m else 0
-    s.says = s.seen
+@compiled_and_cached
+def place_switch(s: Any, params: Any, position_m: float) -> None:
+    """Set the position detected by a switch as an initial condition, without an edge."""
+    s.detected = 1 if abs(position_m - params.at_m) <= params.band_m else 0
+    s.output = s.detected
     s.busy = 0
 
 
 class Sensor:
-    """A view of one sensor."""
+    """View of one sensor."""
 
-    __slots__ = ("_make", "_state")
+    __slots__ = ("_params", "_state")
 
-    def __init__(self, state: Any, make: Any) -> None:
-        """Look at a sensor.
+    def __init__(self, state: Any, params: Any) -> None:
+        """Create a view.
 
         Args:
             state: Its record, `SENSOR`.
-            make: Its record, `SENSOR_MAKE`.
+            params: Its record, `SENSOR_PARAMS`.
         """
         self._state = state
-        self._make = make
+        self._params = params
 
     @classmethod
     def alone(cls, *, on: bool = False) -> "Sensor":
-        """Return a sensor that nothing moves in front of; it sees what `sense` tells it."""
-        make = np.zeros(1, SENSOR_MAKE)
-        make["forced"] = -1
-        sensor = cls(np.zeros(1, SENSOR)[0], make[0])
-        sensor.sense(on)
+        """Return a sensor without a moving target; its detected level is set by `detect`."""
+        params = np.zeros(1, SENSOR_PARAMS)
+        params["forced"] = -1
+        sensor = cls(np.zeros(1, SENSOR)[0], params[0])
+        sensor.detect(on)
         return sensor
 
     def read(self) -> bool:
-        """Whether the sensor says on."""
-        forced = int(self._make["forced"])
-        return bool(self._state["says"]) if forced < 0 else forced == 1
+        """Return the output level."""
+        forced = int(self._params["forced"])
+        return bool(self._state["output"]) if forced < 0 else forced == 1
 
     @property
     def stuck(self) -> bool | None:
-        """None while it is sound; True or False is what it says whatever it sees."""
-        forced = int(self._make["forced"])
+        """Level at which the output is stuck, None while the sensor is sound."""
+        forced = int(self._params["forced"])
         return None if forced < 0 else forced == 1
 
     @stuck.setter
     def stuck(self, stuck: bool | None) -> None:
-        self._make["forced"] = -1 if stuck is None else int(stuck)
+        self._params["forced"] = -1 if stuck is None else int(stuck)
 
     @property
     def late_s(self) -> float:
-        """How much later than it sees them the sensor tells its edges, s."""
-        return float(self._make["late_s"])
+        """Delay of the output edges, s."""
+        return float(self._params["late_s"])
 
     @late_s.setter
     def late_s(self, late_s: float) -> None:
-        self._make["late_s"] = late_s
+        self._params["late_s"] = late_s
 
     @property
     def edge_s(self) -> float:
-        """Plant time at which what it sees last changed, s."""
+        """Plant time of the last edge of the detected level, s."""
         return float(self._state["edge_s"])
 
-    def sense(self, on: bool) -> None:
-        """Take note of what is there to be seen, at once and steadily."""
-        self._state["seen"] = self._state["says"] = int(on)
+    def detect(self, on: bool) -> None:
+        """Set the detected level and the output, without delay or bounce."""
+        self._state["detected"] = self._state["output"] = int(on)
         self._state["busy"] = 0

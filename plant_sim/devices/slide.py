@@ -1,16 +1,16 @@
-"""The slide: a rodless cylinder, magnetically coupled, that carries an arm between the cups and the tray."""
+"""Slide: a magnetically coupled rodless cylinder that carries an arm between the cups and the tray."""
 
 from dataclasses import dataclass
 
+from plant_sim.common.limits import require, require_within
 from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import meter_out_speed_m_s, piston_area_m2
-from plant_sim.spec import require, require_within
 
 
 @dataclass(frozen=True, slots=True)
 class SlideSpec:
-    """What is bolted to the machine: CY1S, magnetically coupled, same area on both sides.
+    """Parameters of a slide: CY1S, magnetically coupled, equal area on both sides.
 
     Attributes:
         bore_m: Bore, m.
@@ -18,19 +18,19 @@ class SlideSpec:
         carried_kg: Carriage and arm, kg.
         piston_kg: Piston, kg.
         throttle_conductance_m3_s_pa: Sonic conductance of the meter-out throttles, m3/(s Pa).
-        magnet_holds_n: Force above which the magnets let go, N.
+        magnet_holds_n: Force above which the magnets decouple, N.
         magnet_n_m: Stiffness of the magnetic coupling, N/m.
-        magnet_n_s_m: Its damping, N s/m.
-        recouples_m_s: They catch each other again below this difference of speed, m/s.
+        magnet_n_s_m: Damping of the coupling, N s/m.
+        recouples_m_s: Speed difference below which the magnets recouple, m/s.
         bumper_m: Thickness of the rubber bumpers, m.
-        bumper_n_m: Their stiffness, N/m.
-        bumper_n_s_m: Their damping, N s/m.
-        overtravel_m: How far the piston can run beyond the carriage's stroke, m.
-        brake_n: Force of the brake on the guide, applied by a spring and lifted by the pressure of
-            either line; 0 for none, N.
-        brake_bites_pa: It bites when both lines are below this gauge pressure, Pa.
-        switch_band_m: Half width in which a position switch comes on, m.
-        switch_hysteresis_m: How far beyond the band it goes off, m.
+        bumper_n_m: Stiffness of the bumpers, N/m.
+        bumper_n_s_m: Damping of the bumpers, N s/m.
+        overtravel_m: Travel of the piston beyond the stroke of the carriage, m.
+        brake_n: Force of the spring-applied brake on the guide, N; pressure in either line releases it; 0 means
+            no brake.
+        brake_bites_pa: Gauge pressure of both lines below which the brake engages, Pa.
+        switch_band_m: Half width of the range in which a position switch turns on, m.
+        switch_hysteresis_m: Distance beyond the band at which it turns off, m.
     """
 
     bore_m: float
@@ -52,7 +52,7 @@ class SlideSpec:
     switch_hysteresis_m: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.006, 0.2, "bore_m")
         require_within(self, 0.05, 2.0, "stroke_m")
         require_within(self, 0.1, 500.0, "carried_kg")
@@ -82,21 +82,21 @@ class SlideSpec:
 
     @property
     def speed_m_s(self) -> float:
-        """Steady speed either way, m/s, while the exhaust is choked."""
+        """Steady speed in either direction while the exhaust is choked, m/s."""
         return meter_out_speed_m_s(self.throttle_conductance_m3_s_pa, self.area_m2)
 
     @property
     def decouples_pa(self) -> float:
-        """Gauge pressure at which a blocked carriage loses its piston, Pa."""
+        """Gauge pressure at which a blocked carriage decouples from its piston, Pa."""
         return self.magnet_holds_n / self.area_m2
 
 
 class Slide(Cylinder):
-    """A view of a slide. Coils: inward, outward. Switches: one at feed (the outer end), one a pick position.
+    """View of a slide. Coils: inward, outward. Switches: one at feed (the outer end), one at each pick position.
 
     Attributes:
         at_feed: Switch at 0.
-        at_pick: Switches at the pick positions, nearest to the feed first.
+        at_pick: Switches at the pick positions, the one nearest to the feed first.
     """
 
     __slots__ = ("at_feed", "at_pick")
@@ -113,38 +113,38 @@ class Slide(Cylinder):
         pressure_pa: float,
         bounce_s: float,
     ) -> None:
-        """Build it, at feed, at rest.
+        """Initialise the slide at rest, at feed.
 
         Args:
-            spec: What it is.
-            port: The way to either chamber.
-            friction: Its friction.
+            spec: Parameters of the slide.
+            port: Path from the valve to either chamber.
+            friction: Friction of the slide.
             common: Valves, check valves and air.
-            arm: Where the arm lies in the memory of the kernel.
+            arm: Records of the arm in the kernel memory.
             picks_m: Pick positions from the feed inward, m.
             pressure_pa: Gauge pressure of the main line, Pa.
-            bounce_s: For how long a closing contact bounces, s.
+            bounce_s: Bounce time of a closing contact, s.
         """
-        make = arm.make["slide"]
+        params = arm.params["slide"]
         super().__init__(
-            arm.state["slide"], make, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
+            arm.state["slide"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
         )
-        make["stroke_m"] = spec.stroke_m
-        make["plus_area_m2"] = make["minus_area_m2"] = spec.area_m2
-        make["load_kg"], make["piston_kg"] = spec.carried_kg, spec.piston_kg
-        make["cushion_share"] = 1.0
+        params["stroke_m"] = spec.stroke_m
+        params["plus_area_m2"] = params["minus_area_m2"] = spec.area_m2
+        params["load_kg"], params["piston_kg"] = spec.carried_kg, spec.piston_kg
+        params["cushion_share"] = 1.0
         for name in ("magnet_holds_n", "magnet_n_m", "magnet_n_s_m", "recouples_m_s"):
-            make[name] = getattr(spec, name)
+            params[name] = getattr(spec, name)
         for name in ("bumper_m", "bumper_n_m", "bumper_n_s_m", "overtravel_m", "brake_n", "brake_bites_pa"):
-            make[name] = getattr(spec, name)
-        for line in (make["plus"], make["minus"]):
+            params[name] = getattr(spec, name)
+        for line in (params["plus"], params["minus"]):
             line["throttle_m3_s_pa"] = spec.throttle_conductance_m3_s_pa
         places_m = (0.0, *picks_m)
-        self.at_feed, *at_pick = self._mount(
-            arm.state["slide_switches"], arm.make["slide_switches"], places_m, spec, bounce_s
+        self.at_feed, *at_pick = self._add_switches(
+            arm.state["slide_switches"], arm.params["slide_switches"], places_m, spec, bounce_s
         )
         self.at_pick = tuple(at_pick)
-        vent_tubes(self.state, make, arm.gas)
+        vent_tubes(self.state, params, arm.gas)
         self.place(0.0)
 
     @property
@@ -154,5 +154,5 @@ class Slide(Cylinder):
 
     @property
     def decoupled(self) -> bool:
-        """Whether the carriage has lost its piston."""
+        """True if the carriage is decoupled from its piston."""
         return bool(self.state["decoupled"])

@@ -1,4 +1,4 @@
-"""The spreader: a DC motor with a belt that sets the pitch of the claws."""
+"""Spreader: a DC motor with a belt that sets the pitch of the claws."""
 
 import math
 from dataclasses import dataclass
@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, place_switch, step_switch
+from plant_sim.common.compiled import compiled
+from plant_sim.common.limits import require, require_within
+from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, place_switch, step_switch
 from plant_sim.devices.view import View
-from plant_sim.pneumatics.compiled import compiled
-from plant_sim.pneumatics.friction import FRICTION, rubbed_m_s
-from plant_sim.spec import require, require_within
+from plant_sim.pneumatics.friction import FRICTION, speed_after_friction_m_s
 
-#: State: belt travel and speed of the claws, speed of the motor at the belt; switches: converged, spread.
 SPREADER = np.dtype([("travel_m", "f8"), ("speed_m_s", "f8"), ("motor_m_s", "f8"), ("switches", SENSOR, (2,))])
+"""State: belt travel and speed of the claws, motor speed at the belt; switches: converged, spread."""
 
-#: What it is, everything reduced to the belt. `slips_n` is the force above which the belt slips.
-SPREADER_MAKE = np.dtype(
+SPREADER_PARAMS = np.dtype(
     [
         ("full_m", "f8"),
         ("voltage_v", "f8"),
@@ -27,26 +26,27 @@ SPREADER_MAKE = np.dtype(
         ("slips_n", "f8"),
         ("blocked", "i8"),
         ("friction", FRICTION),
-        ("switches", SENSOR_MAKE, (2,)),
+        ("switches", SENSOR_PARAMS, (2,)),
     ]
 )
+"""Parameters, all referred to the belt. `slips_n` is the force above which the belt slips."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpreaderSpec:
-    """What is bolted to the machine; motor and claws reduced to the belt.
+    """Parameters of a spreader; motor and claws are referred to the belt.
 
     Attributes:
         travel_m: Belt travel of the front claw from converged to spread, m.
-        voltage_v: Supply of the motor, V; with neither direction on, its relay shorts it: it brakes.
-        resistance_ohm: Armature, ohm.
-        emf_v_s_m: Voltage the motor gives at a belt speed of 1 m/s, V s/m; also its force, N/A.
+        voltage_v: Supply of the motor, V; with neither direction on, a relay short-circuits the motor to brake it.
+        resistance_ohm: Armature resistance, ohm.
+        emf_v_s_m: Back-EMF at a belt speed of 1 m/s, V s/m; also the motor force per current, N/A.
         motor_kg: Inertia of motor and gear at the belt, kg.
         claws_kg: Inertia of the moved claws at the belt, kg.
         friction_n: Friction of guides and chain at the belt, N.
         slips_n: Force at which the belt slips, N.
-        switch_band_m: How near to its end an end switch comes on, m.
-        switch_hysteresis_m: How far beyond the band it goes off, m.
+        switch_band_m: Distance from the end within which an end switch turns on, m.
+        switch_hysteresis_m: Distance beyond the band at which it turns off, m.
     """
 
     travel_m: float
@@ -61,7 +61,7 @@ class SpreaderSpec:
     switch_hysteresis_m: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.01, 1.0, "travel_m")
         require_within(self, 1.0, 400.0, "voltage_v")
         require_within(self, 0.01, 100.0, "resistance_ohm")
@@ -74,69 +74,71 @@ class SpreaderSpec:
         reach_m = self.switch_band_m + self.switch_hysteresis_m
         require(2 * reach_m < self.travel_m, "switch_band_m", "lets both end switches be on at once")
         stall_n = self.emf_v_s_m * self.voltage_v / self.resistance_ohm
-        require(self.friction_n < stall_n, "friction_n", f"holds the motor, which gives {stall_n:.4g} N at most")
+        require(self.friction_n < stall_n, "friction_n", f"exceeds the stall force of the motor, {stall_n:.4g} N")
 
     @property
     def speed_m_s(self) -> float:
-        """Steady belt speed, m/s: where the motor's force is the friction."""
+        """Steady belt speed, at which motor force and friction balance, m/s."""
         return (self.voltage_v - self.friction_n * self.resistance_ohm / self.emf_v_s_m) / self.emf_v_s_m
 
 
 @compiled
-def step_spreader(s: Any, make: Any, spread: bool, converge: bool, at_s: float, step_s: float) -> None:
-    """Let time pass.
+def step_spreader(s: Any, params: Any, spread: bool, converge: bool, at_s: float, step_s: float) -> None:
+    """Advance by one time step.
 
     Args:
         s: The spreader.
-        make: What it is.
-        spread: Motor towards cup pitch; with both directions on the motor is shorted.
-        converge: Motor towards tray pitch.
+        params: Its parameters.
+        spread: True drives towards cup pitch; both directions together short-circuit the motor.
+        converge: True drives towards tray pitch.
         at_s: Start of the step, s.
         step_s: Length of the step, s.
     """
     drive = (1.0 if spread else 0.0) - (1.0 if converge else 0.0)
     before_m = s.travel_m
     if drive != 0.0 or s.speed_m_s != 0.0 or s.motor_m_s != 0.0:
-        _turn(s, make, drive, step_s)
+        _turn(s, params, drive, step_s)
         travel_m = before_m + step_s * s.speed_m_s
-        s.travel_m = min(max(travel_m, 0.0), make.full_m)
-        if s.travel_m != travel_m:  # the end stop takes the speed of the claws, and of the motor unless the belt slips
+        s.travel_m = min(max(travel_m, 0.0), params.full_m)
+        if s.travel_m != travel_m:  # an end stop absorbs the claw speed, and the motor speed unless the belt slips
             s.speed_m_s = 0.0
     for number in range(2):
-        step_switch(s.switches[number], make.switches[number], before_m, s.travel_m, at_s, step_s)
+        step_switch(s.switches[number], params.switches[number], before_m, s.travel_m, at_s, step_s)
 
 
 @compiled
-def _turn(s: Any, make: Any, drive: float, step_s: float) -> None:
-    """New speeds of motor and claws; the belt joins them up to its force."""
-    push_n = drive * make.voltage_v * make.emf_v_s_m / make.resistance_ohm
-    brake = make.emf_v_s_m * make.emf_v_s_m / make.resistance_ohm
-    both_kg = make.motor_kg + make.load_kg
-    common_m_s = (make.motor_kg * s.motor_m_s + make.load_kg * s.speed_m_s) / both_kg
+def _turn(s: Any, params: Any, drive: float, step_s: float) -> None:
+    """Update the speeds of motor and claws, which the belt couples up to its slip force."""
+    push_n = drive * params.voltage_v * params.emf_v_s_m / params.resistance_ohm
+    brake = params.emf_v_s_m * params.emf_v_s_m / params.resistance_ohm
+    both_kg = params.motor_kg + params.load_kg
+    common_m_s = (params.motor_kg * s.motor_m_s + params.load_kg * s.speed_m_s) / both_kg
     together_m_s = 0.0
     push_out = common_m_s + step_s * push_n / both_kg
-    at_end = (s.travel_m >= make.full_m and push_out > 0.0) or (s.travel_m <= 0.0 and push_out < 0.0)
-    stands = make.blocked != 0 or at_end
-    if not stands:
+    at_end = (s.travel_m >= params.full_m and push_out > 0.0) or (s.travel_m <= 0.0 and push_out < 0.0)
+    is_held = params.blocked != 0 or at_end
+    if not is_held:
         free_m_s = (common_m_s + step_s * push_n / both_kg) / (1.0 + step_s * brake / both_kg)
-        # the motor's own braking makes the mass seem larger to the friction
-        together_m_s = rubbed_m_s(make.friction, free_m_s, common_m_s, both_kg + step_s * brake, step_s)
-    belt_n = push_n - brake * together_m_s - make.motor_kg * (together_m_s - s.motor_m_s) / step_s
-    if abs(belt_n) <= make.slips_n:
+        # motor braking increases the effective mass on which friction acts
+        together_m_s = speed_after_friction_m_s(params.friction, free_m_s, common_m_s, both_kg + step_s * brake, step_s)
+    belt_n = push_n - brake * together_m_s - params.motor_kg * (together_m_s - s.motor_m_s) / step_s
+    if abs(belt_n) <= params.slips_n:
         s.motor_m_s = together_m_s
         s.speed_m_s = together_m_s
         return
-    pull_n = math.copysign(make.slips_n, belt_n)
-    s.motor_m_s = (s.motor_m_s + step_s * (push_n - pull_n) / make.motor_kg) / (1.0 + step_s * brake / make.motor_kg)
-    if stands:
+    pull_n = math.copysign(params.slips_n, belt_n)
+    s.motor_m_s = (s.motor_m_s + step_s * (push_n - pull_n) / params.motor_kg) / (
+        1.0 + step_s * brake / params.motor_kg
+    )
+    if is_held:
         s.speed_m_s = 0.0
     else:
-        free_m_s = s.speed_m_s + step_s * pull_n / make.load_kg
-        s.speed_m_s = rubbed_m_s(make.friction, free_m_s, s.speed_m_s, make.load_kg, step_s)
+        free_m_s = s.speed_m_s + step_s * pull_n / params.load_kg
+        s.speed_m_s = speed_after_friction_m_s(params.friction, free_m_s, s.speed_m_s, params.load_kg, step_s)
 
 
 class Spreader(View):
-    """A view of one spreader. Inputs: the two directions of the motor; both at once brake it.
+    """View of one spreader. Inputs: the two motor directions; both together brake it.
 
     Attributes:
         converged_switch: End switch at tray pitch.
@@ -145,16 +147,16 @@ class Spreader(View):
 
     __slots__ = ("converged_switch", "spread_switch")
 
-    def __init__(self, spec: SpreaderSpec, state: Any, make: Any, *, bounce_s: float) -> None:
-        """Build it, converged, at rest.
+    def __init__(self, spec: SpreaderSpec, state: Any, params: Any, *, bounce_s: float) -> None:
+        """Initialise the spreader at rest, converged.
 
         Args:
-            spec: What it is.
-            state: Its record, `SPREADER`.
-            make: Its record, `SPREADER_MAKE`.
-            bounce_s: For how long a closing contact bounces, s.
+            spec: Parameters of the spreader.
+            state: Its state record, `SPREADER`.
+            params: Its parameter record, `SPREADER_PARAMS`.
+            bounce_s: Bounce time of a closing contact, s.
         """
-        super().__init__(state, make)
+        super().__init__(state, params)
         values = {
             "full_m": spec.travel_m,
             "voltage_v": spec.voltage_v,
@@ -165,14 +167,14 @@ class Spreader(View):
             "slips_n": spec.slips_n,
         }
         for name, value in values.items():
-            make[name] = value
-        make["friction"] = (spec.friction_n, spec.friction_n, 1.0, 0.0)
-        for switch, at_m in zip(make["switches"], (0.0, spec.travel_m), strict=True):
+            params[name] = value
+        params["friction"] = (spec.friction_n, spec.friction_n, 1.0, 0.0)
+        for switch, at_m in zip(params["switches"], (0.0, spec.travel_m), strict=True):
             switch["at_m"], switch["forced"] = at_m, -1
             switch["band_m"], switch["hysteresis_m"] = spec.switch_band_m, spec.switch_hysteresis_m
             switch["bounce_s"] = bounce_s
         self.converged_switch, self.spread_switch = (
-            Sensor(state["switches"][number], make["switches"][number]) for number in range(2)
+            Sensor(state["switches"][number], params["switches"][number]) for number in range(2)
         )
         self.place(0.0)
 
@@ -187,13 +189,13 @@ class Spreader(View):
         return float(self.state["speed_m_s"])
 
     def place(self, travel_m: float) -> None:
-        """Put the claws somewhere, at rest: a starting situation, not a motion.
+        """Set the position of the claws at rest as an initial condition, without motion.
 
         Args:
-            travel_m: Where, m; clipped to the travel.
+            travel_m: Belt travel, m; clipped to the full travel.
         """
-        state, make = self.state, self.make
-        state["travel_m"] = min(max(travel_m, 0.0), float(make["full_m"]))
+        state, params = self.state, self.params
+        state["travel_m"] = min(max(travel_m, 0.0), float(params["full_m"]))
         state["speed_m_s"] = state["motor_m_s"] = 0.0
         for number in range(2):
-            place_switch(state["switches"][number], make["switches"][number], float(state["travel_m"]))
+            place_switch(state["switches"][number], params["switches"][number], float(state["travel_m"]))

@@ -1,50 +1,50 @@
-"""The compressed air of the machine, and its pressure switch."""
+"""Compressed-air supply of the machine, and its pressure switch."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from plant_sim.devices.sensor import SENSOR, SENSOR_MAKE, Sensor, note_edge, speak
-from plant_sim.pneumatics.chamber import fill, surroundings
-from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
+from plant_sim.common.compiled import compiled, compiled_and_cached
+from plant_sim.common.limits import require, require_within
+from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, record_edge, update_output
+from plant_sim.pneumatics.chamber import fill, set_ambient
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_KG_M3
-from plant_sim.pneumatics.supply import SUPPLY, SUPPLY_MAKE, settle_supply
-from plant_sim.spec import require, require_within
+from plant_sim.pneumatics.supply import SUPPLY, SUPPLY_PARAMS, settle_supply
 
 AIR = np.dtype([("network", SUPPLY), ("pressure_ok", SENSOR)])
-AIR_MAKE = np.dtype(
-    [("network", SUPPLY_MAKE), ("pressure_ok", SENSOR_MAKE), ("ok_above_pa", "f8"), ("ok_gap_pa", "f8")]
+AIR_PARAMS = np.dtype(
+    [("network", SUPPLY_PARAMS), ("pressure_ok", SENSOR_PARAMS), ("ok_above_pa", "f8"), ("ok_gap_pa", "f8")]
 )
 
 
 @dataclass(frozen=True, slots=True)
 class SupplySpec:
-    """Compressor, receiver, regulator, dump valve, claw reservoir, pressure switch. Pressures are gauge.
+    """Parameters of compressor, receiver, regulators, dump valve, reservoir and pressure switch. Pressures are gauge.
 
     Attributes:
-        pressure_pa: Main regulator, Pa.
-        regulator_band_pa: A regulator opens fully over this much below its pressure, Pa.
-        regulator_conductance_m3_s_pa: The main regulator, fully open, m3/(s Pa).
-        claw_regulator_conductance_m3_s_pa: The regulator of the claws, m3/(s Pa).
-        receiver_m3: Receiver, m3.
-        header_m3: Pipes behind the regulator, m3.
-        manifold_m3: Pipes and valve block behind the dump valve, m3.
-        claw_reservoir_m3: Reservoir of the claws behind its check valve, m3.
-        claw_manifold_m3: Pipes behind the regulator of the claws, m3.
-        compressor_m3_s: Delivery at ANR, m3/s.
-        compressor_on_pa: It starts below this pressure in the receiver, Pa.
-        compressor_off_pa: It stops above this, Pa.
-        dump_delay_s: The dump valve opens this long after the relay has closed, s.
-        main_conductance_m3_s_pa: The dump valve, fully open, m3/(s Pa).
-        soft_conductance_m3_s_pa: The same while it starts softly, m3/(s Pa).
-        soft_until: Share of the pressure before it at which it opens fully.
-        vent_conductance_m3_s_pa: Its way out, m3/(s Pa).
-        check_conductance_m3_s_pa: Check valve of the claw reservoir, m3/(s Pa).
-        check_crack_pa: Its cracking pressure, Pa.
+        pressure_pa: Set pressure of the main regulator, Pa.
+        regulator_band_pa: Pressure below the set pressure at which a regulator is fully open, Pa.
+        regulator_conductance_m3_s_pa: Sonic conductance of the main regulator, fully open, m3/(s Pa).
+        claw_regulator_conductance_m3_s_pa: Sonic conductance of the claw regulator, fully open, m3/(s Pa).
+        receiver_m3: Volume of the receiver, m3.
+        header_m3: Volume of the pipes behind the main regulator, m3.
+        manifold_m3: Volume of pipes and valve block behind the dump valve, m3.
+        claw_reservoir_m3: Volume of the claw reservoir behind its check valve, m3.
+        claw_manifold_m3: Volume of the pipes behind the claw regulator, m3.
+        compressor_m3_s: Compressor delivery at ANR, m3/s.
+        compressor_on_pa: Receiver pressure below which the compressor starts, Pa.
+        compressor_off_pa: Receiver pressure above which it stops, Pa.
+        dump_delay_s: Delay from relay closing to dump valve opening, s.
+        main_conductance_m3_s_pa: Sonic conductance of the dump valve, fully open, m3/(s Pa).
+        soft_conductance_m3_s_pa: Sonic conductance of the dump valve during soft start, m3/(s Pa).
+        soft_until: Ratio of downstream to upstream pressure at which the dump valve opens fully.
+        vent_conductance_m3_s_pa: Sonic conductance of the exhaust of the dump valve, m3/(s Pa).
+        check_conductance_m3_s_pa: Sonic conductance of the check valve of the claw reservoir, m3/(s Pa).
+        check_crack_pa: Cracking pressure of this check valve, Pa.
         critical_ratio: Critical pressure ratio of all of these.
-        pressure_ok_pa: The pressure switch is on from here up, Pa.
-        pressure_ok_gap_pa: It goes off this much lower, Pa.
+        pressure_ok_pa: Pressure at which the pressure switch turns on, Pa.
+        pressure_ok_gap_pa: Hysteresis of the pressure switch, Pa.
     """
 
     pressure_pa: float
@@ -71,7 +71,7 @@ class SupplySpec:
     pressure_ok_gap_pa: float
 
     def __post_init__(self) -> None:
-        """Refuse impossible values."""
+        """Validate the parameters."""
         require_within(self, 0.05e6, 1.0e6, "pressure_pa", "pressure_ok_pa")
         require_within(self, 1e3, 0.2e6, "regulator_band_pa", "pressure_ok_gap_pa")
         require_within(self, 1e-10, 1e-6, "regulator_conductance_m3_s_pa", "claw_regulator_conductance_m3_s_pa")
@@ -89,22 +89,22 @@ class SupplySpec:
 
 
 @compiled
-def settle_air(a: Any, make: Any, now_s: float, gas: Any) -> None:
-    """Close a step, and let the pressure switch look."""
+def settle_air(a: Any, params: Any, now_s: float, gas: Any) -> None:
+    """Finish a step and update the pressure switch."""
     settle_supply(a.network, gas)
     gauge_pa = a.network.manifold.pressure_pa - ATMOSPHERE_PA
-    least_pa = make.ok_above_pa - make.ok_gap_pa if a.pressure_ok.seen else make.ok_above_pa
-    if (gauge_pa >= least_pa) != (a.pressure_ok.seen != 0):
-        note_edge(a.pressure_ok, now_s)
+    least_pa = params.ok_above_pa - params.ok_gap_pa if a.pressure_ok.detected else params.ok_above_pa
+    if (gauge_pa >= least_pa) != (a.pressure_ok.detected != 0):
+        record_edge(a.pressure_ok, now_s)
     if a.pressure_ok.busy:
-        speak(a.pressure_ok, make.pressure_ok, now_s)
+        update_output(a.pressure_ok, params.pressure_ok, now_s)
 
 
-@compiled_and_kept
-def charge(a: Any, make: Any, volumes_m3: Any, gas: Any) -> None:
-    """Put every part under the pressure at which it stands after a while."""
-    network, supply = a.network, make.network
-    surroundings(network.outside)
+@compiled_and_cached
+def charge(a: Any, params: Any, volumes_m3: Any, gas: Any) -> None:
+    """Initialise every volume to its steady-state pressure."""
+    network, supply = a.network, params.network
+    set_ambient(network.outside)
     full_pa = ATMOSPHERE_PA + 0.5 * (supply.starts_below_pa + supply.stops_above_pa)
     main_pa = ATMOSPHERE_PA + supply.regulated_pa
     fill(network.receiver, volumes_m3[0], full_pa, gas)
@@ -116,30 +116,30 @@ def charge(a: Any, make: Any, volumes_m3: Any, gas: Any) -> None:
     network.fed_s = 1e3
     network.soft_started = 1
     settle_supply(network, gas)
-    a.pressure_ok.seen = a.pressure_ok.says = 1 if supply.regulated_pa >= make.ok_above_pa else 0
+    a.pressure_ok.detected = a.pressure_ok.output = 1 if supply.regulated_pa >= params.ok_above_pa else 0
 
 
 class Supply:
-    """A view of the compressed air.
+    """View of the compressed-air supply.
 
     Attributes:
-        pressure_ok: The pressure switch.
+        pressure_ok: Pressure switch.
     """
 
-    __slots__ = ("_make", "_state", "pressure_ok")
+    __slots__ = ("_params", "_state", "pressure_ok")
 
-    def __init__(self, spec: SupplySpec, state: Any, make: Any, gas: Any, *, claw_pressure_pa: float) -> None:
-        """Build it and charge it.
+    def __init__(self, spec: SupplySpec, state: Any, params: Any, gas: Any, *, claw_pressure_pa: float) -> None:
+        """Initialise the supply, charged.
 
         Args:
-            spec: What it is.
-            state: Its record, `AIR`.
-            make: Its record, `AIR_MAKE`.
-            gas: How air behaves.
-            claw_pressure_pa: Regulator of the claws, gauge, Pa.
+            spec: Parameters of the supply.
+            state: Its state record, `AIR`.
+            params: Its parameter record, `AIR_PARAMS`.
+            gas: Gas model.
+            claw_pressure_pa: Set pressure of the claw regulator, gauge, Pa.
         """
         self._state = state["network"]
-        self._make = make["network"]
+        self._params = params["network"]
         values = {
             "compressor_kg_s": spec.compressor_m3_s * REFERENCE_KG_M3,
             "starts_below_pa": spec.compressor_on_pa,
@@ -159,22 +159,22 @@ class Supply:
             "critical_ratio": spec.critical_ratio,
         }
         for name, value in values.items():
-            self._make[name] = value
-        make["ok_above_pa"] = spec.pressure_ok_pa
-        make["ok_gap_pa"] = spec.pressure_ok_gap_pa
-        make["pressure_ok"]["forced"] = -1
+            self._params[name] = value
+        params["ok_above_pa"] = spec.pressure_ok_pa
+        params["ok_gap_pa"] = spec.pressure_ok_gap_pa
+        params["pressure_ok"]["forced"] = -1
         volumes_m3 = np.array(
             [spec.receiver_m3, spec.header_m3, spec.manifold_m3, spec.claw_reservoir_m3, spec.claw_manifold_m3]
         )
-        charge(state, make, volumes_m3, gas)
-        self.pressure_ok = Sensor(state["pressure_ok"], make["pressure_ok"])
+        charge(state, params, volumes_m3, gas)
+        self.pressure_ok = Sensor(state["pressure_ok"], params["pressure_ok"])
 
     @property
     def pressure_pa(self) -> float:
-        """Gauge pressure of the manifold that feeds slides and lifts, Pa."""
+        """Gauge pressure of the manifold for slides and lifts, Pa."""
         return float(self._state["manifold"]["pressure_pa"]) - ATMOSPHERE_PA
 
     @property
     def claw_pressure_pa(self) -> float:
-        """Gauge pressure of the manifold that feeds the claws, Pa."""
+        """Gauge pressure of the manifold for the claws, Pa."""
         return float(self._state["claw_manifold"]["pressure_pa"]) - ATMOSPHERE_PA

@@ -1,28 +1,28 @@
-"""What every view of a device in the memory of the kernel has."""
+"""Base class of the device views."""
 
 from typing import Any
 
 
 class View:
-    """A device as Python sees it; it holds no state of its own.
+    """View of a device in the kernel memory; it stores no state itself.
 
     Attributes:
-        state: Its record of what moves.
-        make: Its record of what decides how; what can break is changed here.
+        state: State record.
+        params: Parameter record; faults change it.
     """
 
-    __slots__ = ("make", "state")
+    __slots__ = ("params", "state")
 
-    def __init__(self, state: Any, make: Any) -> None:
-        """Look at a device."""
+    def __init__(self, state: Any, params: Any) -> None:
+        """Create a view of two records."""
         self.state = state
-        self.make = make
+        self.params = params
 
     @property
     def jammed(self) -> bool:
-        """While True what it moves stands dead; its drive goes on."""
-        return bool(self.make["blocked"])
+        """True while the moving part is locked in place; its drive keeps operating."""
+        return bool(self.params["blocked"])
 
     @jammed.setter
     def jammed(self, jammed: bool) -> None:
-        self.make["blocked"] = int(jammed)
+        self.params["blocked"] = int(jammed)

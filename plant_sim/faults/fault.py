@@ -1,25 +1,28 @@
-"""A fault: a kind, a target, from when to when, and how badly; and how it is written on a command line."""
+"""Faults: kind, target, start, end and size, and their command-line syntax."""
 
 import math
 from dataclasses import dataclass
 
+from controller.common.suggestion import suggestion
+from plant_sim.common.units import QuantityError, parse_ms, parse_quantity
 from plant_sim.faults.catalogue import FAULTS
-from plant_sim.faults.kind import FaultError, suggestion
-from plant_sim.quantity import QuantityError, parse_ms, parse_quantity
+from plant_sim.faults.kind import FaultError
 
-_FORM = "write KIND:TARGET, KIND:TARGET=SIZE or KIND:TARGET=SIZE@START..END, as leak:left.slide.plus=2e-9@5s.."
+_SYNTAX = (
+    "write KIND:TARGET, KIND:TARGET=SIZE or KIND:TARGET=SIZE@START..END, for example leak:left.slide.plus=2e-9@5s.."
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that breaks.
+    """A fault of one part.
 
     Attributes:
-        kind: A name in `FAULTS`.
-        target: What is struck.
-        start_ms: From when, plant time, ms.
-        end_ms: Until when, ms; None: it stays.
-        size: How badly, in the unit of the kind; None where there are no degrees.
+        kind: Name in `FAULTS`.
+        target: Name of the affected part.
+        start_ms: Start, plant time, ms.
+        end_ms: End, plant time, ms; None for a permanent fault.
+        size: Size in the unit of the kind; None if the kind has no size.
     """
 
     kind: str
@@ -29,47 +32,49 @@ class Fault:
     size: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no machine can have."""
+        """Validate kind, size and times."""
         if self.kind not in FAULTS:
-            raise FaultError(f"{self.kind}: is no fault; {suggestion(self.kind, FAULTS)}")
-        self._check_size()
+            raise FaultError(f"{self.kind}: unknown fault; {suggestion(self.kind, FAULTS)}")
+        self._validate_size()
         if self.start_ms < 0:
-            raise FaultError(f"{self.name}: begins at {self.start_ms} ms; let it begin at 0 or later")
+            raise FaultError(f"{self.name}: starts at {self.start_ms} ms; must start at 0 or later")
         if self.end_ms is not None and self.end_ms <= self.start_ms:
-            raise FaultError(f"{self.name}: ends at {self.end_ms} ms, not after it begins at {self.start_ms} ms")
-        if FAULTS[self.kind].lasts and (self.start_ms, self.end_ms) != (0, None):
-            raise FaultError(f"{self.name}: is decided before the run and stays; leave its times out")
+            raise FaultError(f"{self.name}: ends at {self.end_ms} ms; must end after its start at {self.start_ms} ms")
+        if FAULTS[self.kind].permanent and (self.start_ms, self.end_ms) != (0, None):
+            raise FaultError(f"{self.name}: is fixed before the run and permanent; remove its times")
 
-    def _check_size(self) -> None:
+    def _validate_size(self) -> None:
         size = FAULTS[self.kind].size
         if size is None:
             if self.size is not None:
-                raise FaultError(f"{self.name}: has no size; leave {self.size:g} out")
+                raise FaultError(f"{self.name}: takes no size; remove {self.size:g}")
         elif self.size is None:
-            raise FaultError(f"{self.name}: needs its size ({size.meaning}); write {size.range}, as {size.example}")
+            raise FaultError(
+                f"{self.name}: requires a size ({size.meaning}); write {size.range}, for example {size.example}"
+            )
         elif not size.low <= self.size <= size.high:
-            raise FaultError(f"{self.name}: size must be {size.range}, not {self.size:g}; write it as {size.example}")
+            raise FaultError(f"{self.name}: size must be {size.range}, not {self.size:g}; for example {size.example}")
 
     @property
     def name(self) -> str:
-        """Kind and target."""
+        """Kind and target, as ``KIND:TARGET``."""
         return f"{self.kind}:{self.target}"
 
     @property
-    def spots(self) -> set[str]:
-        """The values of the machine that it changes."""
+    def changed_values(self) -> set[str]:
+        """Names of the machine values changed by the fault."""
         return {f"{self.target}.{change}" for change in FAULTS[self.kind].changes}
 
     def overlaps(self, other: "Fault") -> bool:
-        """Whether both change the same value at some time."""
-        if not self.spots & other.spots:
+        """Return True if both faults change the same value at the same time."""
+        if not self.changed_values & other.changed_values:
             return False
         return (other.end_ms is None or self.start_ms < other.end_ms) and (
             self.end_ms is None or other.start_ms < self.end_ms
         )
 
     def __str__(self) -> str:
-        """As `parse_fault` reads it."""
+        """Return the fault in the syntax accepted by `parse_fault`."""
         size = "" if self.size is None else f"={self.size!r}"
         end = "" if self.end_ms is None else f"{self.end_ms}ms"
         always = self.start_ms == 0 and self.end_ms is None
@@ -77,14 +82,14 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """Read a fault as it is written on a command line.
+    """Parse the command-line syntax of a fault.
 
     Args:
-        text: ``KIND:TARGET[=SIZE][@[START]..[END]]``; times with their unit, no start: from the
-            beginning, no end: it stays. A size without a unit counts in the unit of its kind.
+        text: ``KIND:TARGET[=SIZE][@[START]..[END]]``; times require a unit. By default a fault starts
+            at 0 and never ends. A size without a unit is in the unit of its kind.
 
     Raises:
-        FaultError: it is not so written, or there can be no such fault.
+        FaultError: The syntax or the fault is invalid.
 
     >>> parse_fault("stuck_off:left.lift_up@12s..20s")
     Fault(kind='stuck_off', target='left.lift_up', start_ms=12000, end_ms=20000, size=None)
@@ -96,28 +101,28 @@ def parse_fault(text: str) -> Fault:
     kind, colon, target = (part.strip() for part in name.partition(":"))
     start, dots, end = times.partition("..")
     if not (colon and kind and target) or (equals and not written.strip()) or bool(at) != bool(dots):
-        raise FaultError(f"{text!r}: is no fault; {_FORM}")
+        raise FaultError(f"{text!r}: not a fault; {_SYNTAX}")
     try:
         return Fault(
             kind,
             target,
             start_ms=parse_ms(start) if start.strip() else 0,
             end_ms=parse_ms(end) if end.strip() else None,
-            size=size_of(kind, written) if equals else None,
+            size=parse_size(kind, written) if equals else None,
         )
     except QuantityError as error:
         raise FaultError(f"{kind}:{target}: {error}") from None
 
 
-def size_of(kind: str, text: str) -> float:
-    """Read the size of a fault.
+def parse_size(kind: str, text: str) -> float:
+    """Parse the size of a fault.
 
     Args:
-        kind: Its kind; one that is unknown or has no size is left to `Fault` to refuse.
-        text: A number; without a unit it counts in the unit of the kind.
+        kind: Kind of the fault; `Fault` rejects an unknown kind and a kind that has no size.
+        text: A number with or without its unit; the default is the unit of the kind.
 
     Raises:
-        QuantityError: it is no number, or has another kind of unit.
+        QuantityError: The text is not a number, or its unit belongs to another quantity.
     """
     if kind not in FAULTS:
         return math.nan

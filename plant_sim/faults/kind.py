@@ -1,56 +1,57 @@
-"""What a kind of fault is, and what a machine must show so that it can be broken."""
+"""Fault kinds, and the interface of a machine in which faults can be injected."""
 
-import difflib
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from controller.common.errors import InputError
+from controller.common.suggestion import suggestion
 from plant_sim.crop.seedling import Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.cups import Cups
 from plant_sim.devices.sensor import Sensor
 
 
-class FaultError(ValueError):
-    """A fault cannot be had; the text is one line: which, what is wrong, remedy."""
+class FaultError(InputError):
+    """Invalid fault; the one-line message states the fault, the problem and the remedy."""
 
 
-class BreakableArm(Protocol):
-    """What can be broken of an arm and is not a number in its record."""
+class FaultableArm(Protocol):
+    """Interface of an arm for faults that change values outside the parameter record."""
 
     @property
     def cups(self) -> Cups:
-        """The carousel of its row."""
+        """Carousel of the row."""
 
 
-class Breakable(Protocol):
-    """A machine that can be broken; `Plant` is one."""
+class FaultableMachine(Protocol):
+    """Interface of a machine for fault injection; implemented by `Plant`."""
 
     @property
     def time_ms(self) -> int:
         """Plant time, ms."""
 
     @property
-    def make(self) -> np.ndarray:
-        """One record `MACHINE_MAKE`: everything that decides how the machine moves."""
+    def params(self) -> np.ndarray:
+        """Parameters of the machine, one record `MACHINE_PARAMS`."""
 
     @property
-    def arms(self) -> Mapping[str, BreakableArm]:
-        """Both arms by side, in the order of the record."""
+    def arms(self) -> Mapping[str, FaultableArm]:
+        """Arms by side, in the order of the record."""
 
     @property
     def sensors(self) -> Mapping[str, Sensor]:
-        """Every sensor by the tag of its wire."""
+        """All sensors by I/O tag."""
 
     @property
     def wired(self) -> Collection[str]:
-        """Tags of the inputs that have a wire."""
+        """Tags of the wired inputs."""
 
     @property
     def broken_wires(self) -> set[str]:
-        """Tags of the inputs whose terminal is off whatever the sensor says."""
+        """Tags of the inputs whose terminal is off regardless of the sensor."""
 
     @property
     def conveyor(self) -> Conveyor:
@@ -58,19 +59,19 @@ class Breakable(Protocol):
 
     @property
     def seedlings(self) -> Seedlings:
-        """Every one of them."""
+        """All seedlings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """How badly something can be broken.
+    """Size of a fault kind: unit, range and meaning.
 
     Attributes:
-        unit: Unit of a number without one.
-        low: Smallest possible size.
-        high: Largest possible size.
-        meaning: What it measures.
-        example: A size as somebody would write it.
+        unit: Default unit, used for a number without a unit.
+        low: Minimum size.
+        high: Maximum size.
+        meaning: Name of the quantity.
+        example: Example as written by a user.
     """
 
     unit: str
@@ -81,55 +82,55 @@ class Size:
 
     @property
     def range(self) -> str:
-        """The possible sizes, for a person."""
+        """Range of valid sizes as text."""
         unit = "" if self.unit == "-" else f" {self.unit}"
         return f"{self.low:g} to {self.high:g}{unit}"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """A way to break a kind of part.
+    """A kind of fault.
 
-    While the fault lasts, some values of the part differ; when it ends they are what they were.
+    While a fault is active, some values of the part are changed; they are restored exactly when it ends.
 
     Attributes:
-        name: In snake_case.
-        target: What it can strike, in words.
-        effect: What happens, in words.
-        parts: Every part it can strike in a machine, by the name of the target.
-        changes: The values of the part that it changes: fields of a record, dotted where one lies in
-            another, or attributes of a view.
-        broken: A changed value, from the sound value and the size.
-        example: One of the targets.
-        size: How badly; None where there are no degrees.
-        lasts: Whether it is decided before the run and stays for all of it.
+        name: Name in snake_case.
+        target: Description of the parts that it affects.
+        effect: Description of the effect.
+        parts: Function that returns the parts of a machine that it can affect, by target name.
+        changes: Changed values of the part: fields of a record, dotted for nested records, or attributes of a
+            view.
+        faulty_value: Function that returns the changed value from the original value and the size.
+        example: Example of a target.
+        size: Size; None if the kind has no size.
+        permanent: True if the fault is fixed before the run and permanent.
     """
 
     name: str
     target: str
     effect: str
-    parts: Callable[[Breakable], Mapping[str, Any]]
+    parts: Callable[[FaultableMachine], Mapping[str, Any]]
     changes: tuple[str, ...]
-    broken: Callable[[Any, float], Any]
+    faulty_value: Callable[[Any, float], Any]
     example: str
     size: Size | None = None
-    lasts: bool = False
+    permanent: bool = False
 
-    def part(self, machine: Breakable, target: str) -> Any:
-        """Return the part that is struck.
+    def part(self, machine: FaultableMachine, target: str) -> Any:
+        """Return the affected part.
 
         Raises:
-            FaultError: the machine has no such part.
+            FaultError: The machine has no such part.
         """
         parts = self.parts(machine)
         if target not in parts:
-            raise FaultError(f"{self.name}:{target}: is no {self.target}; {suggestion(target, parts)}")
+            raise FaultError(f"{self.name}:{target}: not a {self.target}; {suggestion(target, parts)}")
         return parts[target]
 
 
 def read_value(part: Any, path: str) -> Any:
-    """Return a value of a part; an array is a copy of the caller's own."""
-    record, name = _holder(part, path)
+    """Return a value of a part; an array is returned as a copy."""
+    record, name = _owner(part, path)
     if not isinstance(record, np.void):
         return getattr(record, name)
     value = record[name]
@@ -138,23 +139,16 @@ def read_value(part: Any, path: str) -> Any:
 
 def write_value(part: Any, path: str, value: Any) -> None:
     """Set a value of a part."""
-    record, name = _holder(part, path)
+    record, name = _owner(part, path)
     if isinstance(record, np.void):
         record[name] = value
     else:
         setattr(record, name, value)
 
 
-def _holder(part: Any, path: str) -> tuple[Any, str]:
-    """The record in which a dotted field lies, or the view that has the attribute, and its own name."""
+def _owner(part: Any, path: str) -> tuple[Any, str]:
+    """Return the record or view that contains a dotted name, and the last part of the name."""
     *way, name = path.split(".")
     for field in way:
         part = part[field]
     return part, name
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the remedy for a misspelt name."""
-    known = list(known)
-    near = difflib.get_close_matches(name, known, n=1)
-    return f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"

@@ -1,4 +1,4 @@
-"""The parts of a machine that a fault can strike, by the names of the targets."""
+"""Parts of a machine that faults can affect, by target name."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,22 +9,22 @@ from plant_sim.crop.seedling import Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.cups import Cups
 from plant_sim.devices.sensor import Sensor
-from plant_sim.faults.kind import Breakable
+from plant_sim.faults.kind import FaultableMachine
 
 _PORTS = ("plus", "minus")
 
 
 class Wire:
-    """The wire of an input."""
+    """Wire of an input."""
 
     def __init__(self, broken_wires: set[str], tag: str) -> None:
-        """Look at the wire of a tag; the set of all broken ones is the machine's."""
+        """Create a view of the wire of a tag; `broken_wires` belongs to the machine."""
         self._broken_wires = broken_wires
         self._tag = tag
 
     @property
     def broken(self) -> bool:
-        """Whether its terminal is off whatever the sensor says."""
+        """True if the terminal is off regardless of the sensor."""
         return self._tag in self._broken_wires
 
     @broken.setter
@@ -36,37 +36,37 @@ class Wire:
 
 
 class Flags:
-    """The flags of a carousel, which its cup counter sees."""
+    """Flags of a carousel, which trigger its cup counter."""
 
-    def __init__(self, cups: Cups, make: Any) -> None:
-        """Look at the flags of a carousel and of its record."""
+    def __init__(self, cups: Cups, params: Any) -> None:
+        """Create a view of the flags from a carousel and its parameter record."""
         self._cups = cups
-        self._make = make
+        self._params = params
 
     @property
     def kinds(self) -> np.ndarray:
-        """What each flag is; may be set to such an array, or to what part of them is of which kind, drawn at random."""
-        return np.array(self._make["kind"])
+        """Kind of each flag; may be set to an array of kinds, or to a kind for a random fraction of the flags."""
+        return np.array(self._params["kind"])
 
     @kinds.setter
     def kinds(self, kinds: np.ndarray | tuple[int, float]) -> None:
         if isinstance(kinds, tuple):
-            self._cups.spoil(*kinds)
+            self._cups.set_flag_kinds(*kinds)
         else:
-            self._make["kind"] = kinds
+            self._params["kind"] = kinds
 
 
 class Tray:
-    """A tray before the run."""
+    """Tray whose cells can be emptied before the run."""
 
     def __init__(self, seedlings: Seedlings, number: int) -> None:
-        """Look at a tray, counted from 0."""
+        """Create a view of a tray, counted from 0."""
         self._seedlings = seedlings
         self._number = number
 
     @property
     def empty_cells(self) -> int:
-        """How many cells hold no seedling; more of them are drawn at random."""
+        """Number of cells without a seedling; additional empty cells are chosen at random."""
         return self._seedlings.empty_cells(self._number)
 
     @empty_cells.setter
@@ -74,102 +74,102 @@ class Tray:
         self._seedlings.leave_out(self._number, cells - self.empty_cells)
 
 
-def moved_sensors(machine: Breakable) -> Mapping[str, Sensor]:
-    """Every sensor that sees something move or change, by the tag of its wire."""
+def delayable_sensors(machine: FaultableMachine) -> Mapping[str, Sensor]:
+    """Return the sensors with a moving or variable target, by I/O tag."""
     return {tag: sensor for tag, sensor in machine.sensors.items() if tag != "magazine_empty"}
 
 
-def sensors(machine: Breakable) -> Mapping[str, Sensor]:
-    """Every sensor, by the tag of its wire."""
+def sensors(machine: FaultableMachine) -> Mapping[str, Sensor]:
+    """Return all sensors by I/O tag."""
     return machine.sensors
 
 
-def wires(machine: Breakable) -> Mapping[str, Wire]:
-    """Every input that has a wire."""
+def wires(machine: FaultableMachine) -> Mapping[str, Wire]:
+    """Return the wires of all wired inputs."""
     return {tag: Wire(machine.broken_wires, tag) for tag in machine.wired}
 
 
-def drives(machine: Breakable, *names: str) -> dict[str, Any]:
-    """The records of some drives of both arms."""
+def drives(machine: FaultableMachine, *names: str) -> dict[str, Any]:
+    """Return the parameter records of the named drives of both arms."""
     return {
-        f"{side}.{name}": make[name]
-        for side, make in zip(machine.arms, machine.make[0]["arms"], strict=True)
+        f"{side}.{name}": params[name]
+        for side, params in zip(machine.arms, machine.params[0]["arms"], strict=True)
         for name in names
     }
 
 
-def cylinders(machine: Breakable) -> Mapping[str, Any]:
-    """Every cylinder with its valve."""
+def cylinders(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return all cylinders with their valves."""
     return drives(machine, "slide", "lift", "claws")
 
 
-def movers(machine: Breakable) -> Mapping[str, Any]:
-    """Everything that moves and can stand dead."""
+def moving_parts(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return all moving parts that can jam."""
     rest = drives(machine, "spreader", "cups")
-    return {**cylinders(machine), **rest, "conveyor": machine.make[0]["conveyor"]}
+    return {**cylinders(machine), **rest, "conveyor": machine.params[0]["conveyor"]}
 
 
-def chambers(machine: Breakable) -> Mapping[str, Any]:
-    """Both ends of every cylinder, each with its throttle."""
+def chambers(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return both ends of every cylinder, with their throttles."""
     return _ends(cylinders(machine))
 
 
-def leaky(machine: Breakable) -> Mapping[str, Any]:
-    """Everything that holds air under pressure and can have a hole."""
-    return {**chambers(machine), "supply": machine.make[0]["air"]["network"]}
+def pressurised_parts(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return all pressurised parts that can leak."""
+    return {**chambers(machine), "supply": machine.params[0]["air"]["network"]}
 
 
-def check_valves(machine: Breakable) -> Mapping[str, Any]:
-    """Every check valve: two a slide and lift, one of the claws' reservoir."""
-    return {**_ends(drives(machine, "slide", "lift")), "claw_reservoir": machine.make[0]["air"]["network"]}
+def check_valves(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return all check valves: two per slide and lift, and that of the claw reservoir."""
+    return {**_ends(drives(machine, "slide", "lift")), "claw_reservoir": machine.params[0]["air"]["network"]}
 
 
-def slides(machine: Breakable) -> Mapping[str, Any]:
-    """Both slides."""
+def slides(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return both slides."""
     return drives(machine, "slide")
 
 
-def lifts(machine: Breakable) -> Mapping[str, Any]:
-    """Both lifts."""
+def lifts(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return both lifts."""
     return drives(machine, "lift")
 
 
-def spreaders(machine: Breakable) -> Mapping[str, Any]:
-    """Both spreaders."""
+def spreaders(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return both spreaders."""
     return drives(machine, "spreader")
 
 
-def regulator(machine: Breakable) -> Mapping[str, Any]:
-    """The main regulator."""
-    return {"supply": machine.make[0]["air"]["network"]}
+def regulator(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return the regulators."""
+    return {"supply": machine.params[0]["air"]["network"]}
 
 
-def compressor(machine: Breakable) -> Mapping[str, Any]:
-    """The compressor."""
-    return {"compressor": machine.make[0]["air"]["network"]}
+def compressor(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return the compressor."""
+    return {"compressor": machine.params[0]["air"]["network"]}
 
 
-def stepper(machine: Breakable) -> Mapping[str, Any]:
-    """The motor of the conveyor."""
-    return {"conveyor": machine.make[0]["conveyor"]}
+def stepper(machine: FaultableMachine) -> Mapping[str, Any]:
+    """Return the stepper motor of the conveyor."""
+    return {"conveyor": machine.params[0]["conveyor"]}
 
 
-def magazine(machine: Breakable) -> Mapping[str, Conveyor]:
-    """The magazine."""
+def magazine(machine: FaultableMachine) -> Mapping[str, Conveyor]:
+    """Return the magazine."""
     return {"magazine": machine.conveyor}
 
 
-def trays(machine: Breakable) -> Mapping[str, Tray]:
-    """Every tray, counted from 1."""
+def trays(machine: FaultableMachine) -> Mapping[str, Tray]:
+    """Return all trays, counted from 1."""
     return {f"tray_{number + 1}": Tray(machine.seedlings, number) for number in range(machine.seedlings.trays)}
 
 
-def flags(machine: Breakable) -> Mapping[str, Flags]:
-    """The flags of both carousels, by the tag of the cup counter."""
-    makes = drives(machine, "cups")
-    return {f"{side}.cup_pulse": Flags(arm.cups, makes[f"{side}.cups"]) for side, arm in machine.arms.items()}
+def flags(machine: FaultableMachine) -> Mapping[str, Flags]:
+    """Return the flags of both carousels, by the tag of the cup counter."""
+    records = drives(machine, "cups")
+    return {f"{side}.cup_pulse": Flags(arm.cups, records[f"{side}.cups"]) for side, arm in machine.arms.items()}
 
 
-def _ends(makes: Mapping[str, Any]) -> dict[str, Any]:
-    """Both ends of some cylinders."""
-    return {f"{name}.{port}": make[port] for name, make in makes.items() for port in _PORTS}
+def _ends(records: Mapping[str, Any]) -> dict[str, Any]:
+    """Return both ends of the given cylinders."""
+    return {f"{name}.{port}": params[port] for name, params in records.items() for port in _PORTS}

@@ -1,130 +1,131 @@
-"""When faults begin and end: each strikes and is mended at its exact millisecond."""
+"""Fault schedule: faults start and end at their exact millisecond."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from plant_sim.faults.catalogue import FAULTS
 from plant_sim.faults.fault import Fault
-from plant_sim.faults.kind import Breakable, FaultError, read_value, write_value
+from plant_sim.faults.kind import FaultableMachine, FaultError, read_value, write_value
 
 
-class _Broken(NamedTuple):
-    """A fault in force, and what the values it changed were."""
+class _ActiveFault(NamedTuple):
+    """An active fault with the original values that it changed."""
 
     fault: Fault
     part: Any
-    sound: dict[str, Any]
+    original: dict[str, Any]
 
 
 class FaultSchedule:
-    """The faults of a machine.
+    """Fault schedule of a machine.
 
-    Whoever lets time pass must stop at `next_ms` and call `advance` there.
+    The code that advances plant time must stop at `next_ms` and call `advance` there.
 
     Attributes:
-        next_ms: When the next fault begins or ends, ms; None: never.
-        struck: Every fault that has struck so far, in order.
+        next_ms: Time of the next start or end of a fault, ms; None if there is none.
+        activated: All faults activated so far, in order.
     """
 
-    def __init__(self, machine: Breakable, faults: Iterable[Fault] = ()) -> None:
-        """Take up faults; those that begin now strike at once.
+    def __init__(self, machine: FaultableMachine, faults: Iterable[Fault] = ()) -> None:
+        """Schedule faults; those that are due are activated at once.
 
         Args:
-            machine: What they strike.
-            faults: All of them.
+            machine: Machine in which they are injected.
+            faults: All faults.
 
         Raises:
-            FaultError: the machine has no such part, or two change the same thing at the same time.
+            FaultError: The machine has no such part, or two faults change the same value at the same time.
         """
         self._machine = machine
-        self._waiting: list[Fault] = []
-        self._broken: list[_Broken] = []
+        self._pending: list[Fault] = []
+        self._active: list[_ActiveFault] = []
         self.next_ms: int | None = None
-        self.struck: list[Fault] = []
+        self.activated: list[Fault] = []
         for fault in faults:
-            self._admit(fault)
+            self._schedule(fault)
         self.advance(machine.time_ms)
 
     @property
     def active(self) -> list[Fault]:
-        """The faults in force, in the order in which they struck."""
-        return [broken.fault for broken in self._broken]
+        """Active faults in the order of activation."""
+        return [each.fault for each in self._active]
 
     def add(self, fault: Fault) -> None:
-        """Take up one more fault; if it begins now or earlier, it strikes at once.
+        """Schedule another fault; if it is due, it is activated at once.
 
         Raises:
-            FaultError: as at the start, or its time is over.
+            FaultError: The machine has no such part, another fault changes the same value at the same time, or the
+                fault has already ended.
         """
-        self._admit(fault)
+        self._schedule(fault)
         self.advance(self._machine.time_ms)
 
-    def mend(self, name: str) -> None:
-        """End a fault before its time, or keep it from beginning.
+    def clear(self, name: str) -> None:
+        """Clear an active fault before its end, or cancel a scheduled one.
 
         Args:
-            name: Kind and target, as ``stuck_off:left.lift_up``.
+            name: Kind and target, for example ``stuck_off:left.lift_up``.
 
         Raises:
-            FaultError: there is none, or it cannot be mended.
+            FaultError: There is no such fault, or it is permanent.
         """
-        waiting = [fault for fault in self._waiting if fault.name == name]
-        broken = [each for each in self._broken if each.fault.name == name]
-        if not waiting and not broken:
-            known = ", ".join(fault.name for fault in (*self.active, *self._waiting)) or "none"
-            raise FaultError(f"{name}: is not broken; there is {known}")
-        if any(FAULTS[each.fault.kind].lasts for each in broken):
-            raise FaultError(f"{name}: is decided before the run; it cannot be mended")
-        for fault in waiting:
-            self._waiting.remove(fault)
-        for each in broken:
-            self._mend(each)
-        self._look_ahead()
+        pending = [fault for fault in self._pending if fault.name == name]
+        active = [each for each in self._active if each.fault.name == name]
+        if not pending and not active:
+            known = ", ".join(fault.name for fault in (*self.active, *self._pending)) or "none"
+            raise FaultError(f"{name}: not active or scheduled; there is {known}")
+        if any(FAULTS[each.fault.kind].permanent for each in active):
+            raise FaultError(f"{name}: is fixed before the run and cannot be cleared")
+        for fault in pending:
+            self._pending.remove(fault)
+        for each in active:
+            self._clear(each)
+        self._update_next()
 
     def advance(self, now_ms: int) -> None:
-        """Let everything begin and end that is due, in the order of its time; at one time, ends come first.
+        """Process all starts and ends that are due, in chronological order; at equal times, ends precede starts.
 
         Args:
             now_ms: Plant time, ms.
         """
         while self.next_ms is not None and self.next_ms <= now_ms:
             at_ms = self.next_ms
-            for broken in [each for each in self._broken if each.fault.end_ms == at_ms]:
-                self._mend(broken)
-            for fault in [each for each in self._waiting if each.start_ms <= at_ms]:
-                self._strike(fault)
-            self._look_ahead()
+            for active in [each for each in self._active if each.fault.end_ms == at_ms]:
+                self._clear(active)
+            for fault in [each for each in self._pending if each.start_ms <= at_ms]:
+                self._activate(fault)
+            self._update_next()
 
-    def _admit(self, fault: Fault) -> None:
-        """Check a fault against the machine and the others, and let it wait for its time."""
+    def _schedule(self, fault: Fault) -> None:
+        """Validate a fault against the machine and the other faults, and schedule it."""
         now_ms = self._machine.time_ms
         FAULTS[fault.kind].part(self._machine, fault.target)
         if fault.end_ms is not None and fault.end_ms <= now_ms:
-            raise FaultError(f"{fault}: is over at {now_ms} ms; let it end later")
-        if FAULTS[fault.kind].lasts and now_ms > 0:
-            raise FaultError(f"{fault}: is decided before the run; give it before time passes")
-        for other in (*self.active, *self._waiting):
+            raise FaultError(f"{fault}: has ended at {now_ms} ms; use a later end")
+        if FAULTS[fault.kind].permanent and now_ms > 0:
+            raise FaultError(f"{fault}: is fixed before the run; add it at plant time 0")
+        for other in (*self.active, *self._pending):
             if fault.overlaps(other):
-                raise FaultError(f"{fault}: changes the same as {other}; let one end before the other begins")
-        self._waiting.append(fault)
-        self._look_ahead()
+                raise FaultError(f"{fault}: changes the same value as {other}; end one before the other starts")
+        self._pending.append(fault)
+        self._update_next()
 
-    def _look_ahead(self) -> None:
-        starts = [fault.start_ms for fault in self._waiting]
-        ends = [each.fault.end_ms for each in self._broken if each.fault.end_ms is not None]
+    def _update_next(self) -> None:
+        starts = [fault.start_ms for fault in self._pending]
+        ends = [each.fault.end_ms for each in self._active if each.fault.end_ms is not None]
         self.next_ms = min((*starts, *ends), default=None)
 
-    def _strike(self, fault: Fault) -> None:
-        self._waiting.remove(fault)
-        self.struck.append(fault)
+    def _activate(self, fault: Fault) -> None:
+        self._pending.remove(fault)
+        self.activated.append(fault)
         kind = FAULTS[fault.kind]
         part = kind.part(self._machine, fault.target)
-        sound = {path: read_value(part, path) for path in kind.changes}
-        for path, value in sound.items():
-            write_value(part, path, kind.broken(value, fault.size or 0.0))
-        self._broken.append(_Broken(fault, part, sound))
+        original = {path: read_value(part, path) for path in kind.changes}
+        for path, value in original.items():
+            write_value(part, path, kind.faulty_value(value, fault.size or 0.0))
+        self._active.append(_ActiveFault(fault, part, original))
 
-    def _mend(self, broken: _Broken) -> None:
-        self._broken.remove(broken)
-        for path, value in broken.sound.items():
-            write_value(broken.part, path, value)
+    def _clear(self, active: _ActiveFault) -> None:
+        self._active.remove(active)
+        for path, value in active.original.items():
+            write_value(active.part, path, value)

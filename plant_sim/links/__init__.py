@@ -1,1 +1,1 @@
-"""Ways to the simulated machine: its remote I/O, in process and as a Modbus TCP server."""
+"""Links to the simulated machine: remote I/O in process and as a Modbus TCP server."""

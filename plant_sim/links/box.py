@@ -1,7 +1,7 @@
-"""The operator box as Modbus coils, for whoever presses its buttons from outside.
+"""Operator box as Modbus coils, for clients that operate its buttons.
 
-True means pressed; the polarity of the contact behind a button is the I/O map's business. A press
-lasts as long as the client lets it last.
+True means pressed; the polarity of the contact is defined in the I/O map. A button remains pressed
+until the client releases it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class BoxCoil:
     Attributes:
         offset: Modbus coil offset.
         button: Attribute of `OperatorBox`.
-        meaning: What the button does to the machine.
+        meaning: Function of the button.
     """
 
     offset: int
@@ -26,17 +26,17 @@ class BoxCoil:
     meaning: str
 
     def pressed(self, box: OperatorBox) -> bool:
-        """Whether the button is pressed."""
+        """Return True if the button is pressed."""
         return bool(getattr(box, self.button))
 
     def press(self, box: OperatorBox, pressed: bool) -> None:
-        """Press the button, or let go of it."""
+        """Press or release the button."""
         setattr(box, self.button, pressed)
 
 
 BOX_COILS = (
     BoxCoil(100, "start", "machine start (X0)"),
     BoxCoil(101, "stop", "machine stop (X24)"),
-    BoxCoil(102, "emergency_stop", "emergency stop (X25); also takes the coils' power"),
-    BoxCoil(103, "reset", "reset, where the I/O map wires it"),
+    BoxCoil(102, "emergency_stop", "emergency stop (X25); also removes coil power"),
+    BoxCoil(103, "reset", "reset, if wired in the I/O map"),
 )

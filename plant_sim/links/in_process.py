@@ -1,4 +1,4 @@
-"""The field link without a wire: controller and plant in one process, deterministic and fast."""
+"""In-process field link between controller and plant, deterministic and fast."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ from collections.abc import Sequence
 from plant_sim.links.io_module import IoModule, ModuleFault
 
 
-class LinkDown(OSError):  # noqa: N818 - a state of the link, as read in `except LinkDown`
-    """The in-process link is closed, or the module refused; `str()` is one line."""
+class LinkDown(OSError):  # noqa: N818 - the name states the condition of the link
+    """In-process link closed, or output refused by the module; the message is one line."""
 
 
 class InProcessLink:
-    """Satisfies the controller's `FieldLink` by shape alone; the plant does not import it.
+    """Field link that satisfies the controller's `FieldLink` protocol structurally, without importing it.
 
-    As over a wire, the link is closed after any `LinkDown` until `open` is called again. It moves
-    images only: who advances plant time is another matter.
+    As over a network, the link is closed after any `LinkDown` until `open` is called again. It transfers images only;
+    plant time is advanced elsewhere.
     """
 
     def __init__(self, module: IoModule) -> None:
-        """Prepare a link to `module`, closed."""
+        """Create a closed link to a module."""
         self._module = module
         self._is_open = False
 
     def open(self) -> None:
-        """Open the link; does nothing on an open link."""
+        """Open the link; no effect if it is open."""
         self._is_open = True
 
     def read_inputs(self) -> list[bool]:
         """Read the raw X image.
 
         Raises:
-            LinkDown: the link is not open.
+            LinkDown: The link is not open.
         """
         self._require_open()
         return self._module.inputs()
@@ -43,8 +43,8 @@ class InProcessLink:
             image: Levels by Y number.
 
         Raises:
-            LinkDown: the link is not open, or the module's watchdog has tripped.
-            ValueError: the image has the wrong length.
+            LinkDown: The link is not open, or the watchdog of the module has tripped.
+            ValueError: The image has the wrong length.
         """
         expected = self._module.io_map.output_count
         if len(image) != expected:
@@ -57,7 +57,7 @@ class InProcessLink:
             raise LinkDown(f"field I/O in process: {fault}") from fault
 
     def close(self) -> None:
-        """Close the link; does nothing on a closed link."""
+        """Close the link; no effect if it is closed."""
         self._is_open = False
 
     def _require_open(self) -> None:

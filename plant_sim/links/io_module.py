@@ -1,7 +1,7 @@
-"""The machine's remote I/O: Y image, X image, and the watchdog that makes silence safe.
+"""Remote I/O of the machine: Y image, X image, and an output watchdog that trips when writes stop.
 
-Conventions follow industrial couplers (armed by the first write, safe levels on timeout, latched),
-with one difference: this watchdog cannot be switched off. Source: DESIGN.md, links.
+The behaviour follows industrial couplers (armed by the first write, safe levels on timeout, latched),
+except that this watchdog cannot be disabled. Source: docs/sources/ecosystem.md 6.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping, Sequence
 
-from controller.io_map import IoMap
-from plant_sim.plant import Plant
+from controller.iomap.loader import IoMap
+from plant_sim.machine.plant import Plant
 
 
-class ModuleFault(Exception):  # noqa: N818 - the word Modbus uses (device failure)
-    """The module refuses to set an output: its watchdog has tripped; `str()` is one line."""
+class ModuleFault(Exception):  # noqa: N818 - the Modbus term (device failure)
+    """Refusal to set an output because the watchdog of the module has tripped; the message is one line."""
 
 
 class WatchdogState(enum.IntEnum):
-    """The output watchdog as telemetry reports it."""
+    """State of the output watchdog in the telemetry."""
 
     UNARMED = 0
     ARMED = 1
@@ -28,36 +28,35 @@ class WatchdogState(enum.IntEnum):
 class IoModule:
     """Remote I/O of the plant with an output watchdog in plant time.
 
-    The first write arms the watchdog. When no output has been written for more than
-    `watchdog_ms` of plant time, every output takes its safe level and the module is tripped: it
-    refuses any write that would set an output unsafe. Writing every output safe, in one write or
-    several, ends that; so nothing starts again by itself. Only writes to outputs count, neither
-    the operator box nor telemetry.
+    The first write arms the watchdog. If no output is written for more than `watchdog_ms` of plant time, every
+    output is set to its safe level and the module is tripped: it refuses any write that would set an output to an
+    unsafe level. Writing safe levels to all outputs, in one write or several, resets the trip, so nothing restarts
+    automatically. Only writes to outputs count, not those to the operator box.
 
     Attributes:
-        plant: The machine behind the terminals.
-        io_map: Which terminals exist.
-        tripped: Whether the watchdog has tripped and has not been re-armed.
+        plant: The plant.
+        io_map: I/O map.
+        tripped: True if the watchdog has tripped and has not been reset.
         last_write_ms: Plant time of the last accepted write, ms; None before the first.
-        tripped_at_ms: Plant time of the last trip, ms; kept after re-arming; None before the first.
-        block_writes: How often the complete Y block has been written, in one write or several.
-        observers: Called whenever plant time has passed.
+        tripped_at_ms: Plant time of the last trip, ms, retained after a reset; None before the first.
+        block_writes: Number of complete writes of the Y block, each in one write or several.
+        observers: Callbacks after every advance of plant time.
     """
 
     def __init__(self, plant: Plant, io_map: IoMap, *, watchdog_ms: int = 100) -> None:
-        """Connect a module to a plant, outputs safe, watchdog unarmed.
+        """Connect a module to a plant with safe outputs and an unarmed watchdog.
 
         Args:
-            plant: The machine; its time is advanced by `advance` only.
-            io_map: Which terminals exist.
-            watchdog_ms: Longest plant time between writes, ms.
+            plant: The plant; `advance` must be the only caller that advances its time.
+            io_map: I/O map.
+            watchdog_ms: Maximum plant time between writes, ms.
 
         Raises:
-            ValueError: the watchdog time is not positive.
+            ValueError: The watchdog time is not positive.
         """
         if watchdog_ms <= 0:
             raise ValueError(
-                f"watchdog_ms is {watchdog_ms}: the output watchdog cannot be switched off; give a time of 1 ms or more"
+                f"watchdog_ms is {watchdog_ms}: the output watchdog cannot be disabled; must be 1 ms or more"
             )
         self.plant = plant
         self.io_map = io_map
@@ -70,39 +69,39 @@ class IoModule:
         self._safe = io_map.safe_outputs()
         self._outputs = list(self._safe)
         self._block = frozenset(point.number for point in io_map.outputs)
-        self._written: set[int] = set()  # the part of the block written since it was last complete
+        self._written: set[int] = set()  # outputs written since the block was last complete
 
     @property
     def watchdog_ms(self) -> int:
-        """Longest plant time between writes that does not trip, ms."""
+        """Maximum plant time between two writes before the watchdog trips, ms."""
         return self._watchdog_ms
 
     @property
     def watchdog_state(self) -> WatchdogState:
-        """Unarmed before the first write, then armed or tripped."""
+        """State of the watchdog: unarmed before the first write, then armed or tripped."""
         if self.tripped:
             return WatchdogState.TRIPPED
         return WatchdogState.UNARMED if self.last_write_ms is None else WatchdogState.ARMED
 
     @property
     def outputs(self) -> list[bool]:
-        """The raw Y image in force."""
+        """Current raw Y image."""
         return list(self._outputs)
 
     def inputs(self) -> list[bool]:
-        """The raw X image of this instant."""
+        """Return the present raw X image."""
         return self.plant.x
 
     def write_outputs(self, first: int, levels: Sequence[bool]) -> None:
-        """Write neighbouring outputs.
+        """Write consecutive outputs.
 
         Args:
             first: Y number of the first level.
-            levels: Raw levels of Y `first` and those after it.
+            levels: Raw levels, starting at Y `first`.
 
         Raises:
-            ModuleFault: tripped, and a level is not safe.
-            ValueError: beyond the Y image.
+            ModuleFault: The module is tripped, and a level is not safe.
+            ValueError: An output is beyond the Y image.
         """
         if first == 0 and not self.tripped and list(levels) == self._outputs:
             self.last_write_ms = self.plant.time_ms
@@ -111,14 +110,14 @@ class IoModule:
             self.write({first + index: level for index, level in enumerate(levels)})
 
     def write(self, levels: Mapping[int, bool]) -> None:
-        """Write outputs, all or none of them.
+        """Write several outputs; either all of them are written or none.
 
         Args:
-            levels: Raw level by Y number; numbers without a terminal go nowhere.
+            levels: Raw level by Y number; numbers without a terminal are ignored.
 
         Raises:
-            ModuleFault: tripped, and a level is not safe.
-            ValueError: beyond the Y image.
+            ModuleFault: The module is tripped, and a level is not safe.
+            ValueError: An output is beyond the Y image.
         """
         if levels and not 0 <= min(levels) <= max(levels) < len(self._outputs):
             raise ValueError(f"outputs {sorted(levels)} exceed the {len(self._outputs)} of the map")
@@ -126,7 +125,7 @@ class IoModule:
         if self.tripped and any(levels[number] != self._safe[number] for number in wired):
             self._written.clear()
             raise ModuleFault(
-                f"output watchdog tripped at {self.tripped_at_ms} ms: write every output safe before setting one"
+                f"output watchdog tripped at {self.tripped_at_ms} ms: write every output to its safe level first"
             )
         for number in wired:
             self._outputs[number] = bool(levels[number])
@@ -135,14 +134,14 @@ class IoModule:
             self._note_written(wired)
 
     def make_safe(self) -> None:
-        """Put every output at its safe level; watchdog and write times stay as they are."""
+        """Set every output to its safe level; watchdog and write times are unchanged."""
         self._outputs = list(self._safe)
 
     def advance(self, for_ms: int) -> None:
-        """Let plant time pass; a trip within it happens at exactly its millisecond.
+        """Advance plant time; a trip occurs at its exact millisecond.
 
         Args:
-            for_ms: How long, ms.
+            for_ms: Duration, ms.
         """
         end_ms = self.plant.time_ms + for_ms
         if self.last_write_ms is not None and not self.tripped:
@@ -170,4 +169,4 @@ class IoModule:
         if self._written == self._block:
             self._written.clear()
             self.block_writes += 1
-            self.tripped = False  # while tripped only safe levels get this far
+            self.tripped = False  # while tripped, only safe levels are accepted

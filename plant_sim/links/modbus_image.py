@@ -1,6 +1,6 @@
-"""The plant as Modbus sees it: which addresses exist, and what reading and writing them does.
+"""Modbus address space of the plant, and the effect of reads and writes.
 
-Functions offered: 1 read coils, 2 read discrete inputs, 4 read input registers, 5 write single
+Supported functions: 1 read coils, 2 read discrete inputs, 4 read input registers, 5 write single
 coil, 15 write multiple coils.
 """
 
@@ -11,8 +11,8 @@ from typing import TypeVar
 
 from pymodbus.constants import ExcCodes
 
-from controller.io_map import IoMap, IoMapError
-from controller.modbus.requests import Device, RefusedError
+from controller.common.modbus.requests import ModbusDevice, RequestRefusedError
+from controller.iomap.loader import IoMap, IoMapError
 from plant_sim.links.box import BOX_COILS, BoxCoil
 from plant_sim.links.io_module import IoModule, ModuleFault
 from plant_sim.links.telemetry import encode_telemetry
@@ -20,22 +20,22 @@ from plant_sim.links.telemetry import encode_telemetry
 T = TypeVar("T")
 
 
-class ModbusImage(Device):
-    """An I/O module, its plant's operator box and telemetry, to any client.
+class ModbusImage(ModbusDevice):
+    """Modbus device with the I/O module, the operator box and the telemetry of a plant.
 
-    An address that is not declared is refused (exception 02), it never reads 0; a write that
-    touches one changes nothing.
+    Access to an undeclared address is refused with exception 02; such an address never reads as 0. A write
+    that includes one has no effect.
     """
 
     def __init__(self, module: IoModule, written: Callable[[], None] = lambda: None) -> None:
-        """Lay the module's terminals and the operator box out in the Modbus tables.
+        """Map the terminals of the module and the operator box to Modbus addresses.
 
         Args:
-            module: What is served.
-            written: Called after a write to the coils; may raise `RefusedError`.
+            module: Module to serve.
+            written: Callback after a write to the coils; may raise `RequestRefusedError`.
 
         Raises:
-            IoMapError: the I/O map puts an output where the operator box is.
+            IoMapError: An output in the I/O map has the address of a button of the operator box.
         """
         self._module = module
         self._written = written
@@ -43,30 +43,30 @@ class ModbusImage(Device):
         self._coils_by_offset = _coil_table(module.io_map)
 
     def read_inputs(self, first: int, count: int) -> list[bool]:
-        """Return X levels."""
+        """Return input levels."""
         x = self._module.inputs()
         return [x[number] for number in _look_up(self._inputs_by_offset, first, count)]
 
     def read_coils(self, first: int, count: int) -> list[bool]:
-        """Return Y levels and pressed buttons."""
+        """Return output levels and button states."""
         y, box = self._module.outputs, self._module.plant.box
         coils = _look_up(self._coils_by_offset, first, count)
         return [y[coil] if isinstance(coil, int) else coil.pressed(box) for coil in coils]
 
     def read_input_registers(self, first: int, count: int) -> list[int]:
-        """Return telemetry."""
+        """Return telemetry registers."""
         registers = encode_telemetry(self._module)
         if first + count > len(registers):
-            raise RefusedError(ExcCodes.ILLEGAL_ADDRESS)
+            raise RequestRefusedError(ExcCodes.ILLEGAL_ADDRESS)
         return registers[first : first + count]
 
     def write_coils(self, first: int, levels: Sequence[bool]) -> None:
-        """Write outputs and press buttons."""
+        """Write outputs and operate buttons."""
         pairs = list(zip(_look_up(self._coils_by_offset, first, len(levels)), levels, strict=True))
         try:
             self._module.write({coil: level for coil, level in pairs if isinstance(coil, int)})
         except ModuleFault as error:
-            raise RefusedError(ExcCodes.DEVICE_FAILURE) from error
+            raise RequestRefusedError(ExcCodes.DEVICE_FAILURE) from error
         for coil, level in pairs:
             if isinstance(coil, BoxCoil):
                 coil.press(self._module.plant.box, level)
@@ -74,13 +74,13 @@ class ModbusImage(Device):
 
 
 def _coil_table(io_map: IoMap) -> dict[int, int | BoxCoil]:
-    """What lies behind each coil: an output, by Y number, or a button."""
+    """Return the target of each coil: a Y number or a button."""
     table: dict[int, int | BoxCoil] = {coil.offset: coil for coil in BOX_COILS}
     for point in io_map.outputs:
         if point.offset in table:
             raise IoMapError(
-                f"{io_map.path}:{point.line}: {point.tag}: coil offset {point.offset} is the "
-                "plant's operator box; choose another offset"
+                f"{io_map.path}:{point.line}: {point.tag}: coil offset {point.offset} is reserved for the "
+                "operator box of the plant; choose another offset"
             )
         table[point.offset] = point.number
     return table
@@ -90,4 +90,4 @@ def _look_up(table: Mapping[int, T], first: int, count: int) -> list[T]:
     try:
         return [table[offset] for offset in range(first, first + count)]
     except KeyError:
-        raise RefusedError(ExcCodes.ILLEGAL_ADDRESS) from None
+        raise RequestRefusedError(ExcCodes.ILLEGAL_ADDRESS) from None

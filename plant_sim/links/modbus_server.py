@@ -7,12 +7,12 @@
 | coils             | 100  | operator box, `plant_sim.links.box.BOX_COILS`       | 1, 5, 15  |
 | input registers   | 0    | telemetry, `plant_sim.links.telemetry.TELEMETRY`    | 4         |
 
-Any unit identifier is answered: there is one device behind one address. There is no password in
-Modbus, so the server listens on this computer alone unless told otherwise.
+Requests with any unit identifier are answered: the server is a single device. Modbus has no
+authentication, so the server listens on the loopback address by default.
 
-Plant time passes in one of two ways. *Real time*: in ticks of 5 ms after the clock. *Lock step*:
-by a fixed time at each completed write of the Y block and never otherwise; a trial over real
-sockets is then deterministic, however fast or slow the computers are.
+Plant time advances in one of two modes. *Real time*: in ticks of 5 ms by the wall clock. *Lock step*:
+by a fixed time at each completed write of the Y block and at no other time. In lock step a trial over
+real sockets is deterministic and independent of the speed of the computers.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ import asyncio
 
 from pymodbus.constants import ExcCodes
 
-from controller.modbus.address import checked_host
-from controller.modbus.mbap import Frontend, Traffic
-from controller.modbus.requests import RefusedError
+from controller.common.modbus.address import checked_host
+from controller.common.modbus.mbap import MbapServer, Traffic
+from controller.common.modbus.requests import RequestRefusedError
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_image import ModbusImage
 from plant_sim.links.pacing import Pacer
@@ -32,11 +32,11 @@ DEFAULT_PORT = 5020
 
 
 class PlantServer:
-    """Modbus TCP server of one I/O module. Use from one event loop.
+    """Modbus TCP server of one I/O module, for use from one event loop.
 
     Attributes:
-        module: What is served.
-        pacer: Real-time bookkeeping, `dropped_ms` among it; None in lock step.
+        module: Served module.
+        pacer: Real-time accounting, including `dropped_ms`; None in lock step.
     """
 
     def __init__(
@@ -50,20 +50,20 @@ class PlantServer:
         max_connections: int = 8,
         idle_timeout_s: float = 60.0,
     ) -> None:
-        """Prepare the server; it listens after `start`.
+        """Create the server; `start` opens the port.
 
         Args:
-            module: What is served.
-            host: Address to listen on: an IP address, or localhost for 127.0.0.1.
-            port: TCP port; 0 takes a free one.
+            module: Module to serve.
+            host: IP address to listen on; localhost is 127.0.0.1.
+            port: TCP port; 0 selects a free port.
             lock_step_ms: Plant time per completed write of the Y block, ms; None for real time.
-            allow_remote: Permit an address that other computers can reach.
-            max_connections: Connections beyond this many are closed at once.
-            idle_timeout_s: A connection without a request for so long is closed, s.
+            allow_remote: True permits an address that other computers can reach.
+            max_connections: Maximum number of connections; further ones are closed at once.
+            idle_timeout_s: Time without a request after which a connection is closed, s.
 
         Raises:
-            ValueError: an address or a time that cannot be served.
-            IoMapError: the I/O map puts an output where the operator box is.
+            ValueError: The address or a time is invalid.
+            IoMapError: An output in the I/O map has the address of a button of the operator box.
         """
         _check_lock_step(lock_step_ms, module.watchdog_ms)
         self.module = module
@@ -73,7 +73,7 @@ class PlantServer:
         self._lock_step_ms = lock_step_ms
         self._blocks_seen = module.block_writes
         image = ModbusImage(module, self._written)
-        self._frontend = Frontend(lambda _: image, max_connections, idle_timeout_s)
+        self._frontend = MbapServer(lambda _: image, max_connections, idle_timeout_s)
         self._listener: asyncio.Server | None = None
         self._time_base: asyncio.Task[None] | None = None
         self._ended: asyncio.Future[None]
@@ -85,19 +85,19 @@ class PlantServer:
 
     @property
     def port(self) -> int:
-        """TCP port; the real one after `start` when 0 was asked for."""
+        """TCP port; after `start` the actual one if 0 was requested."""
         return self._port
 
     @property
     def traffic(self) -> Traffic:
-        """What the connections have seen since the start."""
+        """Connection statistics since the start."""
         return self._frontend.traffic
 
     async def start(self) -> None:
-        """Listen, and let plant time run in real-time mode. A server is started once.
+        """Open the port and, in real-time mode, start plant time. A server can be started only once.
 
         Raises:
-            OSError: the port is taken or the address is not ours; `str()` says which.
+            OSError: The port is in use or the address is not local; the message states which.
         """
         loop = asyncio.get_running_loop()
         self._listener = await loop.create_server(self._frontend, self._host, self._port)
@@ -107,21 +107,21 @@ class PlantServer:
             self._time_base = loop.create_task(self._follow_clock(self.pacer))
 
     async def serve_forever(self) -> None:
-        """Wait for `end`, or until the plant fails; its error is raised here."""
+        """Wait for `end` or for a failure of the plant, which is raised as an exception."""
         await self._ended
 
     def end(self) -> None:
-        """Let `serve_forever` return; fit for a signal handler."""
+        """Make `serve_forever` return; may be called from a signal handler."""
         if not self._ended.done():
             self._ended.set_result(None)
 
     async def stop(self) -> None:
-        """Drop the clients, put the outputs safe, stop listening. Does nothing when stopped."""
+        """Disconnect the clients, set the outputs safe and close the port. No effect if stopped."""
         if self._listener is None:
             return
         self._listener.close()
         self._frontend.close()
-        self.module.make_safe()  # nobody can write any more
+        self.module.make_safe()  # no client is connected any more
         if self._time_base is not None:
             self._time_base.cancel()
             await asyncio.wait([self._time_base])
@@ -129,15 +129,15 @@ class PlantServer:
         self._listener = None
 
     def _written(self) -> None:
-        """In lock step, let plant time pass once the whole Y block has been written."""
+        """Advance plant time in lock step after a complete write of the Y block."""
         if self._lock_step_ms is None or self.module.block_writes == self._blocks_seen:
             return
         self._blocks_seen = self.module.block_writes
         if not self._advance(self._lock_step_ms):
-            raise RefusedError(ExcCodes.DEVICE_FAILURE)
+            raise RequestRefusedError(ExcCodes.DEVICE_FAILURE)
 
     async def _follow_clock(self, pacer: Pacer) -> None:
-        """Advance the plant by whole ticks, each due at an instant counted from the start."""
+        """Advance the plant by ticks, each due at an absolute time after the start."""
         loop = asyncio.get_running_loop()
         start_s = loop.time()
         while True:
@@ -145,12 +145,12 @@ class PlantServer:
             for _ in range(pacer.ticks_due(elapsed_ms)):
                 if not self._advance(pacer.tick_ms):
                     return
-                await asyncio.sleep(0)  # clients are answered while time is made good
+                await asyncio.sleep(0)  # serves clients while catching up
             deadline_s = start_s + pacer.next_deadline_ms / 1_000
             await asyncio.sleep(max(0.0, deadline_s - loop.time()))
 
     def _advance(self, for_ms: int) -> bool:
-        """Let plant time pass; False when the plant failed, which ends the server."""
+        """Advance plant time; return False if the plant failed, which ends the server."""
         try:
             self.module.advance(for_ms)
         except Exception as error:  # noqa: BLE001 - raised by serve_forever
@@ -164,5 +164,5 @@ def _check_lock_step(lock_step_ms: int | None, watchdog_ms: int) -> None:
     if lock_step_ms is not None and not 0 < lock_step_ms <= watchdog_ms:
         raise ValueError(
             f"lock_step_ms is {lock_step_ms}: it must be 1 to {watchdog_ms} ms, "
-            "or the output watchdog would trip between two writes"
+            "otherwise the output watchdog trips between two writes"
         )

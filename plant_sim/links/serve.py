@@ -1,4 +1,4 @@
-"""The plant as a process: its Modbus server until a signal ends it."""
+"""Plant process, which runs the Modbus server until it receives a signal."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from plant_sim.links.modbus_server import PlantServer
 
 
 async def serve(server: PlantServer, *, listening: Callable[[int], None]) -> None:
-    """Serve until SIGINT or SIGTERM, then put the outputs safe and let the clients go.
+    """Serve until SIGINT or SIGTERM, then set the outputs safe and disconnect the clients.
 
     Args:
         server: A server that has not been started.
-        listening: Called with the port once clients can connect.
+        listening: Callback with the port once clients can connect.
 
     Raises:
-        OSError: The port is taken or the address is not ours.
+        OSError: The port is in use or the address is not local.
     """
     loop = asyncio.get_running_loop()
     serving = asyncio.ensure_future(_serve(server, listening))

@@ -1,4 +1,4 @@
-"""A plant server in a thread of its own, for programs that are not asyncio programs."""
+"""Plant server in a separate thread, for programs that do not use asyncio."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ T = TypeVar("T")
 
 
 class ServerThread:
-    """Runs a server from `__enter__` to `__exit__`.
+    """Context manager that runs a server in a thread.
 
-    The plant belongs to the thread while it runs: look at it and touch it through `call`.
+    The plant belongs to the thread while it runs: access it through `call` only.
     """
 
     def __init__(self, server: PlantServer) -> None:
-        """Prepare a thread for `server`, which must not have been started."""
+        """Create a thread for a server that has not been started."""
         self.server = server
         self._thread = threading.Thread(target=self._run, name="plant server")
-        self._is_settled = threading.Event()  # listening, or failed to
+        self._is_settled = threading.Event()  # listening, or failed to start
         self._error: Exception | None = None
         self._loop: asyncio.AbstractEventLoop
 
@@ -32,7 +32,7 @@ class ServerThread:
         """Start the thread and wait until the server listens.
 
         Raises:
-            OSError: the port is taken or the address is not ours.
+            OSError: The port is in use or the address is not local.
         """
         self._thread.start()
         self._is_settled.wait()
@@ -47,8 +47,8 @@ class ServerThread:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Stop the server and wait for the thread; raises what stopped the plant before, if so."""
-        with contextlib.suppress(RuntimeError):  # the loop has ended by itself
+        """Stop the server and wait for the thread; raise the error that stopped the plant, if any."""
+        with contextlib.suppress(RuntimeError):  # the loop has already ended
             self._loop.call_soon_threadsafe(self.server.end)
         self._thread.join()
         if self._error is not None:
@@ -65,7 +65,7 @@ class ServerThread:
     def _run(self) -> None:
         try:
             asyncio.run(self._serve())
-        except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
+        except Exception as error:  # noqa: BLE001 - raised again in the waiting thread
             self._error = error
         finally:
             self._is_settled.set()

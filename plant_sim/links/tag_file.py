@@ -1,4 +1,4 @@
-"""The plant's telemetry and operator box as a CSV of Modbus tags, for the operator panel or any other client."""
+"""Telemetry and operator box as a CSV of Modbus tags, for the operator panel or other clients."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ COLUMNS = ("name", "table", "address", "words", "scale", "signed", "none", "writ
 
 
 def tag_csv() -> str:
-    """Return one line a tag, heading first; two words are high word first, `none` is all bits set."""
+    """Return the header and one line per tag.
+
+    A value of two words has its high word first. In a tag with `none`, all bits set means that no value is available.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

@@ -1,8 +1,8 @@
-"""What the plant knows and the controller cannot: one table of Modbus input registers.
+"""Telemetry: process values that the controller cannot measure, as a table of Modbus input registers.
 
-Every number is declared once, in `TELEMETRY`; the server encodes from it, clients decode with
-`read_telemetry`, the documentation prints `telemetry_table`. Two words are sent high word first. A
-value outside what its words can hold is sent as the nearest one they can.
+Every value is declared once, in `TELEMETRY`: the server encodes it, clients decode it with `read_telemetry`, and
+the documentation contains `telemetry_table`. Two words are sent high word first. A value that exceeds the range of its
+words is clipped.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from plant_sim.arm import ArmPlant
 from plant_sim.links.io_module import IoModule
+from plant_sim.machine.arm import ArmPlant
 
 
 @dataclass(frozen=True, slots=True)
 class TelemetryPoint:
-    """One number in the input registers.
+    """A value in the input registers.
 
     Attributes:
-        name: Key in `read_telemetry`; its unit is its ending.
+        name: Key in `read_telemetry`; the suffix is its unit.
         offset: First register.
-        words: Registers taken, 1 or 2.
+        words: Number of registers, 1 or 2.
         scale: Value of one count, in the unit of the name.
-        meaning: What the number says.
-        read: Takes the value from the module or the plant behind it.
-        signed: Two's complement.
-        may_be_none: There may be no value; it is sent as all bits set.
+        meaning: Description.
+        read: Function that returns the value from the module.
+        signed: True for two's complement.
+        may_be_none: True if the value may be absent, which is sent as all bits set.
     """
 
     name: str
@@ -40,7 +40,7 @@ class TelemetryPoint:
     may_be_none: bool = False
 
     def encode(self, module: IoModule) -> list[int]:
-        """Read the value and pack it into registers."""
+        """Encode the present value as registers."""
         value = self.read(module)
         span = 1 << 16 * self.words
         if value is None:
@@ -50,7 +50,7 @@ class TelemetryPoint:
         return self._split(min(max(round(value / self.scale), lowest), highest) % span)
 
     def decode(self, registers: Sequence[int]) -> float:
-        """Unpack the value from the table's registers; no value is nan."""
+        """Decode the value from the registers of the table; an absent value is nan."""
         span = 1 << 16 * self.words
         counts = 0
         for register in registers[self.offset : self.offset + self.words]:
@@ -59,28 +59,28 @@ class TelemetryPoint:
             return math.nan
         if self.signed and counts >= span // 2:
             counts -= span
-        return round(counts * self.scale, 6)  # 0.1 mm is not a binary number
+        return round(counts * self.scale, 6)  # 0.1 mm has no exact binary representation
 
     def _split(self, counts: int) -> list[int]:
         return [counts >> 16 * word & 0xFFFF for word in reversed(range(self.words))]
 
 
 def encode_telemetry(module: IoModule) -> list[int]:
-    """All input registers of this instant, from register 0."""
+    """Return all present input registers from register 0."""
     return [register for point in TELEMETRY for register in point.encode(module)]
 
 
 def read_telemetry(registers: Sequence[int]) -> dict[str, float]:
-    """Decode what a client has read.
+    """Decode the registers read by a client.
 
     Args:
         registers: `TELEMETRY_REGISTERS` input registers from register 0.
 
     Returns:
-        Values by name, in the unit that ends the name; nan where there is no value.
+        Values by name, in the unit given by the suffix of the name; nan if absent.
 
     Raises:
-        ValueError: not all of the registers.
+        ValueError: The number of registers is wrong.
     """
     if len(registers) != TELEMETRY_REGISTERS:
         raise ValueError(f"telemetry has {TELEMETRY_REGISTERS} registers, not {len(registers)}")
@@ -88,7 +88,7 @@ def read_telemetry(registers: Sequence[int]) -> dict[str, float]:
 
 
 def telemetry_table() -> list[tuple[str, ...]]:
-    """The table for the documentation, heading first."""
+    """Return the table for the documentation, header row first."""
     heading = ("register", "words", "name", "one count is", "meaning")
     rows = [
         (
@@ -108,7 +108,7 @@ def _y_bits(module: IoModule) -> int:
 
 
 def _arm_points(side: str, first: int) -> tuple[TelemetryPoint, ...]:
-    """Positions of one arm, from register `first`."""
+    """Return the positions of one arm, from register `first`."""
 
     def point(index: int, name: str, meaning: str, read: Callable[[ArmPlant], float]) -> TelemetryPoint:
         return TelemetryPoint(
@@ -173,9 +173,7 @@ TELEMETRY = (
     TelemetryPoint("last_write_ms", 22, 2, 1, "last write of an output", lambda m: m.last_write_ms, may_be_none=True),
     TelemetryPoint("tripped_at_ms", 24, 2, 1, "last watchdog trip", lambda m: m.tripped_at_ms, may_be_none=True),
     TelemetryPoint("y_image", 26, 2, 1, "raw levels, bit n is Y n (octal value), to Y37", _y_bits),
-    TelemetryPoint(
-        "incidents", 28, 2, 1, "incidents so far: what must not happen, and did", lambda m: len(m.plant.events)
-    ),
+    TelemetryPoint("incidents", 28, 2, 1, "incidents so far", lambda m: len(m.plant.events)),
     _clamp_point("left", 30),
     _clamp_point("right", 31),
     TelemetryPoint(

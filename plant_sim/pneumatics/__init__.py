@@ -1,1 +1,1 @@
-"""Pneumatic laws: equations only, no state and no machine."""
+"""Pneumatic laws: equations without stored state, independent of the machine."""

@@ -1,13 +1,12 @@
-"""A volume of air: its mass is a state, so that no air is ever made or lost."""
+"""Air volumes. The air mass is a state variable, so mass is conserved exactly."""
 
 from typing import Any
 
 import numpy as np
 
-from plant_sim.pneumatics.compiled import compiled, compiled_and_kept
+from plant_sim.common.compiled import compiled, compiled_and_cached
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, GAS_CONSTANT, HEAT_P, HEAT_V, REFERENCE_K, flow
 
-#: State of a chamber. `stiffness` is the pressure it gains a kilogram, Pa/kg; `energy_j` its inner energy.
 CHAMBER = np.dtype(
     [
         ("mass_kg", "f8"),
@@ -19,18 +18,26 @@ CHAMBER = np.dtype(
         ("energy_j", "f8"),
     ]
 )
+"""State of a chamber.
 
-#: How the air of every chamber behaves. With `thermal` 0 its temperature follows its density with
-#: `exponent` and relaxes to that of the walls within `wall_s`; with 1 it follows the energy balance
-#: with `wall_w_m2_k` at the walls of a ball of the same volume.
+`stiffness` is the pressure rise per kilogram of air, Pa/kg; `energy_j` is the internal energy.
+"""
+
 GAS = np.dtype([("exponent", "f8"), ("wall_s", "f8"), ("thermal", "i8"), ("wall_w_m2_k", "f8"), ("step_s", "f8")])
+"""Gas model common to all chambers.
 
-_BALL = 4.835975862049409  # (36 pi)^(1/3): wall of a ball is this times its volume^(2/3)
+With `thermal` 0 the temperature follows the density with the polytropic `exponent` and relaxes to the wall temperature
+with the time constant `wall_s`. With `thermal` 1 it follows the energy balance, with heat transfer `wall_w_m2_k` at the
+wall of a sphere of the same volume.
+"""
+
+_SPHERE = 4.835975862049409
+"""(36 pi)^(1/3): the wall area of a sphere is this factor times volume^(2/3)."""
 
 
-@compiled_and_kept
+@compiled_and_cached
 def fill(c: Any, volume_m3: float, pressure_pa: float, gas: Any) -> None:
-    """Put a chamber at a pressure and at the temperature of the surroundings."""
+    """Set a chamber to a pressure at ambient temperature."""
     c.volume_m3 = volume_m3
     c.temperature_k = REFERENCE_K
     c.pressure_pa = pressure_pa
@@ -40,9 +47,9 @@ def fill(c: Any, volume_m3: float, pressure_pa: float, gas: Any) -> None:
     c.energy_j = c.mass_kg * HEAT_V * REFERENCE_K
 
 
-@compiled_and_kept
-def surroundings(c: Any) -> None:
-    """Make a chamber the surroundings: no flow changes its pressure; its mass is what it was given."""
+@compiled_and_cached
+def set_ambient(c: Any) -> None:
+    """Initialise a chamber as the ambient air: constant pressure, and a mass balance that starts at 0."""
     c.volume_m3 = 1.0
     c.temperature_k = REFERENCE_K
     c.pressure_pa = ATMOSPHERE_PA
@@ -54,10 +61,10 @@ def surroundings(c: Any) -> None:
 
 @compiled
 def exchange(a: Any, b: Any, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
-    """Let air flow through a restriction between two chambers for a step; return the mass that left `a`, kg.
+    """Exchange air through a restriction between two chambers for one step; return the mass that left `a`, kg.
 
-    The flow is linearly implicit in both pressures and ends where they are equal: however small the volumes,
-    it settles instead of overshooting, and what leaves one enters the other. Source: PLANT.md 3.3, 3.4.
+    The flow is linearly implicit in both pressures and limited to the mass that equalises them. It therefore settles
+    without overshoot for any volume, and mass is conserved. Source: docs/sources/plant.md 3.3, 3.4.
     """
     if conductance_m3_s_pa <= 0.0:
         return 0.0
@@ -68,7 +75,7 @@ def exchange(a: Any, b: Any, conductance_m3_s_pa: float, critical_ratio: float, 
 
 @compiled
 def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
-    """Let air flow from `a` to `b` only, and only above a cracking pressure; return its mass, kg."""
+    """Pass air from `a` to `b` through a check valve with a cracking pressure for one step; return the mass, kg."""
     if conductance_m3_s_pa <= 0.0 or a.pressure_pa - crack_pa <= b.pressure_pa:
         return 0.0
     return _pass(a, b, a.pressure_pa - crack_pa, conductance_m3_s_pa, critical_ratio, step_s)
@@ -80,14 +87,14 @@ def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical
     mass_kg: float = step_s * kg_s / (1.0 + step_s * (grows * up.stiffness + falls * down.stiffness))
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down.stiffness)
     if mass_kg > 0.2 * levels_kg:
-        mass_kg = min(mass_kg, levels_kg * _softer(down, levels_kg))
+        mass_kg = min(mass_kg, levels_kg * _nonlinear_share(down, levels_kg))
     move(up, down, mass_kg)
     return mass_kg
 
 
 @compiled
-def _softer(c: Any, mass_kg: float) -> float:
-    """Share of a mass that brings a chamber to where its stiffness says the whole would: filling, it stiffens."""
+def _nonlinear_share(c: Any, mass_kg: float) -> float:
+    """Return the fraction of `mass_kg` that gives the pressure rise predicted from the stiffness at the start."""
     grows = c.stiffness * mass_kg / c.pressure_pa
     if grows <= 0.0:
         return 1.0
@@ -98,7 +105,7 @@ def _softer(c: Any, mass_kg: float) -> float:
 
 @compiled
 def move(a: Any, b: Any, mass_kg: float) -> None:
-    """Take air with its heat from one chamber to the other; a negative mass goes back."""
+    """Transfer air with its enthalpy from `a` to `b`; a negative mass flows back."""
     heat_j = HEAT_P * mass_kg * (a.temperature_k if mass_kg > 0.0 else b.temperature_k)
     a.mass_kg -= mass_kg
     a.pressure_pa -= a.stiffness * mass_kg
@@ -109,12 +116,13 @@ def move(a: Any, b: Any, mass_kg: float) -> None:
 
 
 @compiled
-def tendency(
+def flow_and_slopes(
     a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float
 ) -> tuple[float, float, float]:
-    """Flow from `a` to `b`, kg/s, and how it grows with the pressure of `a` and falls with that of `b`, kg/(s Pa).
+    """Return the flow from `a` to `b`, kg/s, and its derivatives with respect to both pressures, kg/(s Pa).
 
-    It is negative if it goes back. Towards `b` it opens at a cracking pressure.
+    The derivative with respect to the pressure of `b` is returned with reversed sign. A flow from `b` to `a` is
+    negative. Towards `b` the restriction opens at a cracking pressure.
     """
     up_pa = a.pressure_pa - crack_pa
     if conductance_m3_s_pa <= 0.0 or (up_pa <= b.pressure_pa and a.pressure_pa >= b.pressure_pa):
@@ -127,7 +135,7 @@ def tendency(
 
 @compiled
 def resize(c: Any, volume_m3: float, gas: Any) -> None:
-    """Move the piston of a chamber."""
+    """Change the volume of a chamber by moving its piston."""
     if volume_m3 == c.volume_m3:
         return
     before_m3 = c.volume_m3
@@ -142,15 +150,15 @@ def resize(c: Any, volume_m3: float, gas: Any) -> None:
 
 @compiled
 def settle(c: Any, gas: Any) -> None:
-    """Close a step: temperature from what happened to the air, pressure from mass, temperature and volume."""
+    """Finish a step: update temperature, pressure and stiffness from mass, volume and energy."""
     density_kg_m3 = c.mass_kg / c.volume_m3
     if gas.thermal == 0:
-        # (rho/rho_before)^(n-1) as a quotient: right to the second order, and no power to compute
+        # (rho/rho_before)^(n-1) as a quotient: second-order accurate, and cheaper than a power
         turn = (gas.exponent - 1.0) * (density_kg_m3 - c.density_kg_m3) / (density_kg_m3 + c.density_kg_m3)
         temperature_k = c.temperature_k * (1.0 + turn) / (1.0 - turn)
         temperature_k += (REFERENCE_K - temperature_k) * gas.step_s / (gas.wall_s + gas.step_s)
     else:
-        wall_j_k = gas.wall_w_m2_k * _BALL * c.volume_m3 ** (2.0 / 3.0) * gas.step_s
+        wall_j_k = gas.wall_w_m2_k * _SPHERE * c.volume_m3 ** (2.0 / 3.0) * gas.step_s
         temperature_k = (c.energy_j + wall_j_k * REFERENCE_K) / (c.mass_kg * HEAT_V + wall_j_k)
     c.temperature_k = temperature_k
     c.density_kg_m3 = density_kg_m3

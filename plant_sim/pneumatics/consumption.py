@@ -1,36 +1,36 @@
-"""How much air a cylinder with its tubes uses: the formula of data sheets, with which Table 1 of the paper was made.
+"""Air consumption of a cylinder and its tubes, computed with the data-sheet formula behind Table 1 of the paper.
 
-A stroke fills the swept volume to the absolute pressure, and the tube, which keeps its air at the pressure of
-the atmosphere, by the gauge pressure only. Both are told as the volume the air takes at the atmosphere:
+For each stroke the swept volume counts at absolute pressure. The tube counts at gauge pressure only, because it
+retains air at atmospheric pressure. Both volumes are referred to atmospheric pressure:
 
     Q = n [pi/4 D^2 H (p + 0.1) + pi/4 d^2 L p] / 0.1
 
-with D and d the bore and the inner diameter of the tube, H and L their lengths, p the gauge pressure in MPa
-and n the number of single strokes in a minute. The rod is neglected.
-Source: data sheet of a maker of cylinders, PLANT.md fact 1 and section 4.
+D and d are the bore and the inner diameter of the tube, H and L their lengths, p the gauge pressure in MPa
+and n the number of single strokes per minute. The rod is neglected.
+Source: data sheet of a cylinder manufacturer, docs/sources/plant.md 0.1 and 4.
 """
 
 import math
 from dataclasses import dataclass
 
-#: Pressure of the atmosphere in the formula, MPa. Source: the same.
 DATA_SHEET_ATMOSPHERE_MPA = 0.1
+"""Atmospheric pressure in the formula, MPa. Source: the same data sheet."""
 
 _MM3_A_LITRE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
 class Sizing:
-    """One line of a sizing table.
+    """One row of a sizing table.
 
     Attributes:
-        name: What it sizes.
+        name: Name of the sized drive.
         bore_mm: Bore, mm.
         stroke_mm: Stroke, mm.
         tube_inner_mm: Inner diameter of the tubes, mm.
-        tube_length_mm: Length of tube that a stroke fills, mm.
+        tube_length_mm: Length of tube filled by a stroke, mm.
         pressure_mpa: Gauge pressure, MPa.
-        strokes_per_min: Single strokes of all such cylinders together, 1/min.
+        strokes_per_min: Single strokes of all cylinders of this kind together, 1/min.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Sizing:
 
     @property
     def air_l_min(self) -> float:
-        """Air it uses, L/min ANR."""
+        """Air consumption, L/min ANR."""
         return self.strokes_per_min * stroke_air_l(
             swept_l=cylinder_l(self.bore_mm, self.stroke_mm),
             tube_l=cylinder_l(self.tube_inner_mm, self.tube_length_mm),
@@ -51,21 +51,24 @@ class Sizing:
         )
 
 
-#: Table 1 of the paper: two arms, two strokes a cycle, 6 cycles/min. The printed tube inner diameters are 6 and
-#: 4 mm. The paper prints no pressure: 0.80 and 0.75 MPa are the only round ones that give its figures. They are
-#: for sizing; a CY1S is rated to 0.7 MPa, an MHC2 to 0.6 MPa. Source: the paper; PLANT.md facts 1 to 3, 6 and 7.
 TABLE_1 = (
     Sizing("slide", 25.0, 600.0, 6.0, 5800.0, 0.80, 24.0),
     Sizing("lift", 50.0, 150.0, 6.0, 5200.0, 0.80, 24.0),
     Sizing("claws", 16.0, 10.0, 4.0, 7600.0, 0.75, 24.0),
 )
+"""Table 1 of the paper: two arms, two strokes per cycle, 6 cycles/min.
 
-#: What Table 1 prints, L/min. Source: the paper.
+The printed inner diameters of the tubes are 6 and 4 mm. The paper prints no pressure: 0.80 and 0.75 MPa are the only
+round values that reproduce its figures. They are sizing values; a CY1S is rated to 0.7 MPa, an MHC2 to 0.6 MPa. Source:
+the paper; docs/sources/plant.md 0.1 to 0.3, 0.6 and 0.7.
+"""
+
 TABLE_1_PRINTED_L_MIN = {"slide": 95, "lift": 91, "claws": 17}
+"""Values printed in Table 1, L/min. Source: the paper."""
 
 
 def table_1_l_min() -> dict[str, int]:
-    """Return Table 1 of the paper as the formula gives it, L/min ANR: truncated, as the paper does.
+    """Return Table 1 of the paper computed by the formula, L/min ANR, truncated as in the paper.
 
     >>> table_1_l_min()
     {'slide': 95, 'lift': 91, 'claws': 17}
@@ -74,7 +77,7 @@ def table_1_l_min() -> dict[str, int]:
 
 
 def cylinder_l(diameter_mm: float, length_mm: float) -> float:
-    """Return the volume of a bore or a tube, L.
+    """Return the volume of a cylinder bore or a tube, L.
 
     >>> round(cylinder_l(25.0, 600.0), 4)
     0.2945
@@ -85,15 +88,15 @@ def cylinder_l(diameter_mm: float, length_mm: float) -> float:
 def stroke_air_l(
     *, swept_l: float, tube_l: float, pressure_mpa: float, atmosphere_mpa: float = DATA_SHEET_ATMOSPHERE_MPA
 ) -> float:
-    """Return the air that one stroke takes, L ANR.
+    """Return the air consumed by one stroke, L ANR.
 
     Args:
-        swept_l: Volume that the piston sweeps on the side that is fed, L.
-        tube_l: Volume between valve and piston that the stroke fills anew, L.
+        swept_l: Volume swept by the piston on the pressurised side, L.
+        tube_l: Volume between valve and piston refilled by the stroke, L.
         pressure_mpa: Gauge pressure, MPa.
-        atmosphere_mpa: Pressure of the atmosphere, MPa.
+        atmosphere_mpa: Atmospheric pressure, MPa.
 
-    A tube of 2 m with 6 mm inside at 0.5 MPa, filled twice a cycle:
+    A tube of 2 m length and 6 mm inner diameter at 0.5 MPa, filled twice per cycle:
 
     >>> round(2 * stroke_air_l(swept_l=0.0, tube_l=cylinder_l(6.0, 2000.0), pressure_mpa=0.5), 2)
     0.57

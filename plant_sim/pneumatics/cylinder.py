@@ -1,20 +1,17 @@
-"""A double-acting cylinder with its valve and two lines, and the load it moves."""
+"""Double-acting cylinder with its valve, both lines and the load."""
 
 from typing import Any
 
 import numpy as np
 
-from plant_sim.pneumatics.compiled import compiled
+from plant_sim.common.compiled import compiled
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
-from plant_sim.pneumatics.friction import FRICTION, rubbed_m_s
-from plant_sim.pneumatics.line import LINE, LINE_MAKE, line_rests, step_line
-from plant_sim.pneumatics.valve import VALVE, VALVE_MAKE, step_valve
+from plant_sim.pneumatics.friction import FRICTION, speed_after_friction_m_s
+from plant_sim.pneumatics.line import LINE, LINE_PARAMS, line_is_at_rest, step_line
+from plant_sim.pneumatics.valve import VALVE, VALVE_PARAMS, step_valve
 
 _STILL_M_S, _STILL_N = 1e-6, 1.0
 
-#: State. The load stands at `position_m` from the end stop at 0 and moves at `speed_m_s`; the piston
-#: has its own place and speed where a magnet couples it to the load, else it has the load's. `plus`
-#: drives away from 0, `minus` towards it.
 CYLINDER = np.dtype(
     [
         ("position_m", "f8"),
@@ -28,13 +25,13 @@ CYLINDER = np.dtype(
         ("minus", LINE),
     ]
 )
+"""State.
 
-#: What it is. `weight_n` pulls away from 0. `cushion_m` before each end leaves `cushion_share` of the
-#: throttle. `bumper_n_m` is a rubber bumper `bumper_m` thick, 0 for none. `magnet_holds_n` 0 means that
-#: load and piston are one body. `brake_n` is the force of a spring-applied brake on the load that either line
-#: lifts, through a shuttle valve, and that bites below `brake_bites_pa` (gauge). `blocked` 1 while the load
-#: stands dead (a fault).
-CYLINDER_MAKE = np.dtype(
+The load is at `position_m` from the end stop at 0 and moves at `speed_m_s`. The piston has a separate position and
+speed if it is magnetically coupled to the load, else those of the load. `plus` drives away from 0, `minus` towards it.
+"""
+
+CYLINDER_PARAMS = np.dtype(
     [
         ("stroke_m", "f8"),
         ("plus_area_m2", "f8"),
@@ -56,129 +53,138 @@ CYLINDER_MAKE = np.dtype(
         ("brake_bites_pa", "f8"),
         ("blocked", "i8"),
         ("friction", FRICTION),
-        ("valve", VALVE_MAKE),
-        ("plus", LINE_MAKE),
-        ("minus", LINE_MAKE),
+        ("valve", VALVE_PARAMS),
+        ("plus", LINE_PARAMS),
+        ("minus", LINE_PARAMS),
     ]
 )
+"""Parameters.
+
+`weight_n` acts away from 0. Within `cushion_m` of either end the throttle is reduced to `cushion_share`. `bumper_n_m`
+is the stiffness of a rubber bumper of thickness `bumper_m`; 0 means no bumper. `magnet_holds_n` 0 means that load and
+piston are one body. `brake_n` is the force of a spring-applied brake on the load. Pressure in either line releases it
+through a shuttle valve; it engages below `brake_bites_pa` (gauge). `blocked` 1 locks the load in place (a fault).
+"""
 
 
 @compiled
-def step_cylinder(c: Any, make: Any, plus: bool, minus: bool, manifold: Any, outside: Any, gas: Any) -> None:
-    """Let time pass: valve, then what the air does to the piston, then what the piston does to the air.
+def step_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, outside: Any, gas: Any) -> None:
+    """Advance by one time step: the valve, then the piston motion, then the air in both lines.
 
     Args:
         c: The cylinder.
-        make: What it is.
-        plus: Coil that drives away from 0.
-        minus: Coil that drives towards 0.
-        manifold: Chamber the valve is fed from.
-        outside: The surroundings.
-        gas: How air behaves.
+        params: Its parameters.
+        plus: Level of the coil that drives away from 0.
+        minus: Level of the coil that drives towards 0.
+        manifold: Supply chamber of the valve.
+        outside: The ambient air.
+        gas: Gas model.
     """
-    step_valve(c.valve, make.valve, plus, minus, gas.step_s)
-    push_n = _push_n(c, make)
-    if make.magnet_holds_n > 0.0:
-        _move_coupled(c, make, push_n, gas.step_s)
+    step_valve(c.valve, params.valve, plus, minus, gas.step_s)
+    push_n = _push_n(c, params)
+    if params.magnet_holds_n > 0.0:
+        _move_coupled(c, params, push_n, gas.step_s)
     else:
-        _move(c, make, push_n, gas.step_s)
+        _move(c, params, push_n, gas.step_s)
     spool = c.valve.spool
     plus_pa, minus_pa = c.plus.tube.pressure_pa, c.minus.tube.pressure_pa
-    plus_share = make.cushion_share if c.position_m < make.cushion_m else 1.0
-    minus_share = make.cushion_share if make.stroke_m - c.position_m < make.cushion_m else 1.0
-    plus_m3 = make.plus.dead_m3 + make.plus_area_m2 * c.piston_m
-    minus_m3 = make.minus.dead_m3 + make.minus_area_m2 * (make.stroke_m - c.piston_m)
-    step_line(c.plus, make.plus, make.valve, spool, minus_pa, plus_share, plus_m3, manifold, outside, gas)
-    step_line(c.minus, make.minus, make.valve, -spool, plus_pa, minus_share, minus_m3, manifold, outside, gas)
+    plus_share = params.cushion_share if c.position_m < params.cushion_m else 1.0
+    minus_share = params.cushion_share if params.stroke_m - c.position_m < params.cushion_m else 1.0
+    plus_m3 = params.plus.dead_m3 + params.plus_area_m2 * c.piston_m
+    minus_m3 = params.minus.dead_m3 + params.minus_area_m2 * (params.stroke_m - c.piston_m)
+    step_line(c.plus, params.plus, params.valve, spool, minus_pa, plus_share, plus_m3, manifold, outside, gas)
+    step_line(c.minus, params.minus, params.valve, -spool, plus_pa, minus_share, minus_m3, manifold, outside, gas)
 
 
 @compiled
-def rests(c: Any, make: Any, plus: bool, minus: bool, manifold: Any) -> bool:
-    """Whether a step would change nothing worth the name: nothing about to move, no flow, air as warm as the walls."""
+def is_at_rest(c: Any, params: Any, plus: bool, minus: bool, manifold: Any) -> bool:
+    """Return True if a step would change nothing significant: no pending motion, no flow, air at wall temperature."""
     valve = c.valve
     if abs(c.piston_m_s) > _STILL_M_S or c.speed_m_s != 0.0 or valve.spool != valve.target:
         return False
     if plus != (valve.plus_acts != 0) or minus != (valve.minus_acts != 0):
         return False
-    if valve.plus_pending_s != 0.0 or valve.minus_pending_s != 0.0 or not _holds(c, make):
+    if valve.plus_pending_s != 0.0 or valve.minus_pending_s != 0.0 or not _stays_at_rest(c, params):
         return False
-    return line_rests(c.plus, make.plus, valve.spool, manifold) and line_rests(
-        c.minus, make.minus, -valve.spool, manifold
+    return line_is_at_rest(c.plus, params.plus, valve.spool, manifold) and line_is_at_rest(
+        c.minus, params.minus, -valve.spool, manifold
     )
 
 
 @compiled
-def _push_n(c: Any, make: Any) -> float:
-    """Force of the air on the piston, N, positive away from 0."""
-    rod_m2 = make.plus_area_m2 - make.minus_area_m2
+def _push_n(c: Any, params: Any) -> float:
+    """Return the force of the air on the piston, N, positive away from 0."""
+    rod_m2 = params.plus_area_m2 - params.minus_area_m2
     push_n: float = (
-        c.plus.chamber.pressure_pa * make.plus_area_m2
-        - c.minus.chamber.pressure_pa * make.minus_area_m2
+        c.plus.chamber.pressure_pa * params.plus_area_m2
+        - c.minus.chamber.pressure_pa * params.minus_area_m2
         - ATMOSPHERE_PA * rod_m2
     )
     return push_n
 
 
 @compiled
-def _holds(c: Any, make: Any) -> bool:
-    """Whether a load that stands goes on standing: held by its friction, its brake, a fault or an end stop."""
-    push_n = _push_n(c, make)
-    if make.magnet_holds_n > 0.0:
-        pull_n = 0.0 if c.decoupled else make.magnet_n_m * (c.piston_m - c.position_m)
-        if abs(push_n - pull_n) > _STILL_N or abs(pull_n) > make.magnet_holds_n:
+def _stays_at_rest(c: Any, params: Any) -> bool:
+    """Return True if a stationary load stays at rest, held by friction, brake, a fault or an end stop."""
+    push_n = _push_n(c, params)
+    if params.magnet_holds_n > 0.0:
+        pull_n = 0.0 if c.decoupled else params.magnet_n_m * (c.piston_m - c.position_m)
+        if abs(push_n - pull_n) > _STILL_N or abs(pull_n) > params.magnet_holds_n:
             return False
-        push_n = pull_n + _bumper(c, make, 0.0)[0]
+        push_n = pull_n + _bumper(c, params, 0.0)[0]
     else:
-        push_n += make.weight_n
-    if make.blocked:
+        push_n += params.weight_n
+    if params.blocked:
         return True
-    if (c.position_m <= 0.0 and push_n <= 0.0) or (c.position_m >= make.stroke_m and push_n >= 0.0):
+    if (c.position_m <= 0.0 and push_n <= 0.0) or (c.position_m >= params.stroke_m and push_n >= 0.0):
         return True
-    return bool(abs(push_n) <= make.friction.static_n + _brake_n(c, make))
+    return bool(abs(push_n) <= params.friction.static_n + _brake_n(c, params))
 
 
 @compiled
-def _move(c: Any, make: Any, push_n: float, step_s: float) -> None:
-    """Move load and piston as one body; the end stops take all its speed."""
-    mass_kg = make.load_kg + make.piston_kg
+def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
+    """Move load and piston as one body; an end stop absorbs all speed."""
+    mass_kg = params.load_kg + params.piston_kg
     speed_m_s = 0.0
-    if make.blocked == 0:
-        free_m_s = c.speed_m_s + step_s * (push_n + make.weight_n) / mass_kg
-        speed_m_s = rubbed_m_s(make.friction, free_m_s, c.speed_m_s, mass_kg, step_s, _brake_n(c, make))
+    if params.blocked == 0:
+        free_m_s = c.speed_m_s + step_s * (push_n + params.weight_n) / mass_kg
+        speed_m_s = speed_after_friction_m_s(
+            params.friction, free_m_s, c.speed_m_s, mass_kg, step_s, _brake_n(c, params)
+        )
     position_m = c.position_m + step_s * speed_m_s
     if position_m <= 0.0:
         position_m = 0.0
         speed_m_s = max(speed_m_s, 0.0)
-    elif position_m >= make.stroke_m:
-        position_m = make.stroke_m
+    elif position_m >= params.stroke_m:
+        position_m = params.stroke_m
         speed_m_s = min(speed_m_s, 0.0)
     c.position_m = c.piston_m = position_m
     c.speed_m_s = c.piston_m_s = speed_m_s
 
 
 @compiled
-def _move_coupled(c: Any, make: Any, push_n: float, step_s: float) -> None:
-    """Move piston and load, between them a magnet that gives way like a spring and lets go beyond its force.
+def _move_coupled(c: Any, params: Any, push_n: float, step_s: float) -> None:
+    """Move piston and load, coupled by a magnet that yields like a spring and decouples above its force.
 
-    Spring and damper are taken at the end of the step, so that their stiffness sets no limit to it. The
-    load sticks if that takes no more than its friction.
+    Spring and damper are implicit, so their stiffness does not limit the step. The load sticks if the force required
+    to hold it does not exceed its friction.
     """
     lag_m = c.piston_m - c.position_m
     if c.decoupled != 0:
-        near = abs(lag_m) * make.magnet_n_m <= make.magnet_holds_n
-        if near and abs(c.piston_m_s - c.speed_m_s) <= make.recouples_m_s:
+        near = abs(lag_m) * params.magnet_n_m <= params.magnet_holds_n
+        if near and abs(c.piston_m_s - c.speed_m_s) <= params.recouples_m_s:
             c.decoupled = 0
-    elif abs(lag_m) * make.magnet_n_m > make.magnet_holds_n:
+    elif abs(lag_m) * params.magnet_n_m > params.magnet_holds_n:
         c.decoupled = 1
     pull_n, give = 0.0, 0.0
     if c.decoupled == 0:
-        pull_n = make.magnet_n_m * lag_m
-        give = step_s * make.magnet_n_m + make.magnet_n_s_m
-    piston_s_kg, load_s_kg = step_s / make.piston_kg, step_s / make.load_kg
-    bumper_n, bumper_give = _bumper(c, make, step_s)
+        pull_n = params.magnet_n_m * lag_m
+        give = step_s * params.magnet_n_m + params.magnet_n_s_m
+    piston_s_kg, load_s_kg = step_s / params.piston_kg, step_s / params.load_kg
+    bumper_n, bumper_give = _bumper(c, params, step_s)
     piston_m_s, load_m_s = c.piston_m_s, 0.0
-    if make.blocked == 0:
-        # both at the end of the step without friction: two equations in the two speeds
+    if params.blocked == 0:
+        # speeds of both at the end of the step without friction: two linear equations
         a11 = 1.0 + piston_s_kg * give
         a12 = -piston_s_kg * give
         a22 = 1.0 + load_s_kg * (give + bumper_give)
@@ -186,44 +192,46 @@ def _move_coupled(c: Any, make: Any, push_n: float, step_s: float) -> None:
         right1 = c.piston_m_s + piston_s_kg * (push_n - pull_n)
         right2 = c.speed_m_s + load_s_kg * (pull_n + bumper_n)
         free_m_s = (a11 * right2 - a21 * right1) / (a11 * a22 - a12 * a21)
-        # friction acts on the load together with what the magnet makes follow it
-        carried_kg = make.load_kg * (a22 - a12 * a21 / a11)
-        load_m_s = rubbed_m_s(make.friction, free_m_s, c.speed_m_s, carried_kg, step_s, _brake_n(c, make))
+        # friction acts on the load plus the mass that follows it through the magnet
+        carried_kg = params.load_kg * (a22 - a12 * a21 / a11)
+        load_m_s = speed_after_friction_m_s(
+            params.friction, free_m_s, c.speed_m_s, carried_kg, step_s, _brake_n(c, params)
+        )
     piston_m_s = (c.piston_m_s + piston_s_kg * (push_n - pull_n + give * load_m_s)) / (1.0 + piston_s_kg * give)
     c.magnet_n = pull_n + give * (piston_m_s - load_m_s)
-    c.speed_m_s, c.position_m = _stopped(load_m_s, c.position_m + step_s * load_m_s, 0.0, make.stroke_m)
-    over_m = make.overtravel_m
-    c.piston_m_s, c.piston_m = _stopped(piston_m_s, c.piston_m + step_s * piston_m_s, -over_m, make.stroke_m + over_m)
+    c.speed_m_s, c.position_m = _stopped(load_m_s, c.position_m + step_s * load_m_s, 0.0, params.stroke_m)
+    over_m = params.overtravel_m
+    c.piston_m_s, c.piston_m = _stopped(piston_m_s, c.piston_m + step_s * piston_m_s, -over_m, params.stroke_m + over_m)
 
 
 @compiled
-def _brake_n(c: Any, make: Any) -> float:
-    """Force with which the brake bites, N."""
+def _brake_n(c: Any, params: Any) -> float:
+    """Return the force of the engaged brake, N; 0 while it is released."""
     lifts_pa = max(c.plus.tube.pressure_pa, c.minus.tube.pressure_pa) - ATMOSPHERE_PA
-    return make.brake_n if lifts_pa < make.brake_bites_pa else 0.0
+    return params.brake_n if lifts_pa < params.brake_bites_pa else 0.0
 
 
 @compiled
-def _bumper(c: Any, make: Any, step_s: float) -> tuple[float, float]:
-    """Force of the rubber bumper at either end at the start of the step, N, and how much speed lessens it, N s/m."""
-    if make.bumper_n_m <= 0.0:
+def _bumper(c: Any, params: Any, step_s: float) -> tuple[float, float]:
+    """Return the bumper force at the start of the step, N, and its decrease with speed, N s/m."""
+    if params.bumper_n_m <= 0.0:
         return 0.0, 0.0
     sign = 1.0
-    into_m = make.bumper_m - c.position_m
+    into_m = params.bumper_m - c.position_m
     if into_m < 0.0:
         sign = -1.0
-        into_m = c.position_m - (make.stroke_m - make.bumper_m)
+        into_m = c.position_m - (params.stroke_m - params.bumper_m)
     if into_m < 0.0:
         return 0.0, 0.0
-    give = step_s * make.bumper_n_m
-    if sign * c.speed_m_s * make.bumper_n_s_m < make.bumper_n_m * into_m:  # rubber pushes, it never pulls
-        give += make.bumper_n_s_m
-    return sign * make.bumper_n_m * into_m, give
+    give = step_s * params.bumper_n_m
+    if sign * c.speed_m_s * params.bumper_n_s_m < params.bumper_n_m * into_m:  # rubber pushes but never pulls
+        give += params.bumper_n_s_m
+    return sign * params.bumper_n_m * into_m, give
 
 
 @compiled
 def _stopped(speed_m_s: float, position_m: float, low_m: float, high_m: float) -> tuple[float, float]:
-    """Speed and place, unless an end stop is in the way: it takes all the speed towards it."""
+    """Return speed and position, limited by the end stops, which absorb the speed towards them."""
     if position_m <= low_m:
         return max(speed_m_s, 0.0), low_m
     if position_m >= high_m:

@@ -1,43 +1,49 @@
-"""Mass flow of air through a restriction, ISO 6358."""
+"""Mass flow of air through a restriction according to ISO 6358."""
 
 import math
 
-from plant_sim.pneumatics.compiled import compiled
+from plant_sim.common.compiled import compiled
 
-#: Specific gas constant of air, J/(kg K).
 GAS_CONSTANT = 287.05
-#: Heat capacities of air at constant pressure and volume, J/(kg K); their difference is the gas constant.
+"""Specific gas constant of air, J/(kg K)."""
+
 HEAT_P, HEAT_V = 1004.675, 717.625
-#: Temperature of the reference atmosphere ANR and of the machine's surroundings, K. Source: ISO 8778.
+"""Heat capacities of air at constant pressure and constant volume, J/(kg K). Their difference is the gas constant."""
+
 REFERENCE_K = 293.15
-#: Density of the reference atmosphere ANR, kg/m3. Source: ISO 8778.
+"""Temperature of the reference atmosphere ANR and of the ambient air, K. Source: ISO 8778."""
+
 REFERENCE_KG_M3 = 1.185
-#: Pressure of the reference atmosphere ANR, to which a sonic conductance refers, Pa. Source: ISO 8778.
+"""Density of the reference atmosphere ANR, kg/m3. Source: ISO 8778."""
+
 REFERENCE_PA = 100_000.0
-#: Pressure of the surroundings, Pa.
+"""Pressure of the reference atmosphere ANR, to which a sonic conductance refers, Pa. Source: ISO 8778."""
+
 ATMOSPHERE_PA = 101_325.0
-#: From this ratio of the pressures up the flow is laminar. Source: PLANT.md 1.1 for steps of 1 ms.
+"""Ambient pressure, Pa."""
+
 LAMINAR_RATIO = 0.99
+"""Pressure ratio from which the flow is laminar. Source: docs/sources/plant.md 1.1 for steps of 1 ms."""
 
 
 @compiled
 def flow(
     up_pa: float, down_pa: float, conductance_m3_s_pa: float, critical_ratio: float, up_k: float
 ) -> tuple[float, float, float]:
-    """Mass flow through a restriction, choked, subsonic or (near equal pressures) laminar.
+    """Return the mass flow through a restriction: choked, subsonic or, near equal pressures, laminar.
 
     Args:
         up_pa: Absolute pressure upstream, Pa.
-        down_pa: Absolute pressure downstream, Pa, at most as high.
+        down_pa: Absolute pressure downstream, Pa, not above `up_pa`.
         conductance_m3_s_pa: Sonic conductance C, m3/(s Pa).
         critical_ratio: Critical pressure ratio b.
         up_k: Temperature upstream, K.
 
     Returns:
-        The flow, kg/s; how much it grows with the pressure upstream, kg/(s Pa); how much it falls
-        with the pressure downstream, kg/(s Pa).
+        The flow, kg/s; its increase with the upstream pressure, kg/(s Pa); its decrease with the downstream
+        pressure, kg/(s Pa).
 
-    Source: ISO 6358-1; PLANT.md 1.1.
+    Source: ISO 6358-1; docs/sources/plant.md 1.1.
     """
     gain = conductance_m3_s_pa * REFERENCE_KG_M3 * math.sqrt(REFERENCE_K / up_k)
     ratio = down_pa / up_pa
@@ -55,9 +61,9 @@ def flow(
 
 @compiled
 def in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:
-    """Conductance of two restrictions one after the other, m3/(s Pa): 1/C^2 = 1/C1^2 + 1/C2^2.
+    """Return the conductance of two restrictions in series, m3/(s Pa): 1/C^2 = 1/C1^2 + 1/C2^2.
 
-    Source: PLANT.md 1.1 (an approximation).
+    Source: docs/sources/plant.md 1.1 (an approximation).
     """
     if one_m3_s_pa <= 0.0 or other_m3_s_pa <= 0.0:
         return 0.0
@@ -66,13 +72,13 @@ def in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:
 
 
 def tube_conductance_m3_s_pa(inner_m: float, length_m: float) -> float:
-    """Sonic conductance of a smooth tube, m3/(s Pa).
+    """Return the sonic conductance of a smooth tube, m3/(s Pa).
 
     Args:
         inner_m: Inner diameter, m.
         length_m: Length, m.
 
-    Source: PLANT.md 1.3, a rule of thumb quoted there from memory, not checked.
+    Source: docs/sources/plant.md 1.3, a rule of thumb quoted from memory and not verified.
 
     >>> round(1e8 * tube_conductance_m3_s_pa(0.004, 1.45), 2)
     1.05

@@ -1,42 +1,42 @@
-"""Friction of a seal: Stribeck's curve, and sticking that is exact at any step."""
+"""Seal friction: Stribeck curve with exact sticking for any step length."""
 
 import math
 from typing import Any
 
 import numpy as np
 
-from plant_sim.pneumatics.compiled import compiled
+from plant_sim.common.compiled import compiled
 
-#: Coulomb and static friction, N; speed at which the curve has fallen half way, m/s; viscous, N s/m.
 FRICTION = np.dtype([("coulomb_n", "f8"), ("static_n", "f8"), ("stribeck_m_s", "f8"), ("viscous_n_s_m", "f8")])
+"""Coulomb and static friction, N; speed at which half of the difference has decayed, m/s; viscous friction, N s/m."""
 
 
 @compiled
-def dry_n(make: Any, speed_m_s: float) -> float:
-    """Friction that does not depend on the direction, N: from static to Coulomb as speed grows."""
-    share = speed_m_s / make.stribeck_m_s
-    dry: float = make.coulomb_n + (make.static_n - make.coulomb_n) / (1.0 + share * share)
+def dry_friction_n(params: Any, speed_m_s: float) -> float:
+    """Return the magnitude of the dry friction, N: static friction at rest, Coulomb friction at high speed."""
+    share = speed_m_s / params.stribeck_m_s
+    dry: float = params.coulomb_n + (params.static_n - params.coulomb_n) / (1.0 + share * share)
     return dry
 
 
 @compiled
-def rubbed_m_s(
-    make: Any, free_m_s: float, speed_m_s: float, mass_kg: float, step_s: float, brake_n: float = 0.0
+def speed_after_friction_m_s(
+    params: Any, free_m_s: float, speed_m_s: float, mass_kg: float, step_s: float, brake_n: float = 0.0
 ) -> float:
-    """Speed after a step, given the speed it would have without friction.
+    """Apply friction to the speed computed for a step without friction; return the resulting speed.
 
-    Friction takes an impulse and never more than there is: what it could turn round, it stops.
+    The friction impulse never exceeds the momentum, so it can stop the motion but not reverse it.
 
     Args:
-        make: The friction.
+        params: Parameters of the friction.
         free_m_s: Speed after the step without friction, m/s.
         speed_m_s: Speed before the step, m/s.
-        mass_kg: What moves, kg.
+        mass_kg: Moving mass, kg.
         step_s: Length of the step, s.
-        brake_n: Force of a brake on top of it, N.
+        brake_n: Additional force of a brake, N.
     """
-    left_m_s = abs(free_m_s) - step_s * (dry_n(make, speed_m_s) + brake_n) / mass_kg
+    left_m_s = abs(free_m_s) - step_s * (dry_friction_n(params, speed_m_s) + brake_n) / mass_kg
     if left_m_s <= 0.0:
         return 0.0
-    rubbed: float = math.copysign(left_m_s, free_m_s) / (1.0 + step_s * make.viscous_n_s_m / mass_kg)
+    rubbed: float = math.copysign(left_m_s, free_m_s) / (1.0 + step_s * params.viscous_n_s_m / mass_kg)
     return rubbed

@@ -1,23 +1,20 @@
-"""From a port of the valve to a chamber of the cylinder: tube, throttle, pilot check valve."""
+"""Line from a valve port to a cylinder chamber: tube, throttle and pilot check valve."""
 
 from typing import Any
 
 import numpy as np
 
-from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, move, resize, settle, tendency
-from plant_sim.pneumatics.compiled import compiled
+from plant_sim.common.compiled import compiled
+from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, flow_and_slopes, move, resize, settle
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K, in_series
 from plant_sim.pneumatics.valve import exhaust_opening, supply_opening
 
-#: State: the tube, the chamber behind it, the air the valve let in so far, and whether the pilot
-#: holds the check valve open.
 LINE = np.dtype([("tube", CHAMBER), ("chamber", CHAMBER), ("drawn_kg", "f8"), ("piloted", "i8")])
+"""State: tube, chamber behind it, and mass of air admitted by the valve so far. `piloted` is 1 while the pilot holds
+the check valve open.
+"""
 
-#: Restrictions. `free` is the way in past the throttle, `throttle` the way out (meter-out), both with
-#: the check valve in series. With `checked` 0 there is no check valve. `slip` leaks past its seat,
-#: `leak` from the chamber to the surroundings (both faults). The chamber's volume is `dead_m3` plus
-#: the piston's.
-LINE_MAKE = np.dtype(
+LINE_PARAMS = np.dtype(
     [
         ("tube_m3_s_pa", "f8"),
         ("tube_m3", "f8"),
@@ -33,6 +30,12 @@ LINE_MAKE = np.dtype(
         ("leak_m3_s_pa", "f8"),
     ]
 )
+"""Parameters.
+
+`free` is the inward path past the throttle, `throttle` the outward path (meter-out); both are in series with the check
+valve. `checked` 0 means no check valve. `slip` leaks past its seat and `leak` from the chamber to the ambient air (both
+faults). The volume of the chamber is `dead_m3` plus the swept volume.
+"""
 
 
 _STILL_PA = 20.0
@@ -40,17 +43,17 @@ _STILL_K = 0.1
 
 
 @compiled
-def line_rests(n: Any, make: Any, spool: float, manifold: Any) -> bool:
-    """Whether no air moves in a line and none is warmer or colder than the walls."""
+def line_is_at_rest(n: Any, params: Any, spool: float, manifold: Any) -> bool:
+    """Return True if no air moves in a line and all air is at wall temperature."""
     tube, chamber = n.tube, n.chamber
-    if make.leak_m3_s_pa > 0.0 or make.slip_m3_s_pa > 0.0:
+    if params.leak_m3_s_pa > 0.0 or params.slip_m3_s_pa > 0.0:
         return False
     if abs(chamber.temperature_k - REFERENCE_K) > _STILL_K or abs(tube.temperature_k - REFERENCE_K) > _STILL_K:
         return False
     source_pa = manifold.pressure_pa if spool > 0.0 else ATMOSPHERE_PA
     if abs(tube.pressure_pa - source_pa) > _STILL_PA:
         return False
-    if make.checked:
+    if params.checked:
         return bool(spool == 0.0 and n.piloted == 0 and chamber.pressure_pa > tube.pressure_pa)
     return bool(abs(chamber.pressure_pa - tube.pressure_pa) <= _STILL_PA)
 
@@ -58,8 +61,8 @@ def line_rests(n: Any, make: Any, spool: float, manifold: Any) -> bool:
 @compiled
 def step_line(
     n: Any,
-    make: Any,
-    valve_make: Any,
+    params: Any,
+    valve_params: Any,
     spool: float,
     pilot_pa: float,
     out_share: float,
@@ -68,54 +71,60 @@ def step_line(
     outside: Any,
     gas: Any,
 ) -> None:
-    """Let time pass.
+    """Advance by one time step.
 
     Args:
         n: The line.
-        make: Its restrictions.
-        valve_make: The valve's.
-        spool: Spool of the valve, +1 feeds this line.
+        params: Its parameters.
+        valve_params: Parameters of the valve.
+        spool: Spool position of the valve; +1 feeds this line.
         pilot_pa: Pressure in the tube of the opposite line, Pa.
-        out_share: What a cushion leaves of the throttle, 0 to 1.
+        out_share: Fraction of the throttle left open by the cushion, 0 to 1.
         volume_m3: New volume of the chamber, m3.
-        manifold: Chamber the valve is fed from.
-        outside: The surroundings.
-        gas: How air behaves.
+        manifold: Supply chamber of the valve.
+        outside: The ambient air.
+        gas: Gas model.
     """
     step_s = gas.step_s
-    tube, chamber, critical = n.tube, n.chamber, make.critical_ratio
+    tube, chamber, critical = n.tube, n.chamber, params.critical_ratio
     resize(chamber, volume_m3, gas)
     gauge_pa = chamber.pressure_pa - ATMOSPHERE_PA
-    least_pa = max(make.pilot_ratio * gauge_pa, make.pilot_least_pa)
-    n.piloted = 1 if make.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
-    crack_pa, onward = 0.0 if n.piloted else make.crack_pa, make.free_m3_s_pa
+    least_pa = max(params.pilot_ratio * gauge_pa, params.pilot_least_pa)
+    n.piloted = 1 if params.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
+    crack_pa, onward = 0.0 if n.piloted else params.crack_pa, params.free_m3_s_pa
     if tube.pressure_pa <= chamber.pressure_pa:
-        crack_pa, onward = 0.0, make.throttle_m3_s_pa * out_share if n.piloted else make.slip_m3_s_pa
+        crack_pa, onward = 0.0, params.throttle_m3_s_pa * out_share if n.piloted else params.slip_m3_s_pa
     opening = supply_opening(spool)
     if opening > 0.0:
-        through = in_series(valve_make.conductance_m3_s_pa * opening, make.tube_m3_s_pa)
-        n.drawn_kg += _through(n, manifold, through, valve_make.critical_ratio, crack_pa, onward, critical, step_s)
+        through = in_series(valve_params.conductance_m3_s_pa * opening, params.tube_m3_s_pa)
+        n.drawn_kg += _step_flows(n, manifold, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
     else:
-        through = in_series(valve_make.conductance_m3_s_pa * exhaust_opening(spool), make.tube_m3_s_pa)
-        _through(n, outside, through, valve_make.critical_ratio, crack_pa, onward, critical, step_s)
-    exchange(chamber, outside, make.leak_m3_s_pa, critical, step_s)
+        through = in_series(valve_params.conductance_m3_s_pa * exhaust_opening(spool), params.tube_m3_s_pa)
+        _step_flows(n, outside, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
+    exchange(chamber, outside, params.leak_m3_s_pa, critical, step_s)
     settle(tube, gas)
     settle(chamber, gas)
 
 
 @compiled
-def _through(
-    n: Any, source: Any, valve_m3_s_pa: float, valve_critical: float, crack_pa: float, onward_m3_s_pa: float,
-    onward_critical: float, step_s: float,
-) -> float:  # fmt: skip
-    """Let air through the valve and on to the chamber (or back) at once; return what the source gave, kg.
+def _step_flows(
+    n: Any,
+    source: Any,
+    valve_m3_s_pa: float,
+    valve_critical: float,
+    crack_pa: float,
+    onward_m3_s_pa: float,
+    onward_critical: float,
+    step_s: float,
+) -> float:
+    """Pass air through the valve and the fitting for one step; return the mass drawn from the source, kg.
 
-    Both flows are linearly implicit in all three pressures together. One after the other, the tube's pressure would
-    stand too high, or too low, by what one of them brings in a step.
+    Both flows are linearly implicit in all three pressures together. If they were solved one after the other, the tube
+    pressure would be off by the change that one of the flows causes in a step.
     """
     tube, chamber = n.tube, n.chamber
-    in_kg_s, in_grows, in_falls = tendency(source, tube, 0.0, valve_m3_s_pa, valve_critical)
-    on_kg_s, on_grows, on_falls = tendency(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical)
+    in_kg_s, in_grows, in_falls = flow_and_slopes(source, tube, 0.0, valve_m3_s_pa, valve_critical)
+    on_kg_s, on_grows, on_falls = flow_and_slopes(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical)
     a11 = 1.0 + step_s * (in_grows * source.stiffness + in_falls * tube.stiffness)
     a12 = -step_s * in_falls * tube.stiffness
     a21 = -step_s * on_grows * tube.stiffness
@@ -128,13 +137,13 @@ def _through(
         source.pressure_pa - source.stiffness * in_kg,
         chamber.pressure_pa + chamber.stiffness * on_kg,
     )
-    settles = _settles(source.pressure_pa, tube.pressure_pa, source_pa, tube_pa)
-    settles = settles and _settles(tube.pressure_pa, chamber.pressure_pa, tube_pa, chamber_pa)
+    settles = _keeps_order(source.pressure_pa, tube.pressure_pa, source_pa, tube_pa)
+    settles = settles and _keeps_order(tube.pressure_pa, chamber.pressure_pa, tube_pa, chamber_pa)
     if settles and on_kg * on_kg_s >= 0.0:
         move(source, tube, in_kg)
         move(tube, chamber, on_kg)
         return in_kg
-    # a pressure would run past another: one after the other, each up to where both are equal
+    # one pressure would overshoot another: solve the flows one after the other, each limited to equal pressures
     in_kg = exchange(source, tube, valve_m3_s_pa, valve_critical, step_s)
     if on_kg_s > 0.0:
         check(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical, step_s)
@@ -144,8 +153,8 @@ def _through(
 
 
 @compiled
-def _settles(one_pa: float, other_pa: float, one_after_pa: float, other_after_pa: float) -> bool:
-    """Whether two pressures do not run past one another, unless one of the differences is slight."""
+def _keeps_order(one_pa: float, other_pa: float, one_after_pa: float, other_after_pa: float) -> bool:
+    """Return True if two pressures keep their order, or if their difference before or after is negligible."""
     slight_pa = 0.01 * one_pa
     apart_pa, after_pa = one_pa - other_pa, one_after_pa - other_after_pa
     return apart_pa * after_pa >= 0.0 or abs(apart_pa) <= slight_pa or abs(after_pa) <= slight_pa

@@ -1,4 +1,4 @@
-"""Speed of a cylinder whose exhaust is throttled: the closed form."""
+"""Closed-form speed of a cylinder with throttled exhaust."""
 
 import math
 
@@ -6,36 +6,36 @@ from plant_sim.pneumatics.flow import REFERENCE_PA
 
 
 def meter_out_speed_m_s(conductance_m3_s_pa: float, exhaust_area_m2: float) -> float:
-    """Steady speed of a piston while its exhaust throttle is choked.
+    """Return the steady speed of a piston while its exhaust throttle is choked.
 
     A choked throttle passes a volume flow of conductance times reference pressure, measured at
-    ANR; at the pressure of the chamber it pushes out, that is conductance times ANR whatever the
-    supply and the load. So the piston neither knows the pressure nor the weight it carries.
+    ANR. Converted to the pressure of the exhausting chamber, this flow is independent of supply and
+    load, and so is the speed.
 
     Args:
         conductance_m3_s_pa: Sonic conductance C of the speed controller, m3/(s Pa).
-        exhaust_area_m2: Piston area on the side that is emptied, m2.
+        exhaust_area_m2: Piston area on the exhausting side, m2.
 
     Returns:
         Speed, m/s.
 
-    The slide of the machine, and a textbook case (50/20 cylinder, C = 0.54 dm3/(s bar), 0.33 m/s):
+    Slide of the machine, and a textbook example (50/20 cylinder, C = 0.54 dm3/(s bar), 0.33 m/s):
 
     >>> round(meter_out_speed_m_s(0.7e-9, piston_area_m2(0.025)), 4)
     0.1426
     >>> round(meter_out_speed_m_s(0.54e-8, annulus_area_m2(0.050, 0.020)), 2)
     0.33
 
-    Source: PLANT.md 1.7 and 2, case V4.
+    Source: docs/sources/plant.md 1.7 and 2, case V4.
     """
     return conductance_m3_s_pa * REFERENCE_PA / exhaust_area_m2
 
 
 def piston_area_m2(bore_m: float) -> float:
-    """Area of a full piston, m2."""
+    """Return the area of a full piston, m2."""
     return math.pi / 4 * bore_m**2
 
 
 def annulus_area_m2(bore_m: float, rod_m: float) -> float:
-    """Area of the rod side of a piston, m2."""
+    """Return the annular area on the rod side of a piston, m2."""
     return piston_area_m2(bore_m) - piston_area_m2(rod_m)

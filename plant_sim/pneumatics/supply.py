@@ -1,17 +1,13 @@
-"""Compressed air: compressor and receiver, regulator, dump valve with soft start, and the claws' own store."""
+"""Compressed-air supply: compressor, receiver, regulator, dump valve with soft start, and claw reservoir."""
 
 from typing import Any
 
 import numpy as np
 
+from plant_sim.common.compiled import compiled
 from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, settle
-from plant_sim.pneumatics.compiled import compiled
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, HEAT_P, REFERENCE_K, REFERENCE_KG_M3
 
-#: State. receiver -> regulator -> header -> dump valve -> manifold (slides and lifts), and
-#: receiver -> check valve -> claw reservoir -> claw regulator -> claw manifold. Of the `outside` only the
-#: mass changes: what the machine blew out less what the compressor took in. `fed_s` is for how long the
-#: relay has held the dump valve.
 SUPPLY = np.dtype(
     [
         ("receiver", CHAMBER),
@@ -26,10 +22,12 @@ SUPPLY = np.dtype(
         ("taken_in_kg", "f8"),
     ]
 )
+"""State. receiver -> regulator -> header -> dump valve -> manifold (slides and lifts), and receiver -> check valve ->
+claw reservoir -> claw regulator -> claw manifold. `outside` is the ambient air; only its mass changes, by the exhausted
+air less the compressor intake. `fed_s` is the time for which the relay has energised the dump valve.
+"""
 
-#: What it is. Pressures are gauge. `compressor_kg_s` 0 while it has failed; `leak` from the manifold and
-#: `slip` past the seat of the claws' check valve are faults.
-SUPPLY_MAKE = np.dtype(
+SUPPLY_PARAMS = np.dtype(
     [
         ("compressor_kg_s", "f8"),
         ("starts_below_pa", "f8"),
@@ -51,47 +49,52 @@ SUPPLY_MAKE = np.dtype(
         ("leak_m3_s_pa", "f8"),
     ]
 )
+"""Parameters.
+
+Pressures are gauge. `compressor_kg_s` is 0 after a compressor failure. `leak_m3_s_pa` from the manifold and
+`slip_m3_s_pa` past the seat of the claw check valve are faults.
+"""
 
 
 @compiled
-def step_supply(s: Any, make: Any, fed: bool, gas: Any) -> None:
-    """Let time pass.
+def step_supply(s: Any, params: Any, fed: bool, gas: Any) -> None:
+    """Advance by one time step.
 
     Args:
         s: The supply.
-        make: What it is.
-        fed: Whether the safety relay holds the dump valve; without it the manifold is vented.
-        gas: How air behaves.
+        params: Its parameters.
+        fed: True if the safety relay energises the dump valve; otherwise the manifold is vented.
+        gas: Gas model.
     """
-    step_s, critical = gas.step_s, make.critical_ratio
-    _compress(s, make, step_s)
-    _regulate(s.receiver, s.header, make.regulated_pa, make.band_pa, make.regulator_m3_s_pa, critical, step_s)
-    check(s.receiver, s.claw_reservoir, make.crack_pa, make.check_m3_s_pa, critical, step_s)
-    check(s.claw_reservoir, s.receiver, 0.0, make.slip_m3_s_pa, critical, step_s)
+    step_s, critical = gas.step_s, params.critical_ratio
+    _compress(s, params, step_s)
+    _regulate(s.receiver, s.header, params.regulated_pa, params.band_pa, params.regulator_m3_s_pa, critical, step_s)
+    check(s.receiver, s.claw_reservoir, params.crack_pa, params.check_m3_s_pa, critical, step_s)
+    check(s.claw_reservoir, s.receiver, 0.0, params.slip_m3_s_pa, critical, step_s)
     _regulate(
         s.claw_reservoir,
         s.claw_manifold,
-        make.claw_regulated_pa,
-        make.band_pa,
-        make.claw_regulator_m3_s_pa,
+        params.claw_regulated_pa,
+        params.band_pa,
+        params.claw_regulator_m3_s_pa,
         critical,
         step_s,
     )
     s.fed_s = s.fed_s + step_s if fed else 0.0
-    if s.fed_s > make.dump_delay_s:
-        if s.manifold.pressure_pa >= make.soft_until * s.header.pressure_pa:
+    if s.fed_s > params.dump_delay_s:
+        if s.manifold.pressure_pa >= params.soft_until * s.header.pressure_pa:
             s.soft_started = 1
-        through = make.main_m3_s_pa if s.soft_started else make.soft_m3_s_pa
+        through = params.main_m3_s_pa if s.soft_started else params.soft_m3_s_pa
         exchange(s.header, s.manifold, through, critical, step_s)
     else:
         s.soft_started = 0
-        exchange(s.manifold, s.outside, make.vent_m3_s_pa, critical, step_s)
-    exchange(s.manifold, s.outside, make.leak_m3_s_pa, critical, step_s)
+        exchange(s.manifold, s.outside, params.vent_m3_s_pa, critical, step_s)
+    exchange(s.manifold, s.outside, params.leak_m3_s_pa, critical, step_s)
 
 
 @compiled
 def settle_supply(s: Any, gas: Any) -> None:
-    """Close a step, after everything that is fed has taken its air."""
+    """Finish a step after all consumers have drawn their air."""
     settle(s.receiver, gas)
     settle(s.header, gas)
     settle(s.manifold, gas)
@@ -100,30 +103,30 @@ def settle_supply(s: Any, gas: Any) -> None:
 
 
 @compiled
-def _compress(s: Any, make: Any, step_s: float) -> None:
+def _compress(s: Any, params: Any, step_s: float) -> None:
     gauge_pa = s.receiver.pressure_pa - ATMOSPHERE_PA
-    if gauge_pa < make.starts_below_pa:
+    if gauge_pa < params.starts_below_pa:
         s.compressor_runs = 1
-    elif gauge_pa > make.stops_above_pa:
+    elif gauge_pa > params.stops_above_pa:
         s.compressor_runs = 0
     if s.compressor_runs:
-        mass_kg = make.compressor_kg_s * step_s
+        mass_kg = params.compressor_kg_s * step_s
         s.outside.mass_kg -= mass_kg
         s.taken_in_kg += mass_kg
         s.receiver.mass_kg += mass_kg
         s.receiver.pressure_pa += s.receiver.stiffness * mass_kg
-        s.receiver.energy_j += HEAT_P * REFERENCE_K * mass_kg  # it is cooled behind the compressor
+        s.receiver.energy_j += HEAT_P * REFERENCE_K * mass_kg  # an aftercooler cools the air to ambient temperature
 
 
 @compiled
 def _regulate(
     a: Any, b: Any, gauge_pa: float, band_pa: float, conductance_m3_s_pa: float, critical: float, step_s: float
 ) -> None:
-    """Let air from `a` to `b` up to a pressure; the valve opens fully over a band below it."""
+    """Pass air from `a` to `b` up to a set pressure; the regulator is fully open from `band_pa` below it."""
     lacking_pa = gauge_pa + ATMOSPHERE_PA - b.pressure_pa
     if lacking_pa <= 0.0:
         return
-    # within a step it may not open so far that it overshoots
+    # the opening is limited so that the pressure does not overshoot within the step
     fills_m3_s_pa = lacking_pa / (b.stiffness * step_s * REFERENCE_KG_M3 * a.pressure_pa)
     through = min(conductance_m3_s_pa * min(lacking_pa / band_pa, 1.0), fills_m3_s_pa)
     check(a, b, 0.0, through, critical, step_s)

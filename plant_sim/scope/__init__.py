@@ -1,1 +1,1 @@
-"""The oscilloscope of the plant: runs recorded to columnar files, and plots made from them."""
+"""Oscilloscope of the plant: recordings in columnar files, and plots of them."""

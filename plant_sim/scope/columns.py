@@ -1,32 +1,36 @@
-"""Which numbers of the machine are worth a column, and what they are called: a rule on the dtypes, not a list."""
+"""Selection and names of the recorded machine values, derived from the record types."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from plant_sim.kernel import ARM_SENSORS, MACHINE
+from plant_sim.machine.kernel import ARM_SENSORS, MACHINE
 
 SIDES = ("left", "right")
 
-#: A number is recorded if its name ends so, with this unit: pressures, temperatures, masses, places, speeds,
-#: forces. What follows from these (density, energy, stiffness, volume) and instants are not.
 _UNITS = {"_m_s": "m/s", "_pa": "Pa", "_kg": "kg", "_k": "K", "_m": "m", "_n": "N"}
-#: Numbers without a unit that are recorded, and flags.
+"""Units by name suffix of the recorded values: pressures, temperatures, masses, positions, speeds, forces.
+
+Derived values (density, energy, stiffness, volume) and times are not recorded.
+"""
+
 _BARE = frozenset({"spool"})
+"""Dimensionless recorded values."""
+
 _FLAGS = frozenset({"decoupled", "piloted", "compressor_runs", "soft_started"})
 
 Path = tuple[str | int, ...]
 
 
 class Column(NamedTuple):
-    """One number of the machine over time.
+    """One machine value over time.
 
     Attributes:
-        name: Dotted, as ``left.slide.plus.chamber.pressure_pa``: the fields of the record, with the side
-            in place of the arm's number.
-        unit: Its unit; ``-`` for a bare number, empty for a flag.
-        path: The fields and indices that lead to it.
+        name: Dotted field names of the record, such as ``left.slide.plus.chamber.pressure_pa``, with the side
+            in place of the arm number.
+        unit: Unit; ``-`` for a dimensionless value, empty for a flag.
+        path: Fields and indices of the value in the record.
     """
 
     name: str
@@ -34,10 +38,10 @@ class Column(NamedTuple):
     path: Path
 
     def of(self, frames: np.ndarray) -> np.ndarray:
-        """Return its values as a contiguous array, float or bool.
+        """Return the values as a contiguous array, float or bool.
 
         Args:
-            frames: Records `MACHINE`, one a sample.
+            frames: Records `MACHINE`, one per sample.
         """
         values = frames
         for step in self.path:
@@ -46,11 +50,11 @@ class Column(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Where a position switch is on.
+    """Range in which a position switch is on.
 
     Attributes:
-        sensor: Tag of its wire.
-        column: The column of the place it watches.
+        sensor: I/O tag of the switch.
+        column: Column of the monitored position.
         low_m: Lower end, m.
         high_m: Upper end, m.
     """
@@ -78,10 +82,10 @@ def columns_of(dtype: np.dtype[Any] = MACHINE) -> list[Column]:
 
 
 def numbers_of(record: np.ndarray) -> dict[str, float]:
-    """Return every single number of one record by its dotted name; arrays of bare numbers are left out.
+    """Return all scalar values of one record by dotted name; arrays of scalars are omitted.
 
     Args:
-        record: An array of one record, as `Plant.make`.
+        record: An array with one record, such as `Plant.params`.
     """
     numbers = {}
     for path, _ in _leaves(record.dtype, ()):
@@ -92,23 +96,23 @@ def numbers_of(record: np.ndarray) -> dict[str, float]:
     return numbers
 
 
-def bands_of(made: dict[str, float]) -> list[Band]:
-    """Return the bands of the position switches of both arms.
+def bands_of(params: dict[str, float]) -> list[Band]:
+    """Return the switching ranges of the position switches of both arms.
 
     Args:
-        made: What the machine is, as `numbers_of` gives it for `Plant.make`.
+        params: Result of `numbers_of` for `Plant.params`.
     """
     bands = []
     for side in SIDES:
         for index, tag in enumerate(ARM_SENSORS[:-1]):
             switch, column = _switch(index)
-            at_m, band_m = made[f"{side}.{switch}.at_m"], made[f"{side}.{switch}.band_m"]
+            at_m, band_m = params[f"{side}.{switch}.at_m"], params[f"{side}.{switch}.band_m"]
             bands.append(Band(f"{side}.{tag}", f"{side}.{column}", at_m - band_m, at_m + band_m))
     return bands
 
 
 def _switch(index: int) -> tuple[str, str]:
-    """Where the switch of `ARM_SENSORS` with this index stands in the record, and the place it watches."""
+    """Return the record path of the switch with this index in `ARM_SENSORS`, and its monitored position."""
     if index < 2:
         return f"lift_switches.{index}", "lift.position_m"
     if index < 6:
@@ -117,7 +121,7 @@ def _switch(index: int) -> tuple[str, str]:
 
 
 def _leaves(dtype: np.dtype[Any], path: Path) -> Iterator[tuple[Path, str]]:
-    """Yield the way to every single number, and its kind."""
+    """Yield the path and the kind of every scalar."""
     for name in dtype.names or ():
         field = dtype[name]
         if field.subdtype is None:

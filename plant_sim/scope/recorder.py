@@ -1,4 +1,4 @@
-"""The recorder: one row a scan of everything the machine is and does, kept cheaply and written in groups."""
+"""Recorder: one row per scan with the complete state of the machine, buffered and written in groups."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import NamedTuple, Self
 import numpy as np
 import pyarrow as pa
 
-from controller.io_map import IoMap
-from plant_sim.kernel import MACHINE
-from plant_sim.parameters import Machine
-from plant_sim.plant import Plant
+from controller.iomap.loader import IoMap
+from plant_sim.machine.kernel import MACHINE
+from plant_sim.machine.parameters import Machine
+from plant_sim.machine.plant import Plant
 from plant_sim.scope.columns import columns_of, numbers_of
-from plant_sim.scope.store import TIME, Writer, described
+from plant_sim.scope.store import TIME, Writer, with_metadata
 
 Value = bool | int | float | str
 
 SAMPLE_MS = 10
-ROWS_A_GROUP = 6_000
-LIVE_ROWS_A_GROUP = 500
-"""Where somebody waits in real time: a group then takes about as long as a scan, not as several."""
+ROWS_PER_GROUP = 6_000
+LIVE_ROWS_PER_GROUP = 500
+"""Rows per group in real-time runs: writing a group then takes about one scan instead of several."""
 
 _TEXT = pa.dictionary(pa.int32(), pa.string())
 _MOVE = pa.struct([("tray", pa.int32()), ("column", pa.int8()), ("cell", pa.int8()), ("place", pa.string())])
@@ -33,18 +33,18 @@ _KINDS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.
 
 
 class _Tag(NamedTuple):
-    """An extra column: what to ask at every sample, and the answers not yet written."""
+    """An additional column: its read function, and its buffered values."""
 
     read: Callable[[], Value]
     values: list[Value]
 
 
 class Recorder:
-    """Records a plant to a Parquet file; use it as a context, so that the file is completed whatever happens.
+    """Recorder of a plant to a Parquet file; as a context manager, it also completes the file after an exception.
 
-    A row holds the plant at one instant: `TIME`, every number of the machine by its dotted name (see
-    `columns_of`), ``x.`` and ``y.`` with the logical state of every wire, the extra tags, the ``faults``
-    in force, and ``seedlings``: those that moved since the row before.
+    A row contains the plant at one instant: `TIME`, every machine value by its dotted name (see `columns_of`),
+    ``x.`` and ``y.`` with the logical state of every wire, the additional tags, the active ``faults``, and
+    ``seedlings``: those moved since the previous row.
     """
 
     def __init__(
@@ -58,38 +58,38 @@ class Recorder:
         tags: Mapping[str, Callable[[], Value]] | None = None,
         outputs: Callable[[], Sequence[bool]] | None = None,
         sample_ms: int = SAMPLE_MS,
-        rows_a_group: int = ROWS_A_GROUP,
+        rows_per_group: int = ROWS_PER_GROUP,
     ) -> None:
-        """Begin a recording; nothing is sampled yet.
+        """Open a recording; no sample is taken yet.
 
         Args:
-            plant: What is recorded; one recorder at a time.
-            path: Where the recording is to lie; there must be nothing.
-            io_map: The wires.
-            machine: The parameters of the plant.
-            seed: Its seed.
-            tags: More columns by name; each is asked at every sample and always answers in the same type.
-            outputs: The raw Y image in force; that of the plant's last step by default.
-            sample_ms: Least time between two samples, ms of plant time.
-            rows_a_group: How many rows are kept in memory and written together.
+            plant: Plant to record; it can have one recorder at a time.
+            path: Path of the recording; the file must not exist.
+            io_map: I/O map.
+            machine: Parameters of the plant.
+            seed: Seed of the plant.
+            tags: Read functions of additional columns by name; each must always return the same type.
+            outputs: Read function of the raw Y image; by default, that of the last plant step.
+            sample_ms: Minimum plant time between two samples, ms.
+            rows_per_group: Number of rows buffered and written together.
 
         Raises:
-            RecordingError: the file cannot be had.
-            ValueError: somebody records the plant already.
+            RecordingError: The file cannot be created.
+            ValueError: The plant is already being recorded.
         """
         if plant.seedlings.moves is not None:
-            raise ValueError("the plant is recorded already; close that recorder first")
+            raise ValueError("the plant is already being recorded; close that recorder first")
         self._plant = plant
         self._outputs = outputs or (lambda: plant.y)
         self._sample_ms = sample_ms
-        self._rows_a_group = rows_a_group
+        self._rows_per_group = rows_per_group
         self._inputs, self._output_wires = io_map.inputs, io_map.outputs
         self._numbers = columns_of(MACHINE)
         self._about = {
             "sample_ms": sample_ms,
             "seed": seed,
             "parameters": asdict(machine),
-            "make": numbers_of(plant.make),
+            "make": numbers_of(plant.params),
             "versions": _versions(),
         }
         self._tags = {name: _Tag(read, []) for name, read in (*(tags or {}).items(), ("faults", self._faults))}
@@ -98,9 +98,9 @@ class Recorder:
         self._x: list[bytes] = []
         self._y: list[bytes] = []
         self._moves: list[dict[str, int | str]] = []
-        self._moves_before: list[int] = []  # of every row: how many moves belong to the rows before it
+        self._moves_before: list[int] = []  # number of moves before each row
         self._due_ms = plant.time_ms
-        self._schema: pa.Schema | None = None  # known with the first rows
+        self._schema: pa.Schema | None = None  # defined by the first rows
         self._writer: Writer | None = Writer(path)
         plant.seedlings.moves = []
 
@@ -113,10 +113,10 @@ class Recorder:
         self.close()
 
     def sample(self) -> None:
-        """Keep this instant, unless the last sample is too near; does nothing once closed.
+        """Record the present state unless the previous sample is too recent; no effect once closed.
 
         Raises:
-            RecordingError: a group of rows is due and the disk refuses it.
+            RecordingError: A group of rows is due and cannot be written.
         """
         plant = self._plant
         now_ms = plant.time_ms
@@ -124,22 +124,22 @@ class Recorder:
             return
         self._due_ms = now_ms - now_ms % self._sample_ms + self._sample_ms
         self._times_ms.append(now_ms)
-        self._frames.append(plant.state.tobytes())  # a copy of the bytes; one by fields takes 700 times as long
+        self._frames.append(plant.state.tobytes())  # copying bytes is 700 times as fast as copying by fields
         self._x.append(bytes(plant.x))
         self._y.append(bytes(self._outputs()))
         for read, values in self._tags.values():
             values.append(read())
         self._moves_before.append(len(self._moves))
         if plant.seedlings.moves:
-            self._take_moves()
-        if len(self._times_ms) >= self._rows_a_group:
+            self._collect_moves()
+        if len(self._times_ms) >= self._rows_per_group:
             self._write(self._writer)
 
     def close(self) -> None:
-        """Write what is left and give the file its name; a recording without samples leaves no file.
+        """Write the remaining rows and give the file its final name; a recording that has no samples leaves no file.
 
         Raises:
-            RecordingError: the disk refuses.
+            RecordingError: The file cannot be written.
         """
         writer, self._writer = self._writer, None
         if writer is None:
@@ -149,7 +149,7 @@ class Recorder:
             self._write(writer)
         writer.finish()
 
-    def _take_moves(self) -> None:
+    def _collect_moves(self) -> None:
         moves = self._plant.seedlings.moves or []
         self._moves += [
             {"tray": plant.tray, "column": plant.column, "cell": plant.along, "place": place.name.lower()}
@@ -162,13 +162,13 @@ class Recorder:
         return "; ".join(str(fault).partition("@")[0] for fault in active) if active else ""
 
     def _write(self, writer: Writer) -> None:
-        """Turn the rows kept so far into columns, hand them over and forget them."""
+        """Convert the buffered rows to columns, write and clear them."""
         columns = self._columns()
         if self._schema is None:
-            self._schema = described(pa.schema([field for field, _ in columns]), self._about)
+            self._schema = with_metadata(pa.schema([field for field, _ in columns]), self._about)
         writer.write(pa.Table.from_arrays([array for _, array in columns], schema=self._schema))
-        for kept in (self._times_ms, self._frames, self._x, self._y, self._moves, self._moves_before):
-            kept.clear()
+        for buffer in (self._times_ms, self._frames, self._x, self._y, self._moves, self._moves_before):
+            buffer.clear()
         for tag in self._tags.values():
             tag.values.clear()
 

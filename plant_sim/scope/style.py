@@ -1,4 +1,4 @@
-"""How the plots look: colours that also the colour-blind tell apart, sizes for a page, files without a date."""
+"""Style of the plots: colour-blind-safe colours, page sizes, and files without timestamps."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from plant_sim.scope.store import RecordingError
+from plant_sim.scope.errors import RecordingError
 
-#: Okabe and Ito's palette: blue and vermilion stay apart in every kind of colour blindness.
 COLOURS: Final[Mapping[str, str]] = {
     "left": "#0072B2",
     "right": "#D55E00",
@@ -23,11 +22,13 @@ COLOURS: Final[Mapping[str, str]] = {
     "alarms": "#AA0044",
     "faults": "#7A5195",
 }
-#: For traces that belong to no arm, in this order.
+"""Palette of Okabe and Ito, distinguishable with every kind of colour blindness."""
+
 SERIES: Final = ("#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#444444", "#0072B2", "#D55E00", "#999933")
+"""Colours of traces that belong to no arm, in this order."""
+
 QUIET: Final = "#666666"
 
-#: Everything is drawn and saved in this style.
 STYLE: Final[dict[Any, Any]] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.0,
@@ -43,16 +44,17 @@ STYLE: Final[dict[Any, Any]] = {
     "legend.frameon": False,
     "svg.hashsalt": "seedling transplanter",
 }
+"""Matplotlib settings for drawing and saving."""
 
 
 class Mark(NamedTuple):
-    """A time in which something was wrong.
+    """Interval of an alarm or a fault.
 
     Attributes:
         kind: ``alarms`` or ``faults``.
-        from_s: Since when, s.
-        to_s: Until when, s.
-        text: What.
+        from_s: Start, s.
+        to_s: End, s.
+        text: Text of the alarm or fault.
     """
 
     kind: str
@@ -62,14 +64,14 @@ class Mark(NamedTuple):
 
 
 def spans_of(time_s: np.ndarray, values: np.ndarray) -> list[tuple[float, float, object]]:
-    """Return every run of equal values: since when, until when, s, and the value; a sample holds until the next."""
+    """Return the runs of equal values as (start, end, value), times in s; a sample lasts until the next one."""
     starts = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1))
     ends = np.concatenate((starts[1:], [len(values) - 1]))
     return [(float(time_s[start]), float(time_s[end]), values[start]) for start, end in zip(starts, ends, strict=True)]
 
 
 def marks_of(time_s: np.ndarray, data: Mapping[str, np.ndarray]) -> list[Mark]:
-    """Return every fault and alarm of a part of a recording, so far as it has these columns, by its beginning."""
+    """Return the alarms and faults of a window, sorted by start; missing columns are ignored."""
     marks: list[Mark] = []
     for kind in ("faults", "alarms"):
         texts = data.get(kind, np.array([], dtype=object))
@@ -80,12 +82,12 @@ def marks_of(time_s: np.ndarray, data: Mapping[str, np.ndarray]) -> list[Mark]:
 
 
 def seconds() -> MaxNLocator:
-    """Return ticks at round seconds."""
+    """Return a tick locator for round seconds."""
     return MaxNLocator(nbins=14, steps=[1, 2, 5, 10])
 
 
 def shade(axes: Axes, marks: list[Mark]) -> None:
-    """Shade the times of alarms and faults, and draw a line where each begins."""
+    """Shade the intervals of alarms and faults, and draw a line at the start of each."""
     for mark in marks:
         colour = COLOURS[mark.kind]
         axes.axvspan(mark.from_s, mark.to_s, color=colour, alpha=0.05, linewidth=0, zorder=0)
@@ -93,17 +95,17 @@ def shade(axes: Axes, marks: list[Mark]) -> None:
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write a figure as PNG and as SVG; the same figure gives the same bytes.
+    """Write a figure as PNG and as SVG; equal figures give identical bytes.
 
     Args:
-        figure: What to write.
-        stem: Path without an ending.
+        figure: Figure to write.
+        stem: Path without suffix.
 
     Returns:
         The two files.
 
     Raises:
-        RecordingError: they cannot be written.
+        RecordingError: A file cannot be written.
     """
     paths = []
     for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
@@ -113,6 +115,6 @@ def save(figure: Figure, stem: Path) -> list[Path]:
             figure.savefig(part, dpi=150, metadata=metadata)
             os.replace(part, path)
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be written ({error.strerror}); give another --out") from None
+            raise RecordingError(f"{path}: cannot be written ({error.strerror}); use another --out") from None
         paths.append(path)
     return paths

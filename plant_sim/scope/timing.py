@@ -1,4 +1,4 @@
-"""The timing diagram: coils, sensors and steps as lanes above one time axis, like the chart of a logic analyser."""
+"""Timing diagram: coils, sensors and steps as lanes above a common time axis, as on a logic analyser."""
 
 from __future__ import annotations
 
@@ -17,9 +17,15 @@ from plant_sim.scope.style import COLOURS, QUIET, Mark, marks_of, seconds, shade
 
 _WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 11.0, 1.6, 0.25, 0.42, 0.62
 _LANE_IN = 0.185
-_HEADING, _APART = 1.3, 0.4  # height of a group's heading and gap between kinds of lanes, in lanes
-_CHARACTER_IN = 0.062  # of the small text in a lane
-_NOTE_CHARACTERS, _NOTE_LINE_IN = 170, 0.12  # of the note at the foot
+_HEADING, _APART = 1.3, 0.4
+"""Height of a group heading, and gap between the kinds of lanes, in lanes."""
+
+_CHARACTER_IN = 0.062
+"""Width of a character of the small text in a lane, in."""
+
+_NOTE_CHARACTERS, _NOTE_LINE_IN = 170, 0.12
+"""Length of a line, in characters, and line height, in, of the note at the foot."""
+
 _TITLES = {"machine": "Machine", "left": "Left arm", "right": "Right arm"}
 
 Span = tuple[float, float]
@@ -27,14 +33,14 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """One line of the diagram.
+    """One lane of the diagram.
 
     Attributes:
-        label: What it shows.
-        colour: Its colour.
+        label: Label at the axis.
+        colour: Colour.
         kind: ``coil``, ``sensor``, ``step`` (one step of a sequence), ``text`` or ``mark`` (an alarm or a fault).
-        spans: When it is on, s; the times of the texts, where there are texts.
-        texts: What to write into the spans of a ``text`` or ``mark``.
+        spans: Intervals in which it is on, s, or the intervals of the texts.
+        texts: Texts in the spans of a ``text`` or ``mark``.
     """
 
     label: str
@@ -45,7 +51,7 @@ class Lane:
 
 
 def default_tags(recording: Recording, side: str) -> list[str]:
-    """Return what one arm's timing diagram shows: the machine, the arm's steps and wires, the other arm's step."""
+    """Return the columns of the diagram of one arm: the machine, its steps and wires, the step of the other arm."""
     other = "right" if side == "left" else "left"
     wanted = ["state", "alarms", "faults", "step.tray_feeder", f"step.{other}_arm", f"step.{side}_arm"]
     wires = [name for name in recording.labels if name.partition(".")[2].partition(".")[0] != other]
@@ -53,20 +59,20 @@ def default_tags(recording: Recording, side: str) -> list[str]:
 
 
 def timing_diagram(
-    data: Mapping[str, np.ndarray], labels: Mapping[str, str], title: str, *, asked: Sequence[str] = ()
+    data: Mapping[str, np.ndarray], labels: Mapping[str, str], title: str, *, requested: Sequence[str] = ()
 ) -> Figure:
     """Draw the diagram.
 
     Args:
-        data: Columns of bools and texts of a part of a recording, with `TIME`.
+        data: Boolean and text columns of a window, with `TIME`.
         labels: Terminals by column.
-        title: What is shown.
-        asked: Columns to draw even if they never change; without any, what never changes is named below.
+        title: Title of the figure.
+        requested: Columns to draw even if constant; if empty, constant columns are listed at the foot instead.
     """
     time_s = data[TIME] / 1000
-    constant = [] if asked else [name for name in data if name not in (TIME, "state") and _constant(data[name])]
-    groups = _groups(time_s, {name: data[name] for name in data if name not in constant}, labels, asked)
-    quiet = [_plain(name, labels) for name in constant if name not in ("alarms", "faults")]
+    constant = [] if requested else [name for name in data if name not in (TIME, "state") and _constant(data[name])]
+    groups = _groups(time_s, {name: data[name] for name in data if name not in constant}, labels, requested)
+    quiet = [_display_name(name, labels) for name in constant if name not in ("alarms", "faults")]
     note = _note(quiet)
     bottom_in = _BOTTOM_IN + _NOTE_LINE_IN * note.count("\n")
     height_in = _TOP_IN + bottom_in + _LANE_IN * sum(_height(lanes) for lanes in groups.values())
@@ -85,7 +91,7 @@ def timing_diagram(
 
 
 def _note(quiet: Sequence[str]) -> str:
-    """Name what does not change, in lines that break between names; empty without any."""
+    """Return the wrapped list of constant columns, broken between names; empty if no column is constant."""
     names = ", ".join(name.replace(" ", "\u00a0") for name in quiet)
     return "\n".join(wrap(f"Unchanged: {names}", _NOTE_CHARACTERS)).replace("\u00a0", " ") if quiet else ""
 
@@ -95,17 +101,17 @@ def _constant(values: np.ndarray) -> bool:
 
 
 def _groups(
-    time_s: np.ndarray, data: Mapping[str, np.ndarray], labels: Mapping[str, str], asked: Sequence[str]
+    time_s: np.ndarray, data: Mapping[str, np.ndarray], labels: Mapping[str, str], requested: Sequence[str]
 ) -> dict[str, list[Lane]]:
-    """Sort the columns to machine and arms, alarms and faults first, then steps, coils, sensors."""
-    # of several sequences the last one asked for is shown step by step
+    """Group the columns by machine and arm, sorted by `_rank`."""
+    # if there are several sequences, the last one is shown step by step
     staircase = next((name for name in reversed(list(data)) if name.startswith("step.")), None)
     groups: dict[str, list[Lane]] = {owner: [] for owner in _TITLES}
     for name in sorted(data, key=_rank):
         if name == TIME:
             continue
         owner = _owner(name)
-        label, colour = _plain(name, labels), COLOURS.get(name, COLOURS[owner])
+        label, colour = _display_name(name, labels), COLOURS.get(name, COLOURS[owner])
         spans = spans_of(time_s, data[name])
         if name in ("faults", "alarms"):
             marks = [mark for mark in marks_of(time_s, data) if mark.kind == name]
@@ -117,20 +123,23 @@ def _groups(
             lanes = _staircase(spans, colour)
         else:
             # the state is recorded as the name of its constant
-            shown = [(from_s, to_s, str(text).capitalize() if name == "state" else str(text))
-                     for from_s, to_s, text in spans if text]  # fmt: skip
+            shown = [
+                (from_s, to_s, str(text).capitalize() if name == "state" else str(text))
+                for from_s, to_s, text in spans
+                if text
+            ]
             texts = tuple(text for _, _, text in shown)
             lanes = [Lane(label, colour, "text", [(from_s, to_s) for from_s, to_s, _ in shown], texts)]
-        if not lanes and name in asked:
+        if not lanes and name in requested:
             lanes = [Lane(label, colour, "text", [])]
         groups[owner] += lanes
     return {owner: lanes for owner, lanes in groups.items() if lanes}
 
 
 def _staircase(spans: list[tuple[float, float, object]], colour: str) -> list[Lane]:
-    """One lane for each step, in the order in which they come."""
+    """Return one lane for each step in the order of occurrence."""
     steps: dict[str, list[Span]] = {}
-    # a step in which the window begins and that comes again belongs to the cycle before: it has its place there
+    # a step at the start of the window that recurs belongs to the previous cycle: sort it by its recurrence
     comes_again = any(title == spans[0][2] for _, _, title in spans[1:])
     for from_s, to_s, title in [*spans[1:], spans[0]] if comes_again else spans:
         if title:
@@ -139,7 +148,7 @@ def _staircase(spans: list[tuple[float, float, object]], colour: str) -> list[La
 
 
 def _rank(name: str) -> tuple[int, int]:
-    """Alarms and faults, state, steps, coils, sensors; within them as they come."""
+    """Return the sort key: faults and alarms, state, steps, coils, sensors, each in the given order."""
     heads = ("faults", "alarms", "state", "step", "y", "x")
     head = name.partition(".")[0]
     return (heads.index(head) if head in heads else len(heads), 0)
@@ -150,8 +159,8 @@ def _owner(name: str) -> str:
     return next((side for side in ("left", "right") if side in words[:2]), "machine")
 
 
-def _plain(name: str, labels: Mapping[str, str]) -> str:
-    """A tag in words, with its terminal."""
+def _display_name(name: str, labels: Mapping[str, str]) -> str:
+    """Return the display name of a tag with its terminal."""
     words = [word for word in name.split(".") if word not in ("x", "y", "left", "right")]
     text = " ".join(words).replace("_", " ").removeprefix("step ")
     if text in ("left arm", "right arm"):
@@ -160,13 +169,13 @@ def _plain(name: str, labels: Mapping[str, str]) -> str:
 
 
 def _height(lanes: Sequence[Lane]) -> float:
-    """Height of a group with its heading, in lanes."""
+    """Return the height of a group with its heading, in lanes."""
     kinds = [lane.kind for lane in lanes]
     return _HEADING + len(lanes) + _APART * sum(one != other for one, other in pairwise(kinds))
 
 
 def _draw_groups(axes: Axes, groups: Mapping[str, Sequence[Lane]], inch_s: float) -> float:
-    """Draw the groups from the top; return how far down they reach, in lanes."""
+    """Draw the groups from the top; return their total height in lanes."""
     places: list[tuple[float, str, dict[str, Any]]] = []
     top = 0.0
     for owner, lanes in groups.items():
@@ -203,7 +212,7 @@ def _draw_lane(axes: Axes, lane: Lane, top: float, inch_s: float) -> None:
 
 
 def _write_texts(axes: Axes, lane: Lane, middle: float, inch_s: float) -> None:
-    """Write the texts into their spans: states and steps where they fit, alarms and faults from their beginning."""
+    """Write the texts into their spans: states and steps if they fit, alarms and faults from the start of the span."""
     for (from_s, to_s), text in zip(lane.spans, lane.texts, strict=True):
         if lane.kind == "mark":
             axes.text(from_s + 0.04 * inch_s, middle, text, va="center", fontsize=6, clip_on=True)
@@ -212,7 +221,7 @@ def _write_texts(axes: Axes, lane: Lane, middle: float, inch_s: float) -> None:
 
 
 def _wave(spans: list[Span], start_s: float, end_s: float, low: float, high: float) -> tuple[list[float], list[float]]:
-    """The corners of a square wave; what is on at an end of the window stays on there."""
+    """Return the corners of a square wave; a level at an end of the window extends to that end."""
     times, levels = [start_s], [high if spans and spans[0][0] <= start_s else low]
     for from_s, to_s in spans:
         if from_s > start_s:

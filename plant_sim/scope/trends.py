@@ -1,4 +1,4 @@
-"""Places and pressures over time, one panel each above one time axis."""
+"""Trend plot: positions and pressures over time, in panels above a common time axis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from plant_sim.scope.style import COLOURS, QUIET, SERIES, Mark, marks_of, second
 
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN = 11.0, 0.85, 0.5
 _TITLE_IN, _LEGEND_IN, _MARKS_IN = 0.4, 0.15, 0.35
-_CHARACTER_IN = 0.052  # of a name beside a panel
+_CHARACTER_IN = 0.052
+"""Width of a character of a name next to a panel, in."""
+
 _PANEL_IN, _GAP_IN = 1.22, 0.14
 
 _SUPPLY = {
@@ -28,14 +30,14 @@ _SUPPLY = {
 }
 
 
-class Trace(NamedTuple):
-    """One line in a panel.
+class Curve(NamedTuple):
+    """One curve in a panel.
 
     Attributes:
-        column: What it shows.
-        colour: Its colour.
-        dashed: Whether it is the chamber that drives back.
-        label: What is written at its end; empty where colour and line say it.
+        column: Column to draw.
+        colour: Colour.
+        dashed: True for the opposing chamber.
+        label: Label at the end; empty if colour and line style identify it.
     """
 
     column: str
@@ -44,8 +46,8 @@ class Trace(NamedTuple):
     label: str = ""
 
 
-class Level(NamedTuple):
-    """A height in a panel that means something, in the unit of the column: a band, or a line if both ends are equal."""
+class ReferenceLevel(NamedTuple):
+    """A reference in a panel, in the unit of the column: a band, or a line if both ends are equal."""
 
     low: float
     high: float
@@ -53,81 +55,89 @@ class Level(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Panel:
+class TrendPanel:
     """One panel.
 
     Attributes:
-        title: What it shows, with the unit as it is drawn.
-        unit: Unit of its columns.
-        traces: Its lines.
+        title: Label of the axis, without the unit.
+        unit: Unit of the columns.
+        traces: Curves.
         levels: Bands and thresholds.
-        upside_down: Whether the axis points down, as the lift does.
+        upside_down: True if the axis points down, as for the lift.
     """
 
     title: str
     unit: str
-    traces: list[Trace]
-    levels: list[Level] = field(default_factory=list)
+    traces: list[Curve]
+    levels: list[ReferenceLevel] = field(default_factory=list)
     upside_down: bool = False
 
 
-#: How a recorded unit is drawn: unit on the axis, factor, what is taken off first.
-_DRAWN = {
+_DISPLAY_UNITS = {
     "m": ("mm", 1e3, 0.0),
     "Pa": ("MPa gauge", 1e-6, ATMOSPHERE_PA),
     "kg": ("g", 1e3, 0.0),
     "K": ("°C", 1.0, 273.15),
 }
+"""Display of the recorded units: unit on the axis, factor, offset subtracted first."""
 
 
-def default_panels(recording: Recording) -> list[Panel]:
-    """Return places and chamber pressures of slide, lift and claws of both arms, and the supply."""
-    made = recording.about["make"]
-    bands: dict[str, list[Level]] = {}
-    for band in bands_of(made):
+def default_panels(recording: Recording) -> list[TrendPanel]:
+    """Return positions and chamber pressures of slide, lift and claws of both arms, and the supply."""
+    params = recording.about["make"]
+    bands: dict[str, list[ReferenceLevel]] = {}
+    for band in bands_of(params):
         if band.sensor.startswith("left."):
             words = band.sensor.removeprefix("left.").removeprefix("slide_at_").removeprefix("lift_")
             label = words.replace("_", " ").replace("claws ", "")
-            bands.setdefault(band.column, []).append(Level(band.low_m, band.high_m, label))
+            bands.setdefault(band.column, []).append(ReferenceLevel(band.low_m, band.high_m, label))
     grip = [
-        Level(made["left.grips_below_m"], made["left.grips_below_m"], "grips below"),
-        Level(made["left.frees_above_m"], made["left.frees_above_m"], "frees above"),
+        ReferenceLevel(params["left.grips_below_m"], params["left.grips_below_m"], "grips below"),
+        ReferenceLevel(params["left.frees_above_m"], params["left.frees_above_m"], "frees above"),
     ]
     supply = [
-        Level(made["air.network.starts_below_pa"] + ATMOSPHERE_PA, made["air.network.stops_above_pa"] + ATMOSPHERE_PA,
-              "compressor"),
-        Level(made["air.ok_above_pa"] - made["air.ok_gap_pa"] + ATMOSPHERE_PA, made["air.ok_above_pa"] + ATMOSPHERE_PA,
-              "pressure switch"),
-    ]  # fmt: skip
+        ReferenceLevel(
+            params["air.network.starts_below_pa"] + ATMOSPHERE_PA,
+            params["air.network.stops_above_pa"] + ATMOSPHERE_PA,
+            "compressor",
+        ),
+        ReferenceLevel(
+            params["air.ok_above_pa"] - params["air.ok_gap_pa"] + ATMOSPHERE_PA,
+            params["air.ok_above_pa"] + ATMOSPHERE_PA,
+            "pressure switch",
+        ),
+    ]
     return [
-        Panel("slide place", "m", _both("slide.position_m"), bands["left.slide.position_m"]),
-        Panel("slide chambers", "Pa", _chambers("slide")),
-        Panel("lift extension", "m", _both("lift.position_m"), bands["left.lift.position_m"], upside_down=True),
-        Panel("lift chambers", "Pa", _chambers("lift")),
-        Panel("claw opening", "m", _both("claws.position_m"), grip),
-        Panel("claw chambers", "Pa", _chambers("claws")),
-        Panel("belt travel", "m", _both("spreader.travel_m"), bands["left.spreader.travel_m"]),
-        Panel("supply", "Pa", [Trace(name, colour, label=label) for name, (label, colour) in _SUPPLY.items()], supply),
+        TrendPanel("slide position", "m", _both("slide.position_m"), bands["left.slide.position_m"]),
+        TrendPanel("slide chambers", "Pa", _chambers("slide")),
+        TrendPanel("lift extension", "m", _both("lift.position_m"), bands["left.lift.position_m"], upside_down=True),
+        TrendPanel("lift chambers", "Pa", _chambers("lift")),
+        TrendPanel("claw opening", "m", _both("claws.position_m"), grip),
+        TrendPanel("claw chambers", "Pa", _chambers("claws")),
+        TrendPanel("belt travel", "m", _both("spreader.travel_m"), bands["left.spreader.travel_m"]),
+        TrendPanel(
+            "supply", "Pa", [Curve(name, colour, label=label) for name, (label, colour) in _SUPPLY.items()], supply
+        ),
     ]
 
 
-def panels_of(recording: Recording, names: Iterable[str]) -> list[Panel]:
-    """Return one panel for each unit of some columns of numbers."""
-    panels: dict[str, Panel] = {}
+def panels_of(recording: Recording, names: Iterable[str]) -> list[TrendPanel]:
+    """Return one panel for each unit among the given numeric columns."""
+    panels: dict[str, TrendPanel] = {}
     for name in names:
         unit = recording.units.get(name, "-")
-        panel = panels.setdefault(unit, Panel("", unit, []))
-        panel.traces.append(Trace(name, SERIES[len(panel.traces) % len(SERIES)], label=name))
+        panel = panels.setdefault(unit, TrendPanel("", unit, []))
+        panel.traces.append(Curve(name, SERIES[len(panel.traces) % len(SERIES)], label=name))
     return list(panels.values())
 
 
-def trend_plot(panels: list[Panel], data: Mapping[str, np.ndarray], title: str) -> Figure:
+def trend_plot(panels: list[TrendPanel], data: Mapping[str, np.ndarray], title: str) -> Figure:
     """Draw the panels.
 
     Args:
-        panels: What to draw, from the top.
-        data: Their columns of a part of a recording, with `TIME`; alarms and faults where they are known.
-        title: What is shown.
+        panels: Panels from the top.
+        data: Columns of the panels in a window, with `TIME`, and alarms and faults if recorded.
+        title: Title of the figure.
     """
     time_s = data[TIME] / 1000
     marks = marks_of(time_s, data)
@@ -149,32 +159,32 @@ def trend_plot(panels: list[Panel], data: Mapping[str, np.ndarray], title: str) 
         axes.tick_params(axis="x", labelbottom=number == len(panels) - 1)
     if first is not None:
         first.set_xlim(time_s[0], time_s[-1])
-        _note_marks(first, marks)
+        _label_marks(first, marks)
     figure.axes[-1].set_xlabel("plant time (s)")
     figure.text(_LEFT_IN / _WIDTH_IN, 1 - 0.2 / height_in, title, fontsize=10, fontweight="bold", va="center")
     if by_arm:
-        _explain(figure, height_in)
+        _draw_legend(figure, height_in)
     return figure
 
 
-def _both(what: str) -> list[Trace]:
-    return [Trace(f"{side}.{what}", COLOURS[side]) for side in reversed(SIDES)]
+def _both(what: str) -> list[Curve]:
+    return [Curve(f"{side}.{what}", COLOURS[side]) for side in reversed(SIDES)]
 
 
-def _chambers(drive: str) -> list[Trace]:
+def _chambers(drive: str) -> list[Curve]:
     return [
-        Trace(f"{side}.{drive}.{port}.chamber.pressure_pa", COLOURS[side], dashed=port == "minus")
+        Curve(f"{side}.{drive}.{port}.chamber.pressure_pa", COLOURS[side], dashed=port == "minus")
         for side in reversed(SIDES)
         for port in ("plus", "minus")
     ]
 
 
-def _drawn(unit: str) -> tuple[str, float, float]:
-    return _DRAWN.get(unit, (unit, 1.0, 0.0))
+def _display_unit(unit: str) -> tuple[str, float, float]:
+    return _DISPLAY_UNITS.get(unit, (unit, 1.0, 0.0))
 
 
-def _draw_panel(axes: Axes, panel: Panel, time_s: np.ndarray, data: Mapping[str, np.ndarray]) -> None:
-    unit, factor, zero = _drawn(panel.unit)
+def _draw_panel(axes: Axes, panel: TrendPanel, time_s: np.ndarray, data: Mapping[str, np.ndarray]) -> None:
+    unit, factor, zero = _display_unit(panel.unit)
     names: list[tuple[float, str, str]] = []
     for level in panel.levels:
         low, high = factor * (level.low - zero), factor * (level.high - zero)
@@ -197,11 +207,11 @@ def _draw_panel(axes: Axes, panel: Panel, time_s: np.ndarray, data: Mapping[str,
     axes.xaxis.set_major_locator(seconds())
     if panel.upside_down:
         axes.invert_yaxis()
-    _name_heights(axes, names)
+    _label_heights(axes, names)
 
 
-def _name_heights(axes: Axes, names: list[tuple[float, str, str]]) -> None:
-    """Write names beside a panel at their heights, so far apart that each can be read."""
+def _label_heights(axes: Axes, names: list[tuple[float, str, str]]) -> None:
+    """Write labels next to a panel at their heights, with a minimum distance."""
     low, high = axes.get_ylim()
     apart = 0.095 / _PANEL_IN
     floor = -apart
@@ -210,8 +220,8 @@ def _name_heights(axes: Axes, names: list[tuple[float, str, str]]) -> None:
         axes.text(1.006, floor, label, transform=axes.transAxes, va="center", fontsize=6.5, color=colour)
 
 
-def _note_marks(axes: Axes, marks: list[Mark]) -> None:
-    """Name alarms and faults above the first panel, where they begin."""
+def _label_marks(axes: Axes, marks: list[Mark]) -> None:
+    """Label alarms and faults at their start above the first panel."""
     for number, mark in enumerate(marks):
         axes.annotate(
             mark.text,
@@ -224,11 +234,11 @@ def _note_marks(axes: Axes, marks: list[Mark]) -> None:
         )
 
 
-def _explain(figure: Figure, height_in: float) -> None:
-    """Say what the colours and lines of both arms mean."""
+def _draw_legend(figure: Figure, height_in: float) -> None:
+    """Draw the legend of the colours and lines of both arms."""
     handles = [Line2D([], [], color=COLOURS[side], label=f"{side} arm") for side in SIDES]
     handles += [
-        Line2D([], [], color="black", label="chamber that drives in, down, open"),
+        Line2D([], [], color="black", label="chamber that drives inward, down, open"),
         Line2D([], [], color="black", linestyle=(0, (3.5, 1.5)), label="the opposite chamber"),
         Line2D([], [], color=QUIET, alpha=0.3, linewidth=6, label="switch on"),
     ]

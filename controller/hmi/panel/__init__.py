@@ -1,1 +1,1 @@
-"""The operator panel: a web page beside the controller, which it knows over Modbus alone."""
+"""Web panel: a separate process that reaches the controller over Modbus only."""

@@ -1,16 +1,16 @@
-// Alarms: their priority and state in shape, text and colour; the banner of every page; the list; the journal.
+// Alarms: priority and state by shape, text and colour; banner on every page, alarm list and journal.
 
 import { app, getHistory, obstacle, order } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { draw, make, mark, refill, write } from "./dom.js";
-import { duration, say, t, wallClock } from "./texts.js";
+import { duration, labelled, localized, named, note, sentence, t, wallClock } from "./texts.js";
 import { section } from "./parts.js";
 
 const STATES = ["normal", "unacknowledged", "acknowledged", "returned_unacknowledged", "latched_unacknowledged",
   "latched_acknowledged", "shelved"];
-const UNSEEN = new Set(["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"]);
+const UNACKNOWLEDGED = new Set(["unacknowledged", "returned_unacknowledged", "latched_unacknowledged"]);
 const SHELVED = "shelved";
-const LONGEST_SHELF_MIN = 480;
+const MAX_SHELVE_MIN = 480;
 const JOURNAL_ROWS = 50;
 const SHAPES = {
   safety: "M7 1 H17 L23 7 V17 L17 23 H7 L1 17 V7 Z",
@@ -19,7 +19,7 @@ const SHAPES = {
 };
 const LETTERS = { safety: "1", stops: "2", warning: "3" };
 
-/** Return the state of a row by its name: the view has its number, the history the name. */
+/** Return the name of an alarm state; the view contains its number, the history its name. */
 export function stateOf(state) {
   return STATES[state] ?? state;
 }
@@ -29,32 +29,32 @@ function priority(alarm) {
   return alarm === undefined || alarm.stops_work ? "stops" : "warning";
 }
 
-/** Return the mark of an alarm: its shape and number say the priority, filled says not yet acknowledged. */
-function sign(row) {
+/** Return the symbol of an alarm: shape and number show the priority, a filled shape is unacknowledged. */
+function symbol(row) {
   const rank = priority(app.alarms.get(row.number));
   return draw("svg", {
     class: "alarm-sign", viewBox: "0 0 24 24", role: "img", "aria-label": t(`priority.${rank}`),
-    "data-priority": rank, "data-unseen": UNSEEN.has(stateOf(row.state)) ? "1" : null,
+    "data-priority": rank, "data-unacknowledged": UNACKNOWLEDGED.has(stateOf(row.state)) ? "1" : null,
   }, draw("path", { d: SHAPES[rank] }), draw("text", { x: 12, y: rank === "warning" ? 20 : 16, text: LETTERS[rank] }));
 }
 
 function message(row) {
-  return say(app.alarms.get(row.number)?.text) || `S${row.number}`;
+  return sentence(localized(app.alarms.get(row.number)?.text)) || `S${row.number}`;
 }
 
-/** The strip at the top of every page: the first alarm of the list, how many more, and its acknowledgement. */
+/** Banner on every page: most urgent alarm, number of further alarms, acknowledge button. */
 export class AlarmBanner {
   constructor(open) {
     this.shown = null;
     this.first = null;
-    this.sign = make("span", { class: "banner-sign" });
+    this.symbol = make("span", { class: "banner-sign" });
     this.text = make("button", { type: "button", class: "banner-text", on: { click: open } });
     this.more = make("span", { class: "banner-more" });
     this.acknowledge = new OrderButton(t("alarms.acknowledge"), () => ({ type: "acknowledge", alarm: this.first }), {
       data: { "data-banner": "acknowledge" },
     });
     this.node = make("div", { class: "banner", role: "region", "aria-label": t("alarms.banner"), "data-part": "banner" },
-      this.sign, make("span", { class: "banner-words", role: "alert" }, this.text), this.more, this.acknowledge.node);
+      this.symbol, make("span", { class: "banner-words", role: "alert" }, this.text), this.more, this.acknowledge.node);
   }
 
   update(view) {
@@ -65,7 +65,7 @@ export class AlarmBanner {
     if (key !== this.shown) this.#show(row);
     this.shown = key;
     write(this.more, rows.length > 1 ? t("alarms.more", { n: rows.length - 1 }) : "");
-    this.acknowledge.button.hidden = row === null || !UNSEEN.has(stateOf(row.state));
+    this.acknowledge.button.hidden = row === null || !UNACKNOWLEDGED.has(stateOf(row.state));
     this.acknowledge.update();
   }
 
@@ -73,17 +73,17 @@ export class AlarmBanner {
     mark(this.node, "data-priority", row === null ? "none" : priority(app.alarms.get(row.number)));
     mark(this.node, "data-alarm", row?.number);
     if (row === null) {
-      refill(this.sign);
+      refill(this.symbol);
       write(this.text, t("alarms.none"));
       return;
     }
-    refill(this.sign, sign(row));
+    refill(this.symbol, symbol(row));
     const first = row.first_out ? `[${t("alarms.first_out")}] ` : "";
-    write(this.text, `${first}${message(row)} (${stateText(row.state)})`);
+    write(this.text, `${first}${note(message(row), stateText(row.state))}`);
   }
 }
 
-export class Alarms {
+export class AlarmsPage {
   constructor() {
     this.key = null;
     this.rows = [];
@@ -106,7 +106,7 @@ export class Alarms {
     if (key !== this.key) {
       if (this.key !== null) void this.journal.load();
       this.key = key;
-      this.rows = rows.map((row) => new AlarmRow(row));
+      this.rows = rows.map((row) => new AlarmListItem(row));
       refill(this.list, ...(rows.length ? this.rows.map((row) => row.node) : [make("li", { text: t("alarms.none") })]));
     }
     this.all.update();
@@ -114,19 +114,19 @@ export class Alarms {
   }
 }
 
-class AlarmRow {
+class AlarmListItem {
   constructor(row) {
     this.row = row;
     this.when = make("span", { class: "alarm-when" });
     this.orders = this.#buttons();
     const alarm = app.alarms.get(row.number);
-    this.node = make("li", { class: "alarm-row", "data-alarm": row.number, "data-state": stateOf(row.state) }, sign(row),
+    this.node = make("li", { class: "alarm-row", "data-alarm": row.number, "data-state": stateOf(row.state) }, symbol(row),
       make("div", { class: "alarm-words" },
         make("strong", { text: `S${row.number} ${message(row)}` }),
         row.first_out ? make("span", { class: "first-out", text: t("alarms.first_out") }) : null,
         make("span", { class: "alarm-state", text: stateText(row.state) }),
         this.when,
-        alarm === undefined ? null : make("p", { class: "alarm-check", text: `${t("alarms.check")}: ${say(alarm.check)}` })),
+        alarm === undefined ? null : make("p", { class: "alarm-check", text: labelled(t("alarms.check"), localized(alarm.check)) })),
       make("div", { class: "orders" }, ...this.orders.map((item) => item.node)));
   }
 
@@ -136,8 +136,8 @@ class AlarmRow {
     const button = (key, message, name) => new OrderButton(t(key), message, { data: { "data-action": name } });
     if (state === SHELVED) return [button("alarms.unshelve", { type: "unshelve", alarm: number }, "unshelve")];
     const items = [];
-    if (UNSEEN.has(state)) items.push(button("alarms.acknowledge", { type: "acknowledge", alarm: number }, "acknowledge"));
-    items.push(priority(app.alarms.get(number)) === "warning" ? new Shelf(number) : new NoShelf());
+    if (UNACKNOWLEDGED.has(state)) items.push(button("alarms.acknowledge", { type: "acknowledge", alarm: number }, "acknowledge"));
+    items.push(priority(app.alarms.get(number)) === "warning" ? new ShelveForm(number) : new NotShelvable());
     return items;
   }
 
@@ -150,16 +150,16 @@ class AlarmRow {
   }
 }
 
-class NoShelf {
+class NotShelvable {
   node = make("p", { class: "why", text: t("alarms.no_shelf") });
 
   update() {}
 }
 
-/** Minutes and the order to shelve. */
-class Shelf {
+/** Shelving time and shelve button. */
+class ShelveForm {
   constructor(number) {
-    this.minutes = make("input", { type: "number", min: 1, max: LONGEST_SHELF_MIN, value: 10, "aria-label": t("alarms.minutes") });
+    this.minutes = make("input", { type: "number", min: 1, max: MAX_SHELVE_MIN, value: 10, "aria-label": t("alarms.minutes") });
     this.button = make("button", { type: "button", class: "order", "data-action": "shelve", text: t("alarms.shelve"),
       on: { click: () => this.#shelve(number) } });
     this.node = make("div", { class: "shelf" }, make("label", {}, `${t("alarms.minutes")} `, this.minutes), this.button);
@@ -172,15 +172,15 @@ class Shelf {
 
   #shelve(number) {
     const minutes = Number(this.minutes.value);
-    const right = Number.isInteger(minutes) && minutes >= 1 && minutes <= LONGEST_SHELF_MIN;
-    const wrong = right ? null : t("parameters.range", { lowest: 1, highest: LONGEST_SHELF_MIN });
-    const why = obstacle("operate") ?? wrong;
-    if (why === null) void order({ type: "shelve", alarm: number, minutes });
-    else app.notice(why, false);
+    const valid = Number.isInteger(minutes) && minutes >= 1 && minutes <= MAX_SHELVE_MIN;
+    const error = valid ? null : t("parameters.range", { lowest: 1, highest: MAX_SHELVE_MIN });
+    const reason = obstacle("operate") ?? error;
+    if (reason === null) void order({ type: "shelve", alarm: number, minutes });
+    else app.notice(reason, false);
   }
 }
 
-/** What happened to alarms, from the history. */
+/** Journal of alarm state changes, from the history. */
 class Journal {
   constructor() {
     this.body = make("tbody");
@@ -200,8 +200,13 @@ class Journal {
       make("td", { text: wallClock(row.utc_ms) }),
       make("td", { text: `S${row.number} ${message(row)}` }),
       make("td", { text: `${stateText(row.before)} → ${stateText(row.after)}` }),
-      make("td", { text: row.by_whom ?? t("alarms.machine") }))));
+      make("td", { text: operatorName(row.by_whom) }))));
   }
+}
+
+/** Return who changed an alarm state: an access level by its display name, the machine if none is recorded. */
+function operatorName(name) {
+  return name === null || name === undefined ? t("alarms.machine") : named(`level.${name}`, name);
 }
 
 function stateText(state) {

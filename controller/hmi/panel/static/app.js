@@ -1,6 +1,6 @@
-// What every page needs: the description, the link, the points by tag, orders with their answer shown.
+// Shared state and functions of all pages: description, link, I/O points by tag, orders.
 
-import { t, say } from "./texts.js";
+import { localized, sentence, t } from "./texts.js";
 
 export const app = { describe: null, link: null, points: new Map(), alarms: new Map(), notice: () => {} };
 
@@ -12,47 +12,52 @@ export function useDescription(description) {
   app.alarms = new Map(description.alarms.map((alarm) => [alarm.number, alarm]));
 }
 
-/** Return whether the level of this browser is at least the one wanted. */
-export function mayAs(level) {
+/** Return whether the access level of this browser is at least the given one. */
+export function hasLevel(level) {
   return RANK[app.link.level] >= RANK[level];
 }
 
-/** Return why an order is not possible now, in words, or null where it is. */
+/** Return the reason why an order is unavailable, as text; null if it is available. */
 export function obstacle(level, command = null) {
   if (!app.link.live) return t("why.stale");
-  if (!mayAs(level)) return t(`why.${level}`);
+  if (!hasLevel(level)) return t(`why.${level}`);
   if (command === null) return null;
   const state = app.link.view.commands[command];
   if (state === undefined || state.free) return null;
-  return say(state.why) || t("why.unknown");
+  return sentence(localized(state.why)) || t("why.unknown");
 }
 
-/** Send an order and show its answer; returns whether it was done. */
+/** Send an order and show the reply; returns whether the order was executed. */
 export async function order(message) {
   const reply = await app.link.order(message);
-  app.notice(reply.key === undefined ? say(reply.text) : t(reply.key), reply.ok);
+  app.notice(replyText(reply), reply.ok);
   return reply.ok;
 }
 
-/** Return whether the thing that a wire names is so, whatever the wire's polarity; null: there is no such wire. */
+/** Return the text of a reply: from the server, or by key from the link. */
+export function replyText(reply) {
+  return reply.key === undefined ? sentence(localized(reply.text)) : t(reply.key);
+}
+
+/** Return whether an I/O point is active, regardless of its polarity; null if the tag is unknown. */
 export function active(view, tag) {
   const point = app.points.get(tag);
   const level = point === undefined ? undefined : view.io[point.address];
   return level === undefined ? null : Boolean(level) !== point.inverted;
 }
 
-/** Return a telemetry value, or null where there is none. */
+/** Return a telemetry value, or null if it is not available. */
 export function measured(view, name) {
   const value = view.telemetry?.[name];
   return view.link.telemetry && typeof value === "number" ? value : null;
 }
 
-/** Return the step that is on in a list of steps, or null. */
+/** Return the active step of a list of steps, or null. */
 export function activeStep(view, steps) {
   return steps.find((step) => view.steps[step.s]) ?? null;
 }
 
-/** Get JSON of the server; null where it has none to give. */
+/** Get JSON from the server; null on any error. */
 export async function get(path) {
   try {
     const response = await fetch(path);
@@ -62,7 +67,7 @@ export async function get(path) {
   }
 }
 
-/** Get something of the history; null where there is none. */
+/** Get rows of the history; null if there is no history. */
 export async function getHistory(query) {
   return app.link.view?.link.history ? get(`/api/history/${query}`) : null;
 }

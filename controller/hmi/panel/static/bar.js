@@ -1,11 +1,11 @@
-// An analog bar: a track with the marks of its places or limits, a pointer, and the digits behind it.
+// Analog bar: track with tick marks at positions or limits, pointer and value.
 
 import { draw, make, mark, write } from "./dom.js";
 
 const LENGTH = 100;
 
 export class Bar {
-  /** @param marks {name: value}: places or limits on the track */
+  /** @param marks {name: value}: positions or limits on the track */
   constructor(label, lowest, highest, marks, data = {}) {
     this.lowest = lowest;
     this.highest = highest;

@@ -1,4 +1,4 @@
-// The operator box of a simulated machine, and the speed of simulated time; shown only where they exist.
+// Operator box of a simulated machine and simulation speed; hidden if not available.
 
 import { app, obstacle, order } from "./app.js";
 import { OrderButton, boxButton } from "./controls.js";
@@ -10,10 +10,10 @@ const FASTEST = 65535;
 
 export class BoxPanel {
   constructor() {
-    const offered = (name) => app.describe.telemetry.some((point) => point.name === `box.${name}`);
-    const pushed = ["start", "stop", "reset"].filter(offered);
-    this.buttons = pushed.map((name) => boxButton(t(`box.${name}`), name));
-    this.stop = offered("emergency_stop") ? new LatchingStop() : null;
+    const available = (name) => app.describe.telemetry.some((point) => point.name === `box.${name}`);
+    const momentary = ["start", "stop", "reset"].filter(available);
+    this.buttons = momentary.map((name) => boxButton(t(`box.${name}`), name));
+    this.stop = available("emergency_stop") ? new EmergencyStopButton() : null;
     this.paces = PACES.map((percent) => new OrderButton(paceText(percent), { type: "pace", percent }, {
       data: { "data-pace": String(percent) },
     }));
@@ -26,12 +26,12 @@ export class BoxPanel {
   }
 
   update(view) {
-    const silent = view.link.telemetry ? null : t("link.no_telemetry");
+    const missing = view.link.telemetry ? null : t("link.no_telemetry");
     this.box.hidden = !this.hasBox;
     this.pace.hidden = !view.link.simulated;
     this.node.hidden = !this.hasBox && !view.link.simulated;
-    this.buttons.forEach((button) => button.update(silent));
-    this.stop?.update(view, silent);
+    this.buttons.forEach((button) => button.update(missing));
+    this.stop?.update(view, missing);
     for (const button of this.paces) {
       mark(button.button, "aria-pressed", String(button.message.percent === view.link.pace_percent));
       button.update();
@@ -40,28 +40,28 @@ export class BoxPanel {
   }
 }
 
-/** The mushroom button: a press latches it, the next one releases it. */
-class LatchingStop {
+/** Emergency stop button: a press latches it, the next press releases it. */
+class EmergencyStopButton {
   constructor() {
     this.pressed = false;
-    this.why = null;
+    this.reason = null;
     this.state = make("p", { class: "why" });
     this.button = make("button", { type: "button", class: "order emergency", "data-box": "emergency_stop", on: { click: () => this.press() } },
       make("span", { text: t("box.emergency_stop") }));
     this.node = make("div", { class: "order-with-why" }, this.button, this.state);
   }
 
-  update(view, silent) {
+  update(view, missing) {
     this.pressed = Boolean(view.telemetry?.["box.emergency_stop"]);
-    this.why = obstacle("operate") ?? silent;
+    this.reason = obstacle("operate") ?? missing;
     mark(this.button, "aria-pressed", String(this.pressed));
-    mark(this.button, "aria-disabled", this.why === null ? null : "true");
-    mark(this.button, "title", this.why);
+    mark(this.button, "aria-disabled", this.reason === null ? null : "true");
+    mark(this.button, "title", this.reason);
     write(this.state, this.pressed ? t("box.latched") : "");
   }
 
   press() {
-    if (this.why !== null) app.notice(this.why, false);
+    if (this.reason !== null) app.notice(this.reason, false);
     else void order({ type: "box", button: "emergency_stop", pressed: !this.pressed });
   }
 }

@@ -1,6 +1,7 @@
-// A line chart on a canvas: several series over one time axis, resizable, with a crosshair that reads values.
+// Line chart on a canvas: several series over one time axis, resizable, with a crosshair readout.
 
 import { make, refill, write } from "./dom.js";
+import { labelled, list, unitText } from "./texts.js";
 
 const HEIGHT = 150;
 const LEFT = 46;
@@ -12,8 +13,8 @@ const GRID = "#b9bec3";
 export const COLOURS = ["#1d4f7c", "#8a4b08", "#4d6b3a", "#5b3f7d"];
 const DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3]];
 
-export class Chart {
-  /** @param series [{name, label}]; @param unit of the values; @param axis turns a time into its label */
+export class LineChart {
+  /** @param series [{name, label}]; @param unit unit of the values; @param axis function that formats a time */
   constructor(title, series, unit, axis) {
     this.series = series;
     this.unit = unit;
@@ -26,13 +27,13 @@ export class Chart {
     this.reading = make("p", { class: "chart-reading" });
     const legend = series.map((one, n) => make("span", { class: `legend series-${n}`, text: one.label }));
     this.node = make("figure", { class: "chart", "data-chart": title },
-      make("figcaption", {}, make("strong", { text: `${title}, ${unit}` }), ...legend), this.canvas, this.reading);
+      make("figcaption", {}, make("strong", { text: list([title, unitText(unit)]) }), ...legend), this.canvas, this.reading);
     this.canvas.addEventListener("pointermove", (event) => this.#point(event));
     this.canvas.addEventListener("pointerleave", () => this.#leave());
     new ResizeObserver(() => this.paint()).observe(this.canvas);
   }
 
-  /** Show times (ascending) and for each series its values, null where there is none. */
+  /** Show the values of each series at ascending times; null marks a missing value. */
   show(times, values, range) {
     this.times = times;
     this.values = values;
@@ -114,7 +115,7 @@ export class Chart {
       pen.fillRect(x(this.times[index]) - 3, y(values[index]) - 3, 6, 6);
     });
     const read = this.series.map((one, n) => `${one.label} ${this.values[n][index]?.toFixed(1) ?? "–"}`);
-    write(this.reading, `${this.axis(this.times[index], this.range)}: ${read.join(", ")} ${this.unit}`);
+    write(this.reading, labelled(this.axis(this.times[index], this.range), `${list(read)} ${unitText(this.unit)}`));
   }
 
   #nearest(time) {

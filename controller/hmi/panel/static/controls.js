@@ -1,18 +1,19 @@
-// Buttons: those that order once, and those that act only while they are held.
+// Buttons for single orders and hold-to-run buttons.
 
 import { make, mark, write } from "./dom.js";
-import { app, obstacle, order } from "./app.js";
-import { t, say } from "./texts.js";
+import { app, obstacle, order, replyText } from "./app.js";
+import { t } from "./texts.js";
 
 const RENEW_MS = 100;
-const SHORTEST_PRESS_MS = 300;
+const MIN_PRESS_MS = 300;
 
-/** A button for one order. While the order is not possible it stays reachable, and tells why when pressed. */
+/** Button for one order. While the order is unavailable, the button stays focusable; pressing it shows the reason. */
 export class OrderButton {
   /**
-   * @param label what it says
-   * @param message order sent, or a function that returns it
-   * @param options level: the level it takes; command: whose why-not counts; data: attributes; why: show it below
+   * @param label label of the button
+   * @param message order to send, or a function that returns it
+   * @param options level: required access level; command: command that must be available; data: attributes;
+   *   why: true to show the reason below the button
    */
   constructor(label, message, { level = "operate", command = null, data = {}, why = false, kind = "" } = {}) {
     this.level = level;
@@ -25,7 +26,7 @@ export class OrderButton {
     this.node = why ? make("div", { class: "order-with-why" }, this.button, this.reason) : this.button;
   }
 
-  /** Look at the link and the command again; `extra` is another reason against it. */
+  /** Update the availability from link and command; `extra` is a further reason that blocks the order. */
   update(extra = null) {
     this.why = obstacle(this.level, this.command) ?? extra;
     mark(this.button, "aria-disabled", this.why === null ? null : "true");
@@ -44,16 +45,16 @@ export class OrderButton {
 
 const holding = new Set();
 
-/** End whatever is held on the page. */
-export function letGo() {
+/** Release all hold-to-run buttons of the page. */
+export function releaseAll() {
   [...holding].forEach((hold) => hold.end());
 }
 
-window.addEventListener("blur", letGo);
-window.addEventListener("pagehide", letGo);
-document.addEventListener("visibilitychange", () => document.hidden && letGo());
+window.addEventListener("blur", releaseAll);
+window.addEventListener("pagehide", releaseAll);
+document.addEventListener("visibilitychange", () => document.hidden && releaseAll());
 
-/** A button that acts while pointer or key hold it: `begin` and `end` are told, whatever ends the hold. */
+/** Hold-to-run button for pointer and keyboard: calls `begin` when pressed and `end` when released in any way. */
 export class HoldButton {
   constructor(label, { begin, end, level = "operate", command = null, data = {}, kind = "" }) {
     this.level = level;
@@ -81,7 +82,7 @@ export class HoldButton {
       app.notice(this.why, false);
       return;
     }
-    letGo(); // one at a time
+    releaseAll(); // one button at a time
     this.held = true;
     holding.add(this);
     mark(this.button, "aria-pressed", "true");
@@ -101,7 +102,7 @@ export class HoldButton {
     mark(button, "aria-pressed", "false");
     button.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
-      // touch captures the pointer by itself; a finger that slides off must let go
+      // touch captures the pointer implicitly; a finger that slides off must release the button
       if (button.hasPointerCapture(event.pointerId)) button.releasePointerCapture(event.pointerId);
       this.start();
     });
@@ -120,13 +121,13 @@ export class HoldButton {
   }
 }
 
-/** Return a button that holds an output on: renewed every 100 ms, let go with the first refusal. */
+/** Return a jog button for an output: the jog is renewed every 100 ms and ends at the first refusal. */
 export function jogButton(label, output, data = {}) {
   let renewal = null;
   const send = async (button, hold) => {
     const reply = await app.link.order({ type: "jog", output, hold });
     if (reply.ok || !hold) return;
-    if (button.held) app.notice(reply.key === undefined ? say(reply.text) : t(reply.key), false);
+    if (button.held) app.notice(replyText(reply), false);
     button.end();
   };
   return new HoldButton(label, {
@@ -144,7 +145,7 @@ export function jogButton(label, output, data = {}) {
   });
 }
 
-/** Return a push button of the operator box: pressed as long as it is held, and long enough to be seen. */
+/** Return a button of the operator box: pressed while held, but at least for the minimum press time. */
 export function boxButton(label, name) {
   let pressedAt = 0;
   return new HoldButton(label, {
@@ -154,7 +155,7 @@ export function boxButton(label, name) {
       void order({ type: "box", button: name, pressed: true });
     },
     end: () => {
-      const rest = Math.max(0, pressedAt + SHORTEST_PRESS_MS - performance.now());
+      const rest = Math.max(0, pressedAt + MIN_PRESS_MS - performance.now());
       window.setTimeout(() => void order({ type: "box", button: name, pressed: false }), rest);
     },
   });

@@ -1,8 +1,8 @@
-// Cycle: the last cycle of each arm as a timing diagram, from the edges the history keeps.
+// Cycle page: last cycle of each arm as a timing diagram, from the edges in the history.
 
 import { app, getHistory } from "./app.js";
 import { draw, make, refill, write } from "./dom.js";
-import { named, t } from "./texts.js";
+import { labelled, list, named, t, unitText } from "./texts.js";
 import { section } from "./parts.js";
 import { pointMeaning } from "./io.js";
 
@@ -11,9 +11,9 @@ const WIDTH = 1000;
 const ROW = 22;
 const TOP = 8;
 
-export class Cycle {
+export class CyclePage {
   constructor() {
-    this.sides = ["left", "right"].map((side) => new Timing(side));
+    this.sides = ["left", "right"].map((side) => new TimingDiagram(side));
     this.node = make("div", { class: "column" }, make("p", { text: t("cycle.about") }), ...this.sides.map((one) => one.node));
     this.counts = null;
   }
@@ -22,7 +22,7 @@ export class Cycle {
     this.sides.forEach((one) => void one.load());
   }
 
-  /** A cycle that has ended is shown at once. */
+  /** Reload after each completed cycle. */
   update(view) {
     const counts = `${view.arms.left.cycles}/${view.arms.right.cycles}/${view.arms.left.cycle_ms}/${view.arms.right.cycle_ms}`;
     if (this.counts !== null && counts !== this.counts) this.opened();
@@ -30,7 +30,7 @@ export class Cycle {
   }
 }
 
-class Timing {
+class TimingDiagram {
   constructor(side) {
     this.side = side;
     this.about = make("p", { class: "why" });
@@ -55,7 +55,7 @@ class Timing {
     const names = [...bars.keys()].sort(byDevice);
     const height = TOP + names.length * ROW + 30;
     const x = (ms) => LABEL + (ms / endMs) * (WIDTH - LABEL - 12);
-    const drawing = draw("svg", { class: "timing", viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label": `${t("page.cycle")}, ${t(this.side)}` });
+    const drawing = draw("svg", { class: "timing", viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label": list([t("page.cycle"), t(this.side)]) });
     for (const [at, label] of ticks(endMs)) {
       drawing.append(draw("path", { class: "grid", d: `M${x(at)} ${TOP} V${height - 26}` }), draw("text", { class: "tick-label", x: x(at), y: height - 12, text: label }));
     }
@@ -81,7 +81,7 @@ class Timing {
     const ms = Math.min(endMs, Math.max(0, ((at - LABEL) / (WIDTH - LABEL - 12)) * endMs));
     cross.setAttribute("d", `M${x(ms)} ${TOP} V${height - 26}`);
     const on = [...bars].filter(([, spans]) => spans.some(([from, to]) => from <= ms && ms < to)).map(([name]) => name);
-    write(this.reading, `${(ms / 1000).toFixed(2)} s: ${on.sort(byDevice).join(" ")}`);
+    write(this.reading, labelled(`${(ms / 1000).toFixed(2)} ${unitText("s")}`, on.sort(byDevice).join(" ")));
   }
 
   #leave(cross) {
@@ -90,7 +90,7 @@ class Timing {
   }
 }
 
-/** Turn edges [[ms, device, level], ...] into spans by device: [[from, to], ...]. */
+/** Convert edges [[ms, device, level], ...] into intervals by device: [[from, to], ...]. */
 function levelsOf(edges, endMs) {
   const spans = new Map();
   const since = new Map();
@@ -107,7 +107,7 @@ function levelsOf(edges, endMs) {
   return spans;
 }
 
-/** Outputs, then inputs, then steps, each by number. */
+/** Sort devices: outputs, inputs, then steps, each by number. */
 function byDevice(one, other) {
   const rank = (name) => "YXS".indexOf(name[0]) * 10_000 + Number(name.slice(1));
   return rank(one) - rank(other);

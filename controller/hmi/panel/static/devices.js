@@ -1,12 +1,14 @@
-// Where slide, lift, belt and claws of an arm are, by their switches and coils: place, look and position.
+// States of slide, lift, belt and claws of an arm, derived from switches and coils: confirmed position (place), display
+// state (look) and position in mm.
 //
-// Looks: commanded = coil on, still at the place it leaves; moving = coil on, on the way; confirmed = the switch of
-// the place is on; fault = two switches of one device, or an alarm of it; between = no coil, no switch.
+// Display states: commanded = coil on, still at the start position; moving = coil on, between positions; confirmed =
+// the switch of the position is on; fault = two switches of one device on, or an alarm of the device; between = no coil
+// and no switch on.
 
 import { app, active, measured } from "./app.js";
 import { stateOf } from "./alarms.js";
 
-/** Follows the devices of one arm; what it remembers is the last place each was seen at. */
+/** Tracker of the devices of one arm; stores the last confirmed position of each device. */
 export class ArmWatch {
   constructor(side, geometry) {
     this.side = side;
@@ -14,30 +16,30 @@ export class ArmWatch {
     this.lift = { up: 0, down: geometry.lift_mm };
     this.belt = { converged: 0, spread: geometry.spread_mm };
     this.last = { slide: null, lift: null, belt: null };
-    this.start = { slide: null, lift: null, belt: null }; // where it was when its coil came on
+    this.start = { slide: null, lift: null, belt: null }; // position at which the coil was switched on
     this.towards = { slide: null, lift: null, belt: null };
   }
 
   /** Return {slide, lift, belt, claws}, each {place, towards, look, mm}. */
-  see(view) {
+  update(view) {
     const is = (name) => active(view, `${this.side}.${name}`) === true;
     return {
       slide: this.#follow(view, "slide", this.slide, slidePlaces(is, this.slide), this.#slideTarget(is, view.arms[this.side].row)),
-      lift: this.#follow(view, "lift", this.lift, chosen({ up: is("lift_up"), down: is("lift_down") }),
+      lift: this.#follow(view, "lift", this.lift, activePlaces({ up: is("lift_up"), down: is("lift_down") }),
         is("lift_extend") ? "down" : is("lift_retract") ? "up" : null),
-      belt: this.#follow(view, "belt", this.belt, chosen({ converged: is("claws_converged"), spread: is("claws_spread") }),
+      belt: this.#follow(view, "belt", this.belt, activePlaces({ converged: is("claws_converged"), spread: is("claws_spread") }),
         is("spread") ? "spread" : is("converge") ? "converged" : null),
       claws: this.#claws(view, is),
     };
   }
 
-  /** Inward the slide goes to the row it is to take, or, by hand, to the next one it has not come to. */
+  /** Return the target of the slide: inward, the row of the cycle, or the next position when jogged beyond that row. */
   #slideTarget(is, row) {
     if (is("slide_outward")) return "feed";
     if (!is("slide_inward")) return null;
     const from = this.last.slide === null ? 0 : this.slide[this.last.slide];
-    const wanted = `pick_${row}`;
-    if (this.slide[wanted] >= from) return wanted;
+    const target = `pick_${row}`;
+    if (this.slide[target] >= from) return target;
     const inward = Object.keys(this.slide).sort((one, other) => this.slide[one] - this.slide[other]);
     return inward.find((place) => this.slide[place] > from) ?? inward.at(-1);
   }
@@ -47,10 +49,10 @@ export class ArmWatch {
     const from = this.last[device];
     if (at !== null) this.last[device] = at;
     const mm = measured(view, `${this.side}.${TELEMETRY[device]}`) ?? estimate(places, at, from, towards);
-    const wrong = on.length > 1 || faulty(view, `${this.side}.${device}`);
+    const fault = on.length > 1 || faulty(view, `${this.side}.${device}`);
     if (towards !== this.towards[device]) this.start[device] = at;
     this.towards[device] = towards;
-    const look = wrong ? "fault" : lookOf(at, towards, this.start[device]);
+    const look = fault ? "fault" : lookOf(at, towards, this.start[device]);
     return { place: at, towards, look, mm };
   }
 
@@ -64,7 +66,7 @@ export class ArmWatch {
 
 const TELEMETRY = { slide: "slide_mm", lift: "lift_mm", belt: "spreader_mm" };
 
-function chosen(switches) {
+function activePlaces(switches) {
   return Object.keys(switches).filter((place) => switches[place]);
 }
 
@@ -85,7 +87,7 @@ function estimate(places, at, from, towards) {
   return (Math.min(...ends) + Math.max(...ends)) / 2;
 }
 
-/** An alarm whose description names this device is in the list, and its cause has not been reset. */
+/** Return whether the alarm list contains an active or latched alarm of this device. */
 function faulty(view, device) {
   return view.alarms.rows.some((row) => app.alarms.get(row.number)?.device === device && stateOf(row.state) !== "returned_unacknowledged");
 }

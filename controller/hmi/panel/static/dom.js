@@ -1,13 +1,13 @@
-// Elements made and changed; nothing here knows of the machine.
+// Creation and update of DOM elements; independent of the machine.
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** Make an HTML element: attributes by name, `text`, `on: {event: handler}`; then its children. */
+/** Create an HTML element: attributes by name, `text`, `on: {event: handler}`, followed by the children. */
 export function make(tag, attributes = {}, ...children) {
   return fill(document.createElement(tag), attributes, children);
 }
 
-/** Make an SVG element; arguments as for `make`. */
+/** Create an SVG element; arguments as for `make`. */
 export function draw(tag, attributes = {}, ...children) {
   return fill(document.createElementNS(SVG, tag), attributes, children);
 }
@@ -22,13 +22,13 @@ function fill(node, attributes, children) {
   return node;
 }
 
-/** Write a text only where it is another: ten times a second most are the same. */
+/** Set the text of a node only if it differs: the page updates ten times a second. */
 export function write(node, text) {
   const now = String(text);
   if (node.textContent !== now) node.textContent = now;
 }
 
-/** Set an attribute only where it is another; null takes it away. */
+/** Set an attribute only if it differs; null removes it. */
 export function mark(node, name, value) {
   if (value === null || value === undefined || value === false) {
     if (node.hasAttribute(name)) node.removeAttribute(name);
@@ -37,13 +37,13 @@ export function mark(node, name, value) {
   }
 }
 
-/** Move an SVG element to a place in the drawing's units; the style sheet decides how smoothly. */
+/** Move an SVG element to a position in drawing units; the transition is defined in the style sheet. */
 export function move(node, x, y, turned = "") {
   const transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)${turned}`;
   if (node.style.transform !== transform) node.style.transform = transform;
 }
 
-/** Put other children in place of those that are there. */
+/** Replace all children of a node. */
 export function refill(node, ...children) {
   node.replaceChildren(...children.filter((child) => child !== null && child !== undefined));
 }

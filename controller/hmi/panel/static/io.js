@@ -1,21 +1,19 @@
-// I/O: every terminal with its level; forcing of inputs and hold-to-run of outputs for those who maintain.
+// I/O page: level of every terminal; forcing of inputs and jogging of outputs at the maintenance level.
 
-import { app, mayAs } from "./app.js";
+import { app, hasLevel } from "./app.js";
 import { OrderButton, jogButton } from "./controls.js";
 import { make, mark, write } from "./dom.js";
-import { named, t } from "./texts.js";
+import { list, localized, note, t } from "./texts.js";
 import { section } from "./parts.js";
 
-const LET_GO = 2;
+const RELEASE_FORCE = 2;
 
-/** Return what a wire says when it is active, with the arm it belongs to in front. */
+/** Return the meaning of an active I/O point, preceded by its arm. */
 export function pointMeaning(point) {
-  const bare = point.side ? point.tag.slice(point.side.length + 1) : point.tag;
-  const meaning = named(`point.${bare}`, point.meaning);
-  return point.side ? `${t(`series.${point.side}`)}: ${meaning}` : meaning;
+  return localized(point.text);
 }
 
-export class InputsOutputs {
+export class IoPage {
   constructor() {
     const jogs = new Set(app.describe.jogs.map((jog) => jog.output));
     const points = (kind) => app.describe.points.filter((point) => point.kind === kind);
@@ -28,11 +26,11 @@ export class InputsOutputs {
   }
 
   update(view) {
-    const may = mayAs("maintain");
+    const permitted = hasLevel("maintain");
     write(this.noForcing, view.link.forcing_allowed ? "" : t("io.no_forcing"));
-    const against = view.link.forcing_allowed ? null : t("io.no_forcing");
-    this.inputs.forEach((row) => row.update(view, may && view.link.forcing_allowed, against));
-    this.outputs.forEach((row) => row.update(view, may, null));
+    const obstacle = view.link.forcing_allowed ? null : t("io.no_forcing");
+    this.inputs.forEach((row) => row.update(view, permitted && view.link.forcing_allowed, obstacle));
+    this.outputs.forEach((row) => row.update(view, permitted, null));
   }
 }
 
@@ -44,7 +42,7 @@ function table(rows, action, name) {
 }
 
 function forceButtons(point) {
-  return [["io.force_0", 0], ["io.force_1", 1], ["io.let_go", LET_GO]].map(([key, level]) => new OrderButton(
+  return [["io.force_0", 0], ["io.force_1", 1], ["io.let_go", RELEASE_FORCE]].map(([key, level]) => new OrderButton(
     t(key), { type: "force", point: point.address, level }, { level: "maintain", data: { "data-force": `${point.address}=${level}` } }));
 }
 
@@ -55,23 +53,24 @@ class PointRow {
     this.level = make("td", { class: "level-cell" });
     this.state = make("td");
     this.actions = make("div", { class: "orders" }, ...buttons.map((button) => button.node));
-    const inverted = point.inverted ? make("span", { class: "why", text: ` (${t("io.inverted")})` }) : null;
+    const inverted = point.inverted ? make("span", { class: "why", text: note("", t("io.inverted")) }) : null;
     this.node = make("tr", { "data-tag": point.tag, "data-address": point.address },
       make("th", { scope: "row", text: point.address }), make("td", { class: "tag", text: point.tag }),
       make("td", {}, pointMeaning(point), inverted), this.level, this.state, make("td", {}, this.actions));
   }
 
-  update(view, offered, against) {
+  update(view, permitted, obstacle) {
     const level = view.io[this.point.address];
     const known = level !== undefined && level !== null;
     const isActive = known && Boolean(level) !== this.point.inverted;
     const forced = view.forced.includes(this.point.address);
     write(this.level, known ? Number(Boolean(level)) : "–");
-    const words = known ? t(isActive ? "io.active" : "io.inactive") : t("unknown");
-    write(this.state, `${isActive ? "●" : "○"} ${words}${forced ? `, ${t("io.forced")}` : ""}`);
+    const words = [known ? t(isActive ? "io.active" : "io.inactive") : t("unknown")];
+    if (forced) words.push(t("io.forced"));
+    write(this.state, `${isActive ? "●" : "○"} ${list(words)}`);
     mark(this.node, "data-active", isActive ? "1" : null);
     mark(this.node, "data-forced", forced ? "1" : null);
-    this.actions.hidden = !offered;
-    this.buttons.forEach((button) => button.update(against));
+    this.actions.hidden = !permitted;
+    this.buttons.forEach((button) => button.update(obstacle));
   }
 }

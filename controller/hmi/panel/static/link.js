@@ -1,18 +1,18 @@
-// The WebSocket: the mirrored view, its age, orders and their answers.
+// WebSocket link: live view, its age, orders and replies.
 
 const STALE_MS = 1000;
 const FIRST_WAIT_MS = 500;
-const LONGEST_WAIT_MS = 3000;
+const MAX_WAIT_MS = 3000;
 const REPLY_LIMIT_MS = 5000;
-const LOOK_EVERY_MS = 100;
+const CHECK_PERIOD_MS = 100;
 const SESSION_ENDED = 4401;
 
-/** Keeps one connection to the panel's server, and makes it anew when it goes. */
+/** Connection to the panel server with automatic reconnection. */
 export class Link extends EventTarget {
   view = null;
   #socket = null;
   #sequence = 0;
-  #heardAt = -Infinity;
+  #receivedAt = -Infinity;
   #nextId = 1;
   #waiting = new Map();
   #wait = FIRST_WAIT_MS;
@@ -21,10 +21,10 @@ export class Link extends EventTarget {
 
   constructor() {
     super();
-    window.setInterval(() => this.#look(), LOOK_EVERY_MS);
+    window.setInterval(() => this.#checkStatus(), CHECK_PERIOD_MS);
   }
 
-  /** live: fresh data; stale: the controller is silent; closed: the panel's server is. */
+  /** live: current data; stale: no data from the controller; closed: no data from the panel server. */
   get status() {
     return this.#status;
   }
@@ -37,59 +37,59 @@ export class Link extends EventTarget {
     return this.view?.me?.level ?? "none";
   }
 
-  /** Connect, or connect anew: a login counts from the handshake on. */
+  /** Connect or reconnect; a login takes effect at the handshake. */
   open() {
     window.clearTimeout(this.#retry);
     this.#drop();
     const scheme = window.location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${window.location.host}/ws`);
     this.#socket = socket;
-    socket.addEventListener("message", (event) => this.#hear(socket, event.data));
-    socket.addEventListener("close", (event) => this.#lost(socket, event.code));
+    socket.addEventListener("message", (event) => this.#receive(socket, event.data));
+    socket.addEventListener("close", (event) => this.#closed(socket, event.code));
   }
 
-  /** Disconnect, and know nothing until `open`. */
+  /** Disconnect and discard the view; `open` reconnects. */
   close() {
     window.clearTimeout(this.#retry);
     this.#drop();
     this.view = null;
-    this.#look();
+    this.#checkStatus();
   }
 
-  /** Send an order; resolves to {ok, text}, also when it could not be sent or nobody answered. */
+  /** Send an order; resolves to {ok, text}, or to {ok: false, key} if sending failed or no reply came. */
   order(message) {
     if (this.#socket?.readyState !== WebSocket.OPEN) return Promise.resolve({ ok: false, key: "order.no_link" });
     const id = this.#nextId++;
     this.#socket.send(JSON.stringify({ ...message, id }));
     return new Promise((resolve) => {
-      const limit = window.setTimeout(() => this.#answer(id, { ok: false, key: "order.no_reply" }), REPLY_LIMIT_MS);
+      const limit = window.setTimeout(() => this.#resolve(id, { ok: false, key: "order.no_reply" }), REPLY_LIMIT_MS);
       this.#waiting.set(id, { resolve, limit });
     });
   }
 
-  #hear(socket, data) {
+  #receive(socket, data) {
     if (socket !== this.#socket) return;
     const message = JSON.parse(data);
     if (message.type === "reply") {
-      this.#answer(message.id, message);
+      this.#resolve(message.id, message);
       return;
     }
     if (message.type === "full") {
       this.view = message.view;
       this.#wait = FIRST_WAIT_MS;
     } else if (this.view === null || message.seq !== this.#sequence + 1) {
-      this.open(); // something was missed: the whole view again
+      this.open(); // a message is missing: request the full view again
       return;
     } else {
       merge(this.view, message.view);
     }
     this.#sequence = message.seq;
-    this.#heardAt = performance.now();
-    this.#look();
+    this.#receivedAt = performance.now();
+    this.#checkStatus();
     this.dispatchEvent(new Event("view"));
   }
 
-  #answer(id, reply) {
+  #resolve(id, reply) {
     const waiting = this.#waiting.get(id);
     if (waiting === undefined) return;
     this.#waiting.delete(id);
@@ -97,36 +97,36 @@ export class Link extends EventTarget {
     waiting.resolve(reply);
   }
 
-  #lost(socket, code) {
+  #closed(socket, code) {
     if (socket !== this.#socket) return;
     this.#drop();
-    this.#look();
+    this.#checkStatus();
     if (code === SESSION_ENDED) {
       this.dispatchEvent(new Event("ended"));
       return;
     }
     this.#retry = window.setTimeout(() => this.open(), this.#wait);
-    this.#wait = Math.min(2 * this.#wait, LONGEST_WAIT_MS);
+    this.#wait = Math.min(2 * this.#wait, MAX_WAIT_MS);
   }
 
   #drop() {
     const socket = this.#socket;
     this.#socket = null;
     socket?.close();
-    [...this.#waiting.keys()].forEach((id) => this.#answer(id, { ok: false, key: "order.lost" }));
+    [...this.#waiting.keys()].forEach((id) => this.#resolve(id, { ok: false, key: "order.lost" }));
     this.dispatchEvent(new Event("drop"));
   }
 
-  #look() {
-    const status = this.#judge();
+  #checkStatus() {
+    const status = this.#currentStatus();
     if (status === this.#status) return;
     this.#status = status;
     this.dispatchEvent(new Event("status"));
   }
 
-  #judge() {
-    const heard = performance.now() - this.#heardAt <= STALE_MS;
-    if (this.#socket?.readyState !== WebSocket.OPEN || !heard || this.view === null) return "closed";
+  #currentStatus() {
+    const fresh = performance.now() - this.#receivedAt <= STALE_MS;
+    if (this.#socket?.readyState !== WebSocket.OPEN || !fresh || this.view === null) return "closed";
     const link = this.view.link;
     return link.controller && link.age_ms <= STALE_MS ? "live" : "stale";
   }
@@ -135,8 +135,8 @@ export class Link extends EventTarget {
 function merge(view, delta) {
   for (const [name, change] of Object.entries(delta)) {
     const section = view[name];
-    const whole = change === null || typeof change !== "object" || Array.isArray(change) || Array.isArray(section);
-    view[name] = whole ? change : { ...section, ...change };
+    const replace = change === null || typeof change !== "object" || Array.isArray(change) || Array.isArray(section);
+    view[name] = replace ? change : { ...section, ...change };
   }
   if (delta.steps) Object.keys(view.steps).filter((s) => view.steps[s] === null).forEach((s) => delete view.steps[s]);
 }

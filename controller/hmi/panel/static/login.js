@@ -1,11 +1,11 @@
-// Who is at the panel: the level shown, the login and first-run dialogs.
+// Login: current access level, login dialog and first-run dialog.
 
 import { app, get, post } from "./app.js";
 import { make, refill, write } from "./dom.js";
-import { say, t } from "./texts.js";
+import { localized, t } from "./texts.js";
 
 export class Login {
-  /** @param changed called when the level may be another: the connection is made anew */
+  /** @param changed called after a change of the access level, to reconnect */
   constructor(changed) {
     this.changed = changed;
     this.level = make("span", { class: "level", "data-fact": "level" });
@@ -22,8 +22,8 @@ export class Login {
     this.button.hidden = level === "maintain";
   }
 
-  /** Open what is due: the passwords on the first run, the login where nothing can be seen without. */
-  async welcome() {
+  /** Open the required dialog: passwords on the first run, login if the page cannot be viewed without one. */
+  async openIfRequired() {
     const me = await get("/api/me");
     if (me?.first_run) this.askFirst();
     else if (me?.level === "none") this.ask();
@@ -48,9 +48,9 @@ export class Login {
   }
 
   #show(title, fields, submit, request) {
-    const wrong = make("p", { class: "wrong", role: "alert" });
-    const form = make("form", { method: "dialog", on: { submit: (event) => this.#submit(event, request(), wrong) } },
-      make("h2", { text: t(title) }), ...fields, wrong,
+    const error = make("p", { class: "wrong", role: "alert" });
+    const form = make("form", { method: "dialog", on: { submit: (event) => this.#submit(event, request(), error) } },
+      make("h2", { text: t(title) }), ...fields, error,
       make("div", { class: "orders" },
         make("button", { type: "submit", class: "order", "data-action": "submit", text: t(submit) }),
         make("button", { type: "button", class: "order", "data-action": "close", text: t("close"), on: { click: () => this.dialog.close() } })));
@@ -58,11 +58,11 @@ export class Login {
     if (!this.dialog.open) this.dialog.showModal();
   }
 
-  async #submit(event, [path, body], wrong) {
+  async #submit(event, [path, body], error) {
     event.preventDefault();
     const answer = await post(path, body);
     if (!answer.ok) {
-      write(wrong, t("login.refused", { why: say(answer.body.text) || t("login.no_answer") }));
+      write(error, t("login.refused", { why: localized(answer.body.text) || t("login.no_answer") }));
       return;
     }
     this.dialog.close();

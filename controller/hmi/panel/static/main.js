@@ -1,43 +1,43 @@
-// The page: header, banners, tabs; the page that is open follows every view.
+// Frame of the page: header, banners and tabs. It updates the open page with every view.
 
 import { app, useDescription } from "./app.js";
-import { AlarmBanner, Alarms } from "./alarms.js";
-import { Cycle } from "./cycle.js";
-import { InputsOutputs } from "./io.js";
+import { AlarmBanner, AlarmsPage } from "./alarms.js";
+import { CyclePage } from "./cycle.js";
+import { IoPage } from "./io.js";
 import { Link } from "./link.js";
 import { Login } from "./login.js";
-import { Manual } from "./manual.js";
-import { Overview } from "./overview.js";
-import { Parameters } from "./parameters.js";
-import { Recovery } from "./recovery.js";
-import { Steps } from "./steps.js";
-import { Trends } from "./trends.js";
-import { letGo } from "./controls.js";
+import { ManualPage } from "./manual.js";
+import { OverviewPage } from "./overview.js";
+import { ParametersPage } from "./parameters.js";
+import { RecoveryPage } from "./recovery.js";
+import { StepsPage } from "./steps.js";
+import { TrendsPage } from "./trends.js";
+import { releaseAll } from "./controls.js";
 import { make, mark, refill, write } from "./dom.js";
-import { chooseLanguage, language, say, t, useTexts } from "./texts.js";
+import { chooseLanguage, language, localized, sentence, t, useTexts } from "./texts.js";
 
-const PAGES = { overview: Overview, alarms: Alarms, trends: Trends, cycle: Cycle, steps: Steps, io: InputsOutputs,
-  manual: Manual, recovery: Recovery, parameters: Parameters };
+const PAGES = { overview: OverviewPage, alarms: AlarmsPage, trends: TrendsPage, cycle: CyclePage, steps: StepsPage,
+  io: IoPage, manual: ManualPage, recovery: RecoveryPage, parameters: ParametersPage };
 const LANGUAGES = { en: "English", zh: "中文" };
 const NOTICE_MS = 8000;
 const DONE_MS = 3000;
-const DESCRIBE_AGAIN_MS = 1000;
+const RETRY_MS = 1000;
 
-class Panel {
+class PanelFrame {
   constructor() {
     this.name = PAGES[window.location.hash.slice(1)] ? window.location.hash.slice(1) : "overview";
     this.page = null;
     app.notice = (text, ok) => this.#notice(text, ok);
     app.link.addEventListener("view", () => this.update());
     app.link.addEventListener("status", () => this.update());
-    app.link.addEventListener("drop", letGo);
+    app.link.addEventListener("drop", releaseAll);
     app.link.addEventListener("ended", () => this.changed());
     window.addEventListener("hashchange", () => this.open(window.location.hash.slice(1)));
   }
 
-  /** Build everything in the language chosen. */
+  /** Build the page in the selected language. */
   build() {
-    letGo();
+    releaseAll();
     this.page?.closed?.();
     this.page = null;
     document.title = t("title");
@@ -57,7 +57,7 @@ class Panel {
     this.main = make("main", { id: "page", role: "tabpanel" });
     refill(document.getElementById("panel"), this.#header(),
       make("div", { class: "always" }, this.stale, this.paused, this.field, this.forced, this.banner.node),
-      make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#walk(event) } }, ...this.tabs),
+      make("div", { class: "tabs", role: "tablist", "aria-label": t("tabs"), on: { keydown: (event) => this.#selectByKey(event) } }, ...this.tabs),
       this.main, this.noticeLine);
     this.open(this.name);
   }
@@ -83,8 +83,8 @@ class Panel {
       text: t(`page.${name}`), on: { click: () => this.open(name) } });
   }
 
-  /** Arrow keys walk from tab to tab. */
-  #walk(event) {
+  /** Select the next or previous tab with the arrow keys. */
+  #selectByKey(event) {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (step === undefined) return;
     const names = Object.keys(PAGES);
@@ -95,14 +95,14 @@ class Panel {
 
   open(name) {
     if (!(name in PAGES) || (name === this.name && this.page !== null)) return;
-    letGo();
+    releaseAll();
     this.page?.closed?.();
     this.name = name;
     this.page = new PAGES[name]();
     for (const tab of this.tabs) {
-      const chosen = tab.dataset.page === name;
-      mark(tab, "aria-selected", String(chosen));
-      mark(tab, "tabindex", chosen ? "0" : "-1");
+      const selected = tab.dataset.page === name;
+      mark(tab, "aria-selected", String(selected));
+      mark(tab, "tabindex", selected ? "0" : "-1");
     }
     mark(this.main, "aria-labelledby", `tab-${name}`);
     mark(this.main, "data-page", name);
@@ -129,9 +129,9 @@ class Panel {
   }
 
   #machine(machine) {
-    write(this.state, `${shapeOf(machine.state)} ${say(app.describe.states[machine.state])}`);
-    write(this.reason, say(app.describe.reasons[machine.reason]));
-    write(this.mode, say(app.describe.modes[machine.mode]));
+    write(this.state, `${symbolOf(machine.state)} ${localized(app.describe.states[machine.state])}`);
+    write(this.reason, sentence(localized(app.describe.reasons[machine.reason])));
+    write(this.mode, sentence(localized(app.describe.modes[machine.mode])));
     mark(this.state, "data-state", machine.state);
   }
 
@@ -147,26 +147,26 @@ class Panel {
     this.noticeEnd = window.setTimeout(() => write(this.noticeLine, ""), ok ? DONE_MS : NOTICE_MS);
   }
 
-  /** Somebody logged in or out: what the server tells and allows is another now. */
+  /** Restart after a login or logout, because description and permissions depend on the access level. */
   changed() {
     app.link.close();
     void start(this);
   }
 }
 
-/** Return a shape that tells standing, moving, waiting and aborted apart without colour. */
-function shapeOf(state) {
+/** Return a symbol that distinguishes stopped, running, waiting and aborted states without colour. */
+function symbolOf(state) {
   if (state === 8 || state === 9) return "✕";
   if (state === 10 || state === 11 || state === 5 || state === 13) return "❚❚";
   return state === 2 || state === 4 || state === 17 || state === 1 ? "■" : "▶";
 }
 
-/** Get the description and connect; where the server is not there yet, try again. */
+/** Get the description and connect; retry until the server responds. */
 async function start(panel = null) {
   const response = await fetch("/api/describe").catch(() => null);
-  const description = await response?.json().catch(() => null); // a stranger gets the texts of the login alone
+  const description = await response?.json().catch(() => null); // before login, only the texts of the login dialog
   if (!description?.texts) {
-    window.setTimeout(() => void start(panel), DESCRIBE_AGAIN_MS);
+    window.setTimeout(() => void start(panel), RETRY_MS);
     return;
   }
   useTexts(description.texts);
@@ -177,10 +177,10 @@ async function start(panel = null) {
     return;
   }
   useDescription(description);
-  const shown = panel ?? new Panel();
-  shown.build();
+  const frame = panel ?? new PanelFrame();
+  frame.build();
   app.link.open();
-  await shown.login.welcome();
+  await frame.login.openIfRequired();
 }
 
 app.link = new Link();

@@ -1,16 +1,16 @@
-// Manual: one button for each output that may be held by hand, and what it takes to get there.
+// Manual page: one jog button per output, and the commands that prepare manual operation.
 
 import { app, active } from "./app.js";
 import { jogButton } from "./controls.js";
 import { make, mark, write } from "./dom.js";
-import { named, say, t } from "./texts.js";
+import { labelled, list, localized, sentence, t } from "./texts.js";
 import { commandButton, section } from "./parts.js";
 
 const READY = ["mode_manual", "reset", "start", "stop", "jog_release"];
 
-export class Manual {
+export class ManualPage {
   constructor() {
-    this.jogs = app.describe.jogs.map((jog) => new Jog(jog));
+    this.jogs = app.describe.jogs.map((jog) => new JogControl(jog));
     this.ready = app.describe.commands.filter((command) => READY.includes(command.name) && command.group !== "jog")
       .sort((one, other) => READY.indexOf(one.name) - READY.indexOf(other.name))
       .map((command) => commandButton(command, { why: true }));
@@ -29,23 +29,23 @@ export class Manual {
   }
 }
 
-/** Return mode and state in words. */
+/** Return mode and state as text. */
 function machineState(view) {
   const { state, mode } = view.machine;
-  return `${say(app.describe.modes[mode])}: ${say(app.describe.states[state])}`;
+  return labelled(sentence(localized(app.describe.modes[mode])), localized(app.describe.states[state]));
 }
 
-/** A button, whether its output is on, and which switches its device sees. */
-class Jog {
+/** Jog button with the state of its output and the active switches of its device. */
+class JogControl {
   constructor(jog) {
     this.side = jog.side ?? null;
     this.output = jog.output;
     const bare = this.side ? jog.output.slice(this.side.length + 1) : jog.output;
-    this.button = jogButton(named(`jog.${bare}`, jog.text), jog.output);
+    this.button = jogButton(t(`jog.${bare}`), jog.output);
     this.lamp = make("span", { class: "jog-lamp" });
-    this.seen = make("span", { class: "why" });
+    this.feedback = make("span", { class: "why" });
     this.switches = (SWITCHES[bare] ?? []).map((name) => (this.side ? `${this.side}.${name}` : name));
-    this.node = make("div", { class: "jog" }, this.button.node, this.lamp, this.seen);
+    this.node = make("div", { class: "jog" }, this.button.node, this.lamp, this.feedback);
   }
 
   update(view) {
@@ -53,8 +53,8 @@ class Jog {
     const on = active(view, this.output) === true;
     mark(this.node, "data-on", on ? "1" : null);
     write(this.lamp, `${on ? "●" : "○"} ${app.points.get(this.output)?.address ?? ""} ${on ? t("manual.held") : ""}`);
-    const there = this.switches.filter((tag) => active(view, tag) === true);
-    write(this.seen, there.map((tag) => named(`point.${tag.replace(`${this.side}.`, "")}`, tag)).join(", "));
+    const activeSwitches = this.switches.filter((tag) => active(view, tag) === true);
+    write(this.feedback, list(activeSwitches.map((tag) => t(`point.${tag.replace(`${this.side}.`, "")}`))));
   }
 }
 

@@ -1,8 +1,8 @@
-// The machine drawn to scale in mm: from above, and below that from behind.
+// Mimic of the machine to scale in mm: top view, and below it the rear view.
 
 import { app, measured } from "./app.js";
 import { draw, mark, move, refill, write } from "./dom.js";
-import { t } from "./texts.js";
+import { labelled, list, t } from "./texts.js";
 
 const SIDES = { left: -1, right: 1 };
 const MARGIN_MM = 11;
@@ -14,8 +14,8 @@ const OPEN_GAP_MM = 9;
 const CLOSED_GAP_MM = 4;
 const TRAY_STEP_MM = { 0: 0, 1: 0, 2: -150, 3: 150 };
 
-/** Derive what the drawing needs from the geometry of the description. */
-function measures(geometry) {
+/** Derive the dimensions of the drawing from the geometry of the description. */
+function dimensions(geometry) {
   const { slide_mm: slide, spread_mm: spread, rows, cups } = geometry;
   const pitch = slide.pick_2 - slide.pick_1;
   const half = slide.pick_1 + (rows - 0.5) * pitch;
@@ -24,7 +24,7 @@ function measures(geometry) {
 
 export class Mimic {
   constructor(geometry) {
-    this.m = measures(geometry);
+    this.m = dimensions(geometry);
     const { half } = this.m;
     const width = 2 * (half + 75);
     this.tray = this.#tray();
@@ -45,10 +45,10 @@ export class Mimic {
     );
   }
 
-  /** Show a view; `seen` is what the watches of both arms have found. */
-  update(view, seen) {
+  /** Show a view; `devices` contains the device positions of both arms. */
+  update(view, devices) {
     this.#updateTray(view);
-    for (const side of Object.keys(SIDES)) this.#updateArm(view, side, seen[side]);
+    for (const side of Object.keys(SIDES)) this.#updateArm(view, side, devices[side]);
   }
 
   #tray() {
@@ -89,8 +89,8 @@ export class Mimic {
     const claws = Array.from({ length: cups }, () => this.#claw());
     const middle = (cups - 1) / 2;
     const beam = draw("rect", { class: "beam", x: -9, y: -middle * spreadPitch - 24, width: 18, height: 2 * middle * spreadPitch + 48, rx: 4 });
-    const sign_ = draw("text", { class: "arm-mark", x: 0, y: -middle * spreadPitch - 30 });
-    const above = draw("g", { class: "arm", "data-tag": `${side}.slide` }, beam, ...claws.map((claw) => claw.node), sign_);
+    const symbol = draw("text", { class: "arm-mark", x: 0, y: -middle * spreadPitch - 30 });
+    const above = draw("g", { class: "arm", "data-tag": `${side}.slide` }, beam, ...claws.map((claw) => claw.node), symbol);
     const cupsNode = draw("g", { class: "cups", "data-tag": `${side}.cups` });
     const rings = Array.from({ length: cups }, (_, n) => draw("circle", { class: "cup", cx: sign * half, cy: (n - middle) * spreadPitch, r: CUP_MM }));
     const count = draw("text", { class: "cup-count", x: sign * half, y: middle * spreadPitch + 48 });
@@ -103,7 +103,7 @@ export class Mimic {
     const behind = draw("g", { class: "arm" }, stem, carriage, head);
     const x = sign * half;
     const cupSide = draw("path", { class: "cup", d: `M${x - 30} ${FLOOR - 52} L${x - 18} ${FLOOR - 12} H${x + 18} L${x + 30} ${FLOOR - 52}` });
-    return { sign, claws, beam, above, cups: cupsNode, rings, count, mark: sign_, behind, head, jaw, load, stem, cupSide };
+    return { sign, claws, beam, above, cups: cupsNode, rings, count, mark: symbol, behind, head, jaw, load, stem, cupSide };
   }
 
   #claw() {
@@ -123,18 +123,18 @@ export class Mimic {
       for (const [row, group] of Object.entries(this.tray.cells[side])) {
         const state = view.arms[side].rows[row];
         mark(group, "data-state", state);
-        mark(group, "aria-label", `${t(side)}, ${t("row")} ${row}: ${t(`row.${state}`)}`);
+        mark(group, "aria-label", labelled(list([t(side), `${t("row")} ${row}`]), t(`row.${state}`)));
       }
     }
   }
 
-  #updateArm(view, side, seen) {
+  #updateArm(view, side, devices) {
     const { half, pitch, spread, spreadMm, cups } = this.m;
     const arm = this.arms[side];
     const facts = view.arms[side];
-    const x = arm.sign * (half - seen.slide.mm);
-    const pitchNow = pitch + (spread * seen.belt.mm) / spreadMm;
-    const gap = fingerGap(seen.claws);
+    const x = arm.sign * (half - devices.slide.mm);
+    const pitchNow = pitch + (spread * devices.belt.mm) / spreadMm;
+    const gap = fingerGap(devices.claws);
     move(arm.above, x, 0);
     arm.claws.forEach((claw, n) => {
       move(claw.node, 0, (n - (cups - 1) / 2) * pitchNow);
@@ -142,11 +142,11 @@ export class Mimic {
       move(claw.right, gap, 0);
       mark(claw.plant, "data-on", facts.loaded ? "1" : null);
     });
-    for (const node of [arm.above, arm.behind]) mark(node, "data-look", worst(seen));
-    write(arm.mark, SIGNS[worst(seen)]);
+    for (const node of [arm.above, arm.behind]) mark(node, "data-look", mostUrgent(devices));
+    write(arm.mark, SYMBOLS[mostUrgent(devices)]);
     write(arm.count, `${facts.cup_count} / ${cups}`);
     arm.rings.forEach((ring, n) => mark(ring, "data-on", n < facts.cup_count ? "1" : null));
-    const drop = (seen.lift.mm / this.m.liftMm) * 68;
+    const drop = (devices.lift.mm / this.m.liftMm) * 68;
     move(arm.behind, x, 0);
     move(arm.head, 0, LIFT_TOP + drop);
     mark(arm.stem, "d", `M0 ${LIFT_TOP - 24} V${LIFT_TOP + drop}`);
@@ -156,11 +156,11 @@ export class Mimic {
   }
 }
 
-const SIGNS = { fault: "✕", moving: "⇄", commanded: "▸", between: "?", confirmed: "", remembered: "" };
+const SYMBOLS = { fault: "✕", moving: "⇄", commanded: "▸", between: "?", confirmed: "", remembered: "" };
 const ORDER = ["fault", "moving", "commanded", "between"];
 
-function worst(seen) {
-  const looks = Object.values(seen).map((device) => device.look);
+function mostUrgent(devices) {
+  const looks = Object.values(devices).map((device) => device.look);
   return ORDER.find((look) => looks.includes(look)) ?? "confirmed";
 }
 

@@ -1,4 +1,4 @@
-// Overview: the mimic, the arms' devices as bars, state and orders, production, the simulated operator box.
+// Overview page: mimic, devices of the arms as bars, commands, production data, simulated operator box.
 
 import { app, active, activeStep, measured } from "./app.js";
 import { ArmWatch } from "./devices.js";
@@ -7,20 +7,20 @@ import { BoxPanel } from "./box.js";
 import { Mimic } from "./mimic.js";
 import { make, mark } from "./dom.js";
 import { Facts, commandButton, section } from "./parts.js";
-import { named, seconds, t } from "./texts.js";
+import { labelled, list, named, note, seconds, t } from "./texts.js";
 
 const SIDES = ["left", "right"];
 const CLAMP_HIGHEST_N = 40;
-const NOT_HERE = new Set(["jog", "answer", "discard", "mode"]);
+const EXCLUDED_GROUPS = new Set(["jog", "answer", "discard", "mode"]);
 
-export class Overview {
+export class OverviewPage {
   constructor() {
     const { geometry } = app.describe;
     this.watches = Object.fromEntries(SIDES.map((side) => [side, new ArmWatch(side, geometry)]));
     this.mimic = new Mimic(geometry);
     this.arms = Object.fromEntries(SIDES.map((side) => [side, new ArmCard(side, geometry)]));
     this.commands = app.describe.commands
-      .filter((command) => !NOT_HERE.has(command.group))
+      .filter((command) => !EXCLUDED_GROUPS.has(command.group))
       .map((command) => commandButton(command));
     this.modes = new ModeChoice();
     this.production = new Production();
@@ -36,9 +36,9 @@ export class Overview {
   }
 
   update(view) {
-    const seen = Object.fromEntries(SIDES.map((side) => [side, this.watches[side].see(view)]));
-    this.mimic.update(view, seen);
-    SIDES.forEach((side) => this.arms[side].update(view, seen[side]));
+    const devices = Object.fromEntries(SIDES.map((side) => [side, this.watches[side].update(view)]));
+    this.mimic.update(view, devices);
+    SIDES.forEach((side) => this.arms[side].update(view, devices[side]));
     this.commands.forEach((button) => button.update());
     this.modes.update(view);
     this.production.update(view);
@@ -46,26 +46,26 @@ export class Overview {
   }
 }
 
-/** The operating modes: the one in force is pressed. */
+/** Selection of the operating mode; the button of the current mode is shown as pressed. */
 class ModeChoice {
   constructor() {
     const modes = app.describe.commands.filter((command) => command.group === "mode");
     this.buttons = modes.map((command) => commandButton(command));
-    this.names = new Map(Object.entries(app.describe.modes).map(([number, text]) => [Number(number), text.en]));
+    this.commands = new Map(modes.map((command) => [command.mode, command.name]));
     this.node = section("modes", make("div", { class: "orders modes", role: "group", "aria-label": t("modes") },
       ...this.buttons.map((button) => button.node)));
   }
 
   update(view) {
-    const now = `mode_${(this.names.get(view.machine.mode) ?? "").replaceAll(" ", "_")}`;
+    const current = this.commands.get(view.machine.mode);
     for (const button of this.buttons) {
-      mark(button.button, "aria-pressed", String(button.command === now));
+      mark(button.button, "aria-pressed", String(button.command === current));
       button.update();
     }
   }
 }
 
-/** One arm: its devices as bars with looks, its step, row, cups and last cycle. */
+/** Data of one arm: devices as bars, step, row, cups and last cycle. */
 class ArmCard {
   constructor(side, geometry) {
     this.side = side;
@@ -90,14 +90,14 @@ class ArmCard {
       ...Object.values(this.bars).map((bar) => bar.node), this.clamp.node, this.facts.node);
   }
 
-  update(view, seen) {
+  update(view, devices) {
     const facts = view.arms[this.side];
     for (const device of ["slide", "lift", "belt"]) {
       const measuredMm = measured(view, `${this.side}.${NAMES[device]}`);
-      this.bars[device].update(seen[device].mm, words(seen[device], measuredMm, "mm"), seen[device].look);
+      this.bars[device].update(devices[device].mm, words(devices[device], measuredMm, "mm"), devices[device].look);
     }
-    const angle = seen.claws.mm ?? (seen.claws.place === "closed" ? -10 : 30);
-    this.bars.claws.update(angle, words(seen.claws, seen.claws.mm, "°"), seen.claws.look);
+    const angle = devices.claws.mm ?? (devices.claws.place === "closed" ? -10 : 30);
+    this.bars.claws.update(angle, words(devices.claws, devices.claws.mm, "°"), devices.claws.look);
     this.bars.cups.update(facts.cup_count, String(facts.cup_count));
     const clamp = measured(view, `${this.side}.clamp_n`);
     this.clamp.node.hidden = clamp === null;
@@ -107,8 +107,8 @@ class ArmCard {
     this.facts.write("row", facts.row ?? "–");
     this.facts.write("loaded", t(`loaded.${facts.loaded ? 1 : 0}`));
     this.facts.write("missed", facts.missed_cups);
-    this.facts.write("cycle", `${seconds(facts.cycle_ms)} s`);
-    this.facts.write("waiting", `${seconds(facts.waiting_ms)} s`);
+    this.facts.write("cycle", seconds(facts.cycle_ms));
+    this.facts.write("waiting", seconds(facts.waiting_ms));
     this.facts.write("gap", t(`gap.${facts.gap_cause}`));
   }
 }
@@ -116,15 +116,17 @@ class ArmCard {
 const NAMES = { slide: "slide_mm", lift: "lift_mm", belt: "spreader_mm" };
 const ARROWS = { commanded: "▸", moving: "⇄", confirmed: "✓", fault: "✕", between: "?", remembered: "" };
 
-/** Return a device in words: where it is or goes, its look, the measured value. */
+/** Return the state of a device as text: position or target, display state, measured value. */
 function words({ place, towards, look }, value, unit) {
   const where = t(`place.${place ?? towards ?? "between"}`);
   const arrow = place === null && towards !== null ? "→ " : "";
-  const digits = value === null ? "" : `, ${value.toFixed(1)} ${unit}`;
-  return `${ARROWS[look]} ${arrow}${where}: ${t(`look.${look}`)}${digits}`;
+  const measuredText = value === null ? [] : [`${value.toFixed(1)} ${unit}`];
+  const position = `${ARROWS[look]} ${arrow}${where}`;
+  if (look === "remembered") return list([note(position, t("look.remembered")), ...measuredText]);
+  return labelled(position, list([t(`look.${look}`), ...measuredText]));
 }
 
-/** Counters of the controller, and what only the plant's telemetry can know. */
+/** Production counters of the controller, and seedling counts from the telemetry. */
 class Production {
   constructor() {
     this.facts = new Facts([
@@ -139,8 +141,8 @@ class Production {
     this.facts.write("trays", view.machine.trays_done);
     this.facts.write("cycles", left.cycles + right.cycles);
     this.facts.write("missed", left.missed_cups + right.missed_cups);
-    const conveyor = active(view, "tray_run") ? "conveyor.runs" : "conveyor.stands";
-    this.facts.write("tray", `${t(`phase.${view.tray.phase}`)}, ${t(conveyor)}`);
+    const conveyor = active(view, "tray_run") ? "conveyor.runs" : "conveyor.stopped";
+    this.facts.write("tray", list([t(`phase.${view.tray.phase}`), t(conveyor)]));
     const value = (name) => measured(view, name);
     this.facts.write("in_cups", value("in_cups") === null ? null : `${value("in_cups")} / ${value("total") ?? "–"}`);
     const losses = ["P", "D", "T"].map(value);

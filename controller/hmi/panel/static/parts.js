@@ -1,22 +1,22 @@
-// Parts that several pages have: a titled section, the button of a command, a list of facts.
+// Components shared by several pages: titled section, command button, list of values.
 
 import { OrderButton } from "./controls.js";
 import { make, write } from "./dom.js";
 import { named, t } from "./texts.js";
 
-/** Return a titled part of a page. */
+/** Return a titled section of a page. */
 export function section(key, ...children) {
   return make("section", { class: "part" }, make("h2", { text: t(key) }), ...children);
 }
 
-/** Return the button of a command of the description. */
+/** Return the button of a command from the description. */
 export function commandButton(command, options = {}) {
   return new OrderButton(named(`command.${command.name}`, command.text), { type: "command", command: command.name }, {
     command: command.name, data: { "data-command": command.name }, ...options,
   });
 }
 
-/** A list of names and values. */
+/** List of names and values. */
 export class Facts {
   constructor(rows) {
     this.values = {};
@@ -28,7 +28,7 @@ export class Facts {
   }
 
   write(key, text) {
-    write(this.values[key], text);
+    write(this.values[key], text ?? "");
     this.values[key].parentElement.hidden = text === null;
   }
 }

@@ -1,19 +1,19 @@
-// Recovery: what the machine needs next, the open questions with their answers, and discarding a load.
+// Recovery page: next action, open questions with their answers, discarding of seedlings.
 
 import { app } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { make, refill, write } from "./dom.js";
-import { named, say, t } from "./texts.js";
+import { localized, named, sentence, t } from "./texts.js";
 import { Facts, commandButton, section } from "./parts.js";
 
 const WAYS_OUT = ["clear", "reset", "start", "unhold"];
 
-export class Recovery {
+export class RecoveryPage {
   constructor() {
     this.open = null;
     this.answers = [];
-    const named_ = new Map(app.describe.commands.map((command) => [command.name, command]));
-    const buttons = (names) => names.filter((name) => named_.has(name)).map((name) => commandButton(named_.get(name), { why: true }));
+    const commands = new Map(app.describe.commands.map((command) => [command.name, command]));
+    const buttons = (names) => names.filter((name) => commands.has(name)).map((name) => commandButton(commands.get(name), { why: true }));
     this.ways = buttons(WAYS_OUT);
     this.discards = buttons(["left_discard", "right_discard"]);
     this.facts = new Facts([["state", t("state")], ["mode", t("mode")], ["reason", t("reason")], ["refusal", t("recovery.last_refusal")]]);
@@ -28,10 +28,10 @@ export class Recovery {
   update(view) {
     const { machine } = view;
     write(this.next, t(`next.${machine.state}`));
-    this.facts.write("state", say(app.describe.states[machine.state]));
-    this.facts.write("mode", say(app.describe.modes[machine.mode]));
-    this.facts.write("reason", say(app.describe.reasons[machine.reason]) || t("none"));
-    this.facts.write("refusal", say(machine.refusal) || t("none"));
+    this.facts.write("state", localized(app.describe.states[machine.state]));
+    this.facts.write("mode", sentence(localized(app.describe.modes[machine.mode])));
+    this.facts.write("reason", sentence(localized(app.describe.reasons[machine.reason])) || t("none"));
+    this.facts.write("refusal", sentence(localized(machine.refusal)) || t("none"));
     const key = view.questions.open.join();
     if (key !== this.open) this.#ask(view.questions.open);
     this.open = key;
@@ -49,7 +49,7 @@ export class Recovery {
       named(`command.${answer.command}`, answer.text), { type: "command", command: answer.command },
       { command: answer.command, data: { "data-command": answer.command }, why: true }));
     this.answers.push(...buttons);
-    return make("div", { class: "question", "data-question": question.key }, make("p", { text: say(question.text) }), orders(buttons));
+    return make("div", { class: "question", "data-question": question.key }, make("p", { text: localized(question.text) }), orders(buttons));
   }
 }
 

@@ -1,10 +1,10 @@
-// Steps: every sequence as a step chart; the active step is lit and says what it waits for.
+// Steps page: every sequence as a step chart; the active step is highlighted with the event it waits for.
 
 import { app } from "./app.js";
 import { make, mark } from "./dom.js";
-import { named, t } from "./texts.js";
+import { localized, named, t } from "./texts.js";
 
-export class Steps {
+export class StepsPage {
   constructor() {
     this.boxes = new Map();
     this.node = make("div", { class: "column" }, make("p", { text: t("steps.about") }),
@@ -41,7 +41,7 @@ export class Steps {
     const target = titles.get(way.to) ?? "";
     const arrow = way.to === next ? "↓" : "→";
     return make("li", { class: way.to === next ? "sfc-way" : "sfc-way jump" },
-      make("span", { class: "sfc-when", text: way.when }),
+      make("span", { class: "sfc-when", text: localized(way.when) }),
       make("span", { class: "sfc-to", text: `${arrow} ${way.to} ${named(`step.${target}`, target)}` }));
   }
 }

@@ -1,14 +1,14 @@
-// Labels by key in the language chosen; the table comes from the server with the description.
+// Texts by key in the selected language; the server provides the table with the description.
 
-const KEPT = "panel-language";
+const STORAGE_KEY = "panel-language";
 let table = {};
-let chosen = remembered();
+let selected = storedLanguage();
 
-function remembered() {
+function storedLanguage() {
   try {
-    return window.localStorage.getItem(KEPT) ?? "en";
+    return window.localStorage.getItem(STORAGE_KEY) ?? "en";
   } catch {
-    return "en"; // storage is blocked: the choice lasts as long as the page
+    return "en"; // storage is blocked: the selection is lost when the page closes
   }
 }
 
@@ -17,16 +17,16 @@ export function useTexts(texts) {
 }
 
 export function language() {
-  return chosen;
+  return selected;
 }
 
 export function chooseLanguage(name) {
-  chosen = name;
+  selected = name;
   document.documentElement.lang = name === "zh" ? "zh-CN" : name;
   try {
-    window.localStorage.setItem(KEPT, name);
+    window.localStorage.setItem(STORAGE_KEY, name);
   } catch {
-    // storage is blocked: the choice lasts as long as the page
+    // storage is blocked: the selection is lost when the page closes
   }
 }
 
@@ -34,37 +34,62 @@ export function has(key) {
   return key in table;
 }
 
-/** Return the text of a key, with `{name}` replaced by the values. */
+/** Return the text of a key with its `{name}` placeholders replaced by the values. */
 export function t(key, values = {}) {
-  const text = say(table[key] ?? key);
-  return text.replace(/\{(\w+)\}/g, (whole, name) => (name in values ? String(values[name]) : whole));
+  const text = localized(table[key] ?? key);
+  return text.replace(/\{(\w+)\}/g, (placeholder, name) => (name in values ? String(values[name]) : placeholder));
 }
 
-/** Return a text of the server, `{en, zh}`, or a plain one, in the language chosen. */
-export function say(text) {
+/** Return a text from the server, `{en, zh}` or plain, in the selected language. */
+export function localized(text) {
   if (text === null || text === undefined) return "";
-  return typeof text === "string" ? text : text[chosen] ?? text.en ?? "";
+  return typeof text === "string" ? text : text[selected] ?? text.en ?? "";
 }
 
-/** Return the text of a key, or the server's own words where the table has none. */
-export function named(key, otherwise) {
-  return has(key) ? t(key) : say(otherwise);
+/** Return the text of a key, or a default text from the server if the key is missing. */
+export function named(key, defaultText) {
+  return has(key) ? t(key) : localized(defaultText);
 }
 
-/** Return a duration in words of a clock: 5 s, 3 min 20 s, 2 h 5 min. */
+/** Return a text with an upper-case first letter, for messages that stand alone. */
+export function sentence(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+/** Return "label: text" with the punctuation of the language. */
+export function labelled(label, text) {
+  return t("format.labelled", { label, text });
+}
+
+/** Return "text (note)" with the punctuation of the language. */
+export function note(text, remark) {
+  return t("format.note", { text, note: remark });
+}
+
+/** Return texts separated by the comma of the language. */
+export function list(texts) {
+  return texts.join(t("format.comma"));
+}
+
+/** Return a unit in the selected language; SI symbols are the same in all languages. */
+export function unitText(unit) {
+  return unit ? named(`unit.${unit}`, unit) : "";
+}
+
+/** Return a duration as text: 5 s, 3 min 20 s, 2 h 5 min. */
 export function duration(ms) {
-  const seconds = Math.max(0, Math.round(ms / 1000));
-  if (seconds < 60) return `${seconds} s`;
-  if (seconds < 3600) return `${Math.floor(seconds / 60)} min ${seconds % 60} s`;
-  return `${Math.floor(seconds / 3600)} h ${Math.floor((seconds % 3600) / 60)} min`;
+  const total = Math.max(0, Math.round(ms / 1000));
+  if (total < 60) return t("duration.s", { s: total });
+  if (total < 3600) return t("duration.min", { min: Math.floor(total / 60), s: total % 60 });
+  return t("duration.h", { h: Math.floor(total / 3600), min: Math.floor((total % 3600) / 60) });
 }
 
-/** Return a time of the wall clock in the reader's zone. */
+/** Return a wall-clock time in the local time zone. */
 export function wallClock(utcMs) {
-  return new Date(utcMs).toLocaleString(chosen === "zh" ? "zh-CN" : "en-GB");
+  return new Date(utcMs).toLocaleString(selected === "zh" ? "zh-CN" : "en-GB");
 }
 
-/** Return ms as seconds with one digit, or a dash where there is none. */
+/** Return ms as seconds with one decimal and the unit, or a dash if there is no value. */
 export function seconds(ms) {
-  return ms ? (ms / 1000).toFixed(1) : "–";
+  return ms ? `${(ms / 1000).toFixed(1)} ${unitText("s")}` : "–";
 }

@@ -1,7 +1,7 @@
-// Trends: what the panel has recorded of pressures, positions, S % and cycle times.
+// Trends page: recorded pressures, positions, success rate and cycle times.
 
 import { app, get } from "./app.js";
-import { Chart } from "./chart.js";
+import { LineChart } from "./chart.js";
 import { make, mark, write } from "./dom.js";
 import { t } from "./texts.js";
 
@@ -22,7 +22,7 @@ const CHARTS = [
   { key: "trends.cycle", unit: "ms", series: bothSides("cycle_ms") },
 ];
 
-export class Trends {
+export class TrendsPage {
   constructor() {
     this.rows = [];
     this.names = [];
@@ -30,7 +30,7 @@ export class Trends {
     this.fetching = null;
     this.charts = CHARTS.map(({ key, unit, series }) => ({
       series,
-      chart: new Chart(t(key), series.map((one) => ({ ...one, label: t(one.label) })), unit, ago),
+      chart: new LineChart(t(key), series.map((one) => ({ ...one, label: t(one.label) })), unit, ago),
     }));
     this.spans = SPANS_MIN.map((n) => make("button", {
       type: "button", class: "order", text: t("trends.minutes", { n }), "data-span": n, on: { click: () => this.#span(n) },
@@ -61,12 +61,12 @@ export class Trends {
 
   async #fetch() {
     const since = this.rows.at(-1)?.[0] ?? 0;
-    const news = app.link.view === null ? null : await get(`/api/trends?since=${since}`);
-    if (news === null) return;
-    this.names = news.names;
-    const fresh = news.rows.filter((row) => row[0] > since);
-    // a panel that was started anew counts its time from the beginning
-    this.rows = news.rows.length > 0 && news.rows.at(-1)[0] < since ? news.rows : [...this.rows, ...fresh];
+    const received = app.link.view === null ? null : await get(`/api/trends?since=${since}`);
+    if (received === null) return;
+    this.names = received.names;
+    const fresh = received.rows.filter((row) => row[0] > since);
+    // the clock of a restarted panel starts at 0 again
+    this.rows = received.rows.length > 0 && received.rows.at(-1)[0] < since ? received.rows : [...this.rows, ...fresh];
     this.#show();
   }
 

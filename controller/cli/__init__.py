@@ -1,0 +1,1 @@
+"""Command line of the controller: one module for each command."""

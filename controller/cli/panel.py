@@ -1,0 +1,180 @@
+"""Command ``panel``: serve the operator's page of a running controller."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import signal
+import socket
+import ssl
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from controller.cli.machine import add_io_map, machine_of
+from controller.common.errors import InputError
+from controller.common.modbus.address import listening_remedy
+from controller.core.clock import MonotonicClock
+from controller.history.query import HistoryReader
+from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.panel.modbus.telemetry import Telemetry, load_tags
+from controller.hmi.panel.orders.login import Users, is_loopback
+from controller.hmi.panel.web.app import PanelApplication, Sources, application
+
+LONGEST_MESSAGE: Final = 4_096
+PING_S: Final = 5.0
+"""Ping interval and timeout of a WebSocket, s; a socket that does not answer is closed and its jog ends."""
+CLOSING_S: Final = 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``panel``."""
+    parser.add_argument(
+        "--controller", default="127.0.0.1:5021", metavar="HOST:PORT", help="Modbus server of the controller"
+    )
+    parser.add_argument(
+        "--telemetry",
+        default=None,
+        metavar="HOST:PORT",
+        help="second Modbus server, for values the controller does not have",
+    )
+    parser.add_argument(
+        "--telemetry-tags", type=Path, default=None, metavar="FILE.csv", help="tags of the second Modbus server"
+    )
+    parser.add_argument(
+        "--history",
+        type=Path,
+        default=Path("var/history.sqlite"),
+        help="history written by the controller; the file need not exist yet",
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address of the web server")
+    parser.add_argument("--port", type=int, default=8080, help="port of the web server; 0 = a free one")
+    parser.add_argument(
+        "--name",
+        action="append",
+        default=[],
+        dest="names",
+        help="further host name by which browsers reach the panel; may be repeated",
+    )
+    parser.add_argument("--users", type=Path, default=Path("var/panel-users.json"), help="password file")
+    add_io_map(parser)
+    parser.add_argument("--allow-remote", action="store_true", help="permit an address that other computers can reach")
+    parser.add_argument("--certificate", type=Path, default=None, help="certificate (PEM) for TLS")
+    parser.add_argument("--key", type=Path, default=None, help="private key of the certificate (PEM)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve until SIGINT or SIGTERM and return the exit code.
+
+    Raises:
+        InputError: An option or a file is invalid.
+    """
+    _check_reach(options)
+    _check_tls(options)
+    machine = machine_of(options)
+    users = Users(options.users)
+    tags = None if options.telemetry_tags is None else load_tags(options.telemetry_tags)
+    if (options.telemetry is None) != (tags is None):
+        raise InputError("--telemetry and --telemetry-tags belong together; give both or neither")
+    clock = MonotonicClock()
+    connect = _connection("--controller", options.controller)
+    telemetry = None
+    if tags is not None:
+        telemetry = Telemetry(_connection("--telemetry", options.telemetry)(), tags, clock)
+    sources = Sources(machine, connect, telemetry, HistoryReader(options.history), clock)
+    with _listening(options.host, options.port) as listener:
+        asyncio.run(_serve(sources, users, listener, options))
+    return 0
+
+
+class _Server(uvicorn.Server):
+    """Web server that prints its URL once it listens."""
+
+    def __init__(self, config: uvicorn.Config, url: str) -> None:
+        super().__init__(config)
+        self._url = url
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        sys.stdout.write(f"panel at {self._url}\n")
+        sys.stdout.flush()
+
+
+def server_config(app: ASGIApp, certificate: Path | None = None, key: Path | None = None) -> uvicorn.Config:
+    """Return the server settings: message size limit, ping timeout of sockets, forwarded headers ignored."""
+    return uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        lifespan="on",
+        proxy_headers=False,
+        server_header=False,
+        ws="websockets-sansio",
+        ws_max_size=LONGEST_MESSAGE,
+        ws_ping_interval=PING_S,
+        ws_ping_timeout=PING_S,
+        timeout_graceful_shutdown=CLOSING_S,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+    )
+
+
+async def _serve(sources: Sources, users: Users, listener: socket.socket, options: argparse.Namespace) -> None:
+    secure = options.certificate is not None
+    panel = PanelApplication(sources, users, secure=secure)
+    config = server_config(application(panel, [options.host, *options.names]), options.certificate, options.key)
+    logging.getLogger("uvicorn").setLevel(logging.WARNING)
+    host, port = listener.getsockname()[:2]
+    shown = f"[{host}]" if ":" in host else host
+    server = _Server(config, f"{'https' if secure else 'http'}://{shown}:{port}")
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # After shutdown, the server passes the signal on to the previous handler, which would terminate the process.
+        signal.signal(number, lambda *_: None)
+    await server.serve(sockets=[listener])
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    if not 0 <= port <= 65_535:
+        raise InputError(f"--port {port}: give 0 to 65535")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise InputError(f"--host {host} --port {port}: {error.strerror}; {listening_remedy(error)}") from error
+
+
+def _check_reach(options: argparse.Namespace) -> None:
+    if is_loopback("127.0.0.1" if options.host == "localhost" else options.host):
+        return
+    if not options.allow_remote:
+        raise InputError(f"--host {options.host}: other computers could reach the panel; --allow-remote permits them")
+    if options.certificate is None:
+        sys.stderr.write("warning: no TLS: passwords are sent unencrypted; give --certificate and --key\n")
+
+
+def _check_tls(options: argparse.Namespace) -> None:
+    if (options.certificate is None) != (options.key is None):
+        raise InputError("--certificate and --key belong together; give both or neither")
+    if options.certificate is None:
+        return
+    try:
+        # Without password="", an encrypted key would cause a password prompt on the terminal.
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key, password="")
+    except OSError as error:
+        raise InputError(
+            f"--certificate {options.certificate}, --key {options.key}: {error}; give PEM files that belong together"
+        ) from error
+
+
+def _connection(option: str, where: str) -> Callable[[], ModbusConnection]:
+    """Return a factory for connections to HOST:PORT."""
+    host, _, port = where.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not port.isascii() or not port.isdecimal() or not 1 <= int(port[:6]) <= 65_535:
+        raise InputError(f"{option} {where}: give HOST:PORT, as 127.0.0.1:5021")
+    return lambda: ModbusConnection(host, int(port))

@@ -1,0 +1,360 @@
+"""Command ``run``: run the machine's program on a field link, with history, console and Modbus server for panels."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from controller.cli.machine import add_io_map, machine_of
+from controller.common.command_line import version
+from controller.common.errors import InputError
+from controller.common.file_lock import FileLockError, lock_file
+from controller.common.modbus.rtu import SerialLine
+from controller.core.clock import MonotonicClock, utc_ms
+from controller.core.expr import Word
+from controller.core.retentive_store import DamagedStoreError, FileStore
+from controller.core.scan import Plc
+from controller.events.alarm_list import AlarmChange, AlarmList
+from controller.events.cycle_edges import CycleEdges
+from controller.events.production import Event, ProductionLog
+from controller.events.writer import EventWriter, ServingEvent
+from controller.history.schema import HistoryError
+from controller.history.writer import HistoryWriter
+from controller.hmi.console import Console, OrderError
+from controller.hmi.modbus.server import DEFAULT_PORT, HmiOptions, HmiServer
+from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
+from controller.io.modbus_tcp import ModbusTcpLink
+from controller.io.pace import Pace, PaceError
+from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
+from controller.io.runtime import Runtime
+from controller.program.machine import Transplanter
+from controller.program.tags import SetPointError
+
+RETRY_S = 0.5
+"""Interval between attempts to reach the field I/O, s."""
+REMIND_S = 5.0
+"""Interval between messages that the field I/O does not respond, s."""
+SWITCH_INTERVAL_S = 0.0005
+"""Thread switch interval, s: longest wait of the scan for another thread; one tenth of Python's default."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``run``."""
+    add_io_map(parser)
+    parser.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
+    parser.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
+    parser.add_argument("--unit", type=int, default=1, help="Modbus unit identifier")
+    parser.add_argument("--timeout-ms", type=int, default=30, help="timeout of one response of the field I/O, ms")
+    parser.add_argument(
+        "--link-limit-ms",
+        type=int,
+        default=100,
+        help="longest time until the loss of the field I/O is detected, ms",
+    )
+    parser.add_argument(
+        "--panel-limit-ms",
+        type=int,
+        default=None,
+        help="watchdog of the panel (lines on standard input, also empty ones), ms: after this time without a line the "
+        "cycle is completed and the machine held; starts with the first line (default: no watchdog)",
+    )
+    parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="file of the retentive memory")
+    parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
+    parser.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        dest="set_points",
+        help="initial value of a set-point, e.g. trays_target=2; may be repeated",
+    )
+    parser.add_argument("--language", choices=("en", "zh"), default="en", help="language of the texts")
+    parser.add_argument(
+        "--events", choices=("text", "json"), default="text", help="format of the events on standard output"
+    )
+    parser.add_argument(
+        "--no-console", action="store_true", help="do not read orders (one per line) from standard input"
+    )
+    parser.add_argument(
+        "--history", type=Path, default=None, help="history file (default: history.sqlite beside --retain)"
+    )
+    parser.add_argument("--no-history", action="store_true", help="record no history")
+    parser.add_argument(
+        "--simulated-time",
+        action="store_true",
+        help="for a plant in lock step: each scan is one period after the last, independent of the wall clock; a panel "
+        "can pause it and change its speed. Never use it for a machine",
+    )
+    parser.add_argument(
+        "--pace",
+        type=int,
+        default=100,
+        metavar="PERCENT",
+        help="initial speed of simulated time, 0 = paused, 65535 = as fast as possible",
+    )
+    _add_hmi(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run until SIGINT or SIGTERM and return the exit code: 1 if the safe outputs could not be written.
+
+    Raises:
+        InputError: An option or a file is invalid.
+    """
+    _check_numbers(options)
+    machine = machine_of(options)
+    try:
+        plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
+    except ValueError as error:
+        raise InputError(f"--input-filter-ms: {error}") from error
+    stop = threading.Event()
+    with ExitStack() as stack:
+        store = stack.enter_context(_memory(machine, plc, options))
+        link = ModbusTcpLink(
+            options.host, options.port, machine.io_map, unit=options.unit, timeout_s=options.timeout_ms / 1000
+        )
+        stack.callback(link.close)
+        pace = _pace(options)
+        # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
+        writer: RetentiveWriter = ThreadedRetentiveWriter(store) if pace is None else DirectRetentiveWriter(store)
+        stack.callback(writer.close)
+        runtime = Runtime(
+            machine,
+            plc,
+            link,
+            writer,
+            link_limit_ms=options.link_limit_ms,
+            link_wait_ms=options.timeout_ms + options.scan_ms,
+            panel_limit_ms=options.panel_limit_ms,
+            allow_forcing=options.allow_forcing,
+        )
+        figures = LoopFigures()
+        stack.enter_context(_operator_interfaces(runtime, figures, pace, options))
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: stop.set())
+        if not _wait_for_field(link, options, stop):
+            return 0
+        if pace is None:
+            run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
+        else:
+            run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
+    print(
+        f"stopped, outputs {'written safe' if figures.outputs_safe else 'NOT written: the field did not answer'}; "
+        f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} over it, "
+        f"longest {figures.longest_ms} ms",
+        file=sys.stderr,
+    )
+    return 0 if figures.outputs_safe else 1
+
+
+def _add_hmi(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the Modbus server for panels."""
+    hmi = parser.add_argument_group("Modbus server for operator panels")
+    hmi.add_argument("--no-hmi", action="store_true", help="do not start this server")
+    hmi.add_argument("--hmi-host", default="127.0.0.1", help="address to listen on")
+    hmi.add_argument(
+        "--hmi-port", type=int, default=DEFAULT_PORT, help="TCP port; 0 = a free one, reported by an event"
+    )
+    hmi.add_argument("--hmi-allow-remote", action="store_true", help="permit an address that other computers can reach")
+    hmi.add_argument("--hmi-certificate", default=None, metavar="FILE", help="certificate (PEM) for TLS")
+    hmi.add_argument("--hmi-key", default=None, metavar="FILE", help="private key of the certificate (PEM)")
+    hmi.add_argument(
+        "--hmi-clients",
+        default=None,
+        metavar="FILE",
+        help="certificate authorities (PEM) for client certificates (default: none required)",
+    )
+    hmi.add_argument(
+        "--hmi-serial", default=None, metavar="DEVICE:BAUD:8E1:UNIT", help="also serve Modbus RTU on a serial line"
+    )
+    hmi.add_argument(
+        "--allow-forcing",
+        action="store_true",
+        help="permit a panel to force inputs while the machine is at rest in manual mode; nothing moves then",
+    )
+
+
+def _check_numbers(options: argparse.Namespace) -> None:
+    for name, value, least, most in (
+        ("--scan-ms", options.scan_ms, 1, 100),
+        ("--port", options.port, 1, 65_535),
+        ("--unit", options.unit, 1, 255),
+        ("--timeout-ms", options.timeout_ms, 1, 10_000),
+        ("--link-limit-ms", options.link_limit_ms, 1, 10_000),
+        ("--hmi-port", options.hmi_port, 0, 65_535),
+    ):
+        if not least <= value <= most:
+            raise InputError(f"{name} {value}: give {least} to {most}")
+    if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
+        raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: give 100 to 600000")
+    wait_ms = options.timeout_ms + options.scan_ms
+    # In simulated time, a response takes no time.
+    if options.link_limit_ms <= wait_ms and not options.simulated_time:
+        raise InputError(f"--link-limit-ms {options.link_limit_ms}: give more than a time-out and a scan, {wait_ms} ms")
+
+
+@contextmanager
+def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Iterator[FileStore]:
+    """Restore the retentive memory, apply the initial set-points, and lock the file for this process."""
+    store = FileStore(options.retain)
+    try:
+        lock = lock_file(options.retain)
+    except FileLockError as error:
+        raise InputError(f"--retain {options.retain}: {error}") from error
+    try:
+        _restore(machine, plc, store)
+        for word, value in _set_points(machine, options.set_points):
+            plc.write(word, value)
+        try:
+            store.save(plc.retained())
+        except OSError as error:
+            raise InputError(f"--retain {options.retain}: {error.strerror}; name a file that can be written") from error
+        yield store
+    finally:
+        lock.release()
+
+
+def _pace(options: argparse.Namespace) -> Pace | None:
+    try:
+        return Pace(options.pace) if options.simulated_time else None
+    except PaceError as error:
+        raise InputError(f"--pace: {error}") from error
+
+
+@contextmanager
+def _operator_interfaces(
+    runtime: Runtime, figures: LoopFigures, pace: Pace | None, options: argparse.Namespace
+) -> Iterator[None]:
+    """Connect the runtime to event output, history, alarm list, console and Modbus server."""
+    machine = runtime.machine
+    with ExitStack() as stack:
+        printer = EventWriter(options.events, sys.stdout)
+        stack.callback(printer.close)
+        receivers: list[Callable[[Event | AlarmChange], None]] = [printer.write]
+        edges = CycleEdges(machine)
+        history = _history(machine, edges, options)
+        if history is not None:
+            stack.callback(history.close)
+            receivers.append(history.write)
+            runtime.observers.append(edges)
+
+        def publish(event: Event | AlarmChange) -> None:
+            for receive in receivers:
+                receive(event)
+
+        def audit(peer: str, who: str, what: str, value: str, result: str) -> None:
+            if history is not None:
+                history.audit(peer, who, what, value, result, runtime.now_ms)
+
+        runtime.observers.append(ProductionLog(machine, publish, options.language))
+        alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, publish, options.language)
+        runtime.observers.append(alarms)
+        if not options.no_hmi:
+            server = _server(runtime, alarms, options, figures=figures, pace=pace, audit=audit)
+            receivers.append(server.cycles.record)
+            sys.setswitchinterval(SWITCH_INTERVAL_S)
+            stack.enter_context(server)
+            printer.write(ServingEvent(runtime.now_ms, server.port))
+        if not options.no_console and sys.stdin is not None:  # None = closed by the parent process
+            console = Console(runtime, alarms)
+            threading.Thread(target=_read_console, args=(console,), name="console", daemon=True).start()
+        yield
+
+
+def _history(machine: Transplanter, edges: CycleEdges, options: argparse.Namespace) -> HistoryWriter | None:
+    if options.no_history:
+        return None
+    path = options.history or options.retain.with_name("history.sqlite")
+    try:
+        return HistoryWriter(
+            path,
+            wall_ms=utc_ms,
+            program=machine.program.name,
+            version=version(),
+            edges_of=edges.of,
+            language=options.language,
+        )
+    except HistoryError as error:
+        raise InputError(f"--history: {error}") from error
+
+
+def _server(
+    runtime: Runtime,
+    alarms: AlarmList,
+    options: argparse.Namespace,
+    *,
+    figures: LoopFigures,
+    pace: Pace | None,
+    audit: Callable[[str, str, str, str, str], None],
+) -> HmiServer:
+    serial = None if options.hmi_serial is None else SerialLine.parsed(options.hmi_serial)
+    hmi_options = HmiOptions(
+        options.hmi_host,
+        options.hmi_port,
+        options.hmi_allow_remote,
+        options.hmi_certificate,
+        options.hmi_key,
+        options.hmi_clients,
+        serial,
+    )
+    return HmiServer(runtime, alarms, hmi_options, figures=figures, pace=pace, audit=audit, version=version())
+
+
+def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
+    """Restore the memory of the last run. A damaged file is set aside and reported, also to the program."""
+    try:
+        values = store.load()
+        if values is not None:
+            plc.restore(values)
+    except (DamagedStoreError, ValueError) as error:
+        prefix = "" if isinstance(error, DamagedStoreError) else f"{store.path}: "
+        try:
+            aside = store.set_aside()
+        except OSError as refused:
+            raise InputError(f"--retain {store.path}: {refused.strerror}; name a file that can be written") from refused
+        print(f"{prefix}{error}; moved to {aside}", file=sys.stderr)
+        plc.write(machine.tags.system.memory_lost, 1)
+
+
+def _set_points(machine: Transplanter, assignments: Sequence[str]) -> list[tuple[Word, int]]:
+    values = []
+    for text in assignments:
+        name, _, value = text.partition("=")
+        try:
+            values.append(machine.tags.sp.checked(name, value))
+        except SetPointError as error:
+            raise InputError(f"--set {text}: {error}") from error
+    return values
+
+
+def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: threading.Event) -> bool:
+    """Retry until the field I/O responds; report a missing response immediately and then periodically."""
+    tries = 0
+    while not stop.is_set():
+        try:
+            link.open()
+            link.read_inputs()
+        except OSError as error:
+            if tries % round(REMIND_S / RETRY_S) == 0:
+                print(f"{error}; trying again", file=sys.stderr, flush=True)
+            tries += 1
+            stop.wait(RETRY_S)
+        else:
+            print(f"field I/O at {options.host}:{options.port} answers", file=sys.stderr, flush=True)
+            return True
+    return False
+
+
+def _read_console(console: Console) -> None:
+    """Read orders from standard input until end of file; undecodable bytes are replaced."""
+    for line in sys.stdin.buffer:
+        try:
+            console.execute(line.decode(errors="replace"))
+        except OrderError as error:
+            print(error, file=sys.stderr, flush=True)

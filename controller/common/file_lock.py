@@ -1,0 +1,42 @@
+"""Exclusive file lock that prevents two controllers from writing the same file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from filelock import BaseFileLock, FileLock, Timeout
+
+from controller.common.errors import InputError
+
+
+class FileLockError(InputError):
+    """Raised if a file cannot be locked; the message is one line with the remedy, without the file name."""
+
+
+def lock_file(path: Path) -> BaseFileLock:
+    """Lock a file for this process; the operating system releases the lock when the process ends.
+
+    Args:
+        path: File to lock. It need not exist. Its folder is created if missing, but not the parent of that folder.
+            The lock is a separate file in the same folder, `<name>.lock`.
+
+    Returns:
+        The lock, to be released with `release`.
+
+    Raises:
+        FileLockError: The path is a folder or cannot be written, or another process holds the lock.
+    """
+    if path.is_dir():
+        raise FileLockError("is a folder; name a file")
+    if not path.parent.parent.is_dir():  # probably mistyped: the retained data would not be found
+        raise FileLockError(f"there is no folder {path.parent.parent}; make it, or name another file")
+    # History and retentive memory are not always closed by the thread that opened them.
+    lock = FileLock(path.with_name(path.name + ".lock"), timeout=0, thread_local=False)
+    try:
+        path.parent.mkdir(exist_ok=True)
+        lock.acquire()
+    except Timeout:
+        raise FileLockError("another controller is using it; stop that one or name another file") from None
+    except OSError as error:
+        raise FileLockError(f"{error.strerror}; name a file that can be written") from error
+    return lock

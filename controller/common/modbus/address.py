@@ -1,0 +1,42 @@
+"""Listening address of a Modbus server: the loopback interface unless remote access is permitted."""
+
+from __future__ import annotations
+
+import errno
+import ipaddress
+
+
+def checked_host(host: str, *, allow_remote: bool, option: str) -> str:
+    """Return the IP address to listen on.
+
+    Args:
+        host: IP address, or localhost for 127.0.0.1.
+        allow_remote: True to permit an address that other computers can reach.
+        option: Command-line option that permits remote access, named in the error message.
+
+    Raises:
+        ValueError: The address is invalid, or remote access is not permitted; one line with the remedy.
+    """
+    try:
+        address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
+    except ValueError as error:
+        raise ValueError(f"host {host!r}: give an IP address or localhost") from error
+    if not address.is_loopback and not allow_remote:
+        raise ValueError(
+            f"host {host}: Modbus has no password, so only connections from this computer (127.0.0.1) are permitted; "
+            f"{option} permits others"
+        )
+    return str(address)
+
+
+def listening_remedy(error: OSError, *, host: str = "--host", port: str = "--port") -> str:
+    """Return the remedy for a listening address or port that cannot be opened.
+
+    Args:
+        error: Operating system error.
+        host: Command-line option for the address.
+        port: Command-line option for the port.
+    """
+    if error.errno == errno.EADDRNOTAVAIL:
+        return f"give an address of this computer as {host}"
+    return f"choose another {port}"

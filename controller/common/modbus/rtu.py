@@ -1,0 +1,191 @@
+"""Modbus RTU server on a serial line: frames delimited by length and checksum, one device at one address.
+
+In the specification, an idle time of 3.5 characters ends a frame. Adapters and operating systems add further gaps,
+so a request is accepted when its length is reached and its checksum is valid. Other data (noise, requests to other
+units and their answers) is skipped byte by byte. Source: Modbus over Serial Line V1.02, 2.5.1.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import logging
+from dataclasses import dataclass
+from typing import Any, Final
+
+from pymodbus.framer import FramerRTU
+
+from controller.common.errors import InputError
+from controller.common.modbus.requests import ModbusDevice, answer
+
+GAP_S: Final = 0.05
+"""Idle time after which an incomplete request is discarded, s."""
+BROADCAST: Final = 0
+LONGEST_FRAME: Final = 256
+_FIXED: Final = {1: 8, 2: 8, 3: 8, 4: 8, 5: 8, 6: 8, 7: 4, 8: 8, 11: 4, 12: 4, 17: 4, 22: 10, 24: 6, 43: 7}
+"""Length of fixed-length requests with address and checksum, bytes, by function code, including unsupported codes."""
+_COUNTED: Final = {15: 6, 16: 6, 20: 2, 21: 2, 23: 10}
+"""Index of the byte count in variable-length requests, by function code."""
+_SHORTEST: Final = 4
+_WRITE_LIMIT_S: Final = 0.1
+"""Write timeout, s; a serial line that does not accept an answer within this time is treated as disconnected."""
+
+_log = logging.getLogger(__name__)
+
+
+class SerialError(InputError):
+    """Raised for invalid settings of a serial line; the message is one line with the remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class SerialLine:
+    """Settings of a serial line and the unit address of the server.
+
+    Attributes:
+        path: Device file.
+        baud: Baud rate, bit/s.
+        parity: Parity: N, E or O.
+        stop_bits: Number of stop bits, 1 or 2.
+        unit: Unit address of the server, 1 to 247.
+    """
+
+    path: str
+    baud: int = 19_200
+    parity: str = "E"
+    stop_bits: int = 1
+    unit: int = 1
+
+    @classmethod
+    def parsed(cls, text: str) -> SerialLine:
+        """Parse settings such as `/dev/ttyUSB0:19200:8E1:1`; the defaults of omitted parts are 19200, 8E1 and 1.
+
+        Raises:
+            SerialError: The text is invalid.
+        """
+        path, *rest = text.split(":")
+        baud, frame, unit = (*rest, *("19200", "8E1", "1")[len(rest) :])[:3] if len(rest) <= 3 else ("", "", "")
+        valid_frame = len(frame) == 3 and frame[0] == "8" and frame[1] in "NEO" and frame[2] in "12"
+        valid_baud = baud.isdecimal() and int(baud) > 0
+        if not (path and valid_baud and valid_frame and unit.isdecimal() and 1 <= int(unit) <= 247):
+            raise SerialError(
+                f"serial line {text!r}: give DEVICE:BAUD:8N1, 8E1 or 8O1:UNIT, for example /dev/ttyUSB0:19200:8E1:1"
+            )
+        return cls(path, int(baud), frame[1], int(frame[2]), int(unit))
+
+
+class RtuServer:
+    """Modbus RTU server of one serial line."""
+
+    def __init__(self, line: SerialLine, device: ModbusDevice) -> None:
+        """Create a server; `start` opens the serial line.
+
+        Args:
+            line: Settings of the serial line.
+            device: Device to serve.
+        """
+        self._line = line
+        self._device = device
+        self._buffer = bytearray()
+        self._port: Any = None
+        self._loop: asyncio.AbstractEventLoop
+        self._gap: asyncio.TimerHandle | None = None
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Open the serial line and start listening.
+
+        Raises:
+            OSError, ValueError, OverflowError: The serial line cannot be opened, or does not support the baud rate.
+            ModuleNotFoundError: pyserial is not installed.
+        """
+        serial = importlib.import_module("serial")
+        line = self._line
+        self._port = serial.Serial(
+            line.path,
+            line.baud,
+            parity=line.parity,
+            stopbits=line.stop_bits,
+            timeout=0,
+            write_timeout=_WRITE_LIMIT_S,
+        )
+        self._loop = loop
+        loop.add_reader(self._port.fileno(), self._read)
+
+    def stop(self) -> None:
+        """Close the serial line if it is open."""
+        if self._port is None:
+            return
+        self._loop.remove_reader(self._port.fileno())
+        self._port.close()
+        self._port = None
+        if self._gap is not None:
+            self._gap.cancel()
+        self._device.on_disconnect()
+
+    def _read(self) -> None:
+        try:
+            self._buffer += self._port.read(LONGEST_FRAME)
+        except OSError as error:
+            self._disconnect(error)
+            return
+        if self._gap is not None:
+            self._gap.cancel()
+        self._process_buffer()
+        if self._buffer:
+            self._gap = self._loop.call_later(GAP_S, self._discard_incomplete)
+
+    def _disconnect(self, error: OSError) -> None:
+        """Close a disconnected serial line; its failing descriptor would keep the event loop busy."""
+        _log.warning(
+            "serial line %s is disconnected (%s); restart to serve the panels on it again", self._line.path, error
+        )
+        self._buffer.clear()
+        self.stop()
+
+    def _process_buffer(self) -> None:
+        """Serve the requests in the buffer, skip other bytes and leave an incomplete request in the buffer."""
+        buffer = self._buffer
+        while buffer:
+            length = request_length(buffer)
+            if buffer[0] not in (self._line.unit, BROADCAST) or (length or 0) > LONGEST_FRAME:
+                del buffer[0]
+            elif length is None or len(buffer) < length:
+                return
+            elif _is_checksum_valid(buffer[:length]):
+                frame = bytes(buffer[:length])
+                del buffer[:length]
+                self._serve(frame)
+            else:
+                del buffer[0]
+
+    def _discard_incomplete(self) -> None:
+        """Treat an incomplete request as noise and process the bytes after it."""
+        while self._buffer:
+            del self._buffer[0]
+            self._process_buffer()
+
+    def _serve(self, frame: bytes) -> None:
+        unit = frame[0]
+        reply = bytes([unit]) + answer(self._device, frame[1:-2])
+        if unit != BROADCAST:
+            try:
+                self._port.write(reply + FramerRTU.compute_CRC(reply).to_bytes(2))
+            except OSError as error:
+                self._disconnect(error)
+
+
+def request_length(received: bytes | bytearray) -> int | None:
+    """Return the length of the request at the start of the data, including the checksum; None if it is not known yet.
+
+    An unknown function code is assumed to have the shortest frame.
+    """
+    if len(received) < 2:
+        return None
+    function_code = received[1]
+    if function_code in _COUNTED:
+        index = _COUNTED[function_code]
+        return None if len(received) <= index else index + 1 + received[index] + 2
+    return _FIXED.get(function_code, _SHORTEST)
+
+
+def _is_checksum_valid(frame: bytes | bytearray) -> bool:
+    return FramerRTU.check_CRC(bytes(frame[:-2]), int.from_bytes(frame[-2:]))

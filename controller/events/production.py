@@ -1,0 +1,264 @@
+"""Production events derived from the PLC memory after each scan: states, alarms, questions, cycles, trays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Final, Literal
+
+from controller.core.scan import Plc
+from controller.program.machine import Transplanter
+from controller.program.refusals import Refusal, refusal_text
+from controller.program.states import HOLDS, State
+from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
+from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Language
+from controller.program.texts import SIDES as SIDE_TEXTS
+
+GapCause = Literal["none", "tray", "centre", "row"]
+"""Cause of a late row: waiting for a tray, waiting for the other arm to leave the centre, or the duration of the row's
+own motion."""
+
+_MIN_WAIT_MS: Final = 50
+"""Shortest time at feed that counts as waiting, ms; an arm that does not wait is at feed for one or two scans."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateEvent:
+    """Entry into a PackML state, with the reason for Suspended and Held."""
+
+    at_ms: int
+    state: int
+    text: str
+    reason: str = ""
+    event: str = "state"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEvent:
+    """Annunciator set or reset."""
+
+    at_ms: int
+    number: int
+    active: bool
+    text: str
+    event: str = "alarm"
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionEvent:
+    """Operator question asked or answered."""
+
+    at_ms: int
+    question: str
+    active: bool
+    text: str
+    event: str = "question"
+
+
+@dataclass(frozen=True, slots=True)
+class CycleEvent:
+    """Completed cycle of an arm: a row was released into the cups and the arm is home again.
+
+    Attributes:
+        at_ms: End of the cycle, ms.
+        side: Arm.
+        row: Picked row, 1 to 3.
+        cycle_ms: Time from leaving feed until the arm is at feed again, down and converged, ms.
+        waiting_ms: Part of this time spent waiting for cups, ms.
+        missed_cups: Number of missed cups of the arm since the last reset of the counts.
+        gap_cause: Cause of the cups missed since the previous cycle.
+    """
+
+    at_ms: int
+    side: Side
+    row: int
+    cycle_ms: int
+    waiting_ms: int
+    missed_cups: int
+    gap_cause: GapCause = "none"
+    event: str = "cycle"
+
+
+@dataclass(frozen=True, slots=True)
+class TrayEvent:
+    """Tray emptied: its last row has been picked."""
+
+    at_ms: int
+    trays_done: int
+    event: str = "tray"
+
+
+@dataclass(frozen=True, slots=True)
+class ModeEvent:
+    """Change of the operating mode."""
+
+    at_ms: int
+    mode: int
+    text: str
+    event: str = "mode"
+
+
+@dataclass(frozen=True, slots=True)
+class RefusalEvent:
+    """Refused command; it has no effect."""
+
+    at_ms: int
+    command: str
+    reason: int
+    text: str
+    event: str = "refusal"
+
+
+Event = StateEvent | AlarmEvent | QuestionEvent | CycleEvent | TrayEvent | ModeEvent | RefusalEvent
+
+
+def as_record(event: Event) -> dict[str, object]:
+    """Return an event as a flat record for a file or a pipe."""
+    return asdict(event)
+
+
+class _CycleTimer:
+    """Timer of the cycles of one arm, based on its S bits."""
+
+    def __init__(self, machine: Transplanter, side: Side) -> None:
+        cycle, self._arm = machine.cycles[side], machine.tags.arms[side]
+        self._start, self._end = cycle["approach row"], cycle["wait at feed"]
+        self._tray = machine.tags.tray
+        self._waiting = (cycle["wait to lower"].number, cycle["wait for cups"].number)
+        self._side = side
+        self._row: int | None = None
+        self._since_ms = 0
+        self._waited_ms = 0
+        self._tray_ms = self._centre_ms = 0
+        self._missed = 0
+        self._last_ms = 0
+
+    def update(self, now_ms: int, plc: Plc) -> CycleEvent | None:
+        """Return the cycle that ended in this scan; None if none ended."""
+        states = plc.memory.S
+        passed_ms, self._last_ms = now_ms - self._last_ms, now_ms
+        if self._row is None:
+            if states[self._end.number]:
+                self._add_wait_at_feed(passed_ms, plc)
+            if states[self._start.number]:
+                self._row = next(row for row in ROWS if plc.read(self._arm.row_is[row]))
+                self._since_ms, self._waited_ms = now_ms, 0
+            return None
+        if states[self._waiting[0]] or states[self._waiting[1]]:
+            self._waited_ms += passed_ms
+        if not states[self._end.number] or states[self._start.number]:
+            return None
+        row, self._row = self._row, None
+        missed, before = plc.read(self._arm.missed_cups), self._missed
+        self._missed = missed
+        cause = self._cause() if missed > before else "none"
+        self._tray_ms = self._centre_ms = 0
+        return CycleEvent(now_ms, self._side, row, now_ms - self._since_ms, self._waited_ms, missed, cause)
+
+    def interrupt(self) -> None:
+        """Discard an aborted cycle."""
+        self._row = None
+        self._tray_ms = self._centre_ms = 0
+
+    def _add_wait_at_feed(self, passed_ms: int, plc: Plc) -> None:
+        """Add the elapsed time at feed to the total of its cause."""
+        if plc.read(self._tray.phase) == IN_PLACE:
+            self._centre_ms += passed_ms
+        else:
+            self._tray_ms += passed_ms
+
+    def _cause(self) -> GapCause:
+        if self._tray_ms > _MIN_WAIT_MS:
+            return "tray"
+        return "centre" if self._centre_ms > _MIN_WAIT_MS else "row"
+
+
+class ProductionLog:
+    """Generator of events from the changes between scans; an observer of the runtime."""
+
+    def __init__(self, machine: Transplanter, report: Callable[[Event], None], language: Language = "en") -> None:
+        """Create the log for a machine.
+
+        Args:
+            machine: Program and its tags.
+            report: Listener that receives every event, in order.
+            language: Language of the texts.
+        """
+        self._machine = machine
+        self._report = report
+        self._language: Language = language
+        self._state = 0
+        self._trays: int | None = None
+        self._mode: int | None = None
+        self._refusals = 0
+        self._alarms: list[int] = []
+        self._questions: list[str] = []
+        self._cycles = [_CycleTimer(machine, side) for side in SIDES]
+        tags = machine.tags
+        self._asking = [
+            *((f"{side}_loaded", tags.arms[side].ask.number) for side in SIDES),
+            *((f"{side}_cups", tags.arms[side].ask_cups.number) for side in SIDES),
+            ("tray", tags.tray.ask.number),
+        ]
+
+    def __call__(self, now_ms: int, plc: Plc) -> None:
+        """Evaluate the memory after a scan."""
+        tags = self._machine.tags
+        state = plc.read(tags.machine.state)
+        if state != self._state:
+            self._state = state
+            self._report(self._state_event(now_ms, plc, state))
+            if not plc.read(tags.machine.motion):
+                for timer in self._cycles:
+                    timer.interrupt()
+        self._report_operator_actions(now_ms, plc)
+        self._report_alarms(now_ms, plc)
+        self._report_questions(now_ms, plc)
+        for timer in self._cycles:
+            cycle = timer.update(now_ms, plc)
+            if cycle is not None:
+                self._report(cycle)
+        trays = plc.read(tags.machine.trays_done)
+        if self._trays is not None and trays > self._trays:
+            self._report(TrayEvent(now_ms, trays))
+        self._trays = trays
+
+    def _report_operator_actions(self, now_ms: int, plc: Plc) -> None:
+        """Report a mode change or a refused command."""
+        machine, words = self._machine.tags.machine, plc.memory.D
+        mode, refusals = words[machine.mode.number], words[machine.refusals.number]
+        if mode != self._mode:
+            if self._mode is not None:
+                self._report(ModeEvent(now_ms, mode, getattr(MODES[mode], self._language)))
+            self._mode = mode
+        if refusals != self._refusals:
+            self._refusals = refusals
+            command = self._machine.tags.commands.numbered(plc.read(machine.refused))
+            reason = Refusal(plc.read(machine.refusal))
+            self._report(RefusalEvent(now_ms, command.name, reason, refusal_text(command, reason, self._language)))
+
+    def _state_event(self, now_ms: int, plc: Plc, state: int) -> StateEvent:
+        reason = ""
+        if state in (State.SUSPENDING, State.SUSPENDED, *HOLDS):
+            reason = getattr(REASONS[plc.read(self._machine.tags.machine.reason)], self._language)
+        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason)
+
+    def _report_alarms(self, now_ms: int, plc: Plc) -> None:
+        alarms = plc.annunciators()
+        if alarms == self._alarms:
+            return
+        for number in sorted({*alarms} ^ {*self._alarms}):
+            text = getattr(self._machine.alarms.of(number).text, self._language)
+            self._report(AlarmEvent(now_ms, number, number in alarms, text))
+        self._alarms = alarms
+
+    def _report_questions(self, now_ms: int, plc: Plc) -> None:
+        relays = plc.memory.M
+        questions = [name for name, number in self._asking if relays[number]]
+        if questions == self._questions:
+            return
+        for name in sorted({*questions} ^ {*self._questions}):
+            side, _, kind = name.partition("_")
+            text = QUESTIONS[kind or side].of(SIDE_TEXTS.get(side))
+            self._report(QuestionEvent(now_ms, name, name in questions, getattr(text, self._language)))
+        self._questions = questions

@@ -1,0 +1,68 @@
+"""Output of events as lines of text or JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import threading
+from dataclasses import asdict, dataclass
+from typing import TextIO
+
+from controller.events.alarm_list import AlarmChange
+from controller.events.production import Event
+
+
+@dataclass(frozen=True, slots=True)
+class ServingEvent:
+    """Start of the Modbus server: operator panels can connect.
+
+    Attributes:
+        at_ms: Time of the event, ms.
+        hmi_port: TCP port of the Modbus server.
+    """
+
+    at_ms: int
+    hmi_port: int
+    event: str = "serving"
+
+
+class EventWriter:
+    """Event writer in a background thread; a slow or disconnected reader does not delay the scan."""
+
+    def __init__(self, form: str, out: TextIO) -> None:
+        """Start the thread.
+
+        Args:
+            form: "json" for one object per line, otherwise text.
+            out: File or pipe with a descriptor; it is redirected to the null device after a write error.
+        """
+        self._form = form
+        self._out = out
+        self._events: queue.SimpleQueue[Event | AlarmChange | ServingEvent | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._work, name="events", daemon=True)
+        self._thread.start()
+
+    def write(self, event: Event | AlarmChange | ServingEvent) -> None:
+        """Queue an event for writing."""
+        self._events.put(event)
+
+    def close(self) -> None:
+        """Write the remaining events and end the thread."""
+        self._events.put(None)
+        self._thread.join(timeout=1.0)
+
+    def _work(self) -> None:
+        while (event := self._events.get()) is not None:
+            try:
+                print(self._line(asdict(event)), file=self._out, flush=True)
+            except OSError:  # the pipe is closed or the disk is full: further events are discarded
+                null = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(null, self._out.fileno())
+                os.close(null)
+
+    def _line(self, record: dict[str, object]) -> str:
+        if self._form == "json":
+            return json.dumps(record, ensure_ascii=False)
+        at_ms, kind = record.pop("at_ms"), record.pop("event")
+        return f"{at_ms:>9} ms  {kind:9}" + "  ".join(f"{k}={v}" for k, v in record.items())

@@ -1,0 +1,274 @@
+"""Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
+
+Sequences become STL steps, requests remain relays, Y is written once in the last block, and annunciators become ANS. A
+separate block contains the functions that the soft PLC performs outside the program: initial set-points, and M8049.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from controller.core.devices import RETENTIVE, SIZES
+from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, leaves
+from controller.core.program import Block, Program
+from controller.core.rungs import (
+    Annunciate,
+    Count,
+    Inc,
+    Mov,
+    OnDelay,
+    Out,
+    Pulse,
+    PulseFalling,
+    Rst,
+    Rung,
+    Set,
+    ZoneReset,
+    read_devices,
+    written_devices,
+)
+from controller.core.sequence import Sequence, Step
+from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, Operand
+
+ALWAYS, NEVER, FIRST_SCAN, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8049
+FIXED_LATCH: Final = 1024
+"""First relay of the fixed latched range, which PLC parameters cannot change."""
+
+_RELATIONS: Final = {"==": "=", "!=": "<>", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
+_OPPOSITES: Final = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
+_BREAK: Final = {"LD": "LDI", "AND": "ANI", "OR": "ORI"}
+
+
+@dataclass(frozen=True, slots=True)
+class PulseTrain:
+    """An output that becomes a pulse train in the PLC (PLSY) instead of a level.
+
+    Attributes:
+        output: The Y device; PLSY needs a transistor output, Y0 or Y1.
+        frequency_hz: Pulses per second.
+    """
+
+    output: Bit
+    frequency_hz: int
+
+
+def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
+    """Return a program as an instruction list.
+
+    Args:
+        program: The program.
+        pulses: Output that becomes a pulse train; None = all outputs are levels.
+    """
+    return _ListWriter(program, pulses).ladder()
+
+
+def acting(program: Program) -> Program:
+    """Return the part of a program that influences Y, without registers used only for information.
+
+    Sequences are always complete.
+    """
+    needed: set[tuple[str, int]] = set()
+    selected: set[int] = set()
+    grown = True
+    while grown:
+        grown = False
+        for block in program.blocks:
+            for item in block.items:
+                if id(item) not in selected and any(
+                    d.kind == "Y" or (d.kind, d.number) in needed for d in _written(item)
+                ):
+                    selected.add(id(item))
+                    needed |= {(device.kind, device.number) for device in _read(item)}
+                    grown = True
+    blocks = (Block(block.title, tuple(i for i in block.items if id(i) in selected)) for block in program.blocks)
+    set_points = tuple((word, value) for word, value in program.set_points if (word.kind, word.number) in needed)
+    return replace(program, blocks=tuple(block for block in blocks if block.items), set_points=set_points)
+
+
+def _written(item: Rung | Sequence) -> Iterator[Bit | Word]:
+    if not isinstance(item, Sequence):
+        yield from written_devices(item)
+        return
+    yield from (bit for bit, _ in item)
+    yield from (step.dwell.timer.done for step in item.steps if step.dwell)
+    if item.consumes is not None:
+        yield item.consumes
+
+
+def _read(item: Rung | Sequence) -> Iterator[Bit | Word]:
+    if not isinstance(item, Sequence):
+        yield from read_devices(item)
+        return
+    for bit, step in item:
+        yield bit
+        dwell = item.dwell_rung(step)
+        if dwell is not None:
+            yield from read_devices(dwell)
+        for transfer in item.transfers[step.title]:
+            yield from leaves(transfer.when)
+
+
+def contacts(condition: Expr, join: str = "LD") -> Iterator[Instruction]:
+    """Yield the contacts of a condition.
+
+    Args:
+        condition: Condition to translate.
+        join: LD, AND or OR: connection to the preceding contacts.
+
+    Examples:
+        >>> x, m = Bit("X", 0), Bit("M", 5)
+        >>> [str(i) for i in contacts(x & ~m | m & Word("D", 3).equals(2))]
+        ['LD X0', 'ANI M5', 'LD M5', 'AND= D3 K2', 'ORB']
+    """
+    match condition:
+        case Not(operand):
+            yield from _inverted(operand, join)
+        case Bit(kind, number):
+            yield Instruction(join, (DeviceOperand(kind, number),))
+        case Const(value):
+            yield Instruction(join, (DeviceOperand("M", ALWAYS if value else NEVER),))
+        case Compare(relation, left, right):
+            yield Instruction(f"{join}{_RELATIONS[relation]}", (_word(left), _word(right)))
+        case And(operands) | Or(operands):
+            operation = "AND" if isinstance(condition, And) else "OR"
+            if join not in ("LD", operation):
+                yield from contacts(condition)
+                yield Instruction("ANB" if join == "AND" else "ORB")
+                return
+            # blocks first: a contact after a block needs no block instruction
+            for n, operand in enumerate(sorted(operands, key=_is_contact)):
+                yield from contacts(operand, operation if n else join)
+        case _:
+            raise TypeError(f"not a condition: {condition!r}")
+
+
+def _inverted(operand: Expr, join: str) -> Iterator[Instruction]:
+    match operand:
+        case Bit(kind, number):
+            yield Instruction(_BREAK[join], (DeviceOperand(kind, number),))
+        case Compare(relation, left, right):
+            yield from contacts(Compare(_OPPOSITES[relation], left, right), join)
+        case And(operands):
+            yield from contacts(Or(tuple(~part for part in operands)), join)
+        case Or(operands):
+            yield from contacts(And(tuple(~part for part in operands)), join)
+        case _:
+            yield from contacts(~operand, join)
+
+
+def _is_contact(condition: Expr) -> bool:
+    inner = condition.operand if isinstance(condition, Not) else condition
+    return not isinstance(inner, And | Or)
+
+
+def _word(operand: Word | int) -> Operand:
+    return Constant(operand) if isinstance(operand, int) else DeviceOperand(operand.kind, operand.number)
+
+
+class _ListWriter:
+    def __init__(self, program: Program, pulses: PulseTrain | None) -> None:
+        self._program = program
+        self._pulses = pulses
+        self._list: list[Instruction] = []
+        self._titles: dict[int, str] = {}
+
+    def ladder(self) -> Ladder:
+        used = {(device.kind, device.number) for device in self._program.devices()}
+        done = next(n for n in RETENTIVE["M"][0] if n >= FIXED_LATCH and ("M", n) not in used)
+        self._first_values(done)
+        for block in self._program.blocks:
+            self._block(block)
+        self._list.append(Instruction("END"))
+        comments = {f"M{done}": "first values are written"} | self._comments()
+        return Ladder(tuple(self._list), self._titles, comments, self._program.name)
+
+    def _comments(self) -> dict[str, str]:
+        return {str(device): device.name for device in self._program.devices() if device.name}
+
+    def _first_values(self, done: int) -> None:
+        """Write the initialisation of the soft PLC: steps and alarms off at power-up, initial values of set-points.
+
+        An FX2N retains S500 to S999 through a loss of power; the program detects faults again.
+        """
+        self._titles[len(self._list)] = "power-up"
+        self._add("LD", DeviceOperand("M", ALWAYS))
+        self._add("OUT", DeviceOperand("M", ANNUNCIATORS_ENABLED))
+        self._add("LD", DeviceOperand("M", FIRST_SCAN))
+        self._add("ZRST", DeviceOperand("S", 0), DeviceOperand("S", SIZES["S"] - 1))
+        if self._program.set_points:
+            self._add("LD", DeviceOperand("M", FIRST_SCAN))
+            self._add("ANI", DeviceOperand("M", done))
+            for word, value in self._program.set_points:
+                self._add("MOV", Constant(value), _word(word))
+            self._add("SET", DeviceOperand("M", done))
+
+    def _block(self, block: Block) -> None:
+        self._titles[len(self._list)] = block.title
+        before: Expr | None = None
+        for item in block.items:
+            if isinstance(item, Sequence):
+                self._sequence(item)
+                before = None
+            else:
+                if item.when != before:
+                    self._list += contacts(item.when)
+                self._output(item)
+                # the next rung may share the contacts unless this one has changed the devices that they read
+                before = None if set(written_devices(item)) & set(leaves(item.when)) else item.when
+
+    def _sequence(self, sequence: Sequence) -> None:
+        for bit, step in sequence:
+            self._titles.setdefault(len(self._list), step.title)
+            self._add("STL", DeviceOperand("S", bit.number))
+            self._step(sequence, step)
+        self._add("RET")
+
+    def _step(self, sequence: Sequence, step: Step) -> None:
+        dwell = sequence.dwell_rung(step)
+        if dwell is not None:
+            self._list += contacts(dwell.when)
+            self._output(dwell)
+        for transfer in sequence.transfers[step.title]:
+            self._list += contacts(transfer.when)
+            self._add("SET", DeviceOperand("S", transfer.target.number))
+            if sequence.consumes is not None:
+                self._add("RST", DeviceOperand("M", sequence.consumes.number))
+
+    def _output(self, rung: Rung) -> None:
+        match rung:
+            case Out(target) if self._pulses is not None and target == self._pulses.output:
+                self._add("PLSY", Constant(self._pulses.frequency_hz), Constant(0), _device(target))
+            case Out(target):
+                self._add("OUT", _device(target))
+            case Set(target):
+                self._add("SET", _device(target))
+            case Rst(target):
+                self._add(
+                    "RST",
+                    DeviceOperand(target.kind, target.number)
+                    if isinstance(target, Bit | Word)
+                    else DeviceOperand(str(target)[0], target.number),
+                )
+            case ZoneReset(first, last):
+                self._add("ZRST", _device(first), _device(last))
+            case Pulse(target) | PulseFalling(target):
+                self._add("PLS" if isinstance(rung, Pulse) else "PLF", _device(target))
+            case OnDelay(timer):
+                self._add("OUT", DeviceOperand("T", timer.number), _word(rung.counts))
+            case Count(counter, preset):
+                self._add("OUT", DeviceOperand("C", counter.number), _word(preset))
+            case Mov(source, target):
+                self._add("MOV", _word(source), _word(target))
+            case Inc(target):
+                self._add("INC", _word(target))
+            case Annunciate(timer, preset, target):
+                self._add("ANS", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms), _device(target))
+
+    def _add(self, name: str, *operands: Operand) -> None:
+        self._list.append(Instruction(name, operands))
+
+
+def _device(bit: Bit) -> DeviceOperand:
+    return DeviceOperand(bit.kind, bit.number)

@@ -1,0 +1,1 @@
+"""Execution of FX2N programs by translation to Python functions."""

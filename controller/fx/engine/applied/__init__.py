@@ -1,0 +1,1 @@
+"""Applied instructions, one module for each family."""

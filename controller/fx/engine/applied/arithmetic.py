@@ -1,0 +1,158 @@
+"""Integer arithmetic: ADD SUB MUL DIV INC DEC NEG, WAND WOR WXOR (FNC 20-29), SUM MEAN SQR (FNC 43, 45, 48).
+
+Details are from memory unless a docstring states otherwise.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from math import isqrt
+from typing import Final
+
+from controller.fx.engine.access import Action, ActionFactory, reader, signed, width_of, within, words, writer
+from controller.fx.engine.cpu import BORROW, CARRY, ZERO, Cpu, OperationError
+from controller.fx.language.instruction import Digits, Operand
+
+_Binary = Callable[[int, int], int]
+
+
+def _flagged(operation: _Binary) -> ActionFactory:
+    """ADD and SUB: d := s1 operation s2, with M8020 zero, M8021 borrow, M8022 carry.
+
+    A result out of range wraps around in two's complement (from memory; a widely copied diagram of the flags instead
+    continues with 0 after the highest number). An overflow sets the carry, an underflow the borrow.
+    """
+
+    def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+        left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
+        put, width, special = writer(cpu, operands[2], wide), width_of(wide), cpu.memory.M
+
+        def run() -> None:
+            exact = operation(left(), right())
+            value = signed(exact, width)
+            put(value)
+            special[ZERO], special[BORROW], special[CARRY] = value == 0, exact < value, exact > value
+
+        return run
+
+    return make
+
+
+def _bitwise(operation: _Binary) -> ActionFactory:
+    """WAND, WOR and WXOR: d := s1 operation s2, bit by bit."""
+
+    def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+        left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
+        put = writer(cpu, operands[2], wide)
+        return lambda: put(operation(left(), right()))
+
+    return make
+
+
+def _in_place(operation: Callable[[int], int]) -> ActionFactory:
+    """INC, DEC and NEG: d := operation d, wrapping around, without flags."""
+
+    def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+        get, put = reader(cpu, operands[0], wide), writer(cpu, operands[0], wide)
+        return lambda: put(operation(get()))
+
+    return make
+
+
+def mul(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """MUL s1 s2 d: 16 x 16 bits into d, d+1 (docs/sources/fx2n.md 1.2); 32 x 32 bits into d to d+3.
+
+    A bit group receives at most the low 32 bits (from memory). No flags.
+    """
+    left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
+    target = operands[2]
+    if isinstance(target, Digits):
+        put = writer(cpu, target, wide=True)
+        return lambda: put(left() * right())
+    row, width = words(cpu, target, wide), width_of(wide)
+
+    def run() -> None:
+        product = left() * right()
+        row.write([product, product >> width])
+
+    return run
+
+
+def div(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """DIV s1 s2 d: quotient into d, remainder with the sign of s1 into the next word (docs/sources/fx2n.md 1.2).
+
+    The quotient is truncated towards zero. A bit group receives only the quotient (from memory). Division by 0 is an
+    error.
+    """
+    left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
+    row, only_quotient = words(cpu, operands[2], wide), isinstance(operands[2], Digits)
+
+    def run() -> None:
+        a, b = left(), right()
+        quotient = _quotient(a, b)
+        row.write([quotient] if only_quotient else [quotient, a - b * quotient])
+
+    return run
+
+
+def _quotient(dividend: int, divisor: int) -> int:
+    """Return the quotient truncated towards zero."""
+    if divisor == 0:
+        raise OperationError
+    size = abs(dividend) // abs(divisor)
+    return size if (dividend < 0) == (divisor < 0) else -size
+
+
+def sum_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """SUM s d: d := number of bits that are 1 in s; M8020 if there are none."""
+    get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide)
+    mask, special = (1 << width_of(wide)) - 1, cpu.memory.M
+
+    def run() -> None:
+        count = (get() & mask).bit_count()
+        put(count)
+        special[ZERO] = count == 0
+
+    return run
+
+
+def mean(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """MEAN s d n: d := mean of n words (1-64) from s, truncated towards zero."""
+    row, put, count = words(cpu, operands[0], wide), writer(cpu, operands[1], wide), reader(cpu, operands[2], wide)
+
+    def run() -> None:
+        n = within(count(), 1, 64)
+        put(_quotient(sum(row.read(n)), n))
+
+    return run
+
+
+def sqr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """SQR s d: d := integer square root of s; M8020 if it is 0, M8021 if it is not exact; s < 0 is an error."""
+    get, put, special = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide), cpu.memory.M
+
+    def run() -> None:
+        value = within(get(), 0, 2**31 - 1)
+        root = isqrt(value)
+        put(root)
+        special[ZERO], special[BORROW] = root == 0, root * root != value
+
+    return run
+
+
+ACTIONS: Final[dict[str, ActionFactory]] = {
+    "ADD": _flagged(operator.add),
+    "SUB": _flagged(operator.sub),
+    "MUL": mul,
+    "DIV": div,
+    "INC": _in_place(lambda value: value + 1),
+    "DEC": _in_place(lambda value: value - 1),
+    "NEG": _in_place(operator.neg),
+    "WAND": _bitwise(operator.and_),
+    "WOR": _bitwise(operator.or_),
+    "WXOR": _bitwise(operator.xor),
+    "SUM": sum_,
+    "MEAN": mean,
+    "SQR": sqr,
+}

@@ -1,0 +1,273 @@
+"""Data and refresh: ZRST DECO ENCO BON ANS ANR REF REFF ALT SEGD (FNC 40-51, 66, 73).
+
+Details are from memory unless a docstring states otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from controller.core.devices import ANNUNCIATORS
+from controller.fx.engine.access import (
+    Action,
+    ActionFactory,
+    BitReader,
+    Level,
+    LevelFactory,
+    bit_reader,
+    bit_writer,
+    bits,
+    is_bit,
+    reader,
+    width_of,
+    within,
+    words,
+    writer,
+)
+from controller.fx.engine.cpu import Cpu, OperationError
+from controller.fx.language.instruction import DeviceOperand, Operand
+
+INPUT_FILTER: Final = 8020
+"""Data register of the input filter time of X0-X17, ms."""
+_FILTERED_INPUTS: Final = 16
+_SEGMENTS: Final = (
+    0x3F,
+    0x06,
+    0x5B,
+    0x4F,
+    0x66,
+    0x6D,
+    0x7D,
+    0x27,
+    0x7F,
+    0x6F,
+    0x77,
+    0x7C,
+    0x39,
+    0x5E,
+    0x79,
+    0x71,
+)
+"""Segments a (bit 0) to g (bit 6) for each hexadecimal digit."""
+
+
+def zrst(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """ZRST d1 d2: reset all devices of one kind from d1 to d2 (docs/sources/fx2n.md 1.2); only d1 if d2 is lower.
+
+    The contacts and current values of timers and counters are reset. C200 and up cannot be mixed with lower counters.
+    """
+    first, last = operands
+    if not (isinstance(first, DeviceOperand) and isinstance(last, DeviceOperand) and first.kind == last.kind):
+        raise TypeError(f"not devices of one kind: {first} {last}")
+    memory, kind = cpu.memory, first.kind
+    long = kind == "C" and first.number >= 200
+    find_first, find_last = _single(cpu, first, wide or long), _single(cpu, last, wide or long)
+
+    def run() -> None:
+        low, high = find_first(), find_last()
+        if kind in "MD" and low < 8000 <= high:
+            raise OperationError
+        size = max(high - low, 0) + 1
+        row = slice(low, low + size)
+        if kind == "D":
+            memory.D[row] = [0] * size
+            return
+        memory.bits(kind)[row] = [False] * size
+        if kind == "T":
+            memory.TV[row], memory.TS[row] = [0] * size, [-1] * size
+        elif kind == "C":
+            memory.CV[row] = [0] * size
+
+    return run
+
+
+def _single(cpu: Cpu, device: DeviceOperand, wide: bool) -> Callable[[], int]:
+    """Return a function that resolves the number of one device."""
+    if device.kind in "DTC":
+        row = words(cpu, device, wide)
+        return lambda: row.find(1)
+    _, span = bits(cpu, device)
+    return lambda: int(span(1).start)
+
+
+def deco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """DECO s d n: of the 2**n bits from d, set the one numbered by the low n bits of s, and reset all others.
+
+    If s is a bit device, the n bits from s are used. n is 1-8, or 1-4 for a word; n = 0 has no effect. Source of the
+    one-hot rule: docs/sources/fx2n.md 1.2.
+    """
+    number, count = _low_bits(cpu, operands[0], wide), reader(cpu, operands[2], wide)
+    target = operands[1]
+    if not is_bit(target):
+        put = writer(cpu, target, wide)
+
+        def run_word() -> None:
+            if n := within(count(), 0, 4):
+                put(1 << number(n))
+
+        return run_word
+    cells, row = bits(cpu, target)
+
+    def run() -> None:
+        if n := within(count(), 0, 8):
+            on, span = number(n), row(1 << n)
+            cells[span] = [place == on for place in range(1 << n)]
+
+    return run
+
+
+def _low_bits(cpu: Cpu, operand: Operand, wide: bool) -> Callable[[int], int]:
+    """Return a function that reads a number of low bits of a word, or of consecutive bits from a bit device."""
+    if not is_bit(operand):
+        get = reader(cpu, operand, wide)
+        return lambda count: get() & ((1 << count) - 1)
+    cells, row = bits(cpu, operand)
+    return lambda count: sum(bit << place for place, bit in enumerate(cells[row(count)]))
+
+
+def enco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """ENCO s d n: d := number of the highest of the 2**n bits of s that is on; all bits off is an error.
+
+    n is 1-8, or 1-4 for a word; n = 0 has no effect.
+    """
+    value, put, count = (
+        _low_bits(cpu, operands[0], wide),
+        writer(cpu, operands[1], wide),
+        reader(cpu, operands[2], wide),
+    )
+    most = 8 if is_bit(operands[0]) else 4
+
+    def run() -> None:
+        if n := within(count(), 0, most):
+            found = value(1 << n)
+            if not found:
+                raise OperationError
+            put(found.bit_length() - 1)
+
+    return run
+
+
+def bon(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """BON s d n: d := bit n of s, 0-15, or 0-31 in the 32-bit form."""
+    get, put, count = reader(cpu, operands[0], wide), bit_writer(cpu, operands[1]), reader(cpu, operands[2], wide)
+    highest = width_of(wide) - 1
+
+    def run() -> None:
+        n = within(count(), 0, highest)
+        put(bool(get() >> n & 1))
+
+    return run
+
+
+def ans(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
+    """ANS T n S: set the annunciator S after the drive has been on for n times 100 ms; T is the timer.
+
+    With the drive off, T is reset and S is unchanged. The scan sets M8048, M8049 and D8049.
+    """
+    timer = operands[0]
+    if not isinstance(timer, DeviceOperand):
+        raise TypeError(f"not a timer: {timer}")
+    number, memory = timer.number, cpu.memory
+    preset, put = reader(cpu, operands[1], wide), bit_writer(cpu, operands[2])
+
+    def run(on: bool) -> None:
+        if on:
+            counts = within(preset(), 0, 32767)
+            start = memory.TS[number] if memory.TS[number] >= 0 else cpu.ticks(number)
+            elapsed = cpu.ticks(number) - start
+            if elapsed >= counts:
+                put(True)
+            memory.TS[number], memory.TV[number] = start, min(elapsed, counts)
+            memory.T[number] = elapsed >= counts
+        elif memory.TS[number] >= 0:
+            memory.TS[number], memory.TV[number], memory.T[number] = -1, 0, False
+
+    return run
+
+
+def anr(cpu: Cpu, _operands: tuple[Operand, ...], _wide: bool) -> Action:
+    """ANR: reset the lowest annunciator that is on."""
+    states = cpu.memory.S
+
+    def run() -> None:
+        lowest = next((number for number in ANNUNCIATORS if states[number]), None)
+        if lowest is not None:
+            states[lowest] = False
+
+    return run
+
+
+def ref(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """REF d n: read (X) or write (Y) n terminals from d at once; d ends in 0, n is a multiple of 8 (fx2n.md 1.4).
+
+    Outputs outside the range retain their terminal levels.
+    """
+    device, count = operands[0], reader(cpu, operands[1], wide)
+    if not isinstance(device, DeviceOperand):
+        raise TypeError(f"not a terminal: {device}")
+    cells, row = bits(cpu, device)
+    inputs = device.kind == "X"
+
+    def run() -> None:
+        n = count()
+        span = row(n)
+        if span.start % 8 or n % 8:
+            raise OperationError
+        if inputs:
+            _read_terminals(cpu, span)
+            return
+        if cpu.refreshed is None:
+            cpu.refreshed = list(cpu.latches or cells)
+        cpu.refreshed[span] = cells[span]
+
+    return run
+
+
+def _read_terminals(cpu: Cpu, span: slice) -> None:
+    """Copy the raw levels of inputs into their image; inputs without a terminal are unchanged."""
+    levels = cpu.terminals[span]
+    cpu.memory.X[span.start : span.start + len(levels)] = levels
+
+
+def reff(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """REFF n: set the input filter of X0-X17 to n ms (0-60, D8020), and read these inputs at once (fx2n.md 1.4)."""
+    time_ms = reader(cpu, operands[0], wide)
+
+    def run() -> None:
+        cpu.memory.D[INPUT_FILTER] = within(time_ms(), 0, 60)
+        _read_terminals(cpu, slice(0, _FILTERED_INPUTS))
+
+    return run
+
+
+def alt(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
+    """ALT d: invert d in every scan in which it is driven (docs/sources/fx2n.md 1.2)."""
+    get: BitReader = bit_reader(cpu, operands[0])
+    put = bit_writer(cpu, operands[0])
+    return lambda: put(not get())
+
+
+def segd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """SEGD s d: low 8 bits of d := segments of the low hexadecimal digit of s; the high 8 bits are unchanged."""
+    get, row = reader(cpu, operands[0], wide), words(cpu, operands[1], wide)
+
+    def run() -> None:
+        place = row.places().start
+        row.put(place, row.get(place) & ~0xFF | _SEGMENTS[get() & 0xF])
+
+    return run
+
+
+ACTIONS: Final[dict[str, ActionFactory]] = {
+    "ZRST": zrst,
+    "DECO": deco,
+    "ENCO": enco,
+    "BON": bon,
+    "ANR": anr,
+    "REF": ref,
+    "REFF": reff,
+    "ALT": alt,
+    "SEGD": segd,
+}
+LEVELS: Final[dict[str, LevelFactory]] = {"ANS": ans}

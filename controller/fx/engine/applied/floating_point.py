@@ -1,0 +1,142 @@
+"""Binary floating point: FLT INT ECMP EZCP EADD ESUB EMUL EDIV (FNC 49, 110-129).
+
+A number is an IEEE 754 single in two data registers, low word first; a constant K or H counts as an integer (from
+memory). Registers that do not contain a finite number cause an operation error. Flags are from memory.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from controller.fx.engine.access import Action, ActionFactory, bits, reader, signed, width_of, writer
+from controller.fx.engine.cpu import BORROW, CARRY, ZERO, Cpu, OperationError
+from controller.fx.language.instruction import Constant, Operand
+
+LARGEST: Final = (2 - 2**-23) * 2.0**127
+"""Largest finite single."""
+SMALLEST: Final = 2.0**-126
+"""Smallest positive normal single."""
+
+
+def to_registers(value: float) -> int:
+    """Return the 32 bits of a number in single precision.
+
+    Examples:
+        >>> hex(to_registers(1.5))
+        '0x3fc00000'
+    """
+    return int.from_bytes(struct.pack(">f", value), "big")
+
+
+def from_registers(bits_32: int) -> float:
+    """Return the number encoded in 32 bits.
+
+    Raises:
+        OperationError: The bits are not a finite number.
+    """
+    value: float = struct.unpack(">f", (bits_32 & 0xFFFF_FFFF).to_bytes(4, "big"))[0]
+    if not math.isfinite(value):
+        raise OperationError
+    return value
+
+
+def _float_reader(cpu: Cpu, operand: Operand) -> Callable[[], float]:
+    get = reader(cpu, operand, wide=True)
+    if isinstance(operand, Constant):
+        return lambda: from_registers(to_registers(get()))
+    return lambda: from_registers(get())
+
+
+def _arithmetic(operation: Callable[[float, float], float]) -> ActionFactory:
+    """EADD ESUB EMUL EDIV: d := s1 operation s2, rounded to a single.
+
+    M8020: the result is 0. M8022: overflow, d is the largest number. M8021: underflow, d is the smallest number.
+    """
+
+    def make(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
+        left, right = _float_reader(cpu, operands[0]), _float_reader(cpu, operands[1])
+        put, special = writer(cpu, operands[2], wide=True), cpu.memory.M
+
+        def run() -> None:
+            exact = operation(left(), right())
+            size = abs(exact)
+            tiny, huge = 0 < size < SMALLEST, size > LARGEST
+            value = math.copysign(SMALLEST if tiny else min(size, LARGEST), exact)
+            put(to_registers(value))
+            special[ZERO], special[BORROW], special[CARRY] = exact == 0, tiny, huge
+
+        return run
+
+    return make
+
+
+def _divide(dividend: float, divisor: float) -> float:
+    if divisor == 0:
+        raise OperationError
+    return dividend / divisor
+
+
+def ecmp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
+    """ECMP s1 s2 d: d = s1 > s2, d+1 = equal, d+2 = s1 < s2."""
+    left, right = _float_reader(cpu, operands[0]), _float_reader(cpu, operands[1])
+    cells, row = bits(cpu, operands[2])
+
+    def run() -> None:
+        a, b = left(), right()
+        cells[row(3)] = (a > b, a == b, a < b)
+
+    return run
+
+
+def ezcp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
+    """EZCP s1 s2 s d: d = s below s1, d+1 = from s1 to s2, d+2 = above s2; if s2 is below s1, s1 is used."""
+    low, high, get = (_float_reader(cpu, operand) for operand in operands[:3])
+    cells, row = bits(cpu, operands[3])
+
+    def run() -> None:
+        a, b, value = low(), high(), get()
+        b = max(a, b)
+        cells[row(3)] = (value < a, a <= value <= b, value > b)
+
+    return run
+
+
+def flt(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """FLT s d: convert the integer in s (a pair in the 32-bit form) to a float in d, d+1."""
+    get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide=True)
+    return lambda: put(to_registers(get()))
+
+
+def int_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """INT s d: truncate the float in s, s+1 to an integer in d (a pair in the 32-bit form).
+
+    M8020: the result is 0. M8021: a fraction was truncated. M8022: out of range, d is unchanged.
+    """
+    get, put = _float_reader(cpu, operands[0]), writer(cpu, operands[1], wide)
+    width, special = width_of(wide), cpu.memory.M
+
+    def run() -> None:
+        exact = get()
+        value = int(exact)
+        fits = signed(value, width) == value
+        if fits:
+            put(value)
+        special[ZERO], special[BORROW], special[CARRY] = value == 0, value != exact, not fits
+
+    return run
+
+
+ACTIONS: Final[dict[str, ActionFactory]] = {
+    "ECMP": ecmp,
+    "EZCP": ezcp,
+    "EADD": _arithmetic(operator.add),
+    "ESUB": _arithmetic(operator.sub),
+    "EMUL": _arithmetic(operator.mul),
+    "EDIV": _arithmetic(_divide),
+    "FLT": flt,
+    "INT": int_,
+}

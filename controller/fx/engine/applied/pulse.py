@@ -1,0 +1,185 @@
+"""Pulse outputs: PLSY PWM PLSR (FNC 57-59).
+
+An FX2N generates these pulses in hardware, independent of the scan. Here the number of pulses is computed exactly from
+the scan times, and Y is the level of the train at the scan time: a train faster than half the scan rate cannot be seen
+in the Y image, but its count is correct. The sum of the pulses of PLSY and PLSR is in D8140, D8141 for Y0 and in D8142,
+D8143 for Y1 (from memory). M8029 comes on with the last pulse and goes off with the drive. When the drive goes off, the
+pulses stop at once, and the next drive starts from the beginning. All details are from memory. The state of a train
+is stored between scans and rebuilt when the CPU goes to RUN.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Final
+
+from controller.core.devices import WORD_MAX
+from controller.fx.engine.access import BitWriter, Level, LevelFactory, bit_writer, bits, reader, within, words
+from controller.fx.engine.cpu import COMPLETE, Cpu
+from controller.fx.language.instruction import DeviceOperand, Operand
+
+PULSES: Final = (8140, 8142)
+"""Low data registers of the pulse counts of Y0 and Y1."""
+MAX_HZ: Final = 20_000
+_LONGEST_RAMP_MS: Final = 5000
+_RAMP_STEPS: Final = 10
+
+Profile = list[tuple[int, Fraction]]
+"""Frequencies in Hz, each with its number of pulses."""
+
+
+class _Train:
+    """Pulse train of one instruction at Y0 or Y1, from the start of its drive.
+
+    Attributes:
+        out: Pulses output so far; in the first half of a pulse Y is on.
+        running: Whether the instruction was driven in the last scan.
+    """
+
+    def __init__(self, cpu: Cpu, output: Operand) -> None:
+        self._special = cpu.memory.M
+        self._put = bit_writer(cpu, output)
+        _, self._row = bits(cpu, output)
+        self._total = [words(cpu, DeviceOperand("D", number), wide=True) for number in PULSES]
+        self.out = Fraction(0)
+        self.running = False
+
+    def check(self) -> int:
+        """Return the number of the output.
+
+        Raises:
+            OperationError: The device is not a pulse output.
+        """
+        return within(self._row(1).start, 0, 1)
+
+    def start(self) -> None:
+        self.out, self.running = Fraction(0), True
+
+    def advance(self, out: Fraction, set_number: int | None) -> None:
+        """Advance to a number of pulses, limited to the set number; None = endless."""
+        total = self._total[self.check()]
+        out = out if set_number is None else min(out, Fraction(set_number))
+        place = total.places().start
+        total.put(place, total.get(place) + int(out) - int(self.out))
+        self.out = out
+        done = out == set_number
+        self._put(not done and out % 1 < Fraction(1, 2))
+        self._special[COMPLETE] = done
+
+    def stop(self) -> None:
+        """End the train when the drive goes off."""
+        if self.running:
+            self.running = False
+            self._put(False)
+            self._special[COMPLETE] = False
+
+
+def plsy(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
+    """PLSY s1 s2 Y: s2 pulses of s1 Hz (1-20,000), on for half of each; s2 = 0: endless.
+
+    s1 may change during the train; s2 is read when the drive comes on.
+    """
+    frequency, number = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
+    train, set_number, previous_ms = _Train(cpu, operands[2]), 0, 0
+
+    def run(on: bool) -> None:
+        nonlocal set_number, previous_ms
+        if not on:
+            train.stop()
+            return
+        train.check()
+        hz = within(frequency(), 1, MAX_HZ)
+        if not train.running:
+            set_number, previous_ms = within(number(), 0, 2**31 - 1), cpu.now_ms
+            train.start()
+        out = train.out + Fraction(hz * (cpu.now_ms - previous_ms), 1000)
+        previous_ms = cpu.now_ms
+        train.advance(out, set_number or None)
+
+    return run
+
+
+def plsr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
+    """PLSR s1 s2 s3 Y: s2 pulses, up to s1 Hz (10-20,000) and down again, each ramp 10 steps in s3 ms (1-5000).
+
+    The operands are read when the drive comes on. If there are too few pulses for the ramps, the fastest steps are
+    omitted.
+    """
+    frequency, number, ramp = (reader(cpu, operand, wide) for operand in operands[:3])
+    train, start_ms, set_number = _Train(cpu, operands[3]), 0, 0
+    train_profile: Profile = []
+
+    def run(on: bool) -> None:
+        nonlocal start_ms, set_number, train_profile
+        if not on:
+            train.stop()
+            return
+        train.check()
+        if not train.running:
+            hz, set_number = within(frequency(), 10, MAX_HZ), within(number(), 1, 2**31 - 1)
+            train_profile = profile(hz, set_number, within(ramp(), 1, _LONGEST_RAMP_MS))
+            start_ms = cpu.now_ms
+            train.start()
+        train.advance(pulses_after(train_profile, cpu.now_ms - start_ms), set_number)
+
+    return run
+
+
+def profile(hz: int, pulses: int, ramp_ms: int) -> Profile:
+    """Return the steps of a train that accelerates and decelerates.
+
+    Args:
+        hz: Highest frequency.
+        pulses: Number of pulses.
+        ramp_ms: Duration of each ramp.
+
+    Examples:
+        >>> [(f, float(n)) for f, n in profile(1000, 100, 100)][:3]
+        [(100, 1.0), (200, 2.0), (300, 3.0)]
+    """
+    ramp: Profile = []
+    left = Fraction(pulses)
+    for step in range(1, _RAMP_STEPS + 1):
+        speed = hz * step // _RAMP_STEPS
+        pulses_in_step = Fraction(speed * ramp_ms, 1000 * _RAMP_STEPS)
+        if 2 * pulses_in_step > left:
+            break
+        ramp.append((speed, pulses_in_step))
+        left -= 2 * pulses_in_step
+    top = ramp[-1][0] if ramp else hz // _RAMP_STEPS
+    return [*ramp, (top, left), *reversed(ramp)]
+
+
+def pulses_after(steps: Profile, elapsed_ms: int) -> Fraction:
+    """Return the number of pulses of a profile after a time in ms."""
+    out, left_ms = Fraction(0), Fraction(elapsed_ms)
+    for hz, pulses in steps:
+        needed_ms = pulses * 1000 / hz
+        if left_ms < needed_ms:
+            return out + left_ms * hz / 1000
+        out, left_ms = out + pulses, left_ms - needed_ms
+    return out
+
+
+def pwm(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
+    """PWM s1 s2 Y: Y is on for s1 ms of every s2 ms; both may change while it runs; s1 above s2 is an error."""
+    width, period = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
+    put: BitWriter = bit_writer(cpu, operands[2])
+    since: int | None = None
+
+    def run(on: bool) -> None:
+        nonlocal since
+        if not on:
+            if since is not None:
+                put(False)
+            since = None
+            return
+        period_ms = within(period(), 1, WORD_MAX)
+        width_ms = within(width(), 0, period_ms)
+        since = cpu.now_ms if since is None else since
+        put((cpu.now_ms - since) % period_ms < width_ms)
+
+    return run
+
+
+LEVELS: Final[dict[str, LevelFactory]] = {"PLSY": plsy, "PLSR": plsr, "PWM": pwm}

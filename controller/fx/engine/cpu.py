@@ -1,0 +1,71 @@
+"""CPU state shared by the instructions of a running FX2N: memory, scan time, terminals, flags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from controller.core.devices import MS_10, MS_100, Memory, timer_base_ms
+
+ZERO, BORROW, CARRY, COMPLETE = 8020, 8021, 8022, 8029
+"""Flags of arithmetic, and "execution complete"."""
+RETENTIVE_TIMERS: Final = 246
+
+OUT_OF_RANGE: Final = 6706
+"""Error code of an operand out of range (from memory), in D8067 with M8067."""
+
+
+class OperationError(ArithmeticError):
+    """Error of an applied instruction with its current operands; it sets M8067 and D8067, and the CPU continues.
+
+    Attributes:
+        code: Error code in D8067.
+    """
+
+    def __init__(self, code: int = OUT_OF_RANGE) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+def index_register(name: str) -> int:
+    """Return the data register of an index register (docs/sources/fx2n.md 1.5).
+
+    Examples:
+        >>> index_register("Z0"), index_register("V0"), index_register("Z1"), index_register("V7")
+        (8028, 8029, 8182, 8195)
+    """
+    number = int(name[1:])
+    first = {"Z": 8028, "V": 8029}[name[0]]
+    return first if number == 0 else first + 152 + 2 * number
+
+
+@dataclass(slots=True)
+class Cpu:
+    """State on which instructions operate.
+
+    Attributes:
+        memory: All devices; V and Z are the data registers returned by `index_register`.
+        now_ms: Scan time, ms.
+        scan: Scan number, from 0.
+        terminals: Current raw levels at the X terminals, for REF.
+        latches: Current levels at the Y terminals, as written by the last END or REF; empty = same as the Y image.
+        refreshed: Y image that REF wrote to the terminals before END; None = no REF in this scan.
+    """
+
+    memory: Memory = field(default_factory=Memory)
+    now_ms: int = 0
+    scan: int = 0
+    terminals: list[bool] = field(default_factory=list)
+    latches: list[bool] = field(default_factory=list)
+    refreshed: list[bool] | None = None
+
+    def ticks(self, timer: int) -> int:
+        """Return the scan time in counts of a timer's base."""
+        return self.now_ms // {MS_100: 100, MS_10: 10}.get(timer_base_ms(timer), 1)
+
+    def set_timer(self, timer: int, value: int) -> None:
+        """Write the current value of a timer; a running timer continues from this value."""
+        memory = self.memory
+        memory.TV[timer] = value
+        if memory.TS[timer] >= 0:
+            memory.TS[timer] = self.ticks(timer) - (value if timer < RETENTIVE_TIMERS else 0)

@@ -1,0 +1,169 @@
+"""Executable parts of an instruction list: main program, subroutines, steps, loops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder, LadderError, Pointer
+
+END_POINTER = 63
+"""CJ P63 goes to END (docs/sources/fx2n.md 1.1, from memory)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LadderStep:
+    """Instructions between STL and the next STL or RET.
+
+    Attributes:
+        number: Index of the step's activity memory.
+        states: States of the step; if there are several (a join), all of them must be on.
+        body: Indexes of the instructions.
+    """
+
+    number: int
+    states: tuple[int, ...]
+    body: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """Instructions between FOR and NEXT.
+
+    Attributes:
+        at: Index of the FOR.
+        body: Repeated parts.
+    """
+
+    at: int
+    body: tuple[Part, ...]
+
+
+Part = int | LadderStep | Loop
+"""An instruction by its index, a step, or a loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The parts of a program.
+
+    Attributes:
+        main: Main program, without its END. An FEND followed by code that a jump can reach ends the scan.
+        subroutines: Parts that a CALL executes, by label, without their SRET.
+        step_count: Number of steps.
+    """
+
+    main: tuple[Part, ...]
+    subroutines: dict[int, tuple[Part, ...]]
+    step_count: int
+
+
+def parts_of(ladder: Ladder) -> Parts:
+    """Return the parts of a program.
+
+    Raises:
+        LadderError: A label, loop or jump is in a position that this engine does not support; one line each.
+    """
+    return _PartReader(ladder).parts()
+
+
+def number_of(instruction: Instruction) -> int:
+    """Return the number of the first operand: a label, a state or a level."""
+    operand = instruction.operands[0]
+    return operand.number if isinstance(operand, Pointer | DeviceOperand) else int(getattr(operand, "number", 0))
+
+
+class _PartReader:
+    def __init__(self, ladder: Ladder) -> None:
+        self._ladder = ladder
+        self._list = ladder.instructions
+        self._steps = 0
+        self._faults: list[str] = []
+
+    def parts(self) -> Parts:
+        after_main = next(i for i, x in enumerate(self._list) if x.name in ("FEND", "END"))
+        labels = {number_of(x): i for i, x in enumerate(self._list) if x.name == "P"}
+        jumps = (number_of(x) for x in self._list[:after_main] if x.name in ("CJ", "CJP"))
+        code_after_main = any(labels.get(label, -1) > after_main for label in jumps)
+        main, _ = self._body(0, len(self._list) - 1 if code_after_main else after_main)
+        self._check_jumps(main, to_end=True)
+        called = dict.fromkeys(number_of(x) for x in self._list if x.name in ("CALL", "CALLP"))
+        subroutines: dict[int, tuple[Part, ...]] = {}
+        for label in called:
+            start = labels.get(label, -1)
+            end = next((i for i in range(max(start, 0), len(self._list)) if self._list[i].name == "SRET"), None)
+            if start < after_main or end is None:
+                self._fault(max(start, 0), f"P{label} is called; put it after FEND, with SRET at its end")
+                continue
+            subroutines[label], _ = self._body(start, end)
+            self._check_jumps(subroutines[label], to_end=False)
+        if self._faults:
+            raise LadderError("\n".join(dict.fromkeys(self._faults)))
+        return Parts(main, subroutines, self._steps)
+
+    def _body(self, start: int, end: int) -> tuple[tuple[Part, ...], int]:
+        """Return the parts from `start` up to `end` or to the closing NEXT, and the index at which they end."""
+        parts: list[Part] = []
+        i = start
+        while i < end:
+            name = self._list[i].name
+            if name == "STL":
+                step, i = self._step(i, end)
+                parts.append(step)
+            elif name == "FOR":
+                body, close = self._body(i + 1, end)
+                for inside in body:
+                    if isinstance(inside, int) and self._list[inside].name == "SRET":
+                        self._fault(inside, "not allowed between FOR and NEXT; put it after NEXT")
+                parts.append(Loop(i, body))
+                i = close + 1
+            elif name == "NEXT":
+                return tuple(parts), i
+            else:
+                if name != "NOP":
+                    parts.append(i)
+                i += 1
+        return tuple(parts), i
+
+    def _step(self, start: int, end: int) -> tuple[LadderStep, int]:
+        i = start
+        states: list[int] = []
+        while i < end and self._list[i].name in ("STL", "NOP"):
+            if self._list[i].name == "STL":
+                states.append(number_of(self._list[i]))
+            i += 1
+        body: list[int] = []
+        while i < end and self._list[i].name not in ("STL", "RET", "NEXT"):
+            if self._list[i].name in ("P", "I", "FOR", "MC", "MCR"):
+                self._fault(i, "not allowed inside a step; put it outside STL and RET")
+            if self._list[i].name != "NOP":
+                body.append(i)
+            i += 1
+        self._steps += 1
+        return LadderStep(self._steps - 1, tuple(states), tuple(body)), i
+
+    def _check_jumps(self, body: tuple[Part, ...], *, to_end: bool) -> None:
+        here = {number_of(self._list[i]) for i in body if isinstance(i, int) and self._list[i].name == "P"}
+        for i in _instructions_outside_loops(body):
+            instruction = self._list[i]
+            if instruction.name not in ("CJ", "CJP"):
+                continue
+            target = number_of(instruction)
+            if target not in here and not (target == END_POINTER and to_end):
+                self._fault(i, f"jumps into or out of a loop or subroutine; put P{target} in the part with the jump")
+        for part in body:
+            if isinstance(part, Loop):
+                self._check_jumps(part.body, to_end=to_end)
+
+    def _fault(self, index: int, message: str) -> None:
+        instruction = self._list[index]
+        self._faults.append(f"{self._ladder.source}:{instruction.line}:1: {instruction}: {message}")
+
+
+def _instructions_outside_loops(body: tuple[Part, ...]) -> Iterator[int]:
+    """Yield the instructions of a body, including its steps but not its loops."""
+    for part in body:
+        if isinstance(part, int):
+            yield part
+        elif isinstance(part, LadderStep):
+            yield from part.body

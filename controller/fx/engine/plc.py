@@ -1,0 +1,399 @@
+"""An FX2N in RUN or STOP with a program in instruction-list form.
+
+The module `special_devices` lists the special devices with a function; all others are plain memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence as Rows
+from datetime import datetime, timedelta
+from functools import partial
+from typing import Final
+
+from controller.core.devices import (
+    ANNUNCIATOR_ON,
+    ANNUNCIATORS,
+    LOWEST_ANNUNCIATOR,
+    RETENTIVE,
+    SIZES,
+    Memory,
+)
+from controller.core.expr import COMPARISONS
+from controller.core.input_filter import InputFilter
+from controller.fx.engine.access import bit_writer, reader
+from controller.fx.engine.applied.table import ACTIONS, LEVELS
+from controller.fx.engine.cpu import RETENTIVE_TIMERS, Cpu, OperationError, index_register
+from controller.fx.engine.parts import parts_of
+from controller.fx.engine.translate import LISTS, Translator
+from controller.fx.language.instruction import Instruction, Ladder, WordBit
+from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS, steps
+
+STEPS_A_MS: Final = 12_500
+"""Execution rate of the FX2N, basic steps per ms, 0.08 us each (fx2n.md 1.3, from memory). The watchdog uses it."""
+LONGEST_SCAN_MS: Final = 2_000
+"""Time limit of every scan, ms, even if the program uses WDT."""
+CALL_DEPTH: Final = 5
+"""Nesting limit of subroutines (from memory)."""
+WATCHDOG_ERROR: Final = 6105
+"""Code in D8061 with M8061: the scan took longer than D8000 (from memory)."""
+CALL_ERROR: Final = 6607
+"""Code in D8066 with M8066: subroutines are nested too deeply (from memory)."""
+FILTER_MS: Final = 8020
+WATCHDOG_MS: Final = 8000
+POWER_UP_WATCHDOG_MS: Final = 200
+CLOCK_REGISTERS: Final = 8013
+
+
+class CpuError(Exception):
+    """A fatal program error; the CPU stops with its outputs off.
+
+    Attributes:
+        code: Error code.
+        relay: Number of the error relay; the register with the same number contains the code.
+    """
+
+    def __init__(self, code: int, relay: int) -> None:
+        super().__init__(f"CPU error {code}, M{relay}")
+        self.code = code
+        self.relay = relay
+
+
+class FxPlc:
+    """One FX2N.
+
+    Attributes:
+        ladder: Program.
+        cpu: State on which the instructions operate.
+        memory: All devices.
+        running: Whether the PLC is in RUN.
+        error: Error that has stopped the PLC; None = none.
+        scans: Number of scans since STOP to RUN.
+        program: Function that executes steps 0 to END, given the time in ticks of 100, 10 and 1 ms.
+    """
+
+    def __init__(self, ladder: Ladder, *, input_filter_ms: int = 10, clock: datetime | None = None) -> None:
+        """Load the program and go to RUN.
+
+        Args:
+            ladder: A parsed program.
+            input_filter_ms: Filter of X0-X17; 0 = all filters off.
+            clock: Time of day at 0 ms; None = 2000-01-01 00:00:00.
+
+        Raises:
+            LadderError: The program has a part that this engine does not support.
+            ValueError: The input filter is invalid.
+        """
+        self.ladder = ladder
+        self.cpu = Cpu()
+        self.memory: Memory = self.cpu.memory
+        self.running = True
+        self.error: CpuError | None = None
+        self.scans = 0
+        self._filter = InputFilter(self.memory.X, input_filter_ms)
+        self._clock = clock or datetime(2000, 1, 1)
+        self._leaving: set[int] = set()
+        self._depth = 0
+        self._last_ms: int | None = None
+        self._no_outputs = [False] * SIZES["Y"]
+        self._steps_left = [0]
+        self._used_steps = 0
+        self._edges: list[bool] = []
+        self._were_active: list[bool] = []
+        self._space: dict[str, object] = {}
+        self._calls: dict[int, int] = {}
+        self.program = self._compile()
+        self.cpu.latches = self._no_outputs.copy()
+        self._filter_ms = input_filter_ms
+        self._first_registers()
+
+    @property
+    def constant_scan_ms(self) -> int:
+        """Scan period requested by the program with M8039 and D8039, ms; 0 = as fast as possible."""
+        return max(0, self.memory.D[8039]) if self.memory.M[8039] else 0
+
+    def scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
+        """Run one scan.
+
+        Args:
+            now_ms: Scan time, ms, non-decreasing.
+            levels: Raw levels of the X terminals in numerical order from X0.
+
+        Returns:
+            The Y terminals: raw levels in numerical order (a copy); all off in STOP unless M8033 retains them.
+        """
+        self.cpu.refreshed = None
+        self.cpu.latches = self._scan(now_ms, levels)
+        return self.cpu.latches.copy()
+
+    @property
+    def refreshed(self) -> list[bool] | None:
+        """Y terminals written by the last REF before END of the last scan (a copy); None = no REF."""
+        if self.cpu.refreshed is None:
+            return None
+        return self._no_outputs.copy() if self.memory.M[8034] else self.cpu.refreshed.copy()
+
+    def _scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
+        memory, special = self.memory, self.memory.M
+        if special[8037]:
+            special[8035] = special[8036] = special[8037] = False
+            self.stop()
+        elif special[8035] and special[8036] and not self.running:
+            special[8036] = False
+            self.run()
+        if not self.running:
+            return memory.Y.copy() if special[8033] and self.error is None else self._no_outputs.copy()
+        self.cpu.now_ms, self.cpu.scan = now_ms, self.scans
+        self.cpu.terminals[:] = levels
+        self._filter.latch(now_ms, levels)
+        self._set_special_devices(now_ms)
+        if self.scans == 0:
+            self._resume_timers()
+        self._used_steps = 0
+        self._steps_left[0] = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
+        try:
+            self.program(now_ms // 100, now_ms // 10, now_ms)
+        except CpuError as error:
+            self._fail(error)
+            return self._no_outputs.copy()
+        self._end()
+        self.scans += 1
+        return self._no_outputs.copy() if special[8034] else memory.Y.copy()
+
+    def run(self) -> None:
+        """Go from STOP to RUN: M8002 is on in the first scan, and the state of all instructions is reset."""
+        self.running, self.error, self.scans = True, None, 0
+        for relay in (8004, 8061, 8066, 8067):
+            self.memory.M[relay], self.memory.D[relay] = False, 0
+        for timer in range(RETENTIVE_TIMERS, SIZES["T"]):
+            self.memory.TS[timer] = -1  # time in STOP or without power does not count
+        self._last_ms, self.memory.D[8010:8013] = None, [0] * 3
+        self._build_instructions()
+
+    def stop(self) -> None:
+        """Go from RUN to STOP: outputs off and non-latched memory cleared, unless M8033 retains them."""
+        self.running = False
+        if not self.memory.M[8033]:
+            self.clear(latched=False)
+
+    def power_cycle(self) -> None:
+        """Cycle the power: non-latched memory is cleared, and the CPU is in RUN."""
+        self.clear(latched=False)
+        for number in range(8000, 8256):
+            self.memory.M[number] = False
+        self._first_registers()
+        self.cpu.latches = self._no_outputs.copy()
+        self.run()
+
+    def _first_registers(self) -> None:
+        """Set watchdog, filter, V and Z to their power-up values; other special registers are unchanged."""
+        for name in (f"{kind}{number}" for kind in "VZ" for number in range(8)):
+            self.memory.D[index_register(name)] = 0
+        self.memory.D[WATCHDOG_MS] = POWER_UP_WATCHDOG_MS
+        self.memory.D[FILTER_MS] = self._filter_ms
+
+    def _resume_timers(self) -> None:
+        """Let timers retained in STOP by M8033 continue from their current values."""
+        memory = self.memory
+        for timer in range(RETENTIVE_TIMERS):
+            if memory.TS[timer] >= 0:
+                memory.TS[timer] = self.cpu.ticks(timer) - memory.TV[timer]
+
+    def clear(self, *, latched: bool) -> None:
+        """Clear the latched or the non-latched memory; special devices are unchanged."""
+        memory = self.memory
+        for kind in "YMSTC":
+            bits = memory.bits(kind)
+            for number in self._numbers(kind, latched=latched):
+                bits[number] = False
+        for number in self._numbers("D", latched=latched):
+            memory.D[number] = 0
+        for number in self._numbers("T", latched=latched):
+            memory.TV[number], memory.TS[number] = 0, -1
+        for number in self._numbers("C", latched=latched):
+            memory.CV[number], memory.CE[number] = 0, False
+        self._leaving.clear()
+        if not latched:
+            self._edges[:] = [False] * len(self._edges)
+            self._were_active[:] = [False] * len(self._were_active)
+
+    @staticmethod
+    def _numbers(kind: str, *, latched: bool) -> list[int]:
+        """Return the latched or the non-latched devices of a kind; special devices are neither."""
+        latched_numbers = {number for span in RETENTIVE.get(kind, ()) for number in span}
+        return [number for number in range(min(SIZES[kind], 8000)) if (number in latched_numbers) == latched]
+
+    def _compile(self) -> Callable[[int, int, int], None]:
+        instructions = self.ladder.instructions
+        translation = Translator(instructions, parts_of(self.ladder)).translation()
+        self._edges += [False] * translation.edges
+        self._were_active += [False] * translation.step_count
+        lists = {"E": self._edges, "A": self._were_active, "W": self._steps_left}
+        space: dict[str, object] = {
+            name: lists[name] if name in lists else getattr(self.memory, name) for name in LISTS
+        }
+        space |= {
+            "call": self._call,
+            "watch": self._watch,
+            "overdue": _raise_watchdog_error,
+            "wide": self._wide,
+            "put_bit": self._put_bit,
+        }
+        for name, (target, sources) in translation.transfers.items():
+            space[name] = partial(self._transfer, target, sources)
+        at = self._places()
+        for i in translation.comparisons:
+            space[f"c{i}"] = self._comparison(instructions[i], at[i])
+        self._space, self._calls = space, {i: at[i] for i in translation.calls}
+        self._build_instructions()
+        exec(compile(translation.text, f"<{self.ladder.source}>", "exec"), space)  # noqa: S102 - checked text
+        return space["scan"]  # type: ignore[return-value]
+
+    def _build_instructions(self) -> None:
+        """Rebuild the applied instructions, which resets their internal state."""
+        for i, at in self._calls.items():
+            self._space[f"i{i}"] = self._instruction(self.ladder.instructions[i], at)
+
+    def _places(self) -> list[int]:
+        """Return the step number of each instruction."""
+        at, places = 0, []
+        for instruction in self.ladder.instructions:
+            places.append(at)
+            at += steps(instruction)
+        return places
+
+    def _instruction(self, instruction: Instruction, at: int) -> Callable[..., object]:
+        """Return the operation of an applied instruction; it sets M8067 if its current operands are invalid."""
+        form = FORMS[instruction.name]
+        if form.kind.name == "FOR":
+            return self._repeats(instruction, at)
+        table = LEVELS if form.kind.name in LEVELS else ACTIONS
+        action: Callable[..., None] = table[form.kind.name](self.cpu, instruction.operands, form.wide)
+
+        def execute(*power: bool) -> None:
+            try:
+                action(*power)
+            except OperationError as error:
+                self._report_error(error, at)
+
+        return execute
+
+    def _repeats(self, instruction: Instruction, at: int) -> Callable[[], int]:
+        """Return a function that reads the loop count: 1 if the number is below 1 or out of range (from memory)."""
+        count = reader(self.cpu, instruction.operands[0], wide=False)
+
+        def times() -> int:
+            try:
+                return max(1, count())
+            except OperationError as error:
+                self._report_error(error, at)
+                return 1
+
+        return times
+
+    def _comparison(self, instruction: Instruction, at: int) -> Callable[[], bool]:
+        form = FORMS[instruction.name]
+        left, right = (reader(self.cpu, operand, form.wide) for operand in instruction.operands)
+        join = next(join for join in JOINS if form.kind.name.startswith(join))
+        compare = COMPARISONS[RELATIONS[form.kind.name.removeprefix(join)]]
+
+        def compare_operands() -> bool:
+            try:
+                return compare(left(), right())
+            except OperationError as error:
+                self._report_error(error, at)
+                return False
+
+        return compare_operands
+
+    def _report_error(self, error: OperationError, at: int) -> None:
+        self.memory.M[8067], self.memory.D[8067], self.memory.D[8069] = True, error.code, at
+        self.memory.M[8004], self.memory.D[8004] = True, 8067
+
+    def _transfer(self, target: int, sources: tuple[int, ...]) -> None:
+        """Set the destination at once; the sources are reset at END."""
+        self.memory.S[target] = True
+        self._leaving |= set(sources)
+        self._leaving.discard(target)
+
+    def _call(self, subroutine: Callable[[int, int, int], None], cost: int, *ticks: int) -> None:
+        self._steps_left[0] -= cost
+        if self._steps_left[0] < 0:
+            _raise_watchdog_error()
+        if self._depth == CALL_DEPTH:
+            raise CpuError(CALL_ERROR, 8066)
+        self._depth += 1
+        try:
+            subroutine(*ticks)
+        finally:
+            self._depth -= 1
+
+    def _watch(self) -> None:
+        """WDT: restart the watchdog; `LONGEST_SCAN_MS` still applies, so an endless program cannot block."""
+        limit = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
+        self._used_steps += limit - self._steps_left[0]
+        if self._used_steps > LONGEST_SCAN_MS * STEPS_A_MS:
+            _raise_watchdog_error()
+        self._steps_left[0] = limit
+
+    def _wide(self, number: int) -> int:
+        low, high = self.memory.D[number] & 0xFFFF, self.memory.D[number + 1]
+        return (high << 16) | low
+
+    def _put_bit(self, number: int, bit: int, on: bool) -> None:
+        bit_writer(self.cpu, WordBit(number, bit))(on)
+
+    def _set_special_devices(self, now_ms: int) -> None:
+        """Set the special devices driven by the CPU."""
+        special, words = self.memory.M, self.memory.D
+        first = self.scans == 0
+        special[8000], special[8001], special[8002], special[8003] = True, False, first, not first
+        for relay, period_ms in ((8011, 10), (8012, 100), (8013, 1_000), (8014, 60_000)):
+            special[relay] = now_ms % period_ms < period_ms // 2
+        if self._last_ms is not None:
+            took = min((now_ms - self._last_ms) * 10, 32767)
+            words[8011] = took if not words[8011] else min(words[8011], took)
+            words[8010], words[8012] = took, max(words[8012], took)
+        if self._last_ms is None or now_ms // 1_000 != self._last_ms // 1_000:
+            now = self._clock + timedelta(milliseconds=now_ms)
+            words[CLOCK_REGISTERS : CLOCK_REGISTERS + 7] = [
+                now.second,
+                now.minute,
+                now.hour,
+                now.day,
+                now.month,
+                now.year % 100,
+                now.isoweekday() % 7,
+            ]
+        self._last_ms = now_ms
+
+    def _end(self) -> None:
+        """Execute END: reset the source states of transfers, and update special devices."""
+        memory, special = self.memory, self.memory.M
+        for state in self._leaving:
+            memory.S[state] = False
+        self._leaving.clear()
+        if special[8031]:
+            special[8031] = False
+            self.clear(latched=False)
+        if special[8032]:
+            special[8032] = False
+            self.clear(latched=True)
+        special[ANNUNCIATOR_ON] = on = special[8049] and True in memory.S[ANNUNCIATORS.start :]
+        memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if on else 0
+        if special[8047]:
+            active = [n for n in range(ANNUNCIATORS.start) if memory.S[n]][:8]
+            special[8046] = bool(active)
+            memory.D[8040:8048] = active + [-1] * (8 - len(active))
+        if memory.D[FILTER_MS] != self._filter.filter_ms:
+            self._filter.filter_ms = max(0, min(60, memory.D[FILTER_MS]))
+
+    def _fail(self, error: CpuError) -> None:
+        self.error, self.running = error, False
+        self.memory.M[error.relay], self.memory.D[error.relay] = True, error.code
+        self.memory.M[8004], self.memory.D[8004] = True, error.relay
+        self._leaving.clear()
+
+
+def _raise_watchdog_error() -> None:
+    raise CpuError(WATCHDOG_ERROR, 8061)

@@ -1,0 +1,61 @@
+"""Simulation of a program with a stimulus, scan by scan, with the scan time as the only clock."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from controller.core.devices import SIZES
+from controller.fx.engine.cpu import index_register
+from controller.fx.engine.plc import FxPlc
+from controller.fx.engine.stimulus import CURRENT_VALUES, Stimulus, Values, changes_until
+from controller.fx.language.instruction import Ladder
+
+TIME: Final = "ms"
+"""Key of the scan time in a record."""
+
+
+def run(ladder: Ladder, stimulus: Stimulus) -> list[dict[str, int]]:
+    """Run a program from power-up.
+
+    Args:
+        ladder: The program.
+        stimulus: Inputs over time and the devices to watch.
+
+    Returns:
+        One record for each scan, after its END: the scan time in ms as "ms", and each watched device by its FX name. T0
+            and C0 are contacts, TN0 and CN0 current values; Y is the output image, which M8034 does not change.
+
+    Raises:
+        LadderError: The program has a part that the engine does not support.
+    """
+    plc = FxPlc(ladder, input_filter_ms=stimulus.input_filter_ms)
+    levels = [False] * SIZES["X"]
+    _put(plc, levels, stimulus.initial)
+    records: list[dict[str, int]] = []
+    previous_ms, now_ms = -1, 0
+    for _ in range(stimulus.scans):
+        plc.cpu.now_ms = now_ms  # timer values set here must refer to this scan
+        _put(plc, levels, changes_until(stimulus, previous_ms, now_ms))
+        plc.scan(now_ms, levels)
+        records.append({TIME: now_ms} | {str(place): place.read(plc.memory) for place in stimulus.watch})
+        previous_ms, now_ms = now_ms, now_ms + max(stimulus.scan_ms, plc.constant_scan_ms)
+    return records
+
+
+def _put(plc: FxPlc, levels: list[bool], values: Values) -> None:
+    """Set devices, X at the terminals and all others in memory."""
+    memory = plc.memory
+    for place, value in values.items():
+        match place.kind:
+            case "X":
+                levels[place.number] = bool(value)
+            case "TN":
+                plc.cpu.set_timer(place.number, value)
+            case "CN":
+                memory.set_word(CURRENT_VALUES["CN"], place.number, value)
+            case "D":
+                memory.D[place.number] = value
+            case "V" | "Z":
+                memory.D[index_register(str(place))] = value
+            case kind:
+                memory.bits(kind)[place.number] = bool(value)

@@ -1,0 +1,214 @@
+"""Stimulus of a simulated program: a YAML file of inputs over time and of the devices to watch.
+
+::
+
+    scan_ms: 10                 # scan period, ms
+    scans: 5                    # number of scans, the first at 0 ms
+    initial: {M0: 1, D0: 7}     # before the first scan
+    inputs:                     # before the first scan at or after that time
+      - {at_ms: 20, set: {X0: 1}}
+    watch: [Y0, T0, TN0, D0]    # after END of each scan
+    input_filter_ms: 0          # of X0-X17; omitted = all filters off
+
+Devices are X, Y, M, S, T, C, D, V, Z, TN and CN. **T0 and C0 are contacts, 0 or 1; TN0 and CN0 are current values.**
+X is the raw level of a terminal when it is set, and the input image when it is watched; Y is the output image.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Final, cast
+
+from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, field_validator
+
+from controller.common.errors import InputError
+from controller.common.yaml_lines import read_yaml, shown, unfold
+from controller.common.yaml_model import StrictModel, validated
+from controller.core.devices import WORD_MAX, WORD_MIN, Memory, device_name, is_32_bit_counter
+from controller.fx.engine.access import signed
+from controller.fx.engine.cpu import index_register
+from controller.fx.language.instruction import DeviceOperand
+from controller.fx.language.operand_rules import OperandError
+from controller.fx.language.parsing import parse_operand
+
+CURRENT_VALUES: Final = {"TN": "T", "CN": "C"}
+"""Names of the current values of timers and counters, with their kind of device."""
+_DEPTH: Final = 4
+"""Levels of the file: inputs, entry, set, device."""
+_EXAMPLE: Final = "write - {at_ms: 0, set: {X0: 1}}"
+
+
+class StimulusError(InputError):
+    """Invalid stimulus file; one line for each error: file, line, key, error, remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class WatchedDevice:
+    """A device whose value is set or watched.
+
+    Attributes:
+        kind: X Y M S T C D V Z, or TN or CN.
+        number: Device number, octal labels resolved.
+    """
+
+    kind: str
+    number: int
+
+    def __str__(self) -> str:
+        return device_name(self.kind, self.number)
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        """Lowest and highest value of the device."""
+        match self.kind:
+            case "D" | "V" | "Z":
+                return WORD_MIN, WORD_MAX
+            case "CN" if is_32_bit_counter(self.number):
+                return -(2**31), 2**31 - 1
+            case "TN" | "CN":
+                return 0, WORD_MAX
+        return 0, 1
+
+    def read(self, memory: Memory) -> int:
+        """Return the value; words are signed, and X is read from the input image."""
+        match self.kind:
+            case "D":
+                return signed(memory.D[self.number], 16)
+            case "V" | "Z":
+                return signed(memory.D[index_register(str(self))], 16)
+            case "TN" | "CN":
+                return memory.word(CURRENT_VALUES[self.kind], self.number)
+        return int(memory.bits(self.kind)[self.number])
+
+
+Values = dict[WatchedDevice, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Stimulus:
+    """Inputs of a program over time, and the devices to watch.
+
+    Attributes:
+        scan_ms: Scan period, ms.
+        scans: Number of scans; the first is at 0 ms.
+        initial: Device values before the first scan.
+        inputs: Times in ms, ascending, with the device values set before the first scan at or after each time.
+        watch: Devices to record after END of each scan.
+        input_filter_ms: Filter of X0-X17; 0 = all filters off.
+    """
+
+    scan_ms: int
+    scans: int
+    initial: Values
+    inputs: tuple[tuple[int, Values], ...]
+    watch: tuple[WatchedDevice, ...]
+    input_filter_ms: int = 0
+
+
+def device_of(name: str) -> WatchedDevice:
+    """Return the device with the given name, in upper or lower case.
+
+    Examples:
+        >>> device_of("X10"), device_of("TN0")
+        (WatchedDevice(kind='X', number=8), WatchedDevice(kind='TN', number=0))
+
+    Raises:
+        OperandError: The name is not a device, or not one that a stimulus can set or watch.
+    """
+    prefix = name[:2].upper()
+    kind = CURRENT_VALUES.get(prefix)
+    device = parse_operand(kind + name[2:] if kind else name)
+    if not isinstance(device, DeviceOperand) or device.index:
+        raise OperandError(f"{shown(name)} is not a single device; write one as X0, D100, T0 or TN0")
+    return WatchedDevice(prefix if kind else device.kind, device.number)
+
+
+def load_stimulus(path: Path, others: Collection[str] = ()) -> Stimulus:
+    """Return the stimulus in a YAML file.
+
+    Args:
+        path: The file.
+        others: Keys of the file that another reader handles.
+
+    Raises:
+        StimulusError: The file cannot be read or is invalid; one line for each error, in file order.
+    """
+    located = unfold(read_yaml(path, StimulusError), _DEPTH)
+    located.values = {key: value for key, value in located.values.items() if key not in others}
+    file = validated(_StimulusFile, located, context=_end_ms(located.values))
+    if file is None or located.faults:
+        faults = sorted(located.faults, key=lambda fault: fault.line)
+        raise StimulusError("\n".join(f"{path}:{fault}" for fault in faults))
+    return Stimulus(
+        scan_ms=file.scan_ms,
+        scans=file.scans,
+        initial=dict(file.initial.values()),
+        inputs=tuple(sorted(((each.at_ms, dict(each.set.values())) for each in file.inputs), key=lambda each: each[0])),
+        watch=tuple(dict.fromkeys(file.watch)),
+        input_filter_ms=file.input_filter_ms,
+    )
+
+
+def _end_ms(values: Mapping[str, object]) -> float:
+    """Return the time of the last scan, ms; infinity if the period or the number of scans is invalid."""
+    scan_ms, scans = values.get("scan_ms"), values.get("scans")
+    if isinstance(scan_ms, int) and isinstance(scans, int) and scan_ms > 0 and scans > 0:
+        return (scans - 1) * scan_ms
+    return math.inf
+
+
+def _with_names(settings: object) -> object:
+    return {name: (name, value) for name, value in settings.items()} if isinstance(settings, dict) else settings
+
+
+def _setting(setting: tuple[str, object]) -> tuple[WatchedDevice, int]:
+    """Return a device and its value."""
+    name, value = setting
+    device = device_of(name)
+    low, high = device.limits
+    if isinstance(value, int) and not isinstance(value, bool) and low <= value <= high:
+        return device, value
+    raise ValueError(f"{shown(value)} is out of range; write a number from {low} to {high}")
+
+
+_Device = Annotated[WatchedDevice, PlainValidator(lambda name: device_of(str(name)))]
+_Settings = Annotated[
+    dict[str, Annotated[tuple[WatchedDevice, int], PlainValidator(_setting)]], BeforeValidator(_with_names)
+]
+"""Device values by the device names of the file."""
+
+
+class _Change(StrictModel):
+    """Entry of ``inputs``. The validation context is the time of the last scan, ms."""
+
+    at_ms: int = Field(description=_EXAMPLE)
+    set: _Settings = Field(description="write devices and values as {X0: 1, D0: 5}")
+
+    @field_validator("at_ms")
+    @classmethod
+    def _in_the_run(cls, at_ms: int, info: ValidationInfo) -> int:
+        end_ms = cast("float", info.context)
+        if not 0 <= at_ms <= end_ms:
+            raise ValueError(f"{at_ms} is outside the run; write 0 to {end_ms}, the last scan, or run more scans")
+        return at_ms
+
+
+class _StimulusFile(StrictModel):
+    """Stimulus as written in the file."""
+
+    scan_ms: int = Field(ge=1, le=60_000, description="write the scan period in ms, 1 to 60000")
+    scans: int = Field(ge=1, le=1_000_000, description="write the number of scans to run, 1 to 1000000")
+    initial: _Settings = Field({}, description="write devices and values as {X0: 1, D0: 5}")
+    inputs: list[_Change] = Field([], description=_EXAMPLE)
+    watch: list[_Device] = Field(min_length=1, description="write the devices to record as [Y0, T0, TN0, D0]")
+    input_filter_ms: int = Field(0, ge=0, le=60, description="write 0 to 60 ms, the range of an FX2N")
+
+
+def changes_until(stimulus: Stimulus, after_ms: int, until_ms: int) -> Values:
+    """Return the device values set after one time, up to and including another; later changes override earlier ones."""
+    due = (values.items() for at_ms, values in stimulus.inputs if after_ms < at_ms <= until_ms)
+    return dict(chain.from_iterable(due))

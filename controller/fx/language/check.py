@@ -1,0 +1,346 @@
+"""Warnings about valid FX2N programs, and the resources of the FX2N that a program uses.
+
+Rules:
+
+* A coil or timer driven by two OUT instructions: the last one executed takes effect. Different steps may drive the same
+  one (fx2n.md 1.7).
+* M, S, T or C that is read but never driven, or driven but never read. All M that are only read are reported in one
+  line because a screen may write them. X (driven by the plant), Y (read by the plant), D (written and read by panels),
+  special relays (driven by the CPU) and annunciators (read through D8049) are not reported. RST and ZRST count as
+  neither driving nor reading. A device whose number is known only at run time counts as all devices of its kind.
+* The same timer in two consecutive steps: it is never off between them (docs/sources/fx2n.md 1.7).
+* Features that an FX2N lacks: more than 8,000 steps, bits of data registers.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import combinations, product
+from typing import Final, Literal
+
+from controller.core.devices import ANNUNCIATORS, SIZES, device_name
+from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Instruction, Ladder, Operand, WordBit
+from controller.fx.language.instruction_set import FORMS, steps
+from controller.fx.language.operand_rules import RANGES, SPANS
+
+MOST_STEPS: Final = 8000
+"""Program memory of an FX2N without a cassette (from memory)."""
+
+Severity = Literal["warning", "error"]
+Key = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A warning or an error about a program.
+
+    Attributes:
+        severity: "error" = an FX2N cannot run the program.
+        line: Source line, from 1.
+        text: Description and, after a semicolon, the remedy.
+    """
+
+    severity: Severity
+    line: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """FX2N resources used by a program.
+
+    Attributes:
+        steps: Program steps, END included.
+        devices: Number of different devices by kind, X Y M S T C D, without special devices.
+    """
+
+    steps: int
+    devices: dict[str, int]
+
+    def __str__(self) -> str:
+        parts = [f"{self.steps} of {MOST_STEPS} steps"]
+        parts.extend(f"{count} of {available(kind)} {kind}" for kind, count in self.devices.items())
+        return ", ".join(parts)
+
+
+def available(kind: str) -> int:
+    """Return the number of devices of a kind in an FX2N, without special devices.
+
+    Examples:
+        >>> available("M"), available("S")
+        (3072, 1000)
+    """
+    return len(RANGES[kind][0])
+
+
+def usage(ladder: Ladder) -> Usage:
+    """Return the FX2N resources used by a program; an indexed device counts as the device without its index."""
+    used: set[Key] = set()
+    for instruction in ladder.instructions:
+        for n, operand in enumerate(instruction.operands):
+            used.update(_devices(instruction, n, operand))
+    devices = {kind: sum(k == kind and number in RANGES[k][0] for k, number in used) for kind in SIZES}
+    return Usage(sum(map(steps, ladder.instructions)), devices)
+
+
+def check(ladder: Ladder) -> list[Finding]:
+    """Return the findings about a program in line order."""
+    found = [*_exceeded_limits(ladder), *_double_coils(ladder), *_unpaired_devices(ladder), *_shared_timers(ladder)]
+    found += [*_unused_labels(ladder), *_repeated_steps(ladder)]
+    return sorted(found, key=lambda finding: (finding.line, finding.text))
+
+
+def _exceeded_limits(ladder: Ladder) -> Iterator[Finding]:
+    """Yield a finding for each limit of an FX2N that the program exceeds."""
+    total = usage(ladder).steps
+    if total > MOST_STEPS:
+        text = f"the program has {total} steps; an FX2N takes {MOST_STEPS}, shorten it"
+        yield Finding("error", ladder.instructions[-1].line, text)
+    for instruction in ladder.instructions:
+        for operand in instruction.operands:
+            if isinstance(operand, WordBit):
+                text = f"{operand}: an FX2N has no bits of data registers; use M in a program for an FX2N"
+                yield Finding("warning", instruction.line, text)
+
+
+@dataclass(slots=True)
+class _Step:
+    """A step, or the ladder outside all steps.
+
+    Attributes:
+        states: Joined states; empty = outside all steps.
+        line: Line of the last STL.
+        coils: Devices driven by OUT, with their lines.
+        targets: Steps that it transfers to.
+    """
+
+    states: tuple[int, ...] = ()
+    line: int = 0
+    coils: list[tuple[Key, int]] = field(default_factory=list)
+    targets: set[int] = field(default_factory=set)
+
+
+def _step_list(ladder: Ladder) -> list[_Step]:
+    """Return the steps of a program in order, preceded by the ladder outside all steps."""
+    outside = _Step()
+    found, here, joining = [outside], outside, False
+    for instruction in ladder.instructions:
+        match instruction:
+            case Instruction("STL", (DeviceOperand(_, number),)):
+                here = _Step((*here.states, number) if joining else (number,), instruction.line)
+                if joining:
+                    found.pop()
+                found.append(here)
+            case Instruction("RET"):
+                here = outside
+            case Instruction("SET" | "OUT", (DeviceOperand("S", number), *_)) if here.states:
+                here.targets.add(number)
+            case Instruction("OUT", (DeviceOperand(kind, number), *_)):
+                here.coils.append(((kind, number), instruction.line))
+        joining = instruction.name == "STL"
+    return found
+
+
+def _double_coils(ladder: Ladder) -> Iterator[Finding]:
+    """Yield a finding for each device driven by two OUT instructions that are not in different steps."""
+    places: dict[Key, list[tuple[bool, int, int]]] = defaultdict(list)
+    for n, step in enumerate(_step_list(ladder)):
+        for device, line in step.coils:
+            places[device].append((bool(step.states), n, line))
+    for device, coils in places.items():
+        in_steps = all(in_step for in_step, _, _ in coils)
+        if len(coils) == 1 or (in_steps and len({n for _, n, _ in coils}) == len(coils)):
+            continue
+        lines = sorted(line for _, _, line in coils)
+        where = ", ".join(map(str, lines[:-1])) + f" and {lines[-1]}"
+        text = f"OUT {device_name(*device)} is in lines {where}, the last one executed wins; drive it once"
+        yield Finding("warning", lines[1], text)
+
+
+def _shared_timers(ladder: Ladder) -> Iterator[Finding]:
+    """Yield a finding for each timer shared by two consecutive steps."""
+    found = _step_list(ladder)[1:]
+    transfers = {(source, target) for step in found for source in step.states for target in step.targets}
+    for one, other in combinations(found, 2):
+        if transfers.isdisjoint((*product(one.states, other.states), *product(other.states, one.states))):
+            continue
+        here, there = dict(one.coils), dict(other.coils)
+        for kind, number in sorted(here.keys() & there.keys()):
+            if kind == "T":
+                first, second = sorted((here[kind, number], there[kind, number]))
+                text = f"T{number} runs in two consecutive steps, lines {first} and {second}, and is never "
+                yield Finding("warning", second, text + "off between them; use another timer in one")
+
+
+def _unused_labels(ladder: Ladder) -> Iterator[Finding]:
+    """Yield a finding for each label that is never referenced."""
+    named = {i.operands[0] for i in ladder.instructions if i.name.removesuffix("P") in ("CJ", "CALL")}
+    for instruction in ladder.instructions:
+        if instruction.name == "P" and instruction.operands[0] not in named:
+            yield Finding("warning", instruction.line, f"nothing jumps to {instruction}; delete the label")
+
+
+def _repeated_steps(ladder: Ladder) -> Iterator[Finding]:
+    """Yield a finding for each step that begins twice; steps repeated by joins are valid."""
+    begun: dict[tuple[int, ...], int] = {}
+    for step in _step_list(ladder)[1:]:
+        first = begun.setdefault(step.states, step.line)
+        if first != step.line:
+            names = " ".join(f"STL S{number}" for number in step.states)
+            text = f"{names} is already in line {first}; write the step in one place"
+            yield Finding("warning", step.line, text)
+
+
+_READ: Final = frozenset(
+    {
+        "contact",
+        "bit",
+        "source",
+        "source words",
+        "words",
+        "number",
+        "count",
+        "preset",
+        "float",
+        "bit or word",
+        "clock",
+        "C",
+        "S",
+        "T",
+    }
+)
+_DRIVEN: Final = frozenset(
+    {"out", "set", "pulse", "coil", "target", "target words", "bit or target", "clock", "S", "T"}
+)
+"""Operand roles that drive a device. "S", "T" and "clock" are also in `_READ` because their effect depends on the
+instruction."""
+_COUNTED: Final = {
+    ("SFTR", 0): 3,
+    ("SFTL", 0): 3,
+    ("SFTR", 1): 2,
+    ("SFTL", 1): 2,
+    ("ABSD", 2): 3,
+    ("INCD", 2): 3,
+    ("BMOV", 0): 2,
+    ("BMOV", 1): 2,
+    ("FMOV", 1): 2,
+    ("DECO", 0): 2,
+    ("DECO", 1): 2,
+    ("ENCO", 0): 2,
+    ("WSFR", 0): 3,
+    ("WSFL", 0): 3,
+    ("WSFR", 1): 2,
+    ("WSFL", 1): 2,
+    ("MEAN", 0): 2,
+    ("SFWR", 1): 2,
+    ("SFRD", 0): 2,
+}
+"""Index of the operand that contains the device count of another operand."""
+
+
+def _count(instruction: Instruction, n: int) -> int | None:
+    """Return the device count of operand `n`, each bit group as one; None = known only at run time."""
+    if instruction.name not in FORMS:
+        return 1
+    name = FORMS[instruction.name].kind.name
+    if (name, n) not in _COUNTED:
+        return SPANS.get((name, n), 1)
+    count = instruction.operands[_COUNTED[name, n]]
+    if not isinstance(count, Constant) or count.index:
+        return None
+    return 2**count.value if (name, n) in {("DECO", 1), ("ENCO", 0)} else count.value
+
+
+def _devices(instruction: Instruction, n: int, operand: Operand) -> Iterator[Key]:
+    """Yield the devices covered by operand `n`."""
+    count = _count(instruction, n) or 1
+    match operand:
+        case Digits(digits, device):
+            first, length = device, digits * 4 * count
+        case DeviceOperand():
+            first, length = operand, count
+        case WordBit(number):
+            first, length = DeviceOperand("D", number), 1
+        case _:
+            return
+    yield from ((first.kind, number) for number in range(first.number, first.number + length))
+
+
+@dataclass(slots=True)
+class _Usages:
+    """Devices that are read, or devices that are driven.
+
+    Attributes:
+        groups: First line of each device, or of each device group covered by one operand.
+        open: Kinds with devices that are known only at run time.
+    """
+
+    groups: dict[tuple[Key, ...], int] = field(default_factory=dict)
+    open: set[str] = field(default_factory=set)
+
+    def add(self, instruction: Instruction, n: int) -> None:
+        """Record operand `n` of an instruction."""
+        operand = instruction.operands[n]
+        device = operand.device if isinstance(operand, Digits) else operand
+        if not isinstance(device, DeviceOperand):
+            return
+        if device.index or _count(instruction, n) is None:
+            self.open.add(device.kind)
+        if not device.index:
+            self.groups.setdefault(tuple(_devices(instruction, n, operand)), instruction.line)
+
+    def missing_from(self, other: _Usages) -> Iterator[tuple[int, tuple[Key, ...]]]:
+        """Yield the line and the devices of each group that has no device in `other`."""
+        there = {device for group in other.groups for device in group}
+        for group, line in self.groups.items():
+            if all(map(_is_internal, group)) and there.isdisjoint(group) and group[0][0] not in other.open:
+                yield line, group
+
+
+def _unpaired_devices(ladder: Ladder) -> Iterator[Finding]:
+    """Yield a finding for each device that is read but never driven, or driven but never read."""
+    read, driven = _Usages(), _Usages()
+    for instruction in ladder.instructions:
+        name, operands = instruction.name, instruction.operands
+        places = FORMS[name].kind.operands if name in FORMS else ()
+        for n, place in enumerate(places[: len(operands)]):
+            if place in _READ or name == "MC":
+                read.add(instruction, n)
+            if place in _DRIVEN and name != "STL":
+                driven.add(instruction, n)
+        if name == "IST":
+            driven.groups.update({(("S", number),): instruction.line for number in range(3)})
+            read.groups.update({(("S", number),): instruction.line for number in range(3)})
+    relays: dict[Key, int] = {}
+    for line, group in read.missing_from(driven):
+        if group[0][0] == "M":
+            relays.update(dict.fromkeys(group, line))
+        else:
+            yield Finding("warning", line, f"{_names(group)}: read but never driven; drive it or delete it")
+    if relays:
+        text = f"{_names(relays)}: read but never driven; valid if a screen or panel writes it, else drive or "
+        yield Finding("warning", min(relays.values()), text + "delete")
+    for line, group in driven.missing_from(read):
+        yield Finding("warning", line, f"{_names(group)}: driven but never read; use it or delete it")
+
+
+def _names(devices: Iterable[Key]) -> str:
+    """Return the names of devices of one kind, with consecutive numbers as ranges such as "M0 to M5"."""
+    runs: list[tuple[Key, Key]] = []
+    for kind, number in sorted(devices):
+        if runs and runs[-1][1] == (kind, number - 1):
+            runs[-1] = runs[-1][0], (kind, number)
+        else:
+            runs.append(((kind, number), (kind, number)))
+    return ", ".join(
+        device_name(*first) if first == last else f"{device_name(*first)} to {device_name(*last)}"
+        for first, last in runs
+    )
+
+
+def _is_internal(device: Key) -> bool:
+    """Return whether a device is driven and read by the program alone."""
+    kind, number = device
+    return kind in "MSTC" and number in RANGES[kind][0] and (kind != "S" or number not in ANNUNCIATORS)

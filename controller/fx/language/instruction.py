@@ -1,0 +1,132 @@
+"""Instruction and operand types of an FX2N program, shared by reader, writer, checks, engine and export.
+
+Numbers are plain integers; X and Y are octal in text only: X10 is ``DeviceOperand("X", 8)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from controller.common.errors import InputError
+from controller.core.devices import device_name
+
+
+class LadderError(InputError):
+    """Error in a program; `str()` has one line for each finding, with its location and the remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceOperand:
+    """Device operand: X Y M S T C D V or Z.
+
+    Attributes:
+        kind: Device letter.
+        number: Device number, octal labels resolved.
+        index: V or Z register added to the number at run time, for example "V0"; empty = none.
+    """
+
+    kind: str
+    number: int
+    index: str = ""
+
+    def __str__(self) -> str:
+        return device_name(self.kind, self.number) + self.index
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A number in K (decimal) or H (hexadecimal) notation."""
+
+    value: int
+    base: Literal["K", "H"] = "K"
+    index: str = ""
+
+    def __str__(self) -> str:
+        text = f"K{self.value}" if self.base == "K" else f"H{self.value:X}"
+        return text + self.index
+
+
+@dataclass(frozen=True, slots=True)
+class Digits:
+    """A group of bits as a number: K4M0 is the 4 x 4 bits M0 to M15, low bit first."""
+
+    digits: int
+    device: DeviceOperand
+
+    def __str__(self) -> str:
+        return f"K{self.digits}{self.device}"
+
+
+@dataclass(frozen=True, slots=True)
+class WordBit:
+    """One bit of a data register, for example D100.F. Only an FX3 supports it, but the engine runs such programs."""
+
+    number: int
+    bit: int
+
+    def __str__(self) -> str:
+        return f"D{self.number}.{self.bit:X}"
+
+
+@dataclass(frozen=True, slots=True)
+class Pointer:
+    """A label P0 to P127, or an interrupt label I."""
+
+    kind: Literal["P", "I"]
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.kind}{self.number}"
+
+
+@dataclass(frozen=True, slots=True)
+class Nest:
+    """A nesting level of master control, N0 to N7."""
+
+    number: int
+
+    def __str__(self) -> str:
+        return f"N{self.number}"
+
+
+Operand = DeviceOperand | Constant | Digits | WordBit | Pointer | Nest
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One instruction.
+
+    Attributes:
+        name: Mnemonic in capitals with its prefix and suffix, for example "DMOVP" or "LD="; "P" or "I" for a label.
+        operands: Operands in order; for a label, its pointer.
+        line: Source line, from 1; 0 = generated. Ignored when instructions are compared.
+        note: Comment.
+    """
+
+    name: str
+    operands: tuple[Operand, ...] = ()
+    line: int = field(default=0, compare=False)
+    note: str = field(default="", compare=False)
+
+    def __str__(self) -> str:
+        if self.name in ("P", "I"):
+            return str(self.operands[0])
+        return " ".join((self.name, *map(str, self.operands)))
+
+
+@dataclass(frozen=True, slots=True)
+class Ladder:
+    """A program as a list of instructions.
+
+    Attributes:
+        instructions: Instructions in order; the last one is END.
+        titles: Titles of blocks, by index of the instruction that follows.
+        comments: Comment of each device, by its FX name.
+        source: File name for messages.
+    """
+
+    instructions: tuple[Instruction, ...]
+    titles: dict[int, str] = field(default_factory=dict, compare=False)
+    comments: dict[str, str] = field(default_factory=dict, compare=False)
+    source: str = field(default="program", compare=False)

@@ -1,0 +1,36 @@
+"""Special devices with a function in this engine; all others are plain memory."""
+
+from __future__ import annotations
+
+from typing import Final
+
+PROVIDED: Final = {
+    "M8000 M8001": "RUN monitor, on and off",
+    "M8002 M8003": "initial pulse, on and off in the first scan after STOP to RUN",
+    "M8004 D8004": "an error has occurred, and the number of its error relay",
+    "M8011-M8014": "clocks of 10 ms, 100 ms, 1 s and 1 min; a clock faster than the scan is sampled by the scan",
+    "M8020-M8022 M8029": "zero, borrow, carry; execution complete",
+    "M8024": "direction of BMOV",
+    "M8026": "RAMP stops at its end",
+    "M8031 M8032": "clear the non-latched memory, and the latched memory",
+    "M8033": "memory and outputs are retained in STOP",
+    "M8034": "all outputs off while the program continues",
+    "M8035-M8037": "M8037 stops, M8036 with M8035 runs",
+    "M8039 D8039": "constant scan, ms: `ladder run` and `trial --ladder` apply it if it is longer than their own scan",
+    "M8040": "no transfers",
+    "M8041-M8043 M8045": "transfer start, start pulse, zero return done, no reset of outputs: IST",
+    "M8046 M8047 D8040-D8047": "a state is on, and the numbers of the eight lowest, while M8047 is on",
+    "M8048 M8049 D8049": "an annunciator is on, and the lowest number, while M8049 is on",
+    "M8061 D8061": "the watchdog (D8000, ms) has stopped the CPU",
+    "M8066 D8066": "subroutines nested too deep have stopped the CPU",
+    "M8067 D8067 D8069": "an applied instruction could not be executed: error code and step of the last one",
+    "M8200-M8234": "direction of the 32-bit counters",
+    "D8000": "watchdog, ms",
+    "D8010-D8012": "time since the previous scan, shortest and longest since RUN began, 0.1 ms",
+    "D8013-D8019": "second, minute, hour, day, month, year, weekday",
+    "D8020": "input filter, ms",
+    "D8028 D8182-D8194": "Z0; Z1 to Z7 on even numbers",
+    "D8029 D8183-D8195": "V0; V1 to V7 on odd numbers",
+    "D8140-D8143": "pulses output at Y0 and Y1",
+}
+"""Function of each special device or range of devices (docs/sources/fx2n.md 1.6)."""

@@ -1,0 +1,1 @@
+"""History in SQLite: writer, queries, export and summary."""

@@ -1,0 +1,233 @@
+"""History file: one SQLite database in WAL mode with a size limit.
+
+The limit is divided: three quarters for the tables, a sixteenth for the write-ahead log (WAL), and the rest for
+growth by one batch of rows and for SQLite's index of the log. The oldest rows are deleted to make room for new ones,
+and their pages are reused.
+"""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from controller.common.file_lock import FileLockError, lock_file
+from controller.history.schema import TABLES, HistoryError, check_schema, create_statements, is_empty, number
+
+MIN_LIMIT_BYTES: Final = 4_000_000
+"""Smallest size limit, bytes."""
+BUSY_S: Final = 0.2
+"""Longest wait for a reader, s; during the wait, rows are queued."""
+VACUUM_PAGES: Final = 64
+"""Pages returned to the file system per vacuum step."""
+_INSERT: Final = {
+    table: f"INSERT INTO {table} VALUES ({', '.join('?' * len(columns))})"  # noqa: S608 - internal names
+    for table, columns in TABLES.items()
+}
+_JOURNALS: Final = tuple(table for table in TABLES if table != "runs")
+
+_log = logging.getLogger(__name__)
+
+
+class HistoryRow(NamedTuple):
+    """Row without the columns `id` and `run`.
+
+    Attributes:
+        table: Name of the table in `TABLES`.
+        utc_ms: Wall-clock time, ms since 1970 UTC.
+        at_ms: Controller time, ms.
+        values: Values of the other columns, in order.
+    """
+
+    table: str
+    utc_ms: int
+    at_ms: int
+    values: tuple[str | int | None, ...]
+
+    @property
+    def size_bytes(self) -> int:
+        """Estimated upper bound of the size in the file, bytes."""
+        texts = (value for value in self.values if isinstance(value, str))
+        return 64 + sum(len(text) if text.isascii() else 4 * len(text) for text in texts)
+
+
+class WalBusyError(OSError):
+    """Raised if the write-ahead log is full and the open transaction of a reader prevents a checkpoint."""
+
+
+class HistoryFile:
+    """Open history file; only one process at a time can write it.
+
+    Rows committed by `append` survive a crash of the process and a power failure, because every commit is
+    synchronized to disk (`synchronous = FULL`).
+
+    Attributes:
+        batch_bytes: Maximum total `HistoryRow.size_bytes` of the rows of one `append`; a single row may be larger.
+    """
+
+    def __init__(self, path: Path, limit_bytes: int) -> None:
+        """Open or create the file for a new run; the first row appended must belong to the table `runs`.
+
+        Args:
+            path: Path of the file. A damaged file is moved to ``<name>.damaged-N`` and logged in one line.
+            limit_bytes: Maximum size of the file and its write-ahead log, bytes.
+
+        Raises:
+            HistoryError: The file is in use by another controller, is not a history, has a newer schema or cannot be
+                written.
+        """
+        if limit_bytes < MIN_LIMIT_BYTES:
+            raise HistoryError(f"limit of the history {limit_bytes} bytes: give at least {MIN_LIMIT_BYTES}")
+        self.batch_bytes = limit_bytes // 64
+        try:
+            self._lock = lock_file(path)
+        except FileLockError as error:
+            raise HistoryError(f"{path}: {error}") from error
+        try:
+            self._db = _open(path)
+        except BaseException:
+            self._lock.release()
+            raise
+        last_ids = [number(self._db, f"SELECT coalesce(max(id), 0) FROM {table}") for table in TABLES]  # noqa: S608
+        self._run = self._next_id = max(last_ids) + 1
+        try:
+            self._set_limits(path, limit_bytes)
+        except (sqlite3.Error, WalBusyError) as error:
+            self.close()
+            raise HistoryError(f"{path}: {error}; free disk space or name another file") from error
+
+    def append(self, rows: Sequence[HistoryRow]) -> None:
+        """Commit all rows or none; delete the oldest rows if necessary.
+
+        Raises:
+            sqlite3.Error: The disk is full or has failed.
+            WalBusyError: The write-ahead log is full, and a reader prevents its checkpoint.
+        """
+        self._make_room()
+        with self._transaction():
+            for id_, row in enumerate(rows, start=self._next_id):
+                self._db.execute(_INSERT[row.table], (id_, row.utc_ms, row.at_ms, self._run, *row.values))
+        self._next_id += len(rows)
+
+    def close(self) -> None:
+        """Close the file and release its lock."""
+        self._db.close()
+        self._lock.release()
+
+    def _set_limits(self, path: Path, limit_bytes: int) -> None:
+        page_bytes = number(self._db, "PRAGMA page_size")
+        self._wal = path.with_name(path.name + "-wal")
+        self._max_wal_bytes = limit_bytes // 16
+        self._max_pages = limit_bytes * 3 // 4 // page_bytes
+        self._max_used_pages = self._max_pages - 4 * self.batch_bytes // page_bytes
+        for setting, value in (
+            ("synchronous", "FULL"),
+            ("secure_delete", "OFF"),  # freed pages need not be overwritten
+            ("journal_size_limit", self._max_wal_bytes // 2),
+            ("wal_autocheckpoint", min(1_000, self._max_wal_bytes // 2 // page_bytes)),
+        ):
+            self._db.execute(f"PRAGMA {setting} = {value}")
+        self._make_room()  # the limit may have been larger in the previous run
+        self._db.execute(f"PRAGMA max_page_count = {self._max_pages}")
+
+    def _make_room(self) -> None:
+        self._empty_wal()
+        while self._used_pages() > self._max_used_pages and self._delete_oldest():
+            self._empty_wal()
+        while number(self._db, "PRAGMA page_count") > self._max_pages and number(self._db, "PRAGMA freelist_count"):
+            self._db.execute(f"PRAGMA incremental_vacuum({VACUUM_PAGES})").fetchall()
+            self._empty_wal()
+
+    def _used_pages(self) -> int:
+        return number(self._db, "PRAGMA page_count") - number(self._db, "PRAGMA freelist_count")
+
+    def _empty_wal(self) -> None:
+        if self._wal_bytes() > self._max_wal_bytes:
+            self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            if self._wal_bytes() > self._max_wal_bytes:
+                raise WalBusyError("a reader blocks the write-ahead log; end the program that reads the history")
+
+    def _wal_bytes(self) -> int:
+        try:
+            return self._wal.stat().st_size
+        except FileNotFoundError:
+            return 0
+
+    def _delete_oldest(self) -> bool:
+        """Delete the rows in the lowest 1/64 of the id range and runs left empty; return True if a row was deleted."""
+        before = self._db.total_changes
+        bounds = [self._db.execute(f"SELECT min(id), max(id) FROM {table}").fetchone() for table in _JOURNALS]  # noqa: S608
+        filled = [(lowest, highest) for lowest, highest in bounds if lowest is not None]
+        lowest = min((low for low, _ in filled), default=self._next_id)
+        highest = max((high for _, high in filled), default=self._next_id)
+        cut = lowest + max(1, (highest - lowest) // 64)
+        with self._transaction():
+            for table in _JOURNALS:
+                self._db.execute(f"DELETE FROM {table} WHERE id < ?", (cut,))  # noqa: S608 - internal names
+            self._db.execute("DELETE FROM runs WHERE id < (SELECT max(id) FROM runs WHERE id <= ?)", (cut,))
+        return self._db.total_changes > before
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._db.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._db.execute("COMMIT")
+        except BaseException:
+            if self._db.in_transaction:  # some errors roll back automatically
+                self._db.execute("ROLLBACK")
+            raise
+
+
+def _open(path: Path) -> sqlite3.Connection:
+    """Open or create the database; rename a damaged file and create a new one."""
+    try:
+        try:
+            return _open_checked(path)
+        except sqlite3.OperationalError:
+            raise
+        except sqlite3.DatabaseError as error:
+            _log.warning("%s: %s; moved to %s, and a new history is created", path, error, _set_aside(path))
+            return _open_checked(path)
+    except (sqlite3.Error, OSError) as error:
+        raise HistoryError(f"{path}: {error}; name a file that can be written") from error
+
+
+def _open_checked(path: Path) -> sqlite3.Connection:
+    """Return the database after a check, or a new one.
+
+    Raises:
+        HistoryError: The file is not a history, or has a newer schema.
+        sqlite3.OperationalError: The file cannot be opened or written.
+        sqlite3.DatabaseError: The file is damaged.
+    """
+    db = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+    try:
+        if is_empty(db):
+            db.execute("PRAGMA auto_vacuum = INCREMENTAL")  # possible only in an empty database
+            db.execute("PRAGMA journal_mode = WAL")
+            db.executescript(f"BEGIN; {'; '.join(create_statements())}; COMMIT;")
+        else:
+            check_schema(db, path)
+            (result,) = db.execute("PRAGMA quick_check(1)").fetchone()
+            if result != "ok":
+                raise sqlite3.DatabaseError(" ".join(str(result).split()))
+    except BaseException:
+        db.close()
+        raise
+    return db
+
+
+def _set_aside(path: Path) -> Path:
+    """Rename a damaged file with its write-ahead log and return its new path."""
+    count = 1
+    while (aside := path.with_name(f"{path.name}.damaged-{count}")).exists():
+        count += 1
+    for suffix in ("", "-wal", "-shm"):
+        part = path.with_name(path.name + suffix)
+        if part.exists():
+            part.replace(aside.with_name(aside.name + suffix))
+    return aside

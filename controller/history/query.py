@@ -1,0 +1,196 @@
+"""History queries: rows for a panel, pages for an export. They also work while a controller writes the history.
+
+A reader holds a transaction only for one answer or one page, so that the writer can always checkpoint its write-ahead
+log.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from controller.history.schema import JSON_COLUMNS, TABLES, HistoryError, check_schema
+from controller.program.tags import Side
+
+Record = dict[str, object]
+
+BUSY_S: Final = 1.0
+"""Longest wait for a lock of the database, s."""
+MAX_ROWS: Final = 1_000
+"""Maximum number of rows in one answer to a panel."""
+PAGE_ROWS: Final = 1_000
+"""Number of rows per page of an export."""
+_LARGEST: Final = 2**63 - 1
+"""Largest integer in SQLite."""
+
+
+@dataclass(frozen=True, slots=True)
+class RowSelection:
+    """Selection of rows by time and number.
+
+    Attributes:
+        since_ms: Start of the wall-clock interval, ms, inclusive; None = from the first row.
+        until_ms: End of the wall-clock interval, ms, exclusive; None = to the newest row.
+        last: Maximum number of rows, the newest ones; None = all rows.
+    """
+
+    since_ms: int | None = None
+    until_ms: int | None = None
+    last: int | None = None
+
+    def contains(self, utc_ms: int) -> bool:
+        """Return True if a wall-clock time is within the interval."""
+        return (self.since_ms is None or utc_ms >= self.since_ms) and (self.until_ms is None or utc_ms < self.until_ms)
+
+
+@contextmanager
+def open_history(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a history for reading.
+
+    Raises:
+        HistoryError: The file is missing, not a history, damaged or has a newer schema.
+    """
+    db = None
+    try:
+        if not path.is_file():
+            raise HistoryError(f"{path}: no such file; name the history of a controller")
+        db = _connect(path)
+        yield db
+    except (sqlite3.Error, OSError) as error:
+        raise HistoryError(f"{path}: {error}; name a file written by a controller") from error
+    finally:
+        if db is not None:
+            db.close()
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    uri = f"{path.absolute().as_uri()}?mode=ro"
+    try:
+        return _connect_checked(uri, path)
+    except sqlite3.OperationalError:
+        if path.with_name(path.name + "-wal").exists():
+            raise
+        return _connect_checked(f"{uri}&immutable=1", path)  # read-only folder without a writer
+
+
+def _connect_checked(uri: str, path: Path) -> sqlite3.Connection:
+    db = sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)
+    try:
+        check_schema(db, path)
+    except BaseException:
+        db.close()
+        raise
+    return db
+
+
+def pages(db: sqlite3.Connection, table: str, window: RowSelection) -> Iterator[list[Record]]:
+    """Yield the rows of a table in chronological order, page by page; JSON remains text.
+
+    Rows written after the start are not included.
+    """
+    within = "utc_ms >= ifnull(:since, utc_ms) AND utc_ms < ifnull(:until, utc_ms + 1)"
+    values = {"since": window.since_ms, "until": window.until_ms, "last": -1 if window.last is None else window.last}
+    newest = f"SELECT id FROM {table} WHERE {within} ORDER BY id DESC LIMIT :last"  # noqa: S608 - internal names
+    first, final = db.execute(f"SELECT min(id), max(id) FROM ({newest})", values).fetchone()  # noqa: S608
+    while first is not None and first <= final:
+        query = f"SELECT * FROM {table} WHERE id BETWEEN :first AND :final AND {within} ORDER BY id LIMIT {PAGE_ROWS}"  # noqa: S608
+        page = _records(db, table, query, values | {"first": first, "final": final})
+        if not page:
+            return
+        yield page
+        first = integer(page[-1], "id") + 1
+
+
+def integer(record: Record, name: str) -> int:
+    """Return the integer in a column.
+
+    Raises:
+        sqlite3.DataError: The value is not an integer.
+    """
+    value = record[name]
+    if not isinstance(value, int):
+        raise sqlite3.DataError(f"{name} {value!r} is not an integer")
+    return value
+
+
+def _records(db: sqlite3.Connection, table: str, query: str, values: dict[str, int | None]) -> list[Record]:
+    return [dict(zip(TABLES[table], row, strict=True)) for row in db.execute(query, values).fetchall()]
+
+
+class HistoryReader:
+    """Reader of the newest rows for a panel, newest first; thread-safe.
+
+    A missing file yields no rows. The file is opened for every answer, so that a new or replaced file is detected.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create a reader of this file."""
+        self._path = path
+
+    @property
+    def problem(self) -> str | None:
+        """Error that prevents reading the history; None if it can be read."""
+        try:
+            with open_history(self._path):
+                return None
+        except HistoryError as error:
+            return str(error)
+
+    @property
+    def present(self) -> bool:
+        """True if the history exists and can be read."""
+        return self.problem is None
+
+    def runs(self, last: int = 100, before_id: int | None = None) -> list[Record]:
+        """Return the newest runs of the controller, newest first; see `events` for the arguments."""
+        return self._newest("runs", last, before_id)
+
+    def events(self, last: int = 100, before_id: int | None = None) -> list[Record]:
+        """Return the newest events, newest first, with `detail` as a dict.
+
+        Args:
+            last: Maximum number of rows, up to `MAX_ROWS`.
+            before_id: Only rows before the row with this id, for paging; None = from the newest row.
+        """
+        return self._newest("events", last, before_id)
+
+    def alarms(self, last: int = 100, before_id: int | None = None) -> list[Record]:
+        """Return the newest changes of alarms, newest first; see `events` for the arguments."""
+        return self._newest("alarms", last, before_id)
+
+    def cycles(self, last: int = 100, before_id: int | None = None) -> list[Record]:
+        """Return the newest cycles without their edges, newest first; see `events` for the arguments."""
+        return [{name: row[name] for name in row if name != "edges"} for row in self._newest("cycles", last, before_id)]
+
+    def audit(self, last: int = 100, before_id: int | None = None) -> list[Record]:
+        """Return the newest operator actions, newest first; see `events` for the arguments."""
+        return self._newest("audit", last, before_id)
+
+    def last_cycle(self, side: Side) -> Record | None:
+        """Return the last cycle of an arm with `edges` as a list of [ms, device, level]; None if there is none."""
+        rows = self._read("cycles", "side = :side ORDER BY id DESC LIMIT 1", {"side": side})
+        return rows[0] if rows else None
+
+    def _newest(self, table: str, last: int, before_id: int | None) -> list[Record]:
+        before = _LARGEST if before_id is None else max(0, min(before_id, _LARGEST))
+        where = "id < :before ORDER BY id DESC LIMIT :last"
+        return self._read(table, where, {"before": before, "last": max(0, min(last, MAX_ROWS))})
+
+    def _read(self, table: str, where: str, values: dict[str, int | str]) -> list[Record]:
+        with suppress(HistoryError), open_history(self._path) as db:
+            rows = db.execute(f"SELECT * FROM {table} WHERE {where}", values).fetchall()  # noqa: S608 - internal names
+            return [decoded(dict(zip(TABLES[table], row, strict=True))) for row in rows]
+        return []
+
+
+def decoded(record: Record) -> Record:
+    """Return a row with its JSON columns decoded to lists and dicts."""
+    return {
+        name: json.loads(str(value)) if name in JSON_COLUMNS and value is not None else value
+        for name, value in record.items()
+    }

@@ -1,0 +1,94 @@
+"""History tables and identification of a history file."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import Final
+
+from controller.common.errors import InputError
+
+APPLICATION: Final = 0x54504C54
+"""`PRAGMA application_id`: "TPLT", which distinguishes a history from databases of other programs."""
+SCHEMA: Final = 1
+"""`PRAGMA user_version`: incremented whenever the tables change."""
+
+COMMON: Final = ("id", "utc_ms", "at_ms", "run")
+"""First columns of every table: `id` increases across all tables, `utc_ms` is the wall-clock time, `at_ms` the time
+since the start of the controller, `run` the id of the run in `runs`."""
+
+_SPECIFIC: Final = {
+    "runs": {"program": "TEXT", "version": "TEXT"},
+    "events": {"kind": "TEXT", "number": "INTEGER", "text": "TEXT", "detail": "TEXT"},
+    "alarms": {
+        "number": "INTEGER",
+        "key": "TEXT",
+        "before": "TEXT",
+        "after": "TEXT",
+        "by_whom": "TEXT",
+        "text": "TEXT",
+        "shelved_until_ms": "INTEGER",
+    },
+    "cycles": {
+        "side": "TEXT",
+        "row": "INTEGER",
+        "cycle_ms": "INTEGER",
+        "waiting_ms": "INTEGER",
+        "missed_cups": "INTEGER",
+        "gap_cause": "TEXT",
+        "edges": "TEXT",
+    },
+    "audit": {"peer": "TEXT", "who": "TEXT", "what": "TEXT", "value": "TEXT", "result": "TEXT"},
+}
+
+TABLES: Final[dict[str, dict[str, str]]] = {
+    table: dict.fromkeys(COMMON, "INTEGER") | columns for table, columns in _SPECIFIC.items()
+}
+"""Columns of every table in order, with their types."""
+
+JSON_COLUMNS: Final = ("detail", "edges")
+"""Columns that contain JSON text."""
+
+
+class HistoryError(InputError):
+    """Raised for a history that cannot be opened or exported; the message is one line with the remedy."""
+
+
+def create_statements() -> list[str]:
+    """Return the SQL statements that create an empty history."""
+    statements = []
+    for table, columns in TABLES.items():
+        definitions = ", ".join(f'"{name}" {kind}' for name, kind in columns.items() if name != "id")
+        statements.append(f"CREATE TABLE {table} (id INTEGER PRIMARY KEY, {definitions})")
+    return [*statements, f"PRAGMA application_id = {APPLICATION}", f"PRAGMA user_version = {SCHEMA}"]
+
+
+def is_empty(db: sqlite3.Connection) -> bool:
+    """Return True if a database contains no tables.
+
+    Raises:
+        sqlite3.DatabaseError: The file is not a database, or is damaged.
+    """
+    return number(db, "SELECT count(*) FROM sqlite_master") == 0
+
+
+def check_schema(db: sqlite3.Connection, path: Path) -> None:
+    """Check that a database is a history with a supported schema.
+
+    Raises:
+        HistoryError: The database is not a history, or its schema is newer.
+        sqlite3.DatabaseError: The file is not a database, or is damaged.
+    """
+    version = number(db, "PRAGMA user_version")
+    if number(db, "PRAGMA application_id") != APPLICATION or version < 1:
+        raise HistoryError(f"{path}: is not a history; name a file written by a controller")
+    if version > SCHEMA:
+        raise HistoryError(
+            f"{path}: schema {version} is newer than schema {SCHEMA} of this program; use the program that wrote the "
+            "file, or name another file"
+        )
+
+
+def number(db: sqlite3.Connection, query: str) -> int:
+    """Return the single integer result of a query."""
+    return int(db.execute(query).fetchone()[0])

@@ -1,0 +1,272 @@
+"""History writer: production events, alarm changes and operator actions, written to a file without delaying the scan.
+
+Records are queued without waiting for the disk and written by a background thread. If the queue is full because the
+disk is slow, full or missing, further records are dropped. Dropped records are counted, and the loss is recorded as
+soon as the history can be written again.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from controller.events.alarm_list import AlarmChange
+from controller.events.cycle_edges import Edge
+from controller.events.production import (
+    AlarmEvent,
+    CycleEvent,
+    Event,
+    ModeEvent,
+    QuestionEvent,
+    RefusalEvent,
+    StateEvent,
+    TrayEvent,
+)
+from controller.history.file import HistoryFile, HistoryRow
+from controller.program.texts import Language, Text
+
+DEFAULT_HISTORY: Final = Path("var/history.sqlite")
+"""Default file, in the folder of the retentive memory."""
+LIMIT_BYTES: Final = 200_000_000
+"""Default size limit, bytes."""
+COMMIT_S: Final = 0.5
+"""Longest time between a record and its commit, s; alarms and audit records are committed immediately."""
+BATCH_ROWS: Final = 500
+"""Maximum number of rows per commit."""
+CLOSE_S: Final = 5.0
+"""Timeout of the final write, s."""
+LONGEST_TEXT: Final = 1_000
+"""Maximum length of an external text, characters."""
+LOST: Final = Text(
+    "{count} records are lost: the history could not be written ({why})",
+    "丢失 {count} 条记录：历史文件无法写入（{why}）",
+)
+SLOW: Final = Text("the disk is too slow", "磁盘太慢")
+
+_log = logging.getLogger(__name__)
+
+EdgesOf = Callable[[CycleEvent], Sequence[Edge]]
+
+
+class HistoryWriter:
+    """Writer of the history in a background thread; thread-safe. No method raises an exception after initialization.
+
+    Attributes:
+        path: Path of the file.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        wall_ms: Callable[[], int],
+        program: str,
+        version: str,
+        edges_of: EdgesOf = lambda _: (),
+        language: Language = "en",
+        limit_bytes: int = LIMIT_BYTES,
+        max_pending: int = 20_000,
+    ) -> None:
+        """Open the file and start a run.
+
+        Args:
+            path: Path of the file; a missing file is created.
+            wall_ms: Wall clock, ms since 1970 UTC.
+            program: Name of the machine's program.
+            version: Version of the controller.
+            edges_of: Function that returns the edges of a cycle in the scan that ends it, such as `CycleEdges.of`.
+            language: Language of the texts added by the writer; events already contain their texts.
+            limit_bytes: Maximum size of the file including its write-ahead log, bytes.
+            max_pending: Maximum number of queued rows; further rows are dropped and counted.
+
+        Raises:
+            HistoryError: The file is in use by another controller, is not a history, has a newer schema or cannot be
+                written.
+        """
+        self.path = path
+        self._file = HistoryFile(path, limit_bytes)
+        self._wall_ms = wall_ms
+        self._edges_of = edges_of
+        self._language: Language = language
+        self._max_pending = max_pending
+        self._wake = threading.Condition()
+        self._pending: deque[HistoryRow] = deque()
+        self._urgent = self._closing = False
+        self._dropped = self._unreported = 0
+        self._error: str | None = None
+        self._last_error = ""
+        self._put(HistoryRow("runs", wall_ms(), 0, (program, version)), urgent=True)
+        self._thread = threading.Thread(target=self._work, name="history", daemon=True)
+        self._thread.start()
+
+    @property
+    def error(self) -> str | None:
+        """Error of the last attempt to write; None after a success."""
+        with self._wake:
+            return self._error
+
+    @property
+    def dropped(self) -> int:
+        """Number of dropped rows."""
+        with self._wake:
+            return self._dropped
+
+    def write(self, event: Event | AlarmChange) -> None:
+        """Queue a production event or a change of the alarm list.
+
+        An `AlarmEvent` is ignored: the alarm list reports the same transitions, including operator actions.
+        """
+        if not isinstance(event, AlarmEvent):
+            table, values = self._values(event)
+            self._put(HistoryRow(table, self._wall_ms(), event.at_ms, values), urgent=table == "alarms")
+
+    def audit(self, peer: str, who: str, what: str, value: str, result: str, at_ms: int) -> None:  # noqa: PLR0917
+        """Queue an audit record of an operator action.
+
+        Args:
+            peer: Address of the client, such as "127.0.0.1:40312".
+            who: Name stated by the operator; not authenticated.
+            what: Requested action.
+            value: Written value.
+            result: "done", or "refused: " followed by the reason.
+            at_ms: Controller time, ms.
+        """
+        texts = tuple(_clean(text) for text in (peer, who, what, value, result))
+        self._put(HistoryRow("audit", self._wall_ms(), at_ms, texts), urgent=True)
+
+    def close(self) -> None:
+        """Write the pending rows and close the file; give up after `CLOSE_S`."""
+        with self._wake:
+            self._closing = True
+            self._wake.notify_all()
+        self._thread.join(CLOSE_S)
+
+    def _values(self, event: Event | AlarmChange) -> tuple[str, tuple[str | int | None, ...]]:
+        """Return the table of an event and the values of the columns specific to that table."""
+        number: int
+        details: tuple[str, ...] = ()
+        match event:
+            case AlarmChange():
+                by = None if event.by is None else _clean(event.by)
+                return "alarms", (
+                    event.number,
+                    event.key,
+                    event.before.value,
+                    event.after.value,
+                    by,
+                    event.text,
+                    event.shelved_until_ms,
+                )
+            case CycleEvent():
+                edges = json.dumps(self._edges_of(event), separators=(",", ":"))
+                return "cycles", (
+                    event.side,
+                    event.row,
+                    event.cycle_ms,
+                    event.waiting_ms,
+                    event.missed_cups,
+                    event.gap_cause,
+                    edges,
+                )
+            case StateEvent():
+                number, details = event.state, ("reason",)
+            case RefusalEvent():
+                number, details = event.reason, ("command",)
+            case QuestionEvent():
+                number, details = int(event.active), ("question", "active")
+            case ModeEvent():
+                number = event.mode
+            case TrayEvent():
+                number = event.trays_done
+            case _:
+                raise TypeError(f"no history table for {event}")
+        record = asdict(event)
+        detail = {name: record[name] for name in details if record[name] != ""}
+        return "events", (event.event, number, record.get("text", ""), _json(detail))
+
+    def _put(self, row: HistoryRow, *, urgent: bool) -> None:
+        with self._wake:
+            if len(self._pending) >= self._max_pending or self._closing:
+                self._dropped += 1
+                self._unreported += 1
+                return
+            self._pending.append(row)
+            if urgent:
+                self._urgent = True
+                self._wake.notify_all()
+
+    def _work(self) -> None:
+        closing = False
+        while not closing:
+            with self._wake:
+                self._wake.wait_for(lambda: self._urgent or self._closing, timeout=COMMIT_S)
+                self._urgent = False
+                closing = self._closing
+            while self._write_batch():
+                pass
+        with self._wake:
+            if self._pending:
+                _log.error("%s: %d records could not be written before closing", self.path, len(self._pending))
+        self._file.close()
+
+    def _write_batch(self) -> bool:
+        """Write one batch of pending rows and return True if any were written."""
+        with self._wake:
+            rows = self._batch()
+            unreported = self._unreported if len(rows) == len(self._pending) else 0
+        if not rows and not unreported:
+            return False
+        try:
+            self._file.append([*rows, self._lost_row(unreported, rows)] if unreported else rows)
+        except Exception as error:  # noqa: BLE001 - after any error the rows remain queued and are retried
+            self._fail(error)
+            return False
+        with self._wake:
+            for _ in rows:
+                self._pending.popleft()
+            self._unreported -= unreported
+            self._error = None
+        return True
+
+    def _batch(self) -> list[HistoryRow]:
+        rows: list[HistoryRow] = []
+        size_bytes = 0
+        for row in islice(self._pending, BATCH_ROWS):
+            size_bytes += row.size_bytes
+            if rows and size_bytes > self._file.batch_bytes:
+                break
+            rows.append(row)
+        return rows
+
+    def _lost_row(self, count: int, rows: Sequence[HistoryRow]) -> HistoryRow:
+        """Return the event row that records the number of lost rows."""
+        at_ms = rows[-1].at_ms if rows else 0
+        why = self._last_error or getattr(SLOW, self._language)
+        text = getattr(LOST, self._language).format(count=count, why=why)
+        detail = _json({"lost": count, "why": why})
+        return HistoryRow("events", self._wall_ms(), at_ms, ("history", count, text, detail))
+
+    def _fail(self, error: Exception) -> None:
+        with self._wake:
+            first = self._error is None
+            self._error = self._last_error = str(error)
+        if first:
+            _log.error(
+                "%s: %s; up to %d records are queued until it can be written", self.path, error, self._max_pending
+            )
+
+
+def _clean(text: str) -> str:
+    """Return an external text, truncated and encodable as UTF-8."""
+    return text[:LONGEST_TEXT].encode(errors="replace").decode()
+
+
+def _json(detail: dict[str, object]) -> str:
+    return json.dumps(detail, ensure_ascii=False, separators=(",", ":"))

@@ -1,0 +1,1 @@
+"""FX3U device map served to operator panels over Modbus."""

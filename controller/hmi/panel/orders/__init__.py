@@ -1,0 +1,1 @@
+"""Orders from a browser: permissions, messages, replies, jogging."""

@@ -1,0 +1,229 @@
+"""Access levels, passwords and sessions.
+
+Passwords are stored as individually salted scrypt hashes, together with the scrypt parameters, in a file that only its
+owner can read. Sessions are held in memory and end when the panel stops.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+import os
+import secrets
+import stat
+from collections.abc import Mapping
+from enum import IntEnum
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from controller.common.errors import InputError
+from controller.core.clock import Clock
+
+User = Literal["operate", "maintain"]
+USERS: Final[tuple[User, User]] = ("operate", "maintain")
+PASSWORD_MIN: Final = 8
+PASSWORD_MAX: Final = 128
+"""Length limits of a password, characters."""
+SESSION_MS: Final = 8 * 3_600_000
+MAX_SESSIONS: Final = 100
+MAX_ATTEMPTS: Final = 5
+"""Number of wrong passwords after which a peer is locked out."""
+LOCKOUT_MS: Final = 30_000
+
+
+class AccessLevel(IntEnum):
+    """Access level; each level includes the permissions of the lower ones."""
+
+    NONE = 0
+    VIEW = 1
+    OPERATE = 2
+    MAINTAIN = 3
+
+
+class UsersFileError(InputError):
+    """Raised for an invalid or unsafe users file; the message is one line with the remedy."""
+
+
+class Cost(BaseModel):
+    """Scrypt parameters; the memory requirement is 128 n r bytes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    n: Annotated[int, Field(ge=2, le=1 << 20)] = 1 << 15
+    r: Annotated[int, Field(ge=1, le=32)] = 8
+    p: Annotated[int, Field(ge=1, le=16)] = 3
+
+
+class _StoredPassword(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    cost: Cost
+    salt: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+    hash: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class _UsersFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal[1] = 1
+    users: dict[User, _StoredPassword]
+
+
+class Users:
+    """Passwords of the two users, stored in a file."""
+
+    def __init__(self, path: Path, cost: Cost | None = None) -> None:
+        """Read the file; if there is no file, no passwords are set.
+
+        Args:
+            path: Users file.
+            cost: Scrypt parameters of new passwords.
+
+        Raises:
+            UsersFileError: The file is unreadable, corrupt, or accessible to other users.
+        """
+        self._path = path
+        self._cost = cost or Cost()
+        self._stored: dict[User, _StoredPassword] = {}
+        self._read()
+
+    @property
+    def first_run(self) -> bool:
+        """True until the passwords have been set."""
+        return not self._stored
+
+    def set_first(self, passwords: Mapping[User, str]) -> None:
+        """Set both passwords and store them.
+
+        Raises:
+            OSError: The passwords cannot be stored; the current passwords remain valid.
+        """
+        stored = {user: self._hashed(passwords[user]) for user in USERS}
+        self._store(_UsersFile(users=stored))
+        self._stored = stored
+
+    def matches(self, user: str, password: str) -> bool:
+        """Return whether the password of a user is correct; slow, so call it in a thread."""
+        stored = next((stored for name, stored in self._stored.items() if name == user), None)
+        if stored is None:
+            _scrypt(password, bytes(16), self._cost)  # same duration as for an existing user
+            return False
+        return hmac.compare_digest(
+            _scrypt(password, bytes.fromhex(stored.salt), stored.cost), bytes.fromhex(stored.hash)
+        )
+
+    def _hashed(self, password: str) -> _StoredPassword:
+        salt = secrets.token_bytes(16)
+        return _StoredPassword(cost=self._cost, salt=salt.hex(), hash=_scrypt(password, salt, self._cost).hex())
+
+    def _read(self) -> None:
+        try:
+            mode = self._path.stat().st_mode
+            text = self._path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "is corrupt"
+            raise UsersFileError(f"--users {self._path}: {reason}; give a readable file, or remove it") from error
+        if stat.S_IMODE(mode) & 0o077:
+            raise UsersFileError(f"--users {self._path}: accessible to other users; run chmod 600 on it")
+        try:
+            stored = _UsersFile.model_validate_json(text).users
+        except ValidationError as error:
+            raise UsersFileError(f"--users {self._path}: is corrupt; remove it and set both passwords again") from error
+        if set(stored) != set(USERS):
+            raise UsersFileError(
+                f"--users {self._path}: must define {' and '.join(USERS)}; remove it and set both passwords again"
+            )
+        self._stored = stored
+
+    def _store(self, file: _UsersFile) -> None:
+        """Write to a temporary file with mode 600 and rename it: the file is never incomplete or readable by others."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = self._path.with_name(f"{self._path.name}.{secrets.token_hex(4)}.new")
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+                stream.write(file.model_dump_json(indent=2))
+                stream.flush()
+                os.fsync(stream.fileno())
+            temporary.replace(self._path)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def _scrypt(password: str, salt: bytes, cost: Cost) -> bytes:
+    memory = 128 * cost.n * cost.r + 128 * cost.r * cost.p + (1 << 20)
+    secret = password.encode("utf-8", "surrogatepass")
+    return hashlib.scrypt(secret, salt=salt, n=cost.n, r=cost.r, p=cost.p, maxmem=memory, dklen=32)
+
+
+class Sessions:
+    """Active login sessions."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Initialize with no sessions."""
+        self._clock = clock
+        self._ends: dict[str, tuple[AccessLevel, int]] = {}
+
+    def begin(self, user: User) -> str:
+        """Return the 256-bit token of a new session; at the session limit, the oldest session ends."""
+        self._remove_expired()
+        if len(self._ends) >= MAX_SESSIONS:
+            del self._ends[min(self._ends, key=lambda token: self._ends[token][1])]
+        token = secrets.token_urlsafe(32)
+        self._ends[token] = (AccessLevel[user.upper()], self._clock.now_ms() + SESSION_MS)
+        return token
+
+    def level(self, token: str | None) -> AccessLevel:
+        """Return the level of a session; NONE if it is unknown or has expired."""
+        level, end_ms = self._ends.get(token or "", (AccessLevel.NONE, 0))
+        return level if self._clock.now_ms() < end_ms else AccessLevel.NONE
+
+    def end(self, token: str | None) -> None:
+        """End a session; an unknown token is ignored."""
+        self._ends.pop(token or "", None)
+
+    def _remove_expired(self) -> None:
+        now_ms = self._clock.now_ms()
+        self._ends = {token: session for token, session in self._ends.items() if session[1] > now_ms}
+
+
+class LoginThrottle:
+    """Lockout of peers after repeated wrong passwords."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Initialize with no failed attempts."""
+        self._clock = clock
+        self._failures: dict[str, tuple[int, int]] = {}
+
+    def locked_s(self, peer: str) -> int:
+        """Return the remaining lockout of a peer, s; 0 if it is not locked out."""
+        count, last_ms = self._failures.get(peer, (0, 0))
+        remaining_ms = last_ms + LOCKOUT_MS - self._clock.now_ms()
+        return -(-remaining_ms // 1_000) if count >= MAX_ATTEMPTS and remaining_ms > 0 else 0
+
+    def begin(self, peer: str) -> None:
+        """Count an attempt as failed before the check, so that the limit also applies to parallel attempts."""
+        now_ms = self._clock.now_ms()
+        self._failures = {name: failed for name, failed in self._failures.items() if failed[1] + LOCKOUT_MS > now_ms}
+        count, _ = self._failures.get(peer, (0, 0))
+        self._failures[peer] = (count + 1, now_ms)
+
+    def succeed(self, peer: str) -> None:
+        """Clear the failed attempts of a peer after a correct password."""
+        self._failures.pop(peer, None)
+
+
+def is_loopback(host: str | None) -> bool:
+    """Return whether a peer address is a loopback address."""
+    try:
+        address = ipaddress.ip_address(host or "")
+    except ValueError:
+        return False
+    mapped = getattr(address, "ipv4_mapped", None)
+    return (mapped or address).is_loopback

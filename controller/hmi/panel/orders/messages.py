@@ -1,0 +1,141 @@
+"""Messages from a browser: orders, each with an `id` that the reply repeats."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from controller.hmi.panel.orders.session import Button
+
+Id = Annotated[int, Field(ge=0, le=2**53)] | Annotated[str, Field(max_length=64)]
+Name = Annotated[str, Field(max_length=64)]
+Word = Annotated[int, Field(ge=0, le=0xFFFF)]
+
+
+class MessageError(ValueError):
+    """Raised for a malformed message.
+
+    Attributes:
+        id: The `id` of the message, or None if it is missing or invalid.
+    """
+
+    def __init__(self, location: str, id_: int | str | None) -> None:
+        """Initialize the error with the invalid part of the message."""
+        super().__init__(location)
+        self.id = id_
+
+
+class _Order(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    id: Id
+
+
+class CommandOrder(_Order):
+    """Press of a command of the command table."""
+
+    type: Literal["command"]
+    command: Name
+
+
+class SetOrder(_Order):
+    """New value of a set-point, in counts of its register."""
+
+    type: Literal["set"]
+    name: Name
+    value: int
+
+
+class AcknowledgeOrder(_Order):
+    """Acknowledgement of one alarm, or of all."""
+
+    type: Literal["acknowledge"]
+    alarm: Word | None = None
+
+
+class ShelveOrder(_Order):
+    """Shelving of a warning for a number of minutes."""
+
+    type: Literal["shelve"]
+    alarm: Word
+    minutes: int
+
+
+class UnshelveOrder(_Order):
+    """End of shelving."""
+
+    type: Literal["unshelve"]
+    alarm: Word
+
+
+class JogOrder(_Order):
+    """Jog of an output, renewed while the button is held."""
+
+    type: Literal["jog"]
+    output: Name
+    hold: bool
+
+
+class BoxOrder(_Order):
+    """Button of the simulated operator box."""
+
+    type: Literal["box"]
+    button: Button
+    pressed: bool
+
+
+class PaceOrder(_Order):
+    """Speed of simulated time, percent."""
+
+    type: Literal["pace"]
+    percent: Word
+
+
+class ForceOrder(_Order):
+    """Forcing of an input to a raw level; 2 ends forcing."""
+
+    type: Literal["force"]
+    point: Name
+    level: Literal[0, 1, 2]
+
+
+Order = (
+    CommandOrder
+    | SetOrder
+    | AcknowledgeOrder
+    | ShelveOrder
+    | UnshelveOrder
+    | JogOrder
+    | BoxOrder
+    | PaceOrder
+    | ForceOrder
+)
+
+_ORDERS: Final[TypeAdapter[Order]] = TypeAdapter(Annotated[Order, Field(discriminator="type")])
+_IDS: Final[TypeAdapter[int | str]] = TypeAdapter(Id, config=ConfigDict(strict=True))
+
+
+def read_order(text: str) -> Order:
+    """Parse one message from a browser.
+
+    Raises:
+        MessageError: The message is malformed.
+    """
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise MessageError("JSON", None) from error
+    try:
+        return _ORDERS.validate_python(message)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise MessageError(".".join(str(part)[:64] for part in first["loc"]) or "type", _id_of(message)) from error
+
+
+def _id_of(message: object) -> int | str | None:
+    try:
+        return _IDS.validate_python(message.get("id") if isinstance(message, dict) else None)
+    except ValidationError:
+        return None

@@ -1,0 +1,312 @@
+"""Execution of browser orders by access level, one at a time over one connection.
+
+Before each order, the operator name is written for the audit log of the controller. Refused orders are answered with
+the reason and counted. Jogs use a separate connection (`jog`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import Final
+
+from controller.core.clock import Clock
+from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmRefusalError
+from controller.hmi.modbus import status_registers as status
+from controller.hmi.modbus.fx3u_map import coil_address, register_address
+from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
+from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, R_FORCING_ALLOWED, R_SIMULATED, Mirror
+from controller.hmi.panel.modbus.telemetry import Telemetry
+from controller.hmi.panel.orders import messages
+from controller.hmi.panel.orders.jog import Jogging
+from controller.hmi.panel.orders.login import AccessLevel
+from controller.hmi.panel.orders.replies import level_text, reply_text
+from controller.hmi.panel.orders.session import MOMENTARY, BrowserSession, OrderRefusedError, name_words, refused_text
+from controller.io.pace import FASTEST, FLAT_OUT
+from controller.program.commands import Command
+from controller.program.machine import Transplanter
+from controller.program.refusals import Refusal
+from controller.program.states import Mode, State
+from controller.program.texts import Text
+
+OUTCOME_SCANS: Final = 3
+"""Number of scans after which a command has been executed or refused."""
+OUTCOME_MS: Final = 500
+"""Longest wait for the outcome, ms; necessary because simulated time may be paused."""
+OUTCOME_POLL_MS: Final = 10
+FORCE_RENEWAL_MS: Final = 300
+"""Renewal period of forced inputs, ms; the controller releases them after 1 s without a telegram."""
+MINUTE_MS: Final = 60_000
+HOUR_MS: Final = 3_600_000
+
+REQUIRED_LEVELS: Final = {"jog": AccessLevel.MAINTAIN, "force": AccessLevel.MAINTAIN}
+"""Required level by order type; all other types require OPERATE."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """Reply to an order."""
+
+    ok: bool
+    text: Text
+
+
+class OrderHandler:
+    """Executor of the orders of all browsers.
+
+    Attributes:
+        done: Number of executed orders.
+        refused: Number of refused orders.
+    """
+
+    def __init__(
+        self,
+        machine: Transplanter,
+        mirror: Mirror,
+        connection: ModbusConnection,
+        jogging: Jogging,
+        *,
+        telemetry: Telemetry | None,
+        clock: Clock,
+    ) -> None:
+        """Initialize the handler.
+
+        Args:
+            machine: The program and its tags.
+            mirror: Mirror of the controller.
+            connection: Connection to the controller for all orders except jogs.
+            jogging: Executor of jogs.
+            telemetry: Telemetry source with the simulated operator box, if configured.
+            clock: Clock of the panel.
+        """
+        self.done = 0
+        self.refused = 0
+        self._mirror = mirror
+        self._connection = connection
+        self._jogging = jogging
+        self._telemetry = telemetry
+        self._clock = clock
+        self._tags = machine.tags
+        self._commands = {command.name: command for command in machine.tags.commands}
+        self._alarms = {alarm.bit.number: alarm for alarm in machine.alarms}
+        self._inputs = {point.address: point.number for point in machine.io_map.inputs}
+        self._forcing: set[BrowserSession] = set()
+        self._lock = asyncio.Lock()
+
+    async def execute(self, order: messages.Order, session: BrowserSession, level: AccessLevel) -> Reply:
+        """Execute an order of a session with the given access level."""
+        try:
+            required = REQUIRED_LEVELS.get(order.type, AccessLevel.OPERATE)
+            if level < required and not _is_release(order):
+                raise OrderRefusedError(level_text(required))
+            text = await self._dispatch(order, session, level)
+        except OrderRefusedError as refusal:
+            self.refused += 1
+            return Reply(False, refusal.text)
+        except ExceptionResponseError as refusal:
+            self.refused += 1
+            return Reply(False, reply_text("refused", code=refusal.code))
+        except ModbusConnectionError:
+            self.refused += 1
+            return Reply(False, reply_text("unsure"))
+        self.done += 1
+        return Reply(True, text)
+
+    async def release_all(self, session: BrowserSession) -> None:
+        """Release all inputs, buttons and jogs held by a disconnected browser."""
+        self._jogging.release(session)
+        with suppress(ModbusConnectionError, ExceptionResponseError, OrderRefusedError):
+            for button in tuple(session.pressed):
+                await self._press(messages.BoxOrder(id=0, type="box", button=button, pressed=False), session)
+        with suppress(ModbusConnectionError, ExceptionResponseError, OrderRefusedError):
+            for number in tuple(session.forced):
+                await self._write_force(number, status.RELEASE_FORCE)
+        self._forcing.discard(session)
+
+    async def run(self) -> None:
+        """Renew the forced inputs of connected browsers until cancelled."""
+        try:
+            while True:
+                await asyncio.sleep(FORCE_RENEWAL_MS / 1_000)
+                if any(session.forced for session in self._forcing):
+                    await self._renew_forces()
+        finally:
+            self._connection.close()
+
+    async def _dispatch(self, order: messages.Order, session: BrowserSession, level: AccessLevel) -> Text:
+        match order:
+            case messages.CommandOrder():
+                return await self._command(order, level)
+            case messages.SetOrder():
+                return await self._set(order, level)
+            case messages.AcknowledgeOrder() | messages.ShelveOrder() | messages.UnshelveOrder():
+                return await self._act_on_alarm(order, level)
+            case messages.JogOrder():
+                return await self._jog(order, session)
+            case messages.BoxOrder():
+                return await self._press(order, session)
+            case messages.PaceOrder():
+                return await self._pace(order, level)
+            case messages.ForceOrder():
+                return await self._force(order, session)
+
+    async def _command(self, order: messages.CommandOrder, level: AccessLevel) -> Text:
+        command = self._commands.get(order.command)
+        if command is None:
+            raise OrderRefusedError.because("no command", name=order.command)
+        if command.bit in self._tags.commands.jog.values():
+            raise OrderRefusedError.because("jog only")
+        async with self._signed(level):
+            before = (await self._refusal())[2]
+            await self._connection.write_bit(coil_address("M", command.bit.number), True)
+            return await self._outcome(command, before)
+
+    async def _outcome(self, command: Command, before: int) -> Text:
+        """Wait until the program has executed or refused the command."""
+        ends_ms = self._clock.now_ms() + OUTCOME_MS
+        first: int | None = None
+        while self._clock.now_ms() < ends_ms:
+            low, high = await self._connection.read_words(register_address("R", 0), 2)
+            scans = low | high << 16
+            refused, reason, refusals = await self._refusal()
+            if refusals != before and refused == command.number and reason in set(Refusal):
+                raise OrderRefusedError(refused_text(command, Refusal(reason)))
+            first = scans if first is None else first
+            if (scans - first) % (1 << 32) >= OUTCOME_SCANS:
+                return reply_text("done")
+            await asyncio.sleep(OUTCOME_POLL_MS / 1_000)
+        return reply_text("not yet")
+
+    async def _refusal(self) -> list[int]:
+        """Return the number of the last refused command, its reason, and the refusal count."""
+        machine = self._tags.machine
+        words = (machine.refused, machine.refusal, machine.refusals)
+        first = min(word.number for word in words)
+        count = max(word.number for word in words) - first + 1
+        read = await self._connection.read_words(register_address("D", first), count)
+        return [read[word.number - first] for word in words]
+
+    async def _set(self, order: messages.SetOrder, level: AccessLevel) -> Text:
+        set_points = self._tags.sp
+        if order.name not in set_points.names():
+            raise OrderRefusedError.because("no set-point", name=order.name)
+        word = getattr(set_points, order.name)
+        if word in set_points.at_start:
+            raise OrderRefusedError.because("at start")
+        lowest, highest = set_points.limits[word]
+        if not lowest <= order.value <= highest:
+            raise OrderRefusedError.because("range", lowest=lowest, highest=highest)
+        async with self._signed(level):
+            await self._connection.write_word(register_address("D", word.number), order.value)
+        return reply_text("done")
+
+    async def _act_on_alarm(
+        self, order: messages.AcknowledgeOrder | messages.ShelveOrder | messages.UnshelveOrder, level: AccessLevel
+    ) -> Text:
+        if order.alarm is not None and order.alarm not in self._alarms:
+            raise OrderRefusedError(AlarmRefusalError("unknown", number=order.alarm).reason)
+        match order:
+            case messages.AcknowledgeOrder():
+                words = [status.ACKNOWLEDGE, order.alarm or 0, 0]
+            case messages.ShelveOrder():
+                self._check_shelf(order)
+                words = [status.SHELVE, order.alarm, order.minutes]
+            case messages.UnshelveOrder():
+                words = [status.UNSHELVE, order.alarm, 0]
+        async with self._signed(level):
+            await self._connection.write_words(register_address("R", status.R_ALARM_ACTION), words)
+        return reply_text("done")
+
+    def _check_shelf(self, order: messages.ShelveOrder) -> None:
+        alarm, for_ms = self._alarms[order.alarm], order.minutes * MINUTE_MS
+        for refused, key in ((alarm.safety, "safety"), (alarm.stops_work, "stops_work")):
+            if refused:
+                raise OrderRefusedError(AlarmRefusalError(key, number=order.alarm).reason)
+        if not 1 <= for_ms <= LONGEST_SHELF_MS:
+            raise OrderRefusedError(AlarmRefusalError("time", limit=LONGEST_SHELF_MS // HOUR_MS, for_ms=for_ms).reason)
+
+    async def _jog(self, order: messages.JogOrder, session: BrowserSession) -> Text:
+        if not order.hold:
+            self._jogging.release(session)
+            return reply_text("let go")
+        await self._jogging.renew(session, order.output)
+        return reply_text("done")
+
+    async def _press(self, order: messages.BoxOrder, session: BrowserSession) -> Text:
+        telemetry = self._telemetry
+        tag = None if telemetry is None else telemetry.writable(f"box.{order.button}")
+        if telemetry is None or tag is None:
+            raise OrderRefusedError.because("no box")
+        if order.pressed and order.button in MOMENTARY:
+            session.pressed.add(order.button)
+        try:
+            await telemetry.write(tag, order.pressed)
+        except ModbusConnectionError as error:
+            raise OrderRefusedError.because("no box answer") from error
+        if not order.pressed:
+            session.pressed.discard(order.button)
+        return reply_text("done")
+
+    async def _pace(self, order: messages.PaceOrder, level: AccessLevel) -> Text:
+        if not self._mirror.word(R_SIMULATED):
+            raise OrderRefusedError.because("no pace")
+        if order.percent > FASTEST and order.percent != FLAT_OUT:
+            raise OrderRefusedError.because("range", lowest=0, highest=f"{FASTEST}, {FLAT_OUT}")
+        async with self._signed(level):
+            await self._connection.write_word(register_address("R", status.R_PACE), order.percent)
+        return reply_text("done")
+
+    async def _force(self, order: messages.ForceOrder, session: BrowserSession) -> Text:
+        number = self._inputs.get(order.point)
+        if number is None:
+            raise OrderRefusedError.because("no input", name=order.point)
+        if order.level != status.RELEASE_FORCE:
+            self._check_force()
+            for other in self._forcing:
+                other.forced.discard(number)
+            session.forced.add(number)
+            self._forcing.add(session)
+        await self._write_force(number, order.level)
+        if order.level == status.RELEASE_FORCE:
+            for other in self._forcing:
+                other.forced.discard(number)
+        return reply_text("done")
+
+    def _check_force(self) -> None:
+        mirror, machine = self._mirror, self._tags.machine
+        if not mirror.fresh:
+            raise OrderRefusedError.because("no controller")
+        if not mirror.word(R_FORCING_ALLOWED):
+            raise OrderRefusedError.because("no forcing")
+        state, mode = (mirror.memory.D[word.number] for word in (machine.state, machine.mode))
+        if state != State.STOPPED or mode != Mode.MANUAL:
+            raise OrderRefusedError.because("force only at rest")
+
+    async def _write_force(self, number: int, level: int) -> None:
+        async with self._signed(AccessLevel.MAINTAIN):
+            await self._connection.write_words(register_address("R", status.R_FORCE), [number, level])
+
+    async def _renew_forces(self) -> None:
+        try:
+            async with self._lock:
+                await self._connection.read_words(register_address("R", 0), 2)
+        except (ModbusConnectionError, ExceptionResponseError):
+            for session in self._forcing:
+                session.forced.clear()  # the controller has ended forcing with the connection
+
+    @asynccontextmanager
+    async def _signed(self, level: AccessLevel) -> AsyncIterator[None]:
+        """Reserve the connection and write the operator name for the audit log."""
+        async with self._lock:
+            try:
+                await self._connection.write_words(NAME_ADDRESS, name_words(level))
+            except ModbusConnectionError as error:
+                raise OrderRefusedError.because("no controller") from error
+            yield
+
+
+def _is_release(order: messages.Order) -> bool:
+    """Return whether an order only releases a jog of the same browser, which requires no access level."""
+    return isinstance(order, messages.JogOrder) and not order.hold

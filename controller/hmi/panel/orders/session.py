@@ -1,0 +1,72 @@
+"""Browser sessions and refusals, common to all orders."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, Self
+
+from controller.core.devices import Memory
+from controller.core.expr import evaluate
+from controller.hmi.modbus.status_registers import NAME_WORDS
+from controller.hmi.panel.orders.login import AccessLevel
+from controller.hmi.panel.orders.replies import reply_text
+from controller.program.commands import Command
+from controller.program.machine import Transplanter
+from controller.program.refusals import Refusal, refusal_text
+from controller.program.texts import Text
+
+Button = Literal["start", "stop", "emergency_stop", "reset"]
+MOMENTARY: Final[tuple[Button, ...]] = ("start", "stop", "reset")
+"""Spring-return buttons; the emergency stop latches."""
+
+
+class BrowserSession:
+    """Inputs and buttons held by one browser.
+
+    Attributes:
+        forced: Inputs forced by this browser, by the value of the octal label.
+        pressed: Buttons of the operator box held by this browser.
+        release_required: True after a jog that ended other than by release; the button must be released first.
+    """
+
+    def __init__(self) -> None:
+        """Initialize a session that holds nothing."""
+        self.forced: set[int] = set()
+        self.pressed: set[Button] = set()
+        self.release_required = False
+
+
+class OrderRefusedError(Exception):
+    """Raised for a refused order.
+
+    Attributes:
+        text: Reason and remedy.
+    """
+
+    def __init__(self, text: Text) -> None:
+        """Initialize the error with its reason."""
+        super().__init__(text.en)
+        self.text = text
+
+    @classmethod
+    def because(cls, key: str, **values: object) -> Self:
+        """Return a refusal whose reason is a text of `replies.REPLIES`."""
+        return cls(reply_text(key, **values))
+
+
+def name_words(level: AccessLevel) -> list[int]:
+    """Return the operator name for the audit log: ASCII, two characters per register, padded with zeros."""
+    text = level.name.lower().encode("ascii").ljust(2 * NAME_WORDS, b"\0")[: 2 * NAME_WORDS]
+    return [int.from_bytes(text[index : index + 2]) for index in range(0, len(text), 2)]
+
+
+def obstacle_text(machine: Transplanter, memory: Memory, command: Command) -> Text | None:
+    """Return the reason why a command would be refused in the current state; None if it is available."""
+    for obstacle in machine.orders.obstacles(command.bit):
+        if evaluate(obstacle.active, memory):
+            return refused_text(command, obstacle.reason)
+    return None
+
+
+def refused_text(command: Command, reason: Refusal) -> Text:
+    """Return the text of a refusal in both languages."""
+    return Text(refusal_text(command, reason, "en"), refusal_text(command, reason, "zh"))

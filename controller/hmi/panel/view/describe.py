@@ -1,0 +1,202 @@
+"""Static description of the machine for the page: names, texts, limits, I/O points and steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from controller.core.expr import Bit
+from controller.core.sequence import Sequence, Step
+from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag
+from controller.hmi.panel.view.conditions import condition_text
+from controller.hmi.panel.view.state import Json, in_both
+from controller.hmi.panel.view.texts import TEXTS
+from controller.iomap.loader import Point
+from controller.program.commands import JOGGED, Command
+from controller.program.machine import Transplanter
+from controller.program.tags import CUPS, ROWS, SIDES
+from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Text
+from controller.program.texts import SIDES as SIDE_TEXTS
+
+LANGUAGES: Final = ("en", "zh")
+
+GEOMETRY: Final = {
+    "slide_mm": {"feed": 0, "pick_1": 192.5, "pick_2": 235.5, "pick_3": 278.5},
+    "lift_mm": 150,
+    "spread_mm": 187,
+    "rows": len(ROWS),
+    "cups": CUPS,
+}
+"""Dimensions of the drawing: slide positions inward from feed for a row spacing of 600 mm; lift stroke; belt travel."""
+
+_TIME_BASES: Final = {" x10 ms": 10, " x100 ms": 100}
+
+
+def public() -> Json:
+    """Return the part of the description that the login dialog needs."""
+    return {"languages": list(LANGUAGES), "texts": {key: in_both(text) for key, text in TEXTS.items()}}
+
+
+def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
+    """Return the complete description."""
+    points = (*machine.io_map.inputs, *machine.io_map.outputs)
+    devices = _alarmed_devices(machine)
+    modes = {bit: int(mode) for mode, bit in machine.tags.commands.modes.items()}
+    return {
+        **public(),
+        "states": _numbered(STATES),
+        "modes": _numbered(MODES),
+        "reasons": _numbered(REASONS),
+        "commands": [
+            {
+                "name": command.name,
+                "text": _command_text(machine, command),
+                "group": command.group,
+                "packml": command.packml,
+                "mode": modes.get(command.bit),
+            }
+            for command in machine.tags.commands
+        ],
+        "set_points": list(_set_points(machine)),
+        "points": [_point(point) for point in points],
+        "jogs": [
+            {"output": output, "text": in_both(_jog_text(output)), "side": output.rpartition(".")[0] or None}
+            for output in JOGGED
+        ],
+        "questions": list(_questions()),
+        "alarms": [
+            {
+                "number": alarm.bit.number,
+                "text": in_both(alarm.text.message),
+                "check": in_both(alarm.text.check),
+                "safety": alarm.safety,
+                "stops_work": alarm.stops_work,
+                "device": devices.get(alarm.bit.number),
+            }
+            for alarm in machine.alarms
+        ],
+        "sequences": [
+            {"name": sequence.name, "steps": [_step(sequence, step) for _, step in sequence]}
+            for sequence in machine.program.sequences()
+        ],
+        "geometry": GEOMETRY,
+        "telemetry": [] if telemetry is None else [_tag(tag) for tag in telemetry.tags],
+    }
+
+
+def _alarmed_devices(machine: Transplanter) -> dict[int, str]:
+    """Return the device of each alarm by annunciator: the device that its step moves or its switches detect."""
+    devices: dict[int, str] = {}
+    for side, arm in machine.tags.arms.items():
+        moved = {bit: f"{side}.{_DEVICE_OF[name]}" for name, bit in arm.want.items()}
+        for sequence in (machine.cycles[side], machine.homings[side]):
+            for _, step in sequence:
+                wanted = [moved[bit] for bit in step.hold if bit in moved]
+                if step.watch is not None and isinstance(step.watch.alarm, Bit) and wanted:
+                    devices[step.watch.alarm.number] = wanted[0]
+    for alarm in machine.alarms:
+        device, _, subject = alarm.key.partition(" ")
+        if subject == "switches":
+            devices[alarm.bit.number] = f"{alarm.side}.{device}"
+    return devices
+
+
+def _numbered(table: dict[int, Text]) -> Json:
+    return {str(number): in_both(text) for number, text in table.items()}
+
+
+_DEVICE_OF: Final = {
+    "lift_extend": "lift",
+    "lift_retract": "lift",
+    "slide_inward": "slide",
+    "slide_outward": "slide",
+    "converge": "belt",
+    "spread": "belt",
+    "claws_open": "claws",
+    "claws_close": "claws",
+}
+
+
+def _label(key: str, default: str) -> Json:
+    return in_both(_text(key, default))
+
+
+def _text(key: str, default: str) -> Text:
+    return TEXTS.get(key, Text(default, default))
+
+
+def _with_side(side: str, text: Text) -> Text:
+    """Return a text preceded by the side, or the text alone if there is no side."""
+    if side not in SIDE_TEXTS:
+        return text
+    name, form = SIDE_TEXTS[side], TEXTS["format.labelled"]
+    return Text(form.en.format(label=name.en, text=text.en), form.zh.format(label=name.zh, text=text.zh))
+
+
+def _command_text(machine: Transplanter, command: Command) -> Json:
+    for output, bit in machine.tags.commands.jog.items():
+        if command.bit == bit:
+            return in_both(_jog_text(output))
+    return _label(f"command.{command.name}", command.name)
+
+
+def _jog_text(output: str) -> Text:
+    side, _, name = output.rpartition(".")
+    return _with_side(side, TEXTS[f"jog.{name}"])
+
+
+def _set_points(machine: Transplanter) -> Iterator[Json]:
+    set_points = machine.tags.sp
+    defaults = dict(set_points.defaults)
+    for name in set_points.names():
+        word = getattr(set_points, name)
+        lowest, highest = set_points.limits[word]
+        scale = next((ms for ending, ms in _TIME_BASES.items() if word.name.endswith(ending)), None)
+        yield {
+            "name": name,
+            "text": _label(f"set.{name}", word.name),
+            "unit": "" if scale is None else "ms",
+            "scale": scale or 1,
+            "lowest": lowest,
+            "highest": highest,
+            "first": defaults[word],
+            "at_start": word in set_points.at_start,
+        }
+
+
+def _point(point: Point) -> Json:
+    side, _, name = point.tag.rpartition(".")
+    return {
+        "address": point.address,
+        "tag": point.tag,
+        "text": in_both(_with_side(side, _text(f"point.{name}", point.meaning))),
+        "kind": "input" if point.device == "X" else "output",
+        "inverted": point.inverted,
+        "side": side if side in SIDES else None,
+    }
+
+
+def _questions() -> Iterator[Json]:
+    for side in SIDES:
+        answers = [f"{side}_loaded_yes", f"{side}_loaded_no", f"{side}_discard"]
+        yield _question(f"{side}_loaded", QUESTIONS["loaded"].of(SIDE_TEXTS[side]), answers)
+        yield _question(f"{side}_cups", QUESTIONS["cups"].of(SIDE_TEXTS[side]), ["cups_empty"])
+    yield _question("tray", QUESTIONS["tray"], ["tray_same", "tray_full", "tray_none"])
+
+
+def _question(key: str, text: Text, answers: list[str]) -> Json:
+    options: list[Any] = [{"command": name, "text": _label(f"command.{name}", name)} for name in answers]
+    return {"key": key, "text": in_both(text), "answers": options}
+
+
+def _step(sequence: Sequence, step: Step) -> Json:
+    return {
+        "s": str(sequence[step.title]),
+        "title": step.title,
+        "waits_for": step.waits_for,
+        "goes": [{"to": str(sequence[to.step]), "when": in_both(condition_text(to.when))} for to in step.go],
+    }
+
+
+def _tag(tag: TelemetryTag) -> Json:
+    return {"name": tag.name, "unit": tag.unit}

@@ -1,0 +1,220 @@
+"""Live view of the page as JSON, built from the mirror; sent in full once, then as deltas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from controller.core.devices import device_name
+from controller.core.expr import Bit, Expr, Word, evaluate
+from controller.hmi.modbus import status_registers as status
+from controller.hmi.panel.modbus import mirror as registers
+from controller.hmi.panel.modbus.mirror import Mirror
+from controller.hmi.panel.modbus.telemetry import Telemetry
+from controller.hmi.panel.orders.jog import Jogging
+from controller.hmi.panel.orders.session import obstacle_text, refused_text
+from controller.program.machine import Transplanter
+from controller.program.refusals import Refusal
+from controller.program.tags import ROWS, SIDES, Side
+from controller.program.texts import Text
+
+Json = dict[str, Any]
+
+OPEN_KEYS: Final = ("steps",)
+"""Sections with a variable set of keys: in a delta, null marks a removed key."""
+
+
+class ViewBuilder:
+    """Builder of the live view."""
+
+    def __init__(
+        self,
+        machine: Transplanter,
+        mirror: Mirror,
+        jogging: Jogging,
+        telemetry: Telemetry | None = None,
+        history_available: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Initialize a builder with its data sources.
+
+        Args:
+            machine: The program and its tags.
+            mirror: Mirror of the controller.
+            jogging: State of the jog.
+            telemetry: Telemetry source, if configured.
+            history_available: Function that returns True if a history exists.
+        """
+        self._machine = machine
+        self._tags = machine.tags
+        self._mirror = mirror
+        self._jogging = jogging
+        self._telemetry = telemetry
+        self._history_available = history_available
+        self._steps = [bit for sequence in machine.program.sequences() for bit, _ in sequence]
+        self._by_number = {command.number: command for command in machine.tags.commands}
+
+    def view(self) -> Json:
+        """Return all sections except `me`, which is specific to each browser."""
+        telemetry = self._telemetry
+        return {
+            "link": self._link(),
+            "machine": self._control(),
+            "arms": {side: self._arm(side) for side in SIDES},
+            "tray": self._tray(),
+            "io": dict(self._io()),
+            "forced": self._forced(),
+            "steps": {str(bit): 1 for bit in self._steps if self._read(bit)},
+            "alarms": {"rows": list(self._alarms())},
+            "questions": {"open": [key for key, asked in self._questions() if self._read(asked)]},
+            "commands": dict(self._commands()),
+            "set_points": {name: self._read(getattr(self._tags.sp, name)) for name in self._tags.sp.names()},
+            "telemetry": {} if telemetry is None else telemetry.values,
+            "jog": {"output": self._jogging.output},
+        }
+
+    def _read(self, device: Bit | Word) -> int:
+        memory = self._mirror.memory
+        if isinstance(device, Bit):
+            return int(memory.bits(device.kind)[device.number])
+        return memory.word(device.kind, device.number)
+
+    def _is(self, condition: Expr) -> bool:
+        return evaluate(condition, self._mirror.memory)
+
+    def _link(self) -> Json:
+        mirror, telemetry = self._mirror, self._telemetry
+        simulated, pace = bool(mirror.word(registers.R_SIMULATED)), mirror.word(registers.R_PACE_PERCENT)
+        return {
+            "controller": mirror.connected,
+            "age_ms": mirror.age_ms,
+            "telemetry": telemetry is not None and telemetry.fresh,
+            "telemetry_age_ms": None if telemetry is None else telemetry.age_ms,
+            "field_lost": bool(mirror.word(registers.R_LINK_LOST)),
+            "paused": simulated and pace == 0,
+            "simulated": simulated,
+            "pace_percent": pace,
+            "forcing_allowed": bool(mirror.word(registers.R_FORCING_ALLOWED)),
+            "history": self._history_available(),
+        }
+
+    def _control(self) -> Json:
+        machine = self._tags.machine
+        return {
+            "state": self._read(machine.state),
+            "mode": self._read(machine.mode),
+            "reason": self._read(machine.reason),
+            "first_out": self._read(machine.first_out),
+            "trays_done": self._read(machine.trays_done),
+            "refusals": self._read(machine.refusals),
+            "refusal": self._refusal(),
+            "time_ms": self._mirror.long(status.R_TIME_MS),
+        }
+
+    def _refusal(self) -> Json | None:
+        machine = self._tags.machine
+        command, reason = self._by_number.get(self._read(machine.refused)), self._read(machine.refusal)
+        if command is None or reason not in set(Refusal):
+            return None
+        return in_both(refused_text(command, Refusal(reason)))
+
+    def _arm(self, side: Side) -> Json:
+        arm = self._tags.arms[side]
+        sequences = (self._machine.cycles[side], self._machine.homings[side])
+        active = [str(bit) for sequence in sequences for bit, _ in sequence if self._read(bit)]
+        first = status.R_CYCLES + status.CYCLE_WORDS * SIDES.index(side)
+        cause = self._mirror.word(first + 6)
+        return {
+            "down": self._is(arm.down),
+            "up": self._is(arm.up),
+            "at_feed": self._is(arm.at_feed),
+            "at_pick": next((row for row in ROWS if self._is(arm.at_pick[row])), 0),
+            "spread": self._is(arm.is_spread),
+            "converged": self._is(arm.is_converged),
+            "loaded": self._is(arm.loaded),
+            "claws_closed": self._is(arm.claws_closed),
+            "step": active[-1] if active else None,
+            "row": next((row for row in ROWS if self._is(arm.row_is[row])), ROWS[0]),
+            "rows": {str(row): self._read(arm.rows[row]) for row in ROWS},
+            "missed_cups": self._read(arm.missed_cups),
+            "cycles": self._read(arm.cycles),
+            "cup_count": self._read(arm.cup_counter.value),
+            "cycle_ms": self._mirror.long(first + 2),
+            "waiting_ms": self._mirror.long(first + 4),
+            "gap_cause": status.GAP_CAUSES[cause] if cause < len(status.GAP_CAUSES) else status.GAP_CAUSES[0],
+        }
+
+    def _tray(self) -> Json:
+        tray = self._tags.tray
+        return {
+            "phase": self._read(tray.phase),
+            "edge": self._is(tray.edge),
+            "running": self._is(tray.driven["tray_run"]),
+            "forward": self._is(tray.driven["tray_forward"]),
+        }
+
+    def _io(self) -> Iterator[tuple[str, int]]:
+        memory = self._mirror.memory
+        for point in (*self._machine.io_map.inputs, *self._machine.io_map.outputs):
+            yield point.address, int(memory.bits(point.device)[point.number])
+
+    def _forced(self) -> list[str]:
+        forced = self._mirror.long(registers.R_FORCED)
+        return [device_name("X", number) for number in range(32) if forced >> number & 1]
+
+    def _alarms(self) -> Iterator[Json]:
+        mirror = self._mirror
+        for row in range(status.ALARM_ROWS):
+            first = status.R_ALARMS + status.ALARM_WORDS * row
+            number, state = mirror.word(first), mirror.word(first + 1)
+            if number and state < len(status.ALARM_STATES):
+                yield {
+                    "number": number,
+                    "state": state,
+                    "first_out": bool(mirror.word(first + 2)),
+                    "came_ms": mirror.long(first + 4),
+                    "shelved_until_ms": mirror.long(first + 6) or None,
+                }
+
+    def _questions(self) -> Iterator[tuple[str, Bit]]:
+        for side, arm in self._tags.arms.items():
+            yield f"{side}_loaded", arm.ask
+            yield f"{side}_cups", arm.ask_cups
+        yield "tray", self._tags.tray.ask
+
+    def _commands(self) -> Iterator[tuple[str, Json]]:
+        for command in self._tags.commands:
+            reason = obstacle_text(self._machine, self._mirror.memory, command)
+            yield command.name, {"free": reason is None, "why": None if reason is None else in_both(reason)}
+
+
+def in_both(text: Text) -> Json:
+    """Return a text as JSON.
+
+    Examples:
+        >>> in_both(Text("left", "左"))
+        {'en': 'left', 'zh': '左'}
+    """
+    return {"en": text.en, "zh": text.zh}
+
+
+def delta(before: Mapping[str, Any], after: Mapping[str, Any]) -> Json:
+    """Return the changes between two views: the changed keys of each section.
+
+    A section that is not an object is sent in full; in the sections of `OPEN_KEYS`, null marks a removed key.
+
+    Examples:
+        >>> delta({"steps": {"S20": 1}, "forced": []}, {"steps": {"S21": 1}, "forced": ["X5"]})
+        {'steps': {'S21': 1, 'S20': None}, 'forced': ['X5']}
+    """
+    changes: Json = {}
+    for section, new in after.items():
+        old = before.get(section)
+        if old == new and section in before:
+            continue
+        if not isinstance(new, dict) or not isinstance(old, dict):
+            changes[section] = new
+            continue
+        changes[section] = {key: value for key, value in new.items() if key not in old or old[key] != value}
+        if section in OPEN_KEYS:
+            changes[section] |= dict.fromkeys(old.keys() - new.keys())
+    return changes

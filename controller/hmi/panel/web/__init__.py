@@ -1,0 +1,1 @@
+"""Web server of the panel: routes, request checks, login, WebSockets."""

@@ -1,0 +1,381 @@
+"""Web application of the panel: page, description, login, history, trends, metrics and socket."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket
+
+from controller.core.clock import Clock
+from controller.history.query import HistoryReader, Record
+from controller.hmi.panel.modbus.connection import ModbusConnection
+from controller.hmi.panel.modbus.mirror import Mirror, Poller
+from controller.hmi.panel.modbus.telemetry import Telemetry
+from controller.hmi.panel.orders.jog import Jogging
+from controller.hmi.panel.orders.login import (
+    PASSWORD_MAX,
+    PASSWORD_MIN,
+    SESSION_MS,
+    USERS,
+    AccessLevel,
+    LoginThrottle,
+    Sessions,
+    User,
+    Users,
+    is_loopback,
+)
+from controller.hmi.panel.orders.operator import OrderHandler
+from controller.hmi.panel.orders.replies import level_text, reply_text
+from controller.hmi.panel.view.describe import describe, public
+from controller.hmi.panel.view.metrics import CONTENT_TYPE, Metrics
+from controller.hmi.panel.view.state import ViewBuilder, in_both
+from controller.hmi.panel.view.trends import Trends
+from controller.hmi.panel.web.guard import Guard
+from controller.hmi.panel.web.sockets import BrowserSocket, ViewBroadcaster
+from controller.program.machine import Transplanter
+from controller.program.tags import SIDES
+from controller.program.texts import Text
+
+_log = logging.getLogger(__name__)
+
+STATIC: Final = Path(__file__).parents[1] / "static"
+COOKIE: Final = "panel_session"
+CANCEL_PERIOD_S: Final = 0.1
+MAX_BODY: Final = 4_096
+"""Size limit of a request body, bytes."""
+HISTORY_CHECK_S: Final = 2.0
+"""Period of the check for a history file, s."""
+
+Endpoint = Callable[[Request], Awaitable[Response]]
+Body = TypeVar("Body", bound=BaseModel)
+
+
+class _Login(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    user: str = Field(max_length=32)
+    password: str = Field(max_length=PASSWORD_MAX)
+
+
+class _FirstPasswords(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    operate: str
+    maintain: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Data sources of the panel.
+
+    Attributes:
+        machine: The program that the controller runs.
+        connect: Function that returns a new connection to the controller.
+        telemetry: Telemetry source, if configured.
+        history: Reader of the history; the file may not exist yet.
+        clock: Clock of the panel.
+    """
+
+    machine: Transplanter
+    connect: Callable[[], ModbusConnection]
+    telemetry: Telemetry | None
+    history: HistoryReader | None
+    clock: Clock
+
+
+class PanelApplication:
+    """Panel without its network listener; for use in one event loop.
+
+    Attributes:
+        sessions: Active login sessions.
+        mirror: Mirror of the controller.
+        operator: Executor of orders.
+    """
+
+    def __init__(self, sources: Sources, users: Users, *, secure: bool = False) -> None:
+        """Assemble the panel.
+
+        Args:
+            sources: Data sources.
+            users: Passwords.
+            secure: True if TLS is used; the session cookie is then sent over TLS only.
+        """
+        machine, clock, telemetry = sources.machine, sources.clock, sources.telemetry
+        self.sessions = Sessions(clock)
+        self.mirror = Mirror(clock)
+        self._sources = sources
+        self._users = users
+        self._throttle = LoginThrottle(clock)
+        self._secure = secure
+        self._history_available = False
+        self._hash_lock = asyncio.Lock()
+        self._jogging = Jogging(machine, self.mirror, sources.connect, clock)
+        self.operator = OrderHandler(
+            machine, self.mirror, sources.connect(), self._jogging, telemetry=telemetry, clock=clock
+        )
+        self._trends = Trends(self.mirror, telemetry, clock)
+        viewer = ViewBuilder(machine, self.mirror, self._jogging, telemetry, lambda: self._history_available)
+        self._broadcaster = ViewBroadcaster(viewer, self._trends)
+        self._metrics = Metrics(machine, self.mirror, self.operator, telemetry, lambda: self._broadcaster.browsers)
+        self._description = describe(machine, telemetry)
+
+    def level(self, connection: HTTPConnection) -> AccessLevel:
+        """Return the access level of a client: that of its session, but at least VIEW on the local computer."""
+        level = self.sessions.level(connection.cookies.get(COOKIE))
+        return max(level, AccessLevel.VIEW) if _is_local(connection) else level
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Run the background tasks (polling, views, orders) while the application runs."""
+        poller = Poller(self._sources.connect(), self.mirror, self._sources.machine.io_map)
+        jobs: list[Coroutine[Any, Any, None]] = [
+            poller.run(),
+            self._broadcaster.run(),
+            self.operator.run(),
+            self._watch_history(),
+        ]
+        if self._sources.telemetry is not None:
+            jobs.append(self._sources.telemetry.run())
+        tasks = [asyncio.create_task(job) for job in jobs]
+        for task in tasks:
+            task.add_done_callback(_log_failure)
+        try:
+            yield
+        finally:
+            await self._jogging.close()
+            await _cancel(tasks)
+
+    async def me(self, request: Request) -> Response:
+        """Return the access level of the client and whether the passwords have yet to be set."""
+        return JSONResponse({"level": self.level(request).name.lower(), "first_run": self._users.first_run})
+
+    async def login(self, request: Request) -> Response:
+        """Start a session with user name and password."""
+        peer = _peer(request)
+        if self._users.first_run:
+            return _reply(409, "first run")
+        locked_s = self._throttle.locked_s(peer)
+        if locked_s:
+            response = _reply(429, "too many tries", seconds=locked_s)
+            response.headers["retry-after"] = str(locked_s)
+            return response
+        body = await _body(request, _Login)
+        if body is None:
+            return _reply(400, "malformed", what="user, password")
+        self._throttle.begin(peer)
+        async with self._hash_lock:
+            correct = await asyncio.to_thread(self._users.matches, body.user, body.password)
+        user = next((user for user in USERS if user == body.user), None)
+        if not correct or user is None:
+            return _reply(401, "wrong password")
+        self._throttle.succeed(peer)
+        self.sessions.end(request.cookies.get(COOKIE))
+        return self._with_session(_reply(200, "welcome"), user)
+
+    async def logout(self, request: Request) -> Response:
+        """End the session."""
+        self.sessions.end(request.cookies.get(COOKIE))
+        response = _reply(200, "bye")
+        response.delete_cookie(COOKIE, path="/", secure=self._secure, httponly=True, samesite="strict")
+        return response
+
+    async def first(self, request: Request) -> Response:
+        """Set both passwords on the first run; permitted from the local computer only."""
+        if not _is_local(request):
+            return _reply(403, "first only here")
+        body = await _body(request, _FirstPasswords)
+        if body is None:
+            return _reply(400, "malformed", what="operate, maintain")
+        passwords: dict[User, str] = {"operate": body.operate, "maintain": body.maintain}
+        if not all(PASSWORD_MIN <= len(password) <= PASSWORD_MAX for password in passwords.values()):
+            return _reply(400, "password length", least=PASSWORD_MIN, most=PASSWORD_MAX)
+        if body.operate == body.maintain:
+            return _reply(400, "same password")
+        async with self._hash_lock:
+            if not self._users.first_run:
+                return _reply(409, "first is over")
+            try:
+                await asyncio.to_thread(self._users.set_first, passwords)
+            except OSError as error:
+                return _reply(500, "not stored", why=error.strerror or error)
+        return _reply(200, "set up")
+
+    async def describe(self, request: Request) -> Response:
+        """Return the description for the page; before login, only the part that the login dialog needs."""
+        if self.level(request) is AccessLevel.NONE:
+            return JSONResponse(public(), status_code=401)
+        return JSONResponse(self._description)
+
+    async def history(self, request: Request) -> Response:
+        """Return rows of the history, newest first."""
+        reader = self._sources.history
+        if reader is None:
+            return _reply(404, "no history")
+        tables: dict[str, Callable[[int, int | None], list[Record]]] = {
+            "events": reader.events,
+            "alarms": reader.alarms,
+            "cycles": reader.cycles,
+            "audit": reader.audit,
+        }
+        table = tables.get(request.path_params["table"])
+        last, before = _whole_number(request, "last", "100"), _whole_number(request, "before", "")
+        if table is None or last is None or (before is None and "before" in request.query_params):
+            return _reply(400, "malformed", what="events|alarms|cycles|audit, last, before")
+        if not await asyncio.to_thread(lambda: reader.present):
+            return _reply(404, "no history")
+        return JSONResponse(await asyncio.to_thread(table, last, before))
+
+    async def last_cycle(self, request: Request) -> Response:
+        """Return the last cycle of an arm with its edges."""
+        reader = self._sources.history
+        side = next((side for side in SIDES if side == request.query_params.get("side")), None)
+        if side is None:
+            return _reply(400, "malformed", what="side")
+        if reader is None or not await asyncio.to_thread(lambda: reader.present):
+            return _reply(404, "no history")
+        return JSONResponse(await asyncio.to_thread(reader.last_cycle, side))
+
+    async def trends(self, request: Request) -> Response:
+        """Return the trend samples recorded after a given time."""
+        since_ms = _whole_number(request, "since", "0")
+        if since_ms is None:
+            return _reply(400, "malformed", what="since")
+        return JSONResponse(self._trends.since(since_ms))
+
+    async def metrics(self, _: Request) -> Response:
+        """Return the Prometheus metrics."""
+        return Response(self._metrics.text(), media_type=CONTENT_TYPE)
+
+    async def socket(self, socket: WebSocket) -> None:
+        """Serve the socket of a browser."""
+        if self.level(socket) is AccessLevel.NONE:
+            await socket.close(1008)
+            return
+        await BrowserSocket(socket, self._broadcaster, self.operator, lambda: self.level(socket)).serve()
+
+    def requires_view(self, endpoint: Endpoint) -> Endpoint:
+        """Return an endpoint that requires at least the VIEW level."""
+
+        async def checked(request: Request) -> Response:
+            if self.level(request) is AccessLevel.NONE:
+                return _response(401, level_text(AccessLevel.OPERATE))
+            return await endpoint(request)
+
+        return checked
+
+    async def _watch_history(self) -> None:
+        """Check periodically whether the history file exists."""
+        reader = self._sources.history
+        while reader is not None:
+            self._history_available = await asyncio.to_thread(lambda: reader.present)
+            await asyncio.sleep(HISTORY_CHECK_S)
+
+    def _with_session(self, response: Response, user: User) -> Response:
+        response.set_cookie(
+            COOKIE,
+            self.sessions.begin(user),
+            max_age=SESSION_MS // 1_000,
+            path="/",
+            secure=self._secure,
+            httponly=True,
+            samesite="strict",
+        )
+        return response
+
+
+def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
+    """Return the panel as an ASGI application.
+
+    Args:
+        panel: The panel.
+        names: Host names under which the panel is served, without port, in addition to the local host name and the
+            listening address.
+    """
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        async with panel.running():
+            yield
+
+    async def page(_: Request) -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    view = panel.requires_view
+    routes = [
+        Route("/", page),
+        Mount("/static", StaticFiles(directory=STATIC)),
+        Route("/api/me", panel.me),
+        Route("/api/describe", panel.describe),
+        Route("/api/login", panel.login, methods=["POST"]),
+        Route("/api/logout", panel.logout, methods=["POST"]),
+        Route("/api/first", panel.first, methods=["POST"]),
+        Route("/api/history/last_cycle", view(panel.last_cycle)),
+        Route("/api/history/{table}", view(panel.history)),
+        Route("/api/trends", view(panel.trends)),
+        Route("/metrics", view(panel.metrics)),
+        WebSocketRoute("/ws", panel.socket),
+    ]
+    return Guard(Starlette(routes=routes, lifespan=lifespan), names)
+
+
+def _peer(connection: HTTPConnection) -> str:
+    return connection.client.host if connection.client else ""
+
+
+def _is_local(connection: HTTPConnection) -> bool:
+    return is_loopback(_peer(connection))
+
+
+def _reply(status: int, key: str, **values: object) -> Response:
+    return _response(status, reply_text(key, **values))
+
+
+def _response(status: int, text: Text) -> Response:
+    return JSONResponse({"ok": status == 200, "text": in_both(text)}, status_code=status)
+
+
+async def _body(request: Request, model: type[Body]) -> Body | None:
+    """Return the JSON body of a request; None if it is too long or malformed."""
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MAX_BODY:
+            return None
+    try:
+        return model.model_validate_json(body)
+    except ValidationError:
+        return None
+
+
+def _whole_number(request: Request, name: str, default: str) -> int | None:
+    """Return a non-negative integer of the query; None if it is malformed."""
+    text = request.query_params.get(name, default)
+    return int(text) if text.isascii() and text.isdecimal() and len(text) <= 18 else None
+
+
+async def _cancel(tasks: Iterable[asyncio.Task[None]]) -> None:
+    """Cancel tasks repeatedly until all have ended; a cancellation that coincides with a response can be lost."""
+    running = {task for task in tasks if not task.done()}
+    while running:
+        for task in running:
+            task.cancel()
+        _, running = await asyncio.wait(running, timeout=CANCEL_PERIOD_S)
+
+
+def _log_failure(task: asyncio.Task[None]) -> None:
+    error = None if task.cancelled() else task.exception()
+    if error is not None:
+        _log.critical("background task of the panel failed", exc_info=error)

@@ -1,0 +1,111 @@
+"""Writers of retentive memory: values are stored before dependent outputs are written, without delaying the scan."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import Protocol
+
+from controller.core.retentive_store import RetentiveStore
+
+
+class RetentiveWriter(Protocol):
+    """Writer of retentive values from the scan to a store."""
+
+    def submit(self, values: Mapping[str, int]) -> None:
+        """Request storage of the values; a later call replaces a request whose write has not started."""
+
+    @property
+    def settled(self) -> bool:
+        """True if all submitted values are stored."""
+
+    @property
+    def error(self) -> Exception | None:
+        """Error of the last attempt to save; None after a success."""
+
+    def close(self) -> None:
+        """Store pending values and stop."""
+
+
+class DirectRetentiveWriter:
+    """Synchronous writer, for stores in memory and machines in simulated time.
+
+    Attributes:
+        error: Error of the last attempt to save; None after a success.
+    """
+
+    def __init__(self, store: RetentiveStore) -> None:
+        self._store = store
+        self.error: Exception | None = None
+
+    def submit(self, values: Mapping[str, int]) -> None:
+        """Save the values immediately."""
+        self.error = _save(self._store, values)
+
+    @property
+    def settled(self) -> bool:
+        """True if the values submitted last are stored."""
+        return self.error is None
+
+    def close(self) -> None:
+        """Do nothing, because values are never pending."""
+
+
+class ThreadedRetentiveWriter:
+    """Writer in a background thread. It saves only the newest values, which are always the complete memory."""
+
+    def __init__(self, store: RetentiveStore) -> None:
+        self._store = store
+        self._wake = threading.Condition()
+        self._newest: Mapping[str, int] | None = None
+        self._busy = False
+        self._closing = False
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._work, name="retentive memory", daemon=True)
+        self._thread.start()
+
+    def submit(self, values: Mapping[str, int]) -> None:
+        """Request storage of the values."""
+        with self._wake:
+            self._newest = values
+            self._wake.notify_all()
+
+    @property
+    def settled(self) -> bool:
+        """True if all submitted values are stored."""
+        with self._wake:
+            return self._newest is None and not self._busy and self._error is None
+
+    @property
+    def error(self) -> Exception | None:
+        """Error of the last attempt to save; None after a success."""
+        with self._wake:
+            return self._error
+
+    def close(self) -> None:
+        """Store pending values and end the thread."""
+        with self._wake:
+            self._closing = True
+            self._wake.notify_all()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._newest is not None or self._closing)
+                if self._newest is None:
+                    return
+                values, self._newest, self._busy = self._newest, None, True
+            error = _save(self._store, values)
+            with self._wake:
+                self._busy, self._error = False, error
+                self._wake.notify_all()
+
+
+def _save(store: RetentiveStore, values: Mapping[str, int]) -> Exception | None:
+    """Save the values and return the error; None on success."""
+    try:
+        store.save(values)
+    except Exception as error:  # noqa: BLE001 - the runtime reports any error
+        return error
+    return None

@@ -1,0 +1,1 @@
+"""I/O map: reader and schema of `io_map.yaml`."""

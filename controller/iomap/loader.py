@@ -1,0 +1,283 @@
+"""Reader of the I/O map ``io_map.yaml``, which assigns every wire of the machine to a terminal.
+
+An invalid file is rejected with one line that contains the file, the line, the tag, the problem and the
+remedy. The addresses of the paper are not mandatory: a wire may be assigned to another terminal, but every
+tag that the program requires must have one.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import yaml
+
+from controller.common.errors import InputError
+from controller.common.suggestion import suggestion
+from controller.common.yaml_lines import KeyPath, LocatedMapping, dotted, line_of, read_yaml, shown, unfold, value_of
+from controller.common.yaml_model import validated
+from controller.iomap.schema import (
+    INPUT,
+    KIND_OF,
+    OPTIONAL,
+    OUTPUT,
+    SECTIONS,
+    Entry,
+    ModbusTable,
+    OptionalEntry,
+    PointKind,
+    Polarity,
+)
+
+__all__ = ["DEFAULT_IO_MAP", "IoMap", "IoMapError", "ModbusTable", "Point", "Polarity", "load_io_map"]
+
+_PACKAGED_IO_MAP = Path(__file__).resolve().with_name("io_map.yaml")
+DEFAULT_IO_MAP = _PACKAGED_IO_MAP if _PACKAGED_IO_MAP.exists() else _PACKAGED_IO_MAP.parents[2] / "io_map.yaml"
+"""The machine's I/O map: part of the installed package, or at the root of a checkout."""
+
+
+class IoMapError(InputError):
+    """Raised for an invalid I/O map; the message is one line: file, line, tag, problem, remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """I/O point: one wire of the machine.
+
+    Attributes:
+        tag: Name in the program, e.g. ``left.lift_down``.
+        address: Terminal as written in the file, octal, e.g. ``X10``.
+        device: ``X`` for an input, ``Y`` for an output.
+        number: Octal value of the address, 8 for X10: the index into an image.
+        meaning: Meaning of the active state.
+        polarity: Relation between logical state and terminal level.
+        safe: Safe logical state: assumed for an input while the field link is lost, written to an output
+            in a fault.
+        table: Modbus table of the I/O module.
+        offset: Modbus offset in that table.
+        optional: True if the machine can run without it.
+        wired: True if the wire exists; always true unless optional.
+        line: Line of the entry in the file, from 1.
+    """
+
+    tag: str
+    address: str
+    device: str
+    number: int
+    meaning: str
+    polarity: Polarity
+    safe: bool
+    table: ModbusTable
+    offset: int
+    optional: bool
+    wired: bool
+    line: int
+
+    @property
+    def inverted(self) -> bool:
+        """True if the terminal is off while the point is active."""
+        return self.polarity in (Polarity.NORMALLY_CLOSED, Polarity.ACTIVE_LOW)
+
+    def level(self, active: bool) -> bool:
+        """Return the raw terminal level of a logical state."""
+        return active != self.inverted
+
+    def active(self, level: bool) -> bool:
+        """Return the logical state of a raw terminal level."""
+        return level != self.inverted
+
+
+@dataclass(frozen=True)
+class IoMap:
+    """I/O points of one machine.
+
+    An image is a list of raw terminal levels indexed by the octal value of the address.
+
+    Attributes:
+        path: Path of the file.
+        inputs: Wired inputs, by number.
+        outputs: Wired outputs, by number.
+        unwired: Optional points without a wire, in the order of the file.
+    """
+
+    path: Path
+    inputs: tuple[Point, ...]
+    outputs: tuple[Point, ...]
+    unwired: tuple[Point, ...]
+
+    @cached_property
+    def _by_tag(self) -> Mapping[str, Point]:
+        return {point.tag: point for point in (*self.inputs, *self.outputs)}
+
+    def __getitem__(self, tag: str) -> Point:
+        if tag not in self._by_tag:
+            raise KeyError(f"no wired point {tag} in {self.path}")
+        return self._by_tag[tag]
+
+    def __contains__(self, tag: object) -> bool:
+        return tag in self._by_tag
+
+    def get(self, tag: str) -> Point | None:
+        """Return the wired point with this tag, or None."""
+        return self._by_tag.get(tag)
+
+    @property
+    def input_count(self) -> int:
+        """Length of an X image: the highest wired X number + 1."""
+        return self.inputs[-1].number + 1
+
+    @property
+    def output_count(self) -> int:
+        """Length of a Y image: the highest wired Y number + 1."""
+        return self.outputs[-1].number + 1
+
+    def safe_inputs(self) -> list[bool]:
+        """Return the X image to assume while the field link is lost."""
+        return _safe_image(self.inputs, self.input_count)
+
+    def safe_outputs(self) -> list[bool]:
+        """Return the Y image with all outputs in their safe state."""
+        return _safe_image(self.outputs, self.output_count)
+
+
+def _safe_image(points: Iterable[Point], count: int) -> list[bool]:
+    image = [False] * count  # terminals without a wire are off
+    for point in points:
+        image[point.number] = point.level(point.safe)
+    return image
+
+
+def load_io_map(path: Path) -> IoMap:
+    """Read and check an I/O map.
+
+    Args:
+        path: Path of the file; ``DEFAULT_IO_MAP`` is the map of the machine.
+
+    Raises:
+        IoMapError: The file cannot be read or is invalid. The fault with the lowest line number is
+            reported. Missing points are reported only if there is no other fault, because a misspelt tag
+            would otherwise be reported as a missing one.
+    """
+    return _MapReader(path).io_map()
+
+
+class _MapReader:
+    """Parser of one file: collects the points and all faults with their lines."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._faults: list[tuple[int, str]] = []
+        self._points: dict[str, Point] = {}
+        self._assigned: dict[tuple[str, int], Point] = {}  # by terminal, and by Modbus table and offset
+
+    def io_map(self) -> IoMap:
+        section_lines = self._read_sections()
+        if not self._faults:
+            self._find_missing(section_lines)
+        if self._faults:
+            line, text = min(self._faults, key=lambda fault: fault[0])
+            raise IoMapError(f"{self._path}:{line}: {text}")
+        points = sorted(self._points.values(), key=lambda point: point.number)
+        return IoMap(
+            path=self._path,
+            inputs=tuple(p for p in points if p.wired and p.device == INPUT.device),
+            outputs=tuple(p for p in points if p.wired and p.device == OUTPUT.device),
+            unwired=tuple(p for p in self._points.values() if not p.wired),
+        )
+
+    def _fault(self, line: int, entry: str, problem: str) -> None:
+        self._faults.append((line, f"{entry}: {problem}"))
+
+    def _read_sections(self) -> dict[str, int]:
+        """Read all entries and return the line of each section."""
+        lines: dict[str, int] = {}
+        for key_node, node in read_yaml(self._path, IoMapError).value:
+            line, name = line_of(key_node), str(key_node.value)
+            if name not in SECTIONS:
+                self._fault(line, "file", f"unknown section {shown(name)}; {suggestion(name, SECTIONS)}")
+            elif name in lines:
+                self._fault(line, name, f"section is already on line {lines[name]}; merge both sections")
+            elif not isinstance(node, yaml.SequenceNode):
+                self._fault(line, name, "is not a list; write one '- {tag: ...}' per line below it")
+            else:
+                for entry in node.value:
+                    self._read_entry(name, entry)
+            lines.setdefault(name, line)
+        return lines
+
+    def _read_entry(self, section: str, node: yaml.Node) -> None:
+        if not isinstance(node, yaml.MappingNode):
+            problem = f"{shown(value_of(node))} is not an entry; write {{tag: ..., address: ..., ...}}"
+            self._fault(line_of(node), section, problem)
+            return
+        located = unfold(node)
+        tag = located.values.get("tag")
+        label = _label(section, tag)
+        if tag_fault := _tag_fault(section, tag):
+            located.add_fault(("tag",), tag_fault)
+        else:
+            kind = KIND_OF[str(tag)]
+            entry = validated(OptionalEntry if section == OPTIONAL else Entry, located, kind)
+            if entry is not None:
+                self._add(_point(entry, kind, located.line_of(())), located)
+        for fault in located.faults:
+            self._fault(fault.line, ": ".join(filter(None, (label, dotted(fault.path)))), fault.text)
+
+    def _add(self, point: Point, located: LocatedMapping) -> None:
+        """Add a valid point; report a fault if another point has the same tag, terminal or offset."""
+        duplicate = self._points.setdefault(point.tag, point)
+        if duplicate is not point:
+            located.add_fault(("tag",), f"is already on line {duplicate.line}; delete one of the two entries")
+            return
+        resources: tuple[tuple[KeyPath, str, tuple[str, int]], ...] = (
+            (("address",), point.address, (point.device, point.number)),
+            (("modbus", "offset"), f"{point.table} {point.offset}", (point.table, point.offset)),
+        )
+        for path, resource, key in resources:
+            owner = self._assigned.setdefault(key, point)
+            if owner is not point:
+                problem = f"{resource} is already used by {owner.tag} on line {owner.line}; choose a free one"
+                located.add_fault(path, problem)
+
+    def _find_missing(self, section_lines: Mapping[str, int]) -> None:
+        for kind in (INPUT, OUTPUT):
+            missing = [tag for tag in kind.required if tag not in self._points]
+            if missing:
+                line = section_lines.get(kind.section, 1)
+                self._fault(line, kind.section, f"missing {', '.join(missing)}; add an entry for each")
+
+
+def _tag_fault(section: str, tag: object) -> str | None:
+    """Return the fault of the tag of an entry, with the remedy; None for a valid tag."""
+    if not isinstance(tag, str):
+        problem = "is missing" if tag is None else f"cannot be {shown(tag)}"
+        return f"{problem}; write the name of a wire, for example left.lift_down"
+    if tag not in KIND_OF:
+        return f"is unknown; {suggestion(tag, KIND_OF, default='the program has no such wire, delete the entry')}"
+    correct = KIND_OF[tag].section_of(tag)
+    return None if section == correct else f"does not belong under {section}; move the entry to {correct}"
+
+
+def _label(section: str, tag: object) -> str:
+    """Return the label of an entry in messages: its tag, quoted if it contains special characters."""
+    if not isinstance(tag, str):
+        return f"{section} entry"
+    return tag if re.fullmatch(r"[\w.]{1,40}", tag) else shown(tag)
+
+
+def _point(entry: Entry, kind: PointKind, line: int) -> Point:
+    return Point(
+        tag=entry.tag,
+        address=entry.address,
+        device=kind.device,
+        number=entry.number,
+        meaning=entry.meaning,
+        polarity=entry.polarity,
+        safe=entry.safe == "active",
+        table=entry.modbus.table,
+        offset=entry.modbus.offset,
+        optional=isinstance(entry, OptionalEntry),
+        wired=entry.wired if isinstance(entry, OptionalEntry) else True,
+        line=line,
+    )

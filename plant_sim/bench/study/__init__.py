@@ -1,1 +1,0 @@
-"""Studies: the papers' experiments and one's own, run on the twin and set beside what was printed."""

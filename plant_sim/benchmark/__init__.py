@@ -1,0 +1,1 @@
+"""Benchmarks of the speeds stated in the documentation."""

@@ -1,0 +1,65 @@
+"""Command ``air``: air consumption of a recording or a trial, compared with Table 1 of the paper."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+from controller.iomap.loader import load_io_map
+from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
+from plant_sim.scope.store import Recording
+from plant_sim.study.air_consumption import air_of
+from plant_sim.twin.trial import run_trial
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``air``."""
+    parser.add_argument(
+        "recording",
+        type=Path,
+        nargs="?",
+        default=None,
+        metavar="RECORDING",
+        help="file written with --record (default: run the paper's trial)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_machine_arguments(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the comparison for a recording, or for a new trial if no recording is given.
+
+    Returns:
+        0; 1 if the trial did not complete.
+
+    Raises:
+        RecordingError: The recording is invalid.
+        IoMapError: The I/O map is invalid.
+        MachineError: The machine parameters are invalid.
+    """
+    check_machine_arguments(options)
+    if options.recording is not None:
+        _print(Recording(options.recording), as_json=options.json)
+        return 0
+    machine = machine_of(options)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "trial.parquet"
+        report = run_trial(
+            seed=options.seed,
+            trays=options.trays,
+            io_map=load_io_map(options.io_map),
+            parameters=machine,
+            record=path,
+        )
+        _print(Recording(path), as_json=options.json)
+    if report.reason:
+        print(f"the trial did not complete: {report.reason}", file=sys.stderr)
+    return 0 if report.completed else 1
+
+
+def _print(recording: Recording, *, as_json: bool) -> None:
+    report = air_of(recording)
+    print(json.dumps(report.record()) if as_json else report.text())

@@ -1,0 +1,139 @@
+"""Command ``faults``: the fault matrix, with its cases distributed over processes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
+from plant_sim.fault_matrix.cases import Subject, subjects
+from plant_sim.fault_matrix.report import MatrixRow, summary, write_report
+from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
+from plant_sim.faults import Fault, FaultError
+
+MOMENTS = 10
+"""Default number of random moments per fault."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``faults``."""
+    add_machine_arguments(parser)
+    parser.add_argument("--all", action="store_true", help="every fault of the machine")
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND[:TARGET]",
+        help="only this fault; may be repeated",
+    )
+    parser.add_argument("--moments", type=int, default=MOMENTS, help="random moments per fault")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="parallel processes")
+    parser.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the table, CSV and JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the matrix, write the table and print a summary.
+
+    Returns:
+        0 if all results are as expected, else 1.
+
+    Raises:
+        FaultError: An option is invalid.
+        IoMapError: The I/O map is invalid.
+        MachineError: The machine parameters are invalid.
+    """
+    check_machine_arguments(options)
+    machine_of(options)  # prints warnings about ratings
+    _check(options)
+    setting = MatrixSetup(options.seed, options.trays, options.io_map, options.machine)
+    chosen = subjects(setting.twin().plant, options.fault)
+    folder = _create_folder(options.out) if options.out is not None else None
+    start_s = time.perf_counter()
+    rows = run_matrix(chosen, setting, moments=options.moments, jobs=options.jobs)
+    print(summary(rows, time.perf_counter() - start_s))
+    if folder is not None:
+        for path in write_report(rows, folder):
+            print(path)
+    return 1 if any(row.findings for row in rows) else 0
+
+
+def run_matrix(chosen: Sequence[Subject], setting: MatrixSetup, *, moments: int, jobs: int) -> list[MatrixRow]:
+    """Run all cases of the chosen subjects.
+
+    Args:
+        chosen: The subjects.
+        setting: Machine and trial.
+        moments: Random moments per fault.
+        jobs: Parallel processes; 1 = this process only.
+
+    Returns:
+        One row per subject, in the same order.
+    """
+    reference = undisturbed(setting)
+    cases = [
+        (subject, fault)
+        for subject in chosen
+        for fault in subject.faults(moments, seed=setting.seed, from_ms=reference.begins_ms, to_ms=reference.ends_ms)
+    ]
+    outcomes: dict[Subject, list[Outcome]] = {subject: [] for subject in chosen}
+    with _progress(len(cases)) as progress, _results([fault for _, fault in cases], setting, jobs) as results:
+        for (subject, _), outcome in zip(cases, results, strict=True):
+            outcomes[subject].append(outcome)
+            progress.update(progress.task_ids[0], advance=1, description=str(subject))
+    return [MatrixRow(subject, results_of_subject) for subject, results_of_subject in outcomes.items()]
+
+
+def _progress(cases: int) -> Progress:
+    columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    progress = Progress(*columns, console=Console(stderr=True))
+    progress.add_task("", total=cases)
+    return progress
+
+
+@contextmanager
+def _results(faults: Sequence[Fault], setting: MatrixSetup, jobs: int) -> Iterator[Iterator[Outcome]]:
+    """Yield the outcomes of the cases; leaving the context early cancels the cases that have not started."""
+    run_one = partial(run_case, setting=setting)
+    if jobs == 1:
+        yield map(run_one, faults)
+        return
+    pool = ProcessPoolExecutor(jobs, initializer=_ignore_interrupts)
+    try:
+        yield pool.map(run_one, faults)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Ignore Ctrl-C in a worker; the parent process handles it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raise `FaultError` if an option is invalid."""
+    if options.all == bool(options.fault):
+        raise FaultError("faults: give either --all, or --fault KIND[:TARGET] as --fault jammed:left.slide")
+    for name in ("moments", "jobs"):
+        if not 1 <= getattr(options, name) <= 1000:
+            raise FaultError(f"--{name} {getattr(options, name)}: give 1 to 1000")
+
+
+def _create_folder(folder: Path) -> Path:
+    """Create the output folder, so that an invalid one is reported before the run."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FaultError(f"--out {folder}: {error.strerror}; name another folder") from error
+    if not os.access(folder, os.W_OK):
+        raise FaultError(f"--out {folder}: cannot be written to; name another folder")
+    return folder

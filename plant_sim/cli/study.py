@@ -1,0 +1,274 @@
+"""Command ``study``: run, analyse and report the papers' experiments and custom studies."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.common.units import QuantityError, parse_quantity
+from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from plant_sim.study.errors import StudyError
+
+if TYPE_CHECKING:
+    from plant_sim.study.report.study import Study
+    from plant_sim.study.runner import RunOptions
+
+# Modules that need statsmodels, which takes a second to import, are imported by the study that uses them.
+
+_RUN = ("trials", "seed", "seedlings", "workers", "machine", "io_map")
+_PACE = ("spacing", "frequencies")
+_LEAST = {"trials": 1, "seed": 0, "seedlings": 1, "workers": 1}
+_LINES = 10
+_RANGE = re.compile(r"(\d+)\.\.(\d+)/(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class _StudyEntry:
+    """Entry of the table of studies.
+
+    Attributes:
+        about: One-line description.
+        make: Function that runs the study.
+        options: Options that apply to the study.
+        data: Data sets accepted by `--data`.
+    """
+
+    about: str
+    make: Callable[[argparse.Namespace], Study]
+    options: tuple[str, ...]
+    data: tuple[str, ...] = ()
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``study``."""
+    names = "; ".join(f"{name}: {entry.about}" for name, entry in _STUDIES.items())
+    parser.add_argument("name", choices=_STUDIES, metavar="NAME", help=names)
+    parser.add_argument("file", nargs="?", type=Path, metavar="FILE", help="with own: the YAML file of the study")
+    parser.add_argument(
+        "--data",
+        metavar="SET",
+        help="published data set instead of the twin: paper with pepper-rsm, printed or reconciled with cabbage-rsm",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="new folder for report, tables and pictures")
+    parser.add_argument("--trials", type=int, metavar="N", help="trials per design point")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
+    parser.add_argument("--seedlings", type=int, metavar="N", help="seedlings per trial (default: 144)")
+    parser.add_argument("--spacing", metavar="LENGTH", help="with throughput: plant spacing in a row, e.g. 35cm")
+    parser.add_argument(
+        "--frequencies",
+        metavar="LIST",
+        help="with throughput: planting frequencies, plants per minute and row, e.g. 20..90/10 or 20,30,45",
+    )
+    parser.add_argument("--workers", type=int, metavar="N", help="parallel processes (default: one per core)")
+    parser.add_argument("--machine", type=Path, metavar="FILE", help="parameters of the machine")
+    parser.add_argument("--io-map", type=Path, metavar="FILE", help="I/O map of the machine")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run a study, print it and write the report.
+
+    Raises:
+        StudyError: An option, the study's file or the output folder is invalid.
+        IoMapError: The I/O map is invalid.
+        MachineError: The machine parameters are invalid.
+    """
+    entry: _StudyEntry = _STUDIES[options.name]
+    _check(options, entry)
+    from plant_sim.study.report.study import check_folder, write  # noqa: PLC0415
+
+    if options.out is not None:
+        check_folder(options.out)
+    study = entry.make(options)
+    sys.stdout.write(f"{study.json() if options.json else study.text()}\n")
+    sys.stdout.flush()
+    if options.out is not None:
+        for path in write(study, options.out):
+            sys.stderr.write(f"{path}\n")
+    return 0
+
+
+def _check(options: argparse.Namespace, entry: _StudyEntry) -> None:
+    name = options.name
+    if (options.file is None) == ("file" in entry.options):
+        missing = options.file is None
+        remedy = "name the YAML file of the study" if missing else "leave it out, or write own before it"
+        raise StudyError(f"FILE: {'is missing' if missing else f'has no effect with {name}'}; {remedy}")
+    if options.data is not None and options.data not in entry.data:
+        there = f"give {' or '.join(entry.data)}" if entry.data else "leave it out"
+        raise StudyError(f"--data {options.data}: is not a data set of {name}; {there}")
+    for option in (*_RUN, *_PACE):
+        if getattr(options, option) is None:
+            continue
+        flag = f"--{option.replace('_', '-')}"
+        if option not in entry.options:
+            why = "" if entry.options else ", which runs no trials"
+            raise StudyError(f"{flag}: has no effect with {name}{why}; leave it out")
+        if options.data is not None:
+            raise StudyError(f"{flag}: has no effect with --data, which runs no trials; leave one of them out")
+    for option, least in _LEAST.items():
+        value = getattr(options, option)
+        if value is not None and value < least:
+            raise StudyError(f"--{option} {value}: give {least} or more")
+
+
+def _spacing_m(text: str) -> float:
+    try:
+        return parse_quantity(text, "m")
+    except QuantityError as error:
+        raise StudyError(f"--spacing: {error}") from None
+
+
+def _frequencies_per_min(text: str) -> tuple[int, ...]:
+    """Return the planting frequencies of a range, ``20..90/10``, or a list, ``20,30,45``, 1/min."""
+    from plant_sim.study.throughput.pace import FASTEST_PER_MIN, SLOWEST_PER_MIN  # noqa: PLC0415
+
+    ends = _RANGE.fullmatch(text.replace(" ", ""))
+    if ends is not None:
+        low, high, step = map(int, ends.groups())
+        if low > high or step < 1:
+            raise StudyError(
+                f"--frequencies {text}: contains no frequency; write the lower end first and a step from 1"
+            )
+        frequencies: Sequence[int] = range(low, high + 1, step)
+    elif all(each.strip().isdecimal() for each in text.split(",")):
+        frequencies = [int(each) for each in text.split(",")]
+    else:
+        raise StudyError(f"--frequencies {text}: is neither a range nor a list; write 20..90/10 or 20,30,45")
+    if not all(SLOWEST_PER_MIN <= each <= FASTEST_PER_MIN for each in frequencies):
+        raise StudyError(f"--frequencies {text}: give whole numbers from {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}")
+    return tuple(frequencies)
+
+
+@contextmanager
+def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> Iterator[RunOptions]:
+    """Yield the run options, with the study's defaults for missing options; show the progress during the run."""
+    from plant_sim.study.runner import SEEDLINGS, RunOptions  # noqa: PLC0415
+
+    machine, io_map = load_machine(options.machine or DEFAULT_MACHINE), load_io_map(options.io_map or DEFAULT_IO_MAP)
+    with _progress() as progress:
+        yield RunOptions(
+            trials=trials if options.trials is None else options.trials,
+            seed=seed if options.seed is None else options.seed,
+            seedlings=SEEDLINGS if options.seedlings is None else options.seedlings,
+            workers=options.workers,
+            machine=machine,
+            io_map=io_map,
+            progress=progress,
+            machine_file=options.machine,
+            io_map_file=options.io_map,
+        )
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int], None]]:
+    """Show the number of completed trials: a bar on a terminal, otherwise one line per tenth."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _print_tenths
+        return
+    columns = (TextColumn("trials"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def _busy(activity: str) -> Iterator[None]:
+    """Show the activity of a study without trials on a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(activity):
+        yield
+
+
+def _print_tenths(done: int, total: int) -> None:
+    if done * _LINES // total > (done - 1) * _LINES // total:
+        sys.stderr.write(f"{done} of {total} trials\n")
+        sys.stderr.flush()
+
+
+def _pepper_single(options: argparse.Namespace) -> Study:
+    from plant_sim.study.pepper.single_factor import single_study  # noqa: PLC0415
+
+    with _run_options(options, trials=5) as run_options:
+        return single_study(run_options)
+
+
+def _pepper_rsm(options: argparse.Namespace) -> Study:
+    if options.data is not None:
+        from plant_sim.study.pepper.paper import paper_study  # noqa: PLC0415
+
+        with _busy("analysing the paper's table"):
+            return paper_study()
+    from plant_sim.study.pepper.response_surface import rsm_study  # noqa: PLC0415
+
+    with _run_options(options, trials=5) as run_options:
+        return rsm_study(run_options)
+
+
+def _cabbage_rsm(options: argparse.Namespace) -> Study:
+    if options.data is None:
+        raise StudyError("--data: cabbage-rsm has two data sets; give printed or reconciled")
+    from plant_sim.study.cabbage.study import cabbage_study  # noqa: PLC0415
+
+    with _busy("analysing the paper's table"):
+        return cabbage_study(options.data)
+
+
+def _calibration(options: argparse.Namespace) -> Study:
+    from plant_sim.study.pepper.calibration_study import calibration_study  # noqa: PLC0415
+    from plant_sim.study.runner import command_line  # noqa: PLC0415
+
+    machine, seed = load_machine(options.machine or DEFAULT_MACHINE), 1 if options.seed is None else options.seed
+    command = command_line("calibration", seed=seed, machine=options.machine)
+    with _busy("fitting the constants of the seedling"):
+        return dataclasses.replace(calibration_study(machine, seed=seed), command=command)
+
+
+def _throughput(options: argparse.Namespace) -> Study:
+    from plant_sim.study.throughput.driving import FREQUENCIES_PER_MIN  # noqa: PLC0415
+    from plant_sim.study.throughput.study import throughput_study  # noqa: PLC0415
+
+    spacing_m = None if options.spacing is None else _spacing_m(options.spacing)
+    text = options.frequencies
+    frequencies = FREQUENCIES_PER_MIN if text is None else _frequencies_per_min(text)
+    with _run_options(options, trials=1) as run_options:
+        return throughput_study(run_options, frequencies_per_min=frequencies, spacing_m=spacing_m)
+
+
+def _custom(options: argparse.Namespace) -> Study:
+    from plant_sim.study.custom.file import load_custom_study  # noqa: PLC0415
+    from plant_sim.study.custom.study import custom_study  # noqa: PLC0415
+
+    machine = load_machine(options.machine or DEFAULT_MACHINE)
+    custom = load_custom_study(
+        options.file, machine, trials=options.trials, seed=options.seed, seedlings=options.seedlings
+    )
+    with _run_options(options, trials=custom.replicates, seed=custom.seed) as run_options:
+        return custom_study(custom, run_options)
+
+
+_STUDIES: Mapping[str, _StudyEntry] = {
+    "pepper-single": _StudyEntry("single-factor tests of the pepper paper", _pepper_single, _RUN),
+    "pepper-rsm": _StudyEntry("the pepper paper's response surface and optimum", _pepper_rsm, _RUN, ("paper",)),
+    "cabbage-rsm": _StudyEntry(
+        "the cabbage paper's regression, from its published tables", _cabbage_rsm, (), ("printed", "reconciled")
+    ),
+    "calibration": _StudyEntry("calibration of the seedling constants", _calibration, ("seed", "machine")),
+    "throughput": _StudyEntry("limits of the planting rate of the machine", _throughput, (*_RUN, *_PACE)),
+    "own": _StudyEntry("a custom study", _custom, (*_RUN, "file")),
+}

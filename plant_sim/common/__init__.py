@@ -1,0 +1,1 @@
+"""Units, limits of parameters, and compilation to machine code."""

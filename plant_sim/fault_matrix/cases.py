@@ -1,0 +1,118 @@
+"""Cases of the fault matrix: every kind of fault at every possible part, at random times of a trial."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+from controller.common.suggestion import suggestion
+from controller.program.tags import SIDES
+from plant_sim.faults import FAULTS, Fault, FaultError
+from plant_sim.machine.plant import Plant
+
+SIZES: dict[str, tuple[float, ...]] = {
+    "late_sensor": (0.2,),  # longer than a slide takes to cross the band of a switch, shorter than any limit
+    "missed_pulses": (0.05,),  # one pulse in every second row of twelve
+    "doubled_pulses": (0.05,),
+    "slow_valve": (0.1, 0.5),  # double the switching time of a valve, and longer than a claw dwell
+    "leak": (2e-9, 2e-8),  # a pinhole, and a half-detached tube
+    "closed_throttle": (0.3, 0.02),  # slower but in time, and almost closed
+    "leaking_check_valve": (5e-10, 5e-9),  # dirt in the seat, and a broken seat
+    "low_supply": (0.35e6, 0.1e6),  # strokes still complete, and strokes no longer complete
+    "low_claw_supply": (0.10e6,),  # lower rating of the grippers
+    "failing_supply": (0.0,),  # the receiver supplies the rest of the trial
+    "dropping_arm": (5e-10, 5e-9),  # same as the check valves
+    "decoupled_magnet": (20.0,),  # less than the carriage acceleration requires
+    "slipping_belt": (15.0,),  # less than the friction
+    "stalled_stepper": (0.1, 0.02),  # sufficient only for an empty belt, and insufficient for any load
+    "skewed_tray": (0.008,),  # beyond the tolerance of the claws
+    "missing_cells": (7.0,),  # one in ten
+}
+"""Severities of each kind, in its unit; two where one is not enough, a tolerable and an intolerable one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """Row of the matrix: a kind of fault, a part and a size.
+
+    Attributes:
+        kind: Name of the kind in `FAULTS`.
+        part: Affected part, without the side.
+        size: Severity; None if the kind has no size.
+        targets: Full names of the part: one, or one per arm.
+    """
+
+    kind: str
+    part: str
+    size: float | None
+    targets: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.part}{'' if self.size is None else f'={self.size:g}'}"
+
+    def faults(self, count: int, *, seed: int, from_ms: int, to_ms: int) -> list[Fault]:
+        """Return faults at random times, alternating between the arms, or one fault per target if set before the run.
+
+        Args:
+            count: Number of faults.
+            seed: Seed of the random times.
+            from_ms: Earliest time, ms.
+            to_ms: Exclusive upper limit of the time, ms.
+        """
+        if FAULTS[self.kind].permanent:
+            return [Fault(self.kind, target, size=self.size) for target in self.targets]
+        draws = random.Random(f"seed {seed}, {self}")
+        targets = (self.targets[number % len(self.targets)] for number in range(count))
+        return [Fault(self.kind, target, draws.randrange(from_ms, to_ms), size=self.size) for target in targets]
+
+
+def subjects(plant: Plant, only: Iterable[str] = ()) -> list[Subject]:
+    """Return all rows of the matrix that apply to a machine.
+
+    Args:
+        plant: The machine; sensors that are not wired are omitted.
+        only: Selection as KIND or KIND:TARGET; all rows if empty.
+
+    Raises:
+        FaultError: The kind is unknown or does not apply to the target.
+    """
+    chosen = [_chosen(plant, text) for text in only] or [(kind, "") for kind in FAULTS]
+    rows = [subject for kind, target in chosen for subject in _subjects_of(plant, kind, target)]
+    return list(dict.fromkeys(rows))
+
+
+def part_of(target: str) -> str:
+    """Return the part of a target, without the side."""
+    side, dot, part = target.partition(".")
+    return part if dot and side in SIDES else target
+
+
+def _chosen(plant: Plant, text: str) -> tuple[str, str]:
+    kind, colon, target = text.partition(":")
+    if kind not in FAULTS:
+        raise FaultError(f"{kind}: unknown fault; {suggestion(kind, FAULTS)}")
+    known = _strikable(plant, kind)
+    if colon and target not in known:
+        raise FaultError(f"{text}: is not a wired {FAULTS[kind].target}; {suggestion(target, known)}")
+    return kind, target
+
+
+def _strikable(plant: Plant, kind: str) -> Collection[str]:
+    """Return the targets of a kind, excluding unwired sensors."""
+    unwired = plant.sensors.keys() - set(plant.wired)
+    return [target for target in FAULTS[kind].parts(plant) if target not in unwired]
+
+
+def _subjects_of(plant: Plant, kind: str, only: str) -> list[Subject]:
+    by_part: dict[str, list[str]] = {}
+    for target in _strikable(plant, kind):
+        if not only or target == only:
+            by_part.setdefault(_row_of(kind, target), []).append(target)
+    sizes: tuple[float | None, ...] = SIZES[kind] if FAULTS[kind].size is not None else (None,)
+    return [Subject(kind, part, size, tuple(targets)) for part, targets in by_part.items() for size in sizes]
+
+
+def _row_of(kind: str, target: str) -> str:
+    """Return the part that identifies the row of a target; both arms share a row, and so do all trays."""
+    return FAULTS[kind].target if FAULTS[kind].permanent else part_of(target)

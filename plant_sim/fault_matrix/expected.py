@@ -1,0 +1,237 @@
+"""Expectation for every row of the fault matrix: the first alarm, and damage that no alarm can prevent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from plant_sim.fault_matrix.cases import Subject
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """Expectation for a subject.
+
+    A case that affects neither production nor seedlings does not need an alarm.
+
+    Attributes:
+        alarms: Keys of the permitted first alarms, and 'no tray' or 'no cups' of a Suspended machine.
+        harm: Permitted monitor violations that no program can prevent: kinds of incident, names of monitors.
+        loses: True if seedlings may be lost or left behind.
+        note: Reason for missing or late detection, and a possible remedy; empty if detection is always in time.
+        stops: Permitted number of stops.
+    """
+
+    alarms: frozenset[str] = frozenset()
+    harm: frozenset[str] = frozenset()
+    loses: bool = False
+    note: str = ""
+    stops: int = 1
+
+
+def expectation(subject: Subject) -> Expectation:
+    """Return the expectation for a subject."""
+    table = EXPECTED[subject.kind]
+    return table[subject.part] if subject.part in table else table["*"]
+
+
+def _detected(*alarms: str) -> Expectation:
+    """Return the expectation that one of these alarms detects the fault before any damage."""
+    return Expectation(frozenset(alarms))
+
+
+def _damaging(detection: Expectation, note: str, *harm: str, loses: bool = False) -> Expectation:
+    """Return the expectation of damage that is detected afterwards or not at all."""
+    return replace(detection, harm=frozenset(harm), loses=loses, note=note)
+
+
+def _undetected(note: str, *harm: str, loses: bool = False) -> Expectation:
+    """Return the expectation for a fault that is never detected."""
+    return Expectation(harm=frozenset(harm), loses=loses, note=note)
+
+
+_PASSED_ROW = (
+    "the row has one switch and the slide brakes on it; a slide that misses it or brakes too little overruns the "
+    "standing seedlings before detection is possible. The arm is low, open and converged, and causes no damage"
+)
+_CLAWS = (
+    "the claws have no sensor, so neither a failure to close (the row stays in its tray) nor a failure to open (the "
+    "load goes back in) is detected; a reed switch at each end of their cylinder would detect both"
+)
+_SINKS = (
+    "an arm rises or sinks on its own: on the way, a load is pressed onto the tray before the slide stops, although it "
+    "stops as soon as the switch is lost; over a row, the claws close too high before the switch is lost"
+)
+_CREEPS = (
+    f"{_PASSED_ROW}. A slide at rest has no energised coil to hold it: it creeps over a row, or off it as the claws "
+    "close, or tears clamped stems, before its switch is lost"
+)
+_TOLERATED = "the stroke takes longer or shorter but completes in time"
+_ENDS_LATER = "the step takes longer by this time but ends before its timeout"
+"""Note on a late switch. A belt switch that releases late also makes the return appear too short, which is detected."""
+_TRAY_TOO_FAR = (
+    "the tray stops in a wrong position while its only sensor reports it in place; a second sensor at the other "
+    "corner, past the first, would detect it"
+)
+
+_TRAY_PASSES = (
+    "a sensor that fails while the tray moves lets the tray pass through the machine unseen, and it is reported "
+    "missing; its seedlings are undamaged and can be fed again. A second sensor would detect it. If the sensor is "
+    "repaired with a tray under it, the machine stops once more with a question, because that tray "
+    "was not met in creep speed"
+)
+
+_ROW = _detected("approach row", "return to row", "overrun", "close claws", "slide switches")
+_SLIDE = _detected(*_ROW.alarms, "slide to feed", "off home", "unbidden")
+_LIFT = _detected(
+    "lift from row",
+    "lower over cups",
+    "lower empty",
+    "slide to feed",
+    "spread",
+    "open claws",
+    "close claws",
+    "approach row",
+    "off home",
+    "lift switches",
+    "unbidden",
+)
+_BELT = _detected("spread", "converge", "open claws", "approach row", "off home", "belt switches", "unbidden")
+_AIR = _detected(*_SLIDE.alarms, *_LIFT.alarms, "air_low")
+_RUNS_PAST = _damaging(_SLIDE, _PASSED_ROW, "arm_through_tray")
+_CREEPING = _damaging(_SLIDE, _CREEPS, "arm_through_tray", "gentle_inward", "stems_cut", "torn", loses=True)
+_CLAW_HARM = ("gentle_inward", "arm_through_tray", "stems_cut", "dropped", "drop_over_tray", "torn", "double")
+_CLAWS_FAIL = _undetected(_CLAWS, *_CLAW_HARM, loses=True)
+_SINKING = _damaging(_LIFT, _SINKS, "arm_through_tray", "gentle_inward", "stems_cut", loses=True)
+
+_ROW_SWITCHES = ("slide_at_pick_1", "slide_at_pick_2", "slide_at_pick_3")
+_SWITCH_OFF = {
+    "lift_up": _detected("lift from row", "slide to feed", "spread", "unbidden"),
+    "lift_down": _detected(
+        "lower over cups", "lower empty", "open claws", "close claws", "approach row", "off home", "unbidden"
+    ),
+    "slide_at_feed": _detected(
+        "slide to feed",
+        "open claws",
+        "off home",
+        "spread",
+        "converge",
+        "lower over cups",
+        "unbidden",
+        "tray_jam",  # the belt is not permitted while an arm is not detected at feed, so the tray does not leave
+    ),
+    **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
+    "claws_spread": _detected("spread", "open claws", "unbidden"),
+    "claws_converged": _detected("converge", "approach row", "off home", "unbidden"),
+    "cup_pulse": _detected("no cups", "cup counts"),
+    "tray_front_edge": replace(
+        _damaging(_detected("tray_lost", "no tray", "approach row"), _TRAY_PASSES, loses=True), stops=2
+    ),
+}
+"""Alarms for a switch stuck off: it blocks a step or the interlock of a coil, or its signal is missing at rest."""
+_SWITCH_ON = {
+    **dict.fromkeys(("lift_up", "lift_down"), _detected("lift switches")),
+    "slide_at_feed": _detected("slide switches"),
+    **dict.fromkeys(
+        _ROW_SWITCHES,
+        _damaging(
+            _detected("slide switches", "overrun"),
+            "a switch that sticks as the slide approaches is accepted, because no other switch contradicts it and it "
+            "is not too early: the arm stops short of the row, picks nothing, and collides with the row on its way "
+            "to the next",
+            "arm_through_tray",
+            loses=True,
+        ),
+    ),
+    **dict.fromkeys(("claws_spread", "claws_converged"), _detected("belt switches")),
+    "cup_pulse": _detected("no cups", "cup counts"),
+    "tray_front_edge": _detected("tray_jam"),
+}
+"""Alarms for a switch stuck on: it is detected when the switch at the other end of the stroke is also on."""
+
+EXPECTED: dict[str, dict[str, Expectation]] = {
+    "stuck_on": _SWITCH_ON,
+    "stuck_off": _SWITCH_OFF,
+    "late_sensor": {
+        **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
+        "tray_front_edge": _undetected(_TRAY_TOO_FAR, "stems_cut", loses=True),
+        **dict.fromkeys(("claws_spread", "claws_converged"), _damaging(_detected("belt switches"), _ENDS_LATER)),
+        "*": _undetected(_ENDS_LATER),
+    },
+    "broken_wire": {
+        **_SWITCH_OFF,
+        "start": _undetected("the button has no effect at its next press; nothing moves"),
+        "stop": _detected("stop_stuck"),
+        "emergency_stop": _detected("emergency_stop"),
+    },
+    "missed_pulses": {
+        "*": _damaging(
+            _detected("cup counts"), "a throw is one cup late: one cup in the row stays empty, and no seedling is lost"
+        ),
+    },
+    "doubled_pulses": {
+        "*": _damaging(
+            _detected("cup counts"),
+            "a throw is one cup early, with its first plug in the last cup of the previous throw, or half a cup early, "
+            "between the cups; a doubled pulse cannot be distinguished from a faster tractor",
+            "double",
+            loses=True,
+        ),
+    },
+    "stuck_valve": {"slide": _RUNS_PAST, "lift": _SINKING, "claws": _CLAWS_FAIL},
+    "slow_valve": {"slide": _RUNS_PAST, "lift": _damaging(_LIFT, _TOLERATED), "claws": _CLAWS_FAIL},
+    "leak": {
+        **dict.fromkeys(("slide.plus", "slide.minus"), _CREEPING),
+        **dict.fromkeys(("lift.plus", "lift.minus"), _SINKING),
+        **dict.fromkeys(("claws.plus", "claws.minus"), _CLAWS_FAIL),
+        "supply": _damaging(_AIR, _PASSED_ROW, "arm_through_tray"),
+    },
+    "closed_throttle": {
+        **dict.fromkeys(("slide.plus", "slide.minus"), _SLIDE),
+        **dict.fromkeys(("lift.plus", "lift.minus"), _LIFT),
+        **dict.fromkeys(("claws.plus", "claws.minus"), _CLAWS_FAIL),
+    },
+    "leaking_check_valve": {
+        **dict.fromkeys(("slide.plus", "slide.minus"), _CREEPING),
+        **dict.fromkeys(("lift.plus", "lift.minus"), _SINKING),
+        "claw_reservoir": _undetected("the reservoir is needed only when the receiver is empty, and it is not"),
+    },
+    "low_supply": {
+        "supply": _damaging(
+            _AIR, f"{_PASSED_ROW}; a pressure switch (`air_pressure_ok`) detects it at once", "arm_through_tray"
+        ),
+    },
+    "low_claw_supply": {
+        "supply": _undetected(
+            "the force of the claws is not measured: plugs stay in their cells; a pressure switch behind "
+            "the claw regulator would detect it",
+            *_CLAW_HARM,
+            loses=True,
+        ),
+    },
+    "failing_supply": {
+        "compressor": _damaging(
+            _AIR,
+            "the receiver supplies the machine to the end of the trial; a pressure switch "
+            "(`air_pressure_ok`) detects it before a stroke is late",
+            "arm_through_tray",
+        ),
+    },
+    "jammed": {
+        "slide": _SLIDE,
+        "lift": _LIFT,
+        "claws": _CLAWS_FAIL,
+        "spreader": _BELT,
+        "cups": _detected("no cups", "cup counts"),
+        "conveyor": _detected("tray_jam", "no tray", "tray_lost"),
+    },
+    "dropping_arm": {"lift": _SINKING},
+    "decoupled_magnet": {"slide": _SLIDE},
+    "slipping_belt": {"spreader": _BELT},
+    "stalled_stepper": {"conveyor": _detected("tray_jam", "no tray", "tray_lost")},
+    "skewed_tray": {"magazine": _undetected(_TRAY_TOO_FAR, "stems_cut", loses=True)},
+    "missing_tray": {"magazine": _detected("no tray")},
+    "missing_cells": {
+        "*": _undetected("claws that close on an empty cell are not a machine fault: the cup stays empty")
+    },
+}
+"""Expectations by kind and part; '*' matches every other part."""

@@ -1,0 +1,103 @@
+"""First signal of a fault: an alarm, or the reason for the Suspended state."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from controller.core.sequence import Sequence
+from controller.events.production import AlarmEvent, Event, StateEvent
+from controller.program.states import Reason, State
+from plant_sim.twin.lock_step import SCAN_MS, Twin
+
+SUSPENSIONS = {
+    Reason.NO_TRAY: ("no tray", ""),
+    Reason.NO_CUPS_LEFT: ("no cups", "left"),
+    Reason.NO_CUPS_RIGHT: ("no cups", "right"),
+    Reason.NO_CUPS: ("no cups", ""),
+}
+"""Name and side of each reason for the Suspended state."""
+
+
+class Signal(NamedTuple):
+    """First signal of a fault.
+
+    Attributes:
+        name: Key of the alarm, or 'no tray' or 'no cups' for a Suspended machine.
+        side: Arm of the alarm; empty if none.
+        at_ms: Time of the signal, ms.
+        step: Step that timed out, as 'sequence: step'; empty if the signal is not a step timeout.
+        in_step_ms: Time since the step became active, ms.
+        limit_ms: Timeout of the step, ms.
+    """
+
+    name: str
+    side: str
+    at_ms: int
+    step: str = ""
+    in_step_ms: int = 0
+    limit_ms: int = 0
+
+    @property
+    def is_in_time(self) -> bool:
+        """True if the signal came within the timeout of its step plus two scans."""
+        return not self.step or self.in_step_ms <= self.limit_ms + 2 * SCAN_MS
+
+
+class _Limit(NamedTuple):
+    number: int
+    step: str
+    ms: int
+
+
+class FirstSignal:
+    """Observer of the first signal after the start of a fault.
+
+    Attributes:
+        signal: First signal; None so far.
+    """
+
+    def __init__(self, twin: Twin, from_ms: int) -> None:
+        """Observe a twin from the time `from_ms` on."""
+        self.signal: Signal | None = None
+        self._from_ms = from_ms
+        self._entered_ms: dict[int, int] = {}
+        self._event_count = len(twin.events)
+        self._limits = _limits([*twin.machine.cycles.values(), *twin.machine.homings.values(), twin.machine.feeder])
+        twin.watch(self._update)
+
+    def _update(self, twin: Twin) -> None:
+        states = twin.plc.memory.S
+        for limits in self._limits.values():
+            for number, _, _ in limits:
+                if not states[number]:
+                    self._entered_ms.pop(number, None)
+                else:
+                    self._entered_ms.setdefault(number, twin.now_ms)
+        for event in twin.events[self._event_count :]:
+            if self.signal is None and event.at_ms >= self._from_ms:
+                self.signal = self._signal(twin, event)
+        self._event_count = len(twin.events)
+
+    def _signal(self, twin: Twin, event: Event) -> Signal | None:
+        if isinstance(event, StateEvent) and event.state == State.SUSPENDED:
+            name, side = SUSPENSIONS[Reason(twin.plc.read(twin.machine.tags.machine.reason))]
+            return Signal(name, side, event.at_ms)
+        if not isinstance(event, AlarmEvent) or not event.active:
+            return None
+        alarm = twin.machine.alarms.of(event.number)
+        for number, step, limit_ms in self._limits.get(event.number, ()):
+            if number in self._entered_ms:
+                in_step_ms = event.at_ms - self._entered_ms[number]
+                return Signal(alarm.key, alarm.side or "", event.at_ms, step, in_step_ms, limit_ms)
+        return Signal(alarm.key, alarm.side or "", event.at_ms)
+
+
+def _limits(sequences: list[Sequence]) -> dict[int, list[_Limit]]:
+    """Return the steps that have a timeout, by the annunciator of the timeout."""
+    limits: dict[int, list[_Limit]] = {}
+    for sequence in sequences:
+        for bit, step in sequence:
+            if step.watch is not None:
+                limit = _Limit(bit.number, f"{sequence.name}: {step.title}", step.watch.ms)
+                limits.setdefault(step.watch.alarm.number, []).append(limit)
+    return limits

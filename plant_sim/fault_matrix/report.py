@@ -1,0 +1,208 @@
+"""Reports of the fault matrix: its rows as a Markdown table, its cases as CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from plant_sim.fault_matrix.cases import Subject
+from plant_sim.fault_matrix.expected import Expectation, expectation
+from plant_sim.fault_matrix.judge import complaints
+from plant_sim.fault_matrix.run import Outcome
+
+HEADING = (
+    "fault",
+    "runs",
+    "detected",
+    "first signal",
+    "after the fault, s",
+    "in its step, ms",
+    "state",
+    "lost",
+    "in doubt",
+    "recovered",
+    "monitors",
+    "findings",
+)
+COLUMNS = (
+    "fault",
+    "detected_by",
+    "side",
+    "after_ms",
+    "step",
+    "in_step_ms",
+    "limit_ms",
+    "state",
+    "rounds",
+    "asked",
+    "lost",
+    "in_doubt",
+    "in_cups",
+    "P",
+    "D",
+    "T",
+    "recovered",
+    "monitors",
+    "findings",
+)
+LEGEND = (
+    "After the fault: least, median and longest time. In its step: longest time that the timed-out step had been",
+    "active, and its timeout. Lost: seedlings lost or left behind beyond those of the undisturbed trial.",
+)
+
+
+@dataclass(frozen=True)
+class MatrixRow:
+    """Subject and the outcomes of its cases.
+
+    Attributes:
+        subject: Kind, part, size.
+        outcomes: One outcome per case.
+    """
+
+    subject: Subject
+    outcomes: Sequence[Outcome]
+
+    @property
+    def expected(self) -> Expectation:
+        """Expectation of the subject."""
+        return expectation(self.subject)
+
+    @property
+    def findings(self) -> list[str]:
+        """Deviations from the expectation, one line each, with their case."""
+        return [
+            f"{outcome.fault}: {complaint}"
+            for outcome in self.outcomes
+            for complaint in complaints(self.subject, outcome)
+        ]
+
+    @property
+    def is_detected(self) -> bool:
+        """True if any case gave a signal."""
+        return any(outcome.signal for outcome in self.outcomes)
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the cells of the table row."""
+        detected = [(outcome.fault, outcome.signal) for outcome in self.outcomes if outcome.signal is not None]
+        signals = [signal for _, signal in detected]
+        after_s = [(signal.at_ms - fault.start_ms) / 1000 for fault, signal in detected]
+        late = max((signal for signal in signals if signal.step), key=lambda signal: signal.in_step_ms, default=None)
+        return (
+            f"`{self.subject}`",
+            str(len(self.outcomes)),
+            str(len(detected)),
+            _counted(signal.name for signal in signals) or "-",
+            f"{min(after_s):.1f} / {median(after_s):.1f} / {max(after_s):.1f}" if after_s else "-",
+            f"{late.in_step_ms} of {late.limit_ms}" if late else "-",
+            _counted(outcome.state for outcome in self.outcomes),
+            _range([outcome.lost for outcome in self.outcomes]),
+            _range([outcome.in_doubt for outcome in self.outcomes]),
+            f"{sum(outcome.recovered for outcome in self.outcomes)} of {len(self.outcomes)}",
+            _counted(kind for outcome in self.outcomes for kind in outcome.trips) or "-",
+            str(len(self.findings)) if self.findings else "-",
+        )
+
+
+def markdown(rows: Sequence[MatrixRow]) -> str:
+    """Return the matrix, the limits of detection, and the findings."""
+    lines = [_line(HEADING), _line(["---"] * len(HEADING)), *(_line(row.cells()) for row in rows)]
+    lines += ["", *LEGEND]
+    notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
+    if notes:
+        lines += ["", "## Limits of detection", "", *notes]
+    findings = [f"- {finding}" for row in rows for finding in row.findings]
+    return "\n".join([*lines, "", "## Findings", "", *(findings or ["None."]), ""])
+
+
+def records(rows: Iterable[MatrixRow]) -> list[dict[str, object]]:
+    """Return every case as one flat record."""
+    return [_record(row.subject, outcome) for row in rows for outcome in row.outcomes]
+
+
+def as_csv(rows: Iterable[MatrixRow]) -> str:
+    """Return every case as one line of CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {key: "; ".join(value) if isinstance(value, list) else value for key, value in record.items()}
+        for record in records(rows)
+    )
+    return text.getvalue()
+
+
+def write_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
+    """Write the matrix into a folder; return the files.
+
+    Raises:
+        OSError: The folder is not writable.
+    """
+    texts = {
+        "fault-matrix.md": f"# Fault matrix\n\n{markdown(rows)}",
+        "fault-matrix.csv": as_csv(rows),
+        "fault-matrix.json": json.dumps(records(rows), indent=1) + "\n",
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+def summary(rows: Sequence[MatrixRow], wall_s: float) -> str:
+    """Return a summary of the matrix as text."""
+    outcomes = [outcome for row in rows for outcome in row.outcomes]
+    findings = [finding for row in rows for finding in row.findings]
+    detected = sum(outcome.signal is not None for outcome in outcomes)
+    lines = [
+        f"{len(rows)} faults, {len(outcomes)} trials in {wall_s:.0f} s: {detected} with a signal, "
+        f"{sum(outcome.recovered for outcome in outcomes)} recovered",
+        f"without a signal: {', '.join(str(row.subject) for row in rows if not row.is_detected) or 'none'}",
+        f"findings: {len(findings) or 'none'}",
+        *findings,
+    ]
+    return "\n".join(lines)
+
+
+def _record(subject: Subject, outcome: Outcome) -> dict[str, object]:
+    signal, counts = outcome.signal, outcome.counts
+    return {
+        "fault": str(outcome.fault),
+        "detected_by": signal.name if signal else "",
+        "side": signal.side if signal else "",
+        "after_ms": signal.at_ms - outcome.fault.start_ms if signal else None,
+        "step": signal.step if signal else "",
+        "in_step_ms": signal.in_step_ms if signal and signal.step else None,
+        "limit_ms": signal.limit_ms if signal and signal.step else None,
+        "state": outcome.state,
+        "rounds": outcome.rounds,
+        "asked": outcome.asked,
+        "lost": outcome.lost,
+        "in_doubt": outcome.in_doubt,
+        "in_cups": counts.in_cups,
+        "P": counts.P,
+        "D": counts.D,
+        "T": counts.T,
+        "recovered": outcome.recovered,
+        "monitors": [f"{kind}: {text}" for kind, text in outcome.trips.items()],
+        "findings": complaints(subject, outcome),
+    }
+
+
+def _counted(names: Iterable[str]) -> str:
+    """Return names with their frequencies, most frequent first."""
+    return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common())
+
+
+def _range(numbers: Sequence[int]) -> str:
+    low, high = min(numbers), max(numbers)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _line(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"

@@ -1,0 +1,260 @@
+"""Case of the fault matrix: a complete trial with one fault and an operator who repairs it after a stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from controller.program.states import State
+from controller.program.tags import SIDES
+from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
+from plant_sim.fault_matrix.first_signal import FirstSignal, Signal
+from plant_sim.faults import FAULTS, Fault
+from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
+from plant_sim.twin.lock_step import NotReachedError, Twin
+from plant_sim.twin.monitors import collect_violations
+from plant_sim.twin.recovery import clear, home_again, questions, repair
+
+TRAY_LIMIT_MS = 300_000
+"""Time limit of a tray if the machine does not stop, ms; at 45 cups/min a tray takes 50 s."""
+OBSERVATION_MS = 6_000
+"""Observation time of a stopped machine before the repair, ms; every alarm at standstill is raised by then."""
+SUSPENDED_MS = 10_000
+"""Time limit for a Suspended machine to resume, ms."""
+ROUNDS = 3
+"""Recovery attempts of the operator."""
+
+RESTS = (State.HELD, State.ABORTED, State.STOPPED, State.SUSPENDED)
+"""States in which the machine has stopped and waits for an operator."""
+
+
+@dataclass
+class Outcome:
+    """Outcome of a case.
+
+    Attributes:
+        fault: Fault of the case.
+        signal: First signal; None if there is none.
+        state: Name of the PackML state at the first stop, or at the end.
+        trips: Monitor violations, by kind.
+        asked: Questions to the operator.
+        in_doubt: Number of seedlings in the rows and trays affected by the questions.
+        away: Arms that had no alarm and were not at feed when the machine was Held.
+        rounds: Number of recoveries by the operator.
+        counts: Final location of the seedlings.
+        lost: Seedlings lost or left behind beyond those of an undisturbed run.
+        passed: True if a tray passed through the machine undetected, and the operator ended the trial without it.
+        reason: Reason for an incomplete trial or for wrong counts of trays or rows; empty if there is none.
+    """
+
+    fault: Fault
+    counts: SeedlingCounts
+    lost: int
+    signal: Signal | None = None
+    state: str = ""
+    trips: dict[str, str] = field(default_factory=dict)
+    asked: list[str] = field(default_factory=list)
+    in_doubt: int = 0
+    away: list[str] = field(default_factory=list)
+    rounds: int = 0
+    passed: bool = False
+    reason: str = ""
+
+    @property
+    def recovered(self) -> bool:
+        """True if the trial completed with correct counts and with no seedling left in trays or claws."""
+        return not self.reason and not self.left
+
+    @property
+    def left(self) -> int:
+        """Seedlings left in trays or claws."""
+        return self.counts.in_tray + self.counts.in_claw
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixSetup:
+    """Common settings of all cases of a matrix.
+
+    Attributes:
+        seed: Seed of the plant.
+        trays: Trays of a trial, 72 seedlings each.
+        io_map: I/O map file.
+        machine: Machine parameter file.
+    """
+
+    seed: int = 1
+    trays: int = 2
+    io_map: Path = DEFAULT_IO_MAP
+    machine: Path = DEFAULT_MACHINE
+
+    def twin(self, *faults: Fault) -> Twin:
+        """Return a machine after power-up.
+
+        Raises:
+            IoMapError: The I/O map is invalid.
+            MachineError: The parameters are invalid.
+        """
+        twin = Twin(
+            seed=self.seed,
+            trays=self.trays,
+            io_map=_io_map(self.io_map),
+            parameters=_machine(self.machine),
+            set_points={"trays_target": self.trays},
+            faults=faults,
+        )
+        twin.plant.seedlings.make_typical()  # so that every loss is caused by the fault
+        return twin
+
+
+@cache
+def _io_map(path: Path) -> IoMap:
+    return load_io_map(path)
+
+
+@cache
+def _machine(path: Path) -> Machine:
+    return load_machine(path)
+
+
+class Undisturbed(NamedTuple):
+    """Result of a trial without a fault.
+
+    Attributes:
+        begins_ms: Time of entering Execute, ms.
+        ends_ms: Time of entering Complete, ms.
+        counts: Final location of the seedlings.
+        cycles: Rows thrown (released over the cups).
+    """
+
+    begins_ms: int
+    ends_ms: int
+    counts: SeedlingCounts
+    cycles: int
+
+
+@cache
+def undisturbed(setting: MatrixSetup) -> Undisturbed:
+    """Run a trial without a fault."""
+    twin = setting.twin()
+    twin.home()
+    twin.start()
+    begins_ms = twin.now_ms
+    twin.run_until_state(State.COMPLETE, within_ms=setting.trays * TRAY_LIMIT_MS)
+    return Undisturbed(begins_ms, twin.now_ms, twin.plant.counts(), thrown(twin))
+
+
+def thrown(twin: Twin) -> int:
+    """Return the number of rows released over the cups, as counted by the program."""
+    return sum(twin.plc.read(twin.machine.tags.arms[side].cycles) for side in SIDES)
+
+
+def run_case(fault: Fault, setting: MatrixSetup) -> Outcome:
+    """Run a trial with a fault, with recovery by the operator after every stop.
+
+    Args:
+        fault: The fault; it lasts until the repair.
+        setting: Machine and trial.
+    """
+    lasts = FAULTS[fault.kind].permanent
+    twin = setting.twin(fault) if lasts else setting.twin()
+    outcome = Outcome(fault, twin.plant.counts(), 0, trips=collect_violations(twin))
+    first_signal = FirstSignal(twin, fault.start_ms)
+    if not lasts:
+        twin.plant.faults.add(fault)
+    try:
+        twin.home()
+        twin.start()
+        _work(twin, outcome, setting.trays)
+    except NotReachedError as error:
+        outcome.reason = str(error)
+    outcome.signal = first_signal.signal
+    outcome.state = outcome.state or twin.state.name
+    _account(twin, outcome, undisturbed(setting), setting.trays)
+    return outcome
+
+
+def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
+    """Run to Complete, with recovery by the operator after every stop.
+
+    Raises:
+        NotReachedError: Complete is not reached.
+    """
+    while True:
+        twin.run_until(
+            lambda: twin.state in RESTS or twin.state is State.COMPLETE,
+            within_ms=trays * TRAY_LIMIT_MS,
+            what="Complete or a stop",
+        )
+        if twin.state is State.COMPLETE:
+            return
+        outcome.state = outcome.state or twin.state.name
+        outcome.rounds += 1
+        if outcome.rounds > ROUNDS:
+            raise NotReachedError(f"repeated stops; {twin.situation()}")
+        _recover(twin, outcome)
+
+
+def _recover(twin: Twin, outcome: Outcome) -> None:
+    """Observe, repair, clear, answer, home and start.
+
+    Raises:
+        NotReachedError: The machine does not resume.
+    """
+    if twin.state is State.HELD:
+        outcome.away += away_from_feed(twin)
+    twin.run_for(OBSERVATION_MS)
+    _note_questions(twin, outcome)
+    if any(fault.name == outcome.fault.name for fault in twin.plant.faults.active):
+        repair(twin, outcome.fault)
+    if twin.state is State.SUSPENDED:
+        conveyor = twin.plant.conveyor
+        if not conveyor.front_m and not conveyor.in_magazine:
+            outcome.passed = True
+            twin.command("complete")
+            twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS)
+            return
+        twin.press("start")
+        twin.run_until(lambda: twin.state is not State.SUSPENDED, within_ms=SUSPENDED_MS, what="resuming")
+        return
+    if twin.state is State.ABORTED:
+        clear(twin)
+    _note_questions(twin, outcome)
+    for question in home_again(twin):
+        _note(twin, outcome, question)
+    twin.start()
+
+
+def away_from_feed(twin: Twin) -> list[str]:
+    """Return the arms that have no alarm and are not at feed."""
+    feed_m = twin.parameters.handling.feed_tolerance_m
+    arms = twin.machine.tags.arms
+    return [side for side in SIDES if not twin.plc.read(arms[side].fault) and twin.plant.arms[side].slide.x_m > feed_m]
+
+
+def _note_questions(twin: Twin, outcome: Outcome) -> None:
+    for question in questions(twin):
+        _note(twin, outcome, question)
+
+
+def _note(twin: Twin, outcome: Outcome, question: str) -> None:
+    """Record a question and the number of seedlings affected."""
+    if question not in outcome.asked:
+        outcome.asked.append(question)
+        outcome.in_doubt += twin.plant.counts().in_tray if question == "tray" else CELLS_ALONG
+
+
+def _account(twin: Twin, outcome: Outcome, reference: Undisturbed, trays: int) -> None:
+    """Check the counts and compare them with the undisturbed trial."""
+    counts = outcome.counts = twin.plant.counts()
+    outcome.lost = (counts.total - counts.in_cups) - (reference.counts.total - reference.counts.in_cups)
+    if outcome.reason or outcome.passed:
+        return
+    complaints = []
+    if (done := twin.plc.read(twin.machine.tags.machine.trays_done)) != trays:
+        complaints.append(f"{done} trays counted, not {trays}")
+    if (rows := thrown(twin)) != reference.cycles:
+        complaints.append(f"{rows} rows counted, not {reference.cycles}")
+    outcome.reason = "; ".join(complaints)

@@ -1,0 +1,1 @@
+"""The simulated machine: parameters, compiled kernel, arms and plant."""

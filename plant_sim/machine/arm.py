@@ -1,0 +1,214 @@
+"""One arm with its drives, claws and cups, and the seedlings in them."""
+
+from plant_sim.crop.bed import Bed
+from plant_sim.crop.grip import Grip
+from plant_sim.crop.incident import Report
+from plant_sim.crop.mechanics import Mechanics
+from plant_sim.crop.planting_row import PlantingRow
+from plant_sim.crop.pose import Pose, Reach
+from plant_sim.crop.seedling import Seedlings
+from plant_sim.crop.sweep import Sweep
+from plant_sim.devices.claws import Claws
+from plant_sim.devices.cups import Cups
+from plant_sim.devices.lift import Lift
+from plant_sim.devices.pneumatic import Records
+from plant_sim.devices.sensor import Sensor
+from plant_sim.devices.slide import Slide
+from plant_sim.devices.spreader import Spreader
+from plant_sim.machine.parameters import Machine
+
+
+class ArmPlant:
+    """One side of the machine. The initial state is that after a normal stop: at feed, down, open.
+
+    Attributes:
+        slide: Drive between cups and tray.
+        lift: Vertical drive.
+        claws: The twelve grippers.
+        spreader: Drive of the claw pitch.
+        cups: Carousel of this row.
+        grip: Seedlings in the claws.
+        row: Seedlings in the cups.
+    """
+
+    __slots__ = (
+        "_bed",
+        "_down_m",
+        "_force_n_pa",
+        "_pose",
+        "_slips",
+        "_state",
+        "_stirred",
+        "_sweep",
+        "_trays_m",
+        "claws",
+        "cups",
+        "grip",
+        "lift",
+        "row",
+        "slide",
+        "spreader",
+    )
+
+    def __init__(
+        self,
+        side: str,
+        machine: Machine,
+        records: Records,
+        seedlings: Seedlings,
+        *,
+        mechanics: Mechanics,
+        bed: Bed,
+        report: Report,
+        seed: str,
+    ) -> None:
+        """Initialise an arm.
+
+        Args:
+            side: ``left`` or ``right``.
+            machine: All parameters.
+            records: Records of the arm in the kernel memory.
+            seedlings: All seedlings.
+            mechanics: Effect of the claws on the seedlings.
+            bed: Trays under the arms.
+            report: Callback for incidents.
+            seed: Seed of the initial chain position and of the flag offsets.
+        """
+        common, bounce_s, main_pa = machine.pneumatics, machine.contact.bounce_s, machine.supply.pressure_pa
+        self.slide = Slide(
+            machine.slide,
+            machine.slide_port,
+            machine.slide_friction,
+            common,
+            records,
+            picks_m=machine.picks_m,
+            pressure_pa=main_pa,
+            bounce_s=bounce_s,
+        )
+        self.lift = Lift(
+            machine.lift,
+            machine.lift_port,
+            machine.lift_friction,
+            common,
+            records,
+            pressure_pa=main_pa,
+            bounce_s=bounce_s,
+        )
+        self.claws = Claws(
+            machine.claws,
+            machine.claws_port,
+            machine.claws_friction,
+            common,
+            records,
+            pressure_pa=machine.claw_pressure_pa,
+        )
+        state, params = records.state, records.params
+        params["frees_above_m"], params["grips_below_m"] = self.claws.frees_above_m, self.claws.grips_below_m
+        params["holds_above_pa"] = self.claws.holds_above_pa
+        self.spreader = Spreader(machine.spreader, state["spreader"], params["spreader"], bounce_s=bounce_s)
+        self.cups = Cups(machine.cups, state["cups"], params["cups"], seed=seed, bounce_s=bounce_s)
+        self._state = state
+        self._stirred = self._slips = 0.0
+        self._down_m = machine.lift.stroke_m
+        self._force_n_pa = machine.claws.moment_nm_pa / machine.claws.finger_m
+        self.row = PlantingRow(
+            side,
+            seedlings,
+            report,
+            pitch_m=machine.cups.pitch_m,
+            catch_m=machine.cups.catch_m,
+        )
+        reach = Reach(
+            side=side,
+            columns_m=machine.columns_m,
+            tray_edge_m=machine.layout.row_spacing_m / 2 - machine.handling.tray_half_width_m,
+            mirrored=side == "right",
+            spread_m=machine.spreader.travel_m,
+            reach_m=machine.handling.reach_m,
+        )
+        self.grip = Grip(machine.handling, mechanics, reach, seedlings, bed, row=self.row, report=report)
+        self._sweep = Sweep(machine.handling, reach, seedlings, bed, report)
+        self._bed = bed
+        self._trays_m = bed.trays_m
+        self._pose = Pose(0.0, 0.0, gripping=False, free=False, travel_m=0.0, freed_s=0.0)
+        self._sync()
+
+    @property
+    def sensors(self) -> dict[str, Sensor]:
+        """Sensors of the arm by I/O tag, without the side."""
+        return {
+            "lift_down": self.lift.down,
+            "lift_up": self.lift.up,
+            "slide_at_feed": self.slide.at_feed,
+            **{f"slide_at_pick_{number}": switch for number, switch in enumerate(self.slide.at_pick, start=1)},
+            "claws_spread": self.spreader.spread_switch,
+            "claws_converged": self.spreader.converged_switch,
+            "cup_pulse": self.cups.pulse,
+        }
+
+    def place(
+        self,
+        *,
+        x_m: float | None = None,
+        y_m: float | None = None,
+        is_open: bool | None = None,
+        travel_m: float | None = None,
+    ) -> None:
+        """Set the position of the arm at rest as an initial condition, without motion.
+
+        Args:
+            x_m: Slide, from the feed inward, m; None leaves it unchanged.
+            y_m: Extension of the lift, m; None leaves it unchanged.
+            is_open: True for open claws; None leaves them unchanged.
+            travel_m: Belt travel of the spreader, m; None leaves it unchanged.
+        """
+        if x_m is not None:
+            self.slide.place(x_m)
+        if y_m is not None:
+            self.lift.place(y_m)
+        if is_open is not None:
+            self.claws.swing(is_open=is_open)
+        if travel_m is not None:
+            self.spreader.place(travel_m)
+        self._sync()
+
+    def follow(self, now_s: float, positions: list[float]) -> None:
+        """Apply the latest motion to the seedlings.
+
+        Args:
+            now_s: Plant time, s.
+            positions: Positions of the arm in the order of `POSITIONS`.
+        """
+        x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, slips, clamp_pa = positions
+        self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
+        grip, force_n = self.grip, self._force_n_pa * clamp_pa
+        if grip.held:
+            grip.record_force(force_n)
+            if slips != self._slips:
+                grip.drop_all(self._pose, now_s)
+        elif grip.slipped and clamp_pa >= self.claws.holds_above_pa:
+            grip.regrip(self._pose)
+        self._slips = slips
+        if stirred != self._stirred or self._bed.trays_m != self._trays_m:
+            self._stirred = stirred
+            self._trays_m = self._bed.trays_m
+            self._pose.update(x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=force_n)
+            self._pose.gripping = claws_m <= self.claws.grips_below_m
+            self._pose.free = claws_m >= self.claws.frees_above_m
+            self.grip.step(self._pose)
+            self._sweep.step(self._pose)
+
+    def _sync(self) -> None:
+        """Adopt the present state without evaluating the motion that led to it."""
+        pose, freed_s = self._pose, float(self._state["freed_s"])
+        pose.update(
+            self.slide.x_m,
+            self.lift.rise_m,
+            self.spreader.travel_m,
+            freed_s=freed_s,
+            now_s=pose.now_s,
+            force_n=self.claws.clamp_n,
+        )
+        pose.gripping, pose.free = self.claws.gripping, self.claws.free
+        self.grip.sync(pose)
+        self._sweep.sync(pose)

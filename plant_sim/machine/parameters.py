@@ -1,0 +1,354 @@
+"""Parameters of the simulated machine, and the reader of ``machine.yaml``."""
+
+import dataclasses
+import math
+from collections import ChainMap
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, get_type_hints
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+
+from controller.common.errors import InputError
+from controller.common.suggestion import suggestion
+from controller.common.yaml_lines import dotted, read_yaml, unfold
+from controller.common.yaml_model import StrictModel, complaints, validated
+from plant_sim.common.limits import SpecError, require
+from plant_sim.common.units import unit_of
+from plant_sim.crop.handling import HandlingSpec
+from plant_sim.crop.mechanics import SeedlingSpec
+from plant_sim.crop.response import CropSpec
+from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS
+from plant_sim.devices.claws import ClawsSpec
+from plant_sim.devices.conveyor import ConveyorSpec
+from plant_sim.devices.cups import CupsSpec
+from plant_sim.devices.lift import LiftSpec
+from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, Pneumatics, PortSpec, ValveSpec
+from plant_sim.devices.sensor import ContactSpec
+from plant_sim.devices.slide import SlideSpec
+from plant_sim.devices.spreader import SpreaderSpec
+from plant_sim.devices.supply import SupplySpec
+from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+
+DEFAULT_MACHINE = Path(__file__).parents[1] / "machine.yaml"
+
+Value = bool | int | float
+
+_MPA = 1e6
+
+
+class MachineError(InputError):
+    """The parameters are invalid; the text is one line: location, key, problem."""
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """Parameters of one machine. Every section is a frozen spec, every field a parameter of ``machine.yaml``.
+
+    Attributes:
+        simulation: Time resolution of the simulation.
+        rating: Manufacturers' ratings.
+        layout: Layout of the machine.
+        air: Gas model.
+        supply: Compressed-air supply.
+        valve: Switching times of all valves.
+        check_valve: Pilot check valves of slides and lifts.
+        contact: Contacts of the switches.
+        slide: The slides.
+        slide_port: Path from the valve of a slide to its cylinder.
+        slide_friction: Friction of a slide.
+        lift: The lifts.
+        lift_port: Path from the valve of a lift to its cylinder.
+        lift_friction: Friction of a lift.
+        claws: The claws.
+        claws_port: Path from the claw valve of an arm to its cylinders.
+        claws_friction: Friction of one gripper.
+        spreader: The spreaders.
+        conveyor: Tray conveyor and magazine.
+        cups: The rotating cups.
+        crop: Seedling age, foam thickness and claw pressure.
+        seedling: Properties of seedlings and foam.
+        handling: Distances that decide the outcome of handling.
+    """
+
+    simulation: SimulationSpec
+    rating: RatingSpec
+    layout: LayoutSpec
+    air: AirSpec
+    supply: SupplySpec
+    valve: ValveSpec
+    check_valve: CheckValveSpec
+    contact: ContactSpec
+    slide: SlideSpec
+    slide_port: PortSpec
+    slide_friction: FrictionSpec
+    lift: LiftSpec
+    lift_port: PortSpec
+    lift_friction: FrictionSpec
+    claws: ClawsSpec
+    claws_port: PortSpec
+    claws_friction: FrictionSpec
+    spreader: SpreaderSpec
+    conveyor: ConveyorSpec
+    cups: CupsSpec
+    crop: CropSpec
+    seedling: SeedlingSpec
+    handling: HandlingSpec
+
+    def __post_init__(self) -> None:
+        """Validate the relations between sections; the key in the error is dotted."""
+        require(
+            self.columns_m[COLUMNS // 2 - 1] + self.handling.reach_m < self.slide.stroke_m,
+            "slide.stroke_m",
+            "is too short to reach pick 3; increase it or reduce layout.row_spacing_m",
+        )
+        require(
+            self.slide.overtravel_m * self.slide.area_m2 < 0.5 * self.slide_port.dead_volume_m3,
+            "slide.overtravel_m",
+            "takes more than half of slide_port.dead_volume_m3",
+        )
+        self._require_soft_air()
+        switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
+        require(
+            2 * switch_reach_m < self.handling.cell_pitch_m,
+            "slide.switch_band_m",
+            "allows the switches of two pick positions to be on at once; reduce it",
+        )
+        require(
+            self.handling.stem_clearance_rise_m < self.lift.stroke_m,
+            "handling.stem_clearance_rise_m",
+            "must be less than lift.stroke_m for an arm to clear the seedlings",
+        )
+        claw_pitch_m = self.handling.cell_pitch_m + self.spreader.travel_m / (CELLS_ALONG - 1)
+        require(
+            abs(claw_pitch_m - self.cups.pitch_m) < 0.001,
+            "spreader.travel_m",
+            f"spreads the claws to {claw_pitch_m:.4g} m; it must equal cups.pitch_m to 1 mm",
+        )
+
+    def _require_soft_air(self) -> None:
+        """Reject a cylinder whose air spring oscillates by too large an angle per step."""
+        main_pa = self.supply.pressure_pa
+        for section, area_m2, moved_kg, dead_m3, most_pa in (
+            ("slide", self.slide.area_m2, self.slide.piston_kg, self.slide_port.dead_volume_m3, main_pa),
+            ("lift", self.lift.area_m2, self.lift.carried_kg, self.lift_port.dead_volume_m3, main_pa),
+            (
+                "claws",
+                self.claws.area_m2,
+                self.claws.grippers * self.claws.moved_kg,
+                self.claws_port.dead_volume_m3,
+                self.claw_pressure_pa,
+            ),
+        ):
+            # the stiffest air spring, with the smallest chamber volumes
+            spring_n_m = 2 * self.air.stiffness_exponent * (most_pa + ATMOSPHERE_PA) * area_m2**2 / dead_m3
+            turn = self.simulation.step_s * math.sqrt(spring_n_m / moved_kg)
+            require(
+                turn <= 1.5,
+                f"{section}_port.dead_volume_m3",
+                f"makes the air spring too stiff: {turn:.3g} rad of oscillation per step, at most 1.5; increase "
+                "the volume or the moving mass, or reduce simulation.step_s",
+            )
+
+    @property
+    def columns_m(self) -> tuple[float, ...]:
+        """Slide positions of the six columns of a tray, nearest first, m; equal on both sides.
+
+        Source: docs/sources/machine.md 1, half the row spacing minus 2.5, 1.5, 0.5 cell pitches.
+        """
+        middle_m = self.layout.row_spacing_m / 2
+        return tuple(middle_m + (index - (COLUMNS - 1) / 2) * self.handling.cell_pitch_m for index in range(COLUMNS))
+
+    @property
+    def pneumatics(self) -> Pneumatics:
+        """Specs common to all cylinders."""
+        return Pneumatics(self.air, self.valve, self.check_valve)
+
+    @property
+    def claw_pressure_pa(self) -> float:
+        """Set gauge pressure of the claw regulator, Pa."""
+        return self.crop.claw_pressure_mpa * _MPA
+
+    @property
+    def warnings(self) -> list[str]:
+        """Values outside the manufacturers' ratings, one line each, beginning with the parameter."""
+        rating, main_pa, claws_pa = self.rating, self.supply.pressure_pa, self.claw_pressure_pa
+        checks = [
+            (
+                "supply.pressure_pa",
+                main_pa,
+                rating.slide_least_pa,
+                min(rating.slide_pa, self.slide.decouples_pa),
+                "MPa",
+                _MPA,
+                "CY1S slide",
+            ),
+            ("supply.pressure_pa", main_pa, 0.0, rating.lift_pa, "MPa", _MPA, "SC50 lift"),
+            ("crop.claw_pressure_mpa", claws_pa, rating.claws_least_pa, rating.claws_pa, "MPa", _MPA, "MHC2 claws"),
+            (
+                "slide.throttle_conductance_m3_s_pa",
+                self.slide.speed_m_s,
+                rating.slide_least_m_s,
+                rating.slide_m_s,
+                "m/s",
+                1.0,
+                "CY1S slide",
+            ),
+            ("lift.extend_conductance_m3_s_pa", self.lift.extend_m_s, 0.0, rating.lift_m_s, "m/s", 1.0, "SC50 lift"),
+            ("lift.retract_conductance_m3_s_pa", self.lift.retract_m_s, 0.0, rating.lift_m_s, "m/s", 1.0, "SC50 lift"),
+        ]
+        beyond = [
+            f"{name}: {value / unit:.3g} {symbol} is outside the rating of the {part}, "
+            f"{low / unit:g} to {high / unit:.3g} {symbol}"
+            for name, value, low, high, symbol, unit, part in checks
+            if not low <= value <= high
+        ]
+        held_pa = self.supply.compressor_on_pa - self.supply.check_crack_pa
+        if claws_pa > held_pa:
+            beyond.append(
+                f"crop.claw_pressure_mpa: {claws_pa / _MPA:.4g} MPa exceeds the lowest pressure behind the claw "
+                f"check valve, {held_pa / _MPA:.4g} MPa; raise supply.compressor_on_pa"
+            )
+        if self.slide.recouples_m_s < self.slide.speed_m_s:
+            beyond.append(
+                f"slide.recouples_m_s: {self.slide.recouples_m_s:.3g} m/s is less than the speed of the piston, "
+                f"{self.slide.speed_m_s:.3g} m/s: a decoupled carriage never recouples"
+            )
+        return beyond
+
+    @property
+    def picks_m(self) -> tuple[float, ...]:
+        """Slide positions of pick 1, 2 and 3, m."""
+        return self.columns_m[: COLUMNS // 2]
+
+    def with_values(self, values: Mapping[str, Value]) -> "Machine":
+        """Return a machine with some parameters changed.
+
+        Args:
+            values: New values by dotted name, for example
+                ``{"cups.planting_frequency_per_min": 60}``.
+
+        Raises:
+            MachineError: A name is unknown or a value is invalid.
+        """
+        sections: dict[str, dict[str, Value]] = {}
+        for name, value in values.items():
+            section, dot, key = name.partition(".")
+            if not dot:
+                raise MachineError(f"{name}: not a dotted name; write section.parameter")
+            if section not in _section_types():
+                raise MachineError(f"{name}: unknown section of the machine; {suggestion(section, _section_types())}")
+            if key not in _checker(section).model_fields:
+                remedy = suggestion(key, _checker(section).model_fields)
+                raise MachineError(f"{name}: unknown parameter of the machine; {remedy}")
+            sections.setdefault(section, {})[key] = value
+        try:
+            specs = {
+                section: _build(section, dataclasses.asdict(getattr(self, section)) | changed)
+                for section, changed in sections.items()
+            }
+            return dataclasses.replace(self, **specs)
+        except SpecError as error:
+            raise MachineError(f"{error.key}: {error.complaint}") from None
+
+
+def load_machine(path: Path = DEFAULT_MACHINE) -> Machine:
+    """Read and validate the parameters of a machine.
+
+    Args:
+        path: Parameter file; by default that of the package.
+
+    Raises:
+        MachineError: The file cannot be read or is invalid.
+    """
+    located = unfold(read_yaml(path, MachineError, loader=yaml.SafeLoader), depth=3, convert=_plain)
+    located.values = {name: _with_merged_fields(entries) for name, entries in located.values.items()}
+    file = validated(_file_model(), located)
+    if file is None or located.faults:
+        # missing keys last: a misspelt key also makes the correct one missing
+        first = min(located.faults, key=lambda fault: (fault.path not in located.lines, fault.line))
+        raise MachineError(f"{path}:{first}")
+    try:
+        return Machine(**{section: _build(section, _values(section, entries)) for section, entries in file})
+    except SpecError as error:
+        line = located.line_of(tuple(error.key.split(".", maxsplit=1)))
+        raise MachineError(f"{path}:{line}: {error.key}: {error.complaint}") from None
+
+
+class _ParameterEntry(StrictModel):
+    """A parameter entry of the file."""
+
+    value: Value = Field(description="write a number (powers of ten as 1.0e-9), true or false")
+    unit: str = Field(description="write the unit of the name's suffix, or - for none, in quotes")
+    source: Literal["paper", "catalogue", "computed", "assumed"] = Field(
+        description="write paper, catalogue, computed or assumed"
+    )
+    note: str = Field("", description="write the note in quotes")
+
+
+def _plain(node: yaml.Node) -> object:
+    """Return the Python value of a node, by the rules of YAML 1.1."""
+    try:
+        return yaml.constructor.SafeConstructor().construct_document(node)
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError):
+        raise ValueError("must be a number, text, true or false") from None
+
+
+def _with_merged_fields(entries: object) -> object:
+    """Return the entries of a section, with the fields that they take from others by the YAML key ``<<``."""
+    if not isinstance(entries, dict):
+        return entries
+    merged = dict(entries)
+    for key, entry in entries.items():
+        base = entry.get("<<") if isinstance(entry, dict) else None
+        bases = base if isinstance(base, list) else [base]
+        if all(isinstance(each, dict) for each in bases):
+            merged[key] = {**ChainMap(*bases), **{name: value for name, value in entry.items() if name != "<<"}}
+    return merged
+
+
+def _values(section: str, entries: Mapping[str, _ParameterEntry]) -> dict[str, Value]:
+    """Return the values of a section.
+
+    Raises:
+        SpecError: The unit of a parameter is not that of its name.
+    """
+    for key, entry in entries.items():
+        require(entry.unit == unit_of(key), f"{section}.{key}", f"must have unit {unit_of(key)}, not {entry.unit}")
+    return {key: entry.value for key, entry in entries.items()}
+
+
+@cache
+def _section_types() -> dict[str, Any]:
+    """Return the spec class of each section."""
+    return get_type_hints(Machine)
+
+
+@cache
+def _file_model() -> type[BaseModel]:
+    """Return a model with all sections of the file."""
+    fields: dict[str, Any] = dict.fromkeys(_section_types(), (dict[str, _ParameterEntry], ...))
+    return create_model("machine", __base__=StrictModel, **fields)
+
+
+@cache
+def _checker(section: str) -> type[BaseModel]:
+    """Return a model with the keys and types of a section."""
+    fields: dict[str, Any] = {key: (hint, ...) for key, hint in get_type_hints(_section_types()[section]).items()}
+    return create_model(section, __config__=ConfigDict(extra="forbid", strict=True), **fields)
+
+
+def _build(section: str, values: Mapping[str, Value]) -> Any:
+    """Build the spec of a section; a SpecError contains the dotted key."""
+    model = _checker(section)
+    try:
+        return _section_types()[section](**dict(model.model_validate(dict(values))))
+    except ValidationError as error:
+        path, complaint = complaints(error, model, values)[0]
+        raise SpecError(f"{section}.{dotted(path)}", complaint) from None
+    except SpecError as error:
+        raise SpecError(f"{section}.{error.key}", error.complaint) from None

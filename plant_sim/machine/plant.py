@@ -1,0 +1,282 @@
+"""Simulated machine, with coil levels as inputs, terminal levels as outputs, and the location of every seedling."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from controller.iomap.loader import IoMap
+from plant_sim.crop.bed import Bed
+from plant_sim.crop.incident import Incident
+from plant_sim.crop.mechanics import Mechanics
+from plant_sim.crop.seedling import SeedlingCounts, Seedlings
+from plant_sim.devices.conveyor import Conveyor
+from plant_sim.devices.operator_box import OperatorBox
+from plant_sim.devices.pneumatic import Records
+from plant_sim.devices.sensor import Sensor
+from plant_sim.devices.supply import Supply
+from plant_sim.faults import Fault, FaultSchedule
+from plant_sim.machine.arm import ArmPlant
+from plant_sim.machine.kernel import ARM_COILS, MACHINE, MACHINE_PARAMS, POSITIONS, SENSORS, advance, read_sensors
+from plant_sim.machine.parameters import Machine
+from plant_sim.pneumatics.flow import REFERENCE_KG_M3
+
+__all__ = ["ArmPlant", "Event", "Plant"]
+
+_SIDES = ("left", "right")
+_COIL_TAGS = (
+    *(f"{side}.{coil}" for side in _SIDES for coil in ARM_COILS),
+    "tray_run",
+    "tray_forward",
+)
+_BUTTON_TAGS = ("start", "stop", "emergency_stop", "reset")
+_INDICATOR_TAGS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
+_PLAIN_SENSORS: dict[str, bool] = {}
+"""On/off sensors without a device model: level at power-up by tag."""
+
+
+class Event(NamedTuple):
+    """An incident with its time."""
+
+    time_ms: int
+    kind: Incident
+    text: str
+
+
+class Plant:
+    """The simulated transplanter.
+
+    The same seed and the same outputs at the same times give bit-identical results.
+
+    Attributes:
+        time_ms: Plant time, ms; advanced by `step` only.
+        box: Push buttons.
+        left: Left arm with its row of cups.
+        right: Right arm with its row of cups.
+        arms: Both arms by side.
+        conveyor: Trays and magazine.
+        supply: Compressed-air supply.
+        seedlings: All seedlings.
+        sensors: All sensors by I/O tag, wired or not; the buttons are in `box`.
+        indicators: States of the wired horn and lamps by tag.
+        events: All incidents so far.
+        extrapolates: True if the crop settings are outside the trials of the paper.
+        state: State of the machine, one record `MACHINE`.
+        params: Parameters of the machine, one record `MACHINE_PARAMS`; faults change it.
+        wired: Tags of the wired inputs.
+        broken_wires: Tags of the inputs whose terminal is off regardless of the sensor.
+        faults: Fault schedule.
+    """
+
+    def __init__(
+        self, io_map: IoMap, machine: Machine, *, seed: int, trays: int = 2, faults: Iterable[Fault] = ()
+    ) -> None:
+        """Initialise a machine in the state after a normal stop.
+
+        Args:
+            io_map: I/O map.
+            machine: All parameters.
+            seed: Seed of the seedling traits and of the cups.
+            trays: Number of trays.
+            faults: Faults to schedule.
+
+        Raises:
+            FaultError: The machine has no such part, or two faults change the same value at the same time.
+            KeyError: A coil of the machine is not wired.
+            ValueError: A wired input is not part of the machine, or the number of trays is negative.
+        """
+        self.time_ms = 0
+        self.box = OperatorBox()
+        self.events: list[Event] = []
+        self.extrapolates = machine.crop.extrapolates
+        self.state = np.zeros(1, MACHINE)
+        self.params = np.zeros(1, MACHINE_PARAMS)
+        state, params = self.state[0], self.params[0]
+        gas = params["gas"]
+        air = machine.air
+        gas["exponent"], gas["wall_s"] = air.stiffness_exponent, air.wall_time_s
+        gas["thermal"], gas["wall_w_m2_k"] = air.thermal, air.wall_w_m2_k
+        gas["step_s"] = machine.simulation.step_s
+        self.supply = Supply(
+            machine.supply, state["air"], params["air"], gas, claw_pressure_pa=machine.claw_pressure_pa
+        )
+        self.conveyor = Conveyor(machine.conveyor, state["conveyor"], params["conveyor"], trays=trays)
+        self.seedlings = Seedlings(trays=trays, seed=seed)
+        mechanics = Mechanics(
+            machine.seedling, foam_mm=machine.crop.foam_thickness_mm, age_d=machine.crop.seedling_age_d
+        )
+        self._half_tray_m = machine.handling.tray_half_width_m
+        self._bed = Bed(self.seedlings, pitch_m=machine.handling.cell_pitch_m)
+        self._update_bed()
+        self.left, self.right = (
+            ArmPlant(
+                side,
+                machine,
+                Records(state["arms"][number], params["arms"][number], gas),
+                self.seedlings,
+                mechanics=mechanics,
+                bed=self._bed,
+                report=self._report,
+                seed=f"seed {seed}, {side} cups",
+            )
+            for number, side in enumerate(_SIDES)
+        )
+        self.arms = dict(zip(_SIDES, (self.left, self.right), strict=True))
+        self.sensors = self._all_sensors()
+        self.indicators = {tag: False for tag in _INDICATOR_TAGS if tag in io_map}
+        self._arms_meet_from_m = (machine.picks_m[1] + machine.picks_m[2]) / 2
+        self._arms_may_meet = machine.layout.arms_may_meet_in_plant
+        self._arms_met = False
+        self._interval_ms = machine.simulation.look_ms
+        self._steps_per_ms = machine.simulation.steps_per_ms
+        self.broken_wires: set[str] = set()
+        self._wire(io_map)
+        self.faults = FaultSchedule(self, faults)
+        self._advance(0)  # triggers compilation now, before a client waits for a response
+
+    @property
+    def x(self) -> list[bool]:
+        """Current raw X image, as a new list."""
+        read_sensors(self.state, self.params, self._terminals, self._inverted, self._image)
+        image: list[bool] = self._image.tolist()
+        for tag, number, inverted in self._buttons:
+            image[number] = getattr(self.box, tag) != inverted
+        for sensor, number, inverted in self._other_sensors:
+            image[number] = sensor.read() != inverted
+        for tag in self.broken_wires:
+            image[self._number_of[tag]] = False
+        return image
+
+    @property
+    def y(self) -> list[bool]:
+        """Raw Y image of the last step, as a new list."""
+        return list(self._y)
+
+    @property
+    def missed_cups(self) -> dict[str, int]:
+        """Cups of each row that passed empty between the first and the last filled cup."""
+        return {side: arm.row.missed_cups for side, arm in self.arms.items()}
+
+    @property
+    def air_l(self) -> float:
+        """Air admitted so far by the valves of slides, lifts and claws, L ANR."""
+        arms = self.state[0]["arms"]
+        drives, ports = ("slide", "lift", "claws"), ("plus", "minus")
+        drawn_kg = [arms[drive][port]["drawn_kg"].sum() for drive in drives for port in ports]
+        return 1e3 * float(sum(drawn_kg)) / REFERENCE_KG_M3
+
+    @property
+    def planting_frequency_per_min(self) -> float:
+        """Cups per minute and row at the present set-point of the tractor speed; may be set at any time."""
+        return self.left.cups.planting_frequency_per_min
+
+    @planting_frequency_per_min.setter
+    def planting_frequency_per_min(self, per_min: float) -> None:
+        for arm in self.arms.values():
+            arm.cups.planting_frequency_per_min = per_min
+
+    def counts(self) -> SeedlingCounts:
+        """Return the number of seedlings at each location; each is counted once."""
+        return self.seedlings.counts()
+
+    def step(self, for_ms: int, y: Sequence[bool]) -> None:
+        """Advance plant time with constant outputs.
+
+        Args:
+            for_ms: Duration, ms.
+            y: Raw Y image.
+
+        Raises:
+            ValueError: `for_ms` is negative, or the image is too short.
+        """
+        if for_ms < 0:
+            raise ValueError(f"for_ms is {for_ms}: must be 0 or more")
+        if len(y) < self._output_count:
+            raise ValueError(f"Y image has {len(y)} levels, the map {self._output_count}")
+        if y is not self._y and list(y) != self._y:
+            self._latch_outputs(y)
+        end_ms = self.time_ms + for_ms
+        faults = self.faults
+        while self.time_ms < end_ms:
+            chunk_ms = min(self._interval_ms, end_ms - self.time_ms)
+            if faults.next_ms is not None:
+                chunk_ms = min(chunk_ms, faults.next_ms - self.time_ms)
+            self._advance(chunk_ms)
+            self._apply_motion()
+            if faults.next_ms is not None:
+                faults.advance(self.time_ms)
+
+    def _advance(self, for_ms: int) -> None:
+        """Advance all moving parts; the emergency-stop relay removes coil power and air regardless of the outputs."""
+        fed = not self.box.emergency_stop
+        coils = self._coils if fed else self._no_coils
+        first, steps = self.time_ms * self._steps_per_ms, for_ms * self._steps_per_ms
+        advance(self.state, self.params, coils, fed, first, steps, self._positions)
+        self.time_ms += for_ms
+
+    def _latch_outputs(self, y: Sequence[bool]) -> None:
+        """Latch new outputs."""
+        self._y: list[bool] = list(y)
+        for tag, number, inverted in self._indicator_wires:
+            self.indicators[tag] = y[number] != inverted
+        self._coils[:] = [y[number] != inverted for number, inverted in self._coil_wires]
+
+    def _apply_motion(self) -> None:
+        """Apply the latest motion to trays and seedlings."""
+        now_s = self.time_ms / 1000
+        positions: list[float] = self._positions.tolist()
+        if self.conveyor.follow(positions[-1]):
+            self._update_bed()
+        left, right = positions[: len(POSITIONS)], positions[len(POSITIONS) : -1]
+        self.left.follow(now_s, left)
+        self.right.follow(now_s, right)
+        meet = left[0] > self._arms_meet_from_m and right[0] > self._arms_meet_from_m
+        if meet and not self._arms_met and not self._arms_may_meet:
+            self._report(Incident.ARMS_COLLIDE, "both arms are inward of pick 2")
+        self._arms_met = meet
+
+    def _update_bed(self) -> None:
+        conveyor = self.conveyor
+        self._bed.lay(
+            [(number, conveyor.offset_m(number)) for number in conveyor.front_m],
+            trays_m=conveyor.trays_m,
+            is_placed=conveyor.placed_tray is not None,
+            turned={number: lead_m / self._half_tray_m for number, lead_m in conveyor.skewed_m.items()},
+        )
+
+    def _report(self, kind: Incident, text: str) -> None:
+        self.events.append(Event(self.time_ms, kind, text))
+
+    def _all_sensors(self) -> dict[str, Sensor]:
+        return {
+            **{f"{side}.{tag}": sensor for side, arm in self.arms.items() for tag, sensor in arm.sensors.items()},
+            "tray_front_edge": self.conveyor.beam,
+            "air_pressure_ok": self.supply.pressure_ok,
+            "magazine_empty": self.conveyor.magazine_empty,
+            **{tag: Sensor.alone(on=on) for tag, on in _PLAIN_SENSORS.items()},
+        }
+
+    def _wire(self, io_map: IoMap) -> None:
+        """Connect terminals to sensors, buttons, coils and indicators; resolved once, so that a scan is cheap."""
+        for point in io_map.inputs:
+            if point.tag not in self.sensors and point.tag not in _BUTTON_TAGS:
+                raise ValueError(f"{io_map.path}:{point.line}: {point.tag}: the machine has no such sensor or button")
+        points = [io_map.get(tag) for tag in SENSORS]
+        self._terminals = np.array([-1 if point is None else point.number for point in points])
+        self._inverted = np.array([point is not None and point.inverted for point in points])
+        self._image = np.zeros(io_map.input_count, np.bool_)
+        self._number_of = {point.tag: point.number for point in io_map.inputs}
+        self.wired = tuple(self._number_of)
+        self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in _BUTTON_TAGS if tag in io_map]
+        self._other_sensors = [
+            (self.sensors[point.tag], point.number, point.inverted)
+            for point in io_map.inputs
+            if point.tag in self.sensors and point.tag not in SENSORS
+        ]
+        self._coil_wires = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
+        self._coils = np.zeros(len(_COIL_TAGS), np.bool_)
+        self._no_coils = np.zeros(len(_COIL_TAGS), np.bool_)
+        self._indicator_wires = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in self.indicators]
+        self._output_count = io_map.output_count
+        self._positions = np.zeros(2 * len(POSITIONS) + 1)
+        self._latch_outputs(io_map.safe_outputs())

@@ -1,0 +1,1 @@
+"""Scenario files: test sequences in simulated time with checks."""

@@ -1,0 +1,1 @@
+"""Studies: the experiments of both papers, and studies defined by the user."""

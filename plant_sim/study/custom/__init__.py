@@ -1,0 +1,1 @@
+"""Studies defined by the user in a YAML file."""

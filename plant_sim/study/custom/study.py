@@ -1,0 +1,231 @@
+"""Custom study: trials, means with intervals, regression, main effects and contours."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from plant_sim.study.custom.figures import main_effects
+from plant_sim.study.custom.file import CustomStudy
+from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.estimates import ROWS_FAIL_TOGETHER, SHARE_OF, Estimate, estimate, numbers
+from plant_sim.study.factors import ratings_exceeded
+from plant_sim.study.report.fit_parts import (
+    SHARE_LIMITS,
+    anova_table,
+    coefficient_table,
+    doubts,
+    explains,
+    fit_record,
+    no_share_text,
+)
+from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
+from plant_sim.study.report.study import Study
+from plant_sim.study.report.surface import contours
+from plant_sim.study.runner import RunOptions, incomplete_trials, trial_record
+from plant_sim.twin.repeats import SHARES
+from plant_sim.twin.report import TrialReport
+
+_UNITS = (
+    {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min", "missed_cups": "cups a trial"}
+    | dict.fromkeys(SHARES, "%")
+    | dict.fromkeys(SHARES.values(), "seedlings a trial")
+)
+
+
+def custom_study(custom: CustomStudy, options: RunOptions) -> Study:
+    """Run a custom study.
+
+    Args:
+        custom: The study; trials, seed and seedlings are those of the study.
+        options: Remaining run options.
+
+    Raises:
+        StudyError: The study cannot be run.
+    """
+    options = dataclasses.replace(options, trials=custom.replicates, seed=custom.seed, seedlings=custom.seedlings)
+    reports = options.run(custom.settings)
+    estimates = {name: [estimate(name, trials) for trials in reports] for name in custom.responses}
+    fits = {name: _fitted(custom, name, reports) for name in custom.responses}
+    models = {name: each for name, each in fits.items() if isinstance(each, Fit)}
+    parts: list[Part] = [
+        *_about(custom, options),
+        *_cautions(custom, options, reports),
+        *(doubt for name, model in models.items() for doubt in doubts(name, model)),
+        Heading("Runs"),
+        _runs(custom, estimates),
+    ]
+    record: dict[str, object] = {
+        "title": custom.title,
+        "design": custom.design,
+        "seed": options.seed,
+        "trials_per_run": options.trials,
+        "seedlings": custom.seedlings,
+        "runs": _run_records(custom, estimates, reports),
+    }
+    for name, model in fits.items():
+        parts += _response_parts(custom, name, estimates[name], model)
+    if custom.model != "none":
+        record["models"] = {name: fit_record(model) for name, model in models.items()}
+    return Study(custom.name, custom.title, options.command("own", custom.path), tuple(parts), record)
+
+
+def _about(custom: CustomStudy, options: RunOptions) -> list[Part]:
+    """Return the description of the experiment."""
+    parts: list[Part] = [
+        f"Design {custom.design}: {len(custom.points)} runs. Trials per run: {options.trials}, "
+        f"of {custom.seedlings} seedlings, on the twin (program and simulated machine in lock step), "
+        f"seed {options.seed}.",
+        Table(
+            "factors",
+            "Factors with their coded levels -1 and 1",
+            ("term", "factor", "unit", "-1", "1"),
+            tuple(
+                (f"X{number}", each.name, each.unit, _level(each.natural(-1)), _level(each.natural(1)))
+                for number, each in enumerate(custom.factors, 1)
+            ),
+        ),
+    ]
+    if custom.fixed:
+        fixed = ", ".join(
+            f"{each.name} = {value:.6g}" + ("" if each.unit == "-" else f" {each.unit}")
+            for each, value in custom.fixed.items()
+        )
+        parts.append(f"Fixed in every run: {fixed}. Everything else has the values of machine and program.")
+    return parts
+
+
+def _cautions(custom: CustomStudy, options: RunOptions, reports: Sequence[Sequence[TrialReport]]) -> list[Part]:
+    """Return the caveats about the results."""
+    parts: list[Part] = [
+        f"Outside the manufacturer's rating: {line}." for line in ratings_exceeded(custom.settings, options.machine)
+    ]
+    beyond = [str(run) for run, trials in enumerate(reports, 1) if any(trial.extrapolates for trial in trials)]
+    if beyond:
+        runs = f"{'run' if len(beyond) == 1 else 'runs'} {', '.join(beyond)}"
+        parts.append(f"Outside the trials of the pepper paper; the behaviour of seedlings is extrapolated: {runs}.")
+    parts += incomplete_trials(reports, "they are included with their final counts")
+    if any(name in SHARE_OF for name in custom.responses):
+        parts.append(ROWS_FAIL_TOGETHER)
+    return parts
+
+
+def _runs(custom: CustomStudy, estimates: Mapping[str, Sequence[Estimate]]) -> Table:
+    rows = (
+        (run + 1, *map(_level, point), *(each[run].mean for each in estimates.values()))
+        for run, point in enumerate(custom.points)
+    )
+    heading = ("run", *(each.label for each in custom.parameters), *map(_label, estimates))
+    return Table("runs", "Levels and mean responses of the runs", heading, tuple(rows))
+
+
+def _intervals(name: str, estimates: Sequence[Estimate]) -> Table:
+    rows = tuple((run, each.mean, each.low, each.high, each.sd) for run, each in enumerate(estimates, 1))
+    kind = "exact binomial, trials pooled" if name in SHARE_OF else "Student's t"
+    caption = f"{_label(name)}: mean of each run and its 95 % confidence interval ({kind})"
+    return Table(f"{_stem(name)}-intervals", caption, ("run", "mean", "low", "high", "SD between trials"), rows)
+
+
+def _fitted(custom: CustomStudy, name: str, reports: Sequence[Sequence[TrialReport]]) -> Fit | str | None:
+    """Return the model of a response, or the reason why there is none; None if no model is requested."""
+    if custom.model == "none":
+        return None
+    values = [numbers(name, trials) for trials in reports]
+    response = np.concatenate(values)
+    if len(response) < sum(map(len, reports)):
+        return f"Not every trial has a value of {name}, so no model is fitted."
+    if np.ptp(response) == 0:
+        return f"{name} is {response[0]:g} in every trial: no model is fitted."
+    coded = np.repeat(custom.coded, [len(each) for each in values], axis=0)
+    return fit(coded, response, terms(len(custom.parameters), custom.model))
+
+
+def _response_parts(
+    custom: CustomStudy, name: str, estimates: Sequence[Estimate], model: Fit | str | None
+) -> list[Part]:
+    """Return the report parts for one response."""
+    parts: list[Part] = [Heading(_label(name)), _intervals(name, estimates)]
+    means = np.array([np.nan if each.mean is None else each.mean for each in estimates])
+    if isinstance(model, Fit):
+        parts += _model_parts(custom, name, model)
+    elif model is not None:
+        parts.append(model)
+    drawn = model if isinstance(model, Fit) and explains(model) else None
+    parts.append(
+        Picture(
+            f"{_stem(name)}-main-effects",
+            f"Main effects on {_label(name)}: {_line(custom, drawn)}",
+            main_effects(custom, means, _label(name), drawn),
+        )
+    )
+    return parts
+
+
+def _line(custom: CustomStudy, model: Fit | None) -> str:
+    """Return the caption for the line in the main-effects plots."""
+    if custom.design == "factorial":
+        return "points are runs, the line joins the means of the levels"
+    if model is not None:
+        return "points are runs, the line is the model with the other factors at their coded 0"
+    return "points are runs"
+
+
+def _model_parts(custom: CustomStudy, name: str, model: Fit) -> list[Part]:
+    stem, label = _stem(name), _label(name)
+    caption = f"Least squares on the single trials, coded factors: {label}"
+    parts: list[Part] = [
+        coefficient_table(f"{stem}-coefficients", caption, {"estimate": model.values}, fit=model, digits=4),
+        anova_table(
+            f"{stem}-anova",
+            f"Analysis of variance of {label}; terms are partial (type III)",
+            {"twin": model.anova},
+            digits=4,
+        ),
+        f"R² = {model.r2:.4f}, adjusted {model.adjusted_r2:.4f}.",
+    ]
+    if custom.model == "quadratic" and len(custom.parameters) > 1 and explains(model):
+        middle, edge = [0.0] * len(custom.parameters), [1.0] * len(custom.parameters)
+        is_share = name in SHARES
+        if is_share:
+            parts += no_share_text(model, custom.factors, held=middle, reach=edge)
+        figure = contours(
+            model, custom.factors, response=label, held=middle, reach=edge, limits=SHARE_LIMITS if is_share else None
+        )
+        parts.append(Picture(f"{stem}-contours", f"Fitted {label}; factors not shown are at their coded 0", figure))
+    return parts
+
+
+def _run_records(
+    custom: CustomStudy, estimates: Mapping[str, Sequence[Estimate]], reports: Sequence[Sequence[TrialReport]]
+) -> list[dict[str, object]]:
+    return [
+        {
+            "setting": dict(setting.values),
+            "coded": coded.tolist(),
+            "estimates": {name: dataclasses.asdict(each[run]) for name, each in estimates.items()},
+            "trials": [
+                {**trial_record(trial), **{name: getattr(trial, name) for name in estimates}} for trial in reports[run]
+            ],
+        }
+        for run, (setting, coded) in enumerate(zip(custom.settings, custom.coded, strict=True))
+    ]
+
+
+def _label(response: str) -> str:
+    """Return the name of a response with its unit."""
+    return f"{response}, {_UNITS[response]}" if response in _UNITS else response
+
+
+def _stem(response: str) -> str:
+    """Return the name of a response in the form that begins a file name."""
+    return response.lower().replace("_", "-")
+
+
+def _level(value: float) -> Cell:
+    """Return a level for a table: an integer without decimals, a long number with six significant digits."""
+    value = float(f"{value:.12g}")  # removes rounding of coding and decoding
+    if value.is_integer() and abs(value) < 1e9:
+        return int(value)
+    return value if round(value, 2) == value else f"{value:.6g}"

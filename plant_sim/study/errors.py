@@ -1,0 +1,7 @@
+"""Error raised by studies."""
+
+from controller.common.errors import InputError
+
+
+class StudyError(InputError):
+    """A study cannot be run; the message is one line with location, key, error and remedy."""

@@ -1,0 +1,1 @@
+"""The pepper paper's experiments, and the calibration of the seedling model."""

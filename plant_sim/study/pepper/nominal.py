@@ -1,0 +1,146 @@
+"""Nominal handling of seedlings on the twin: the motion of every row in a trial."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from statistics import fmean
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.program.states import State
+from plant_sim.crop.expectation import HandlingMotion
+from plant_sim.crop.response import Number
+from plant_sim.machine.parameters import Machine
+from plant_sim.study.errors import StudyError
+from plant_sim.twin.lock_step import NotReachedError, Twin
+from plant_sim.twin.trial import HOMING_LIMIT_MS, TRAY_LIMIT_MS
+
+TRAYS: Final = 2
+
+
+class RowMotion(NamedTuple):
+    """Motion of one row of seedlings.
+
+    Attributes:
+        side: Arm.
+        along_m: Offset of the cells beyond the claws when the claws close, m.
+        across_m: Offset of the claws inward from the column, m.
+        force_n: Maximum force of a finger, N.
+        held_s: Time from grip to release, s.
+        throw_along_m: Offset of the cups beyond the plugs at landing, m.
+        throw_across_m: Offset of the slide from the feed position, m.
+        fall_s: Duration of the fall, s.
+    """
+
+    side: str
+    along_m: float
+    across_m: float
+    force_n: float
+    held_s: float
+    throw_along_m: float
+    throw_across_m: float
+    fall_s: float
+
+
+@dataclass
+class MotionWatch:
+    """Monitor of a twin that records the motion of every thrown row.
+
+    Attributes:
+        rows: Motion of each row, in order.
+    """
+
+    rows: list[RowMotion] = field(default_factory=list)
+    _thrown_ms: dict[str, int] = field(default_factory=dict)
+
+    def __call__(self, twin: Twin) -> None:
+        """Update from the plant after a scan."""
+        for side, arm in twin.plant.arms.items():
+            if arm.row.falling:
+                self._thrown_ms.setdefault(side, twin.plant.time_ms)
+            elif side in self._thrown_ms:
+                motion, thrown_s = arm.grip.history, self._thrown_ms.pop(side) / 1000
+                fall_s = twin.parameters.handling.fall_s(arm.lift.rise_m)
+                self.rows.append(
+                    RowMotion(
+                        side,
+                        motion.along_m,
+                        motion.across_m,
+                        motion.peak_n,
+                        thrown_s - motion.since_s,
+                        arm.row.off_m,
+                        arm.slide.x_m,
+                        fall_s,
+                    )
+                )
+
+
+def observed_rows(machine: Machine, *, seed: int = 1) -> list[RowMotion]:
+    """Return the motion of every row of a trial on a machine.
+
+    Args:
+        machine: Machine parameters.
+        seed: Seed of the trial.
+
+    Raises:
+        StudyError: The trial does not complete.
+    """
+    twin = Twin(seed=seed, trays=TRAYS, parameters=machine, set_points={"trays_target": TRAYS})
+    watch = MotionWatch()
+    twin.watch(watch)
+    try:
+        twin.home(within_ms=HOMING_LIMIT_MS)
+        twin.start()
+        twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS * TRAYS)
+    except NotReachedError as error:
+        raise StudyError(f"the nominal trial did not complete ({error}); use a working machine") from None
+    return watch.rows
+
+
+@dataclass(frozen=True)
+class NominalMotion:
+    """Motion of the rows in a trial at any claw pressure.
+
+    Attributes:
+        rows: Observed motion of the rows.
+        force_n_mpa: Finger force per unit of claw pressure, N/MPa.
+        catch_m: Maximum offset at which a plug falls into a cup, m.
+    """
+
+    rows: tuple[RowMotion, ...]
+    force_n_mpa: float
+    catch_m: float
+
+    def __call__(self, pressure_mpa: Number) -> HandlingMotion:
+        """Return the motion at the given claw pressures, MPa: one line per seedling row, one column per pressure."""
+
+        def each(name: str) -> NDArray[np.float64]:
+            return np.array([[abs(getattr(row, name))] for row in self.rows])
+
+        return HandlingMotion(
+            along_m=each("along_m"),
+            across_m=each("across_m"),
+            force_n=self.force_n_mpa * np.atleast_1d(pressure_mpa),
+            held_s=each("held_s"),
+            throw_along_m=each("throw_along_m"),
+            throw_across_m=each("throw_across_m"),
+            fall_s=each("fall_s"),
+            catch_m=self.catch_m,
+        )
+
+
+def nominal_motion(machine: Machine, *, seed: int = 1) -> NominalMotion:
+    """Return the nominal motion of a machine.
+
+    Args:
+        machine: Machine parameters; the finger force is proportional to the claw pressure.
+        seed: Seed of the trial.
+
+    Raises:
+        StudyError: The trial does not complete.
+    """
+    rows = tuple(observed_rows(machine, seed=seed))
+    force_n = fmean(row.force_n for row in rows)
+    return NominalMotion(rows, force_n / machine.crop.claw_pressure_mpa, machine.cups.catch_m)

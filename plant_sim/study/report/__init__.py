@@ -1,0 +1,1 @@
+"""Study reports: tables, pictures, Markdown, HTML and JSON."""

@@ -1,0 +1,295 @@
+"""Comparison tables and figures of fits: printed, refitted, and fitted to other data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.study.doe.design import Factor, to_natural
+from plant_sim.study.doe.optimum import Surface
+from plant_sim.study.doe.regression import AnovaRow, Fit
+from plant_sim.study.paper_tables import PrintedRow
+from plant_sim.study.report.parts import Cell, Part, Picture, Table
+from plant_sim.study.report.surface import Marks, contours, lowest_and_highest, observed_against_predicted
+
+SHARE_LIMITS: Final = (0.0, 100.0)
+"""Limits of a share of seedlings, %."""
+
+_SMALLEST_P = 1e-4
+_SIGNIFICANT_P = 0.05
+
+
+def p_text(p: float | None) -> str | None:
+    """Return a P value as text in the format of the papers.
+
+    >>> p_text(0.00082), p_text(3e-7)
+    ('0.0008', '<0.0001')
+    """
+    if p is None:
+        return None
+    return f"<{_SMALLEST_P:.4f}" if p < _SMALLEST_P else f"{p:.4f}"
+
+
+def coefficient_table(
+    name: str, caption: str, columns: Mapping[str, Mapping[str, float]], *, fit: Fit | None = None, digits: int = 3
+) -> Table:
+    """Return a table that compares the coefficients of polynomials.
+
+    Args:
+        name: File stem of the table.
+        caption: Caption.
+        columns: Coefficients by term, by the name of the column, such as paper, refit, twin.
+        fit: Fit whose standard errors and P values are added.
+        digits: Decimals.
+    """
+    listed = list(dict.fromkeys(term for column in columns.values() for term in column))
+    rows: list[tuple[Cell, ...]] = []
+    for term in listed:
+        cells: list[Cell] = [column.get(term) for column in columns.values()]
+        if fit is not None:
+            coefficient = fit.coefficients.get(term)
+            cells += [None, None] if coefficient is None else [coefficient.standard_error, p_text(coefficient.p)]
+        rows.append(("constant" if term == "1" else term, *cells))
+    extra = () if fit is None else ("standard error", "P")
+    return Table(name, caption, ("term", *columns, *extra), tuple(rows), digits)
+
+
+def anova_table(
+    name: str, caption: str, columns: Mapping[str, Sequence[AnovaRow | PrintedRow]], *, digits: int = 2
+) -> Table:
+    """Return a table that compares analyses of variance.
+
+    Args:
+        name: File stem of the table.
+        caption: Caption.
+        columns: Rows of each analysis, by its name in the heading.
+        digits: Decimals of the sums of squares and F values.
+    """
+    sources = list(dict.fromkeys(row.source for column in columns.values() for row in column))
+    order = {row.source: index for rows in columns.values() for index, row in enumerate(rows)}
+    sources.sort(key=lambda source: order[source])
+    heading = [f"{title} {what}" for title in columns for what in ("sum of squares", "df", "F", "P")]
+    rows: list[tuple[Cell, ...]] = []
+    for source in sources:
+        cells: list[Cell] = []
+        for column in columns.values():
+            match = next((row for row in column if row.source == source), None)
+            cells += [None] * 4 if match is None else [match.sum_of_squares, match.degrees, match.f, _p_cell(match)]
+        rows.append((source, *cells))
+    return Table(name, caption, ("source", *heading), tuple(rows), digits)
+
+
+def _p_cell(row: AnovaRow | PrintedRow) -> str | None:
+    return (row.p or None) if isinstance(row, PrintedRow) else p_text(row.p)
+
+
+def runs_table(
+    name: str,
+    caption: str,
+    factors: Sequence[Factor],
+    coded: NDArray[np.float64],
+    columns: Mapping[str, NDArray[np.float64]],
+    *,
+    digits: int = 2,
+) -> Table:
+    """Return a table of runs: coded and natural settings, and a column for each response.
+
+    Args:
+        name: File stem of the table.
+        caption: Caption.
+        factors: The factors.
+        coded: Coded runs, one per row.
+        columns: Columns after the settings, by heading.
+        digits: Decimals.
+    """
+    heading = ("run", *(f"X{index + 1}" for index in range(len(factors))), *(each.label for each in factors), *columns)
+    listed = zip(coded, to_natural(factors, coded), zip(*columns.values(), strict=True), strict=True)
+    rows: list[tuple[Cell, ...]] = [
+        (number, *(f"{level:g}" for level in point), *(f"{value:.4g}" for value in natural), *map(float, values))
+        for number, (point, natural, values) in enumerate(listed, start=1)
+    ]
+    return Table(name, caption, heading, tuple(rows), digits)
+
+
+def coding_table(
+    name: str,
+    caption: str,
+    factors: Sequence[Factor],
+    codes: NDArray[np.float64],
+    printed: NDArray[np.float64],
+) -> Table:
+    """Return a table that compares the printed factor levels with those calculated from the codes.
+
+    Args:
+        name: File stem of the table.
+        caption: Caption.
+        factors: The factors.
+        codes: The printed codes.
+        printed: The printed levels in natural units, one row per code.
+    """
+    heading = ["code"]
+    for factor in factors:
+        heading += [f"{factor.label}: printed", "by the coding", "code of the printed"]
+    rows: list[tuple[Cell, ...]] = []
+    for code, levels in zip(codes, printed, strict=True):
+        cells: list[Cell] = [f"{code:g}"]
+        for factor, level in zip(factors, levels, strict=True):
+            cells += [f"{level:g}", float(factor.natural(code)), float(factor.coded(level))]
+        rows.append(tuple(cells))
+    return Table(name, caption, tuple(heading), tuple(rows), 3)
+
+
+def optimum_table(
+    name: str,
+    caption: str,
+    factors: Sequence[Factor],
+    *,
+    response: str,
+    points: Mapping[str, NDArray[np.float64]],
+    surfaces: Mapping[str, Surface],
+    digits: int = 2,
+) -> Table:
+    """Return a table of the responses at some settings.
+
+    Args:
+        name: File stem of the table.
+        caption: Caption.
+        factors: The factors.
+        response: Name and unit of the response.
+        points: Settings, coded, by name.
+        surfaces: Response surfaces, by name.
+        digits: Decimals of the response.
+    """
+    heading = ("setting", *(factor.label for factor in factors), *(f"{response}, {title}" for title in surfaces))
+    rows: list[tuple[Cell, ...]] = []
+    for title, point in points.items():
+        natural = (f"{value:.4g}" for value in to_natural(factors, point))
+        rows.append((title, *natural, *(float(surface.predict(point)[0]) for surface in surfaces.values())))
+    return Table(name, caption, heading, tuple(rows), digits)
+
+
+def fit_pictures(
+    name: str,
+    fit: Fit,
+    factors: Sequence[Factor],
+    *,
+    response: str,
+    marks: Marks,
+    held: NDArray[np.float64],
+    box: float = 1.0,
+) -> tuple[Part, ...]:
+    """Return two figures: contours of a fit over every pair of factors, and observed against predicted responses.
+
+    Args:
+        name: Prefix of the file stems.
+        fit: The fit.
+        factors: Factors of the fit.
+        response: Name and unit of the response.
+        marks: Points to mark, coded, by name.
+        held: Coded levels of the factors not shown in a panel.
+        box: Half the edge length of the search box, coded.
+
+    Returns:
+        The two figures, and a caveat if the surface leaves the range of a percentage.
+    """
+    reach = np.abs(fit.coded).max(axis=0).tolist()
+    over = contours(
+        fit, factors, response=response, held=held.tolist(), reach=reach, marks=marks, box=box, limits=SHARE_LIMITS
+    )
+    runs = observed_against_predicted(fit.response, fit.predict(fit.coded), response=response, r2=fit.r2)
+    remark = (
+        "The dashed frame is the search box; beyond the runs of the design the surface is extrapolated. A hollow "
+        "marker is off the slice; its response is in the legend."
+    )
+    return (
+        *no_share_text(fit, factors, held=held.tolist(), reach=reach),
+        Picture(f"{name}-contours", f"{response} over every pair of factors. {remark}", over),
+        Picture(f"{name}-runs", f"{response}: observed runs against the fit.", runs),
+    )
+
+
+def no_share_text(
+    surface: Surface, factors: Sequence[Factor], *, held: Sequence[float], reach: Sequence[float]
+) -> list[str]:
+    """Return a caveat if the surface of a percentage leaves the range 0 to 100 within the contour panels.
+
+    Args:
+        surface: Response surface of the percentage.
+        factors: Factors of the surface.
+        held: Coded levels of the factors not shown in a panel.
+        reach: Half-width of the panels, coded, one per factor.
+    """
+    lowest, highest = lowest_and_highest(surface, factors, held=held, reach=reach)
+    left = [
+        each
+        for each, is_out in ((lowest, lowest[0] < SHARE_LIMITS[0]), (highest, highest[0] > SHARE_LIMITS[1]))
+        if is_out
+    ]
+    if not left:
+        return []
+    where = " and ".join(f"{value:.1f} % at {_setting_text(factors, point)}" for value, point in left)
+    return [
+        f"A share is between 0 and 100 %, but a quadratic is not limited: this one reaches {where}. Outside the range "
+        "the contours are grey."
+    ]
+
+
+def _setting_text(factors: Sequence[Factor], coded: NDArray[np.float64]) -> str:
+    natural = to_natural(factors, coded)
+    return ", ".join(
+        f"{factor.name} {value:.4g}" if factor.unit == "-" else f"{factor.name} {value:.4g} {factor.unit}"
+        for factor, value in zip(factors, natural, strict=True)
+    )
+
+
+def explains(fit: Fit) -> bool:
+    """Return whether a model is significant: its P value is at most 0.05 and its adjusted R² is above 0."""
+    p = fit.row("model").p
+    return (p is None or p <= _SIGNIFICANT_P) and fit.adjusted_r2 > 0
+
+
+def doubts(name: str, fit: Fit) -> list[str]:
+    """Return the caveats about a model: it is not significant, or it has a lack of fit.
+
+    Args:
+        name: Name of the response.
+        fit: Fitted model.
+    """
+    cautions = []
+    if not explains(fit):
+        cautions.append(
+            f"{name}: the model is not significant (P {p_text(fit.row('model').p)}, "
+            f"adjusted R² {fit.adjusted_r2:.2f}); disregard its surface."
+        )
+    lack = next((row.p for row in fit.anova if row.source == "lack of fit"), None)
+    if lack is not None and lack < _SIGNIFICANT_P:
+        cautions.append(
+            f"{name}: the model does not fit (lack of fit P {p_text(lack)}): its residual exceeds "
+            "the scatter of repeated runs, so it is too simple."
+        )
+    return cautions
+
+
+def fit_record(fit: Fit) -> dict[str, object]:
+    """Return the JSON record of a fit: coefficients, analysis of variance, R²."""
+    return {
+        "coefficients": {
+            term: {"value": each.value, "standard_error": each.standard_error, "t": each.t, "p": each.p}
+            for term, each in fit.coefficients.items()
+        },
+        "anova": {
+            row.source: {
+                "sum_of_squares": row.sum_of_squares,
+                "degrees": row.degrees,
+                "mean_square": row.mean_square,
+                "f": row.f,
+                "p": row.p,
+            }
+            for row in fit.anova
+        },
+        "r2": fit.r2,
+        "adjusted_r2": fit.adjusted_r2,
+    }

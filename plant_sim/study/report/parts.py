@@ -1,0 +1,109 @@
+"""Parts of a study report: headings, tables, pictures; a paragraph is plain text."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+Cell = str | int | float | None
+
+_NAME = re.compile("[a-z0-9]+(-[a-z0-9]+)*")
+_NUMBER = re.compile(r"[<>]?[+-]?\d+(\.\d+)?(e[+-]?\d+)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Heading in a report.
+
+    Attributes:
+        text: Text of the heading.
+    """
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Table, also written as a CSV file.
+
+    Attributes:
+        name: File stem, lower-case words with hyphens.
+        caption: Caption, with the source of third-party figures.
+        heading: Name and unit of each column.
+        rows: Cells, row by row; None for an empty cell.
+        digits: Number of decimals displayed for a float; the CSV contains all digits.
+    """
+
+    name: str
+    caption: str
+    heading: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    digits: int = 2
+
+    def __post_init__(self) -> None:
+        """Check the name and the length of every row."""
+        _require_stem(self.name)
+        for row in self.rows:
+            if len(row) != len(self.heading):
+                raise ValueError(f"table {self.name}: {len(row)} cells for {len(self.heading)} headings: {row}")
+
+    def shown(self) -> list[tuple[str, ...]]:
+        """Return the rows as formatted text."""
+        return [tuple(_shown(cell, self.digits) for cell in row) for row in self.rows]
+
+    def is_numeric(self, column: int) -> bool:
+        """Return whether a column contains only numbers, which are right-aligned; ``<0.0001`` counts as a number."""
+        cells = [row[column] for row in self.rows if row[column] is not None]
+        return bool(cells) and all(not isinstance(cell, str) or _NUMBER.fullmatch(cell) for cell in cells)
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """Picture, written as a PNG and an SVG file.
+
+    Attributes:
+        name: File stem, lower-case words with hyphens.
+        caption: Caption.
+        figure: Matplotlib figure.
+    """
+
+    name: str
+    caption: str
+    figure: Figure
+
+    def __post_init__(self) -> None:
+        """Check the name."""
+        _require_stem(self.name)
+
+
+Part = str | Heading | Table | Picture
+
+
+def is_stem(name: str) -> bool:
+    """Return whether a name consists of lower-case words with hyphens, as required for the files of a report."""
+    return _NAME.fullmatch(name) is not None
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number followed by its noun in the singular or plural.
+
+    >>> counted(1, "trial"), counted(5, "trial")
+    ('1 trial', '5 trials')
+    """
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _require_stem(name: str) -> None:
+    if not is_stem(name):
+        raise ValueError(f"{name!r}: the name of a table or picture must consist of lower-case words with hyphens")
+
+
+def _shown(cell: Cell, digits: int) -> str:
+    if cell is None:
+        return "-"
+    if isinstance(cell, float):
+        return f"{cell:z.{digits}f}" if math.isfinite(cell) else "-"
+    return str(cell)

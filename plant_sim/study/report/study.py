@@ -1,0 +1,164 @@
+"""Result of a study and its output folder."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import matplotlib as mpl
+import numpy as np
+
+from plant_sim.scope.errors import RecordingError
+from plant_sim.scope.style import STYLE, save
+from plant_sim.study.errors import StudyError
+from plant_sim.study.report.parts import Part, Picture, Table
+from plant_sim.study.report.rendering import csv_text, html, markdown, plain_text
+
+_RESERVED = ("report", "study")
+"""File stems reserved for the report itself."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Result of a study.
+
+    Attributes:
+        name: Name on the command line.
+        title: Title of the report.
+        command: Command that reproduces the study.
+        parts: Paragraphs, headings, tables and pictures, in order.
+        record: JSON record with every figure by name.
+    """
+
+    name: str
+    title: str
+    command: str
+    parts: tuple[Part, ...]
+    record: Mapping[str, object]
+
+    def __post_init__(self) -> None:
+        """Check that the file names are unique."""
+        for kind in (Table, Picture):
+            names = Counter(part.name for part in self.parts if isinstance(part, kind))
+            duplicates = [name for name, times in names.items() if times > 1 or name in _RESERVED]
+            if duplicates:
+                raise ValueError(f"study {self.name}: duplicate file names: {', '.join(duplicates)}")
+
+    def text(self) -> str:
+        """Return the report as plain text, with only the names of pictures."""
+        return plain_text(self.title, self.parts)
+
+    def json(self) -> str:
+        """Return the record as one JSON object; a non-finite number is null."""
+        record = {"study": self.name, "command": self.command, **self.record}
+        return json.dumps(_plain(record), allow_nan=False, indent=2, ensure_ascii=False)
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Apply the plot style to figures drawn in a `with` block, independent of the user's matplotlib settings."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(STYLE)
+        yield
+
+
+def check_folder(folder: Path) -> None:
+    """Check that a report can be written, before the study runs.
+
+    Args:
+        folder: Output folder, new or empty.
+
+    Raises:
+        StudyError: The folder cannot be used.
+    """
+    try:
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+            raise StudyError(f"--out {folder}: is not a folder; give a new one")
+        if folder.is_dir():
+            if folder.is_mount() or folder.resolve() == Path.cwd():
+                raise StudyError(f"--out {folder}: cannot be replaced; give a new folder in it")
+            if next(folder.iterdir(), None) is not None:
+                raise StudyError(f"--out {folder}: is not empty; give a new folder or empty it")
+        around = next(path for path in folder.absolute().parents if path.exists())
+        with TemporaryDirectory(prefix=f".{folder.name}-", dir=around):
+            pass  # a file system may deny access in spite of the permissions
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+
+
+def write(study: Study, folder: Path) -> list[Path]:
+    """Write a complete report, or nothing.
+
+    Files are written to a temporary folder, which is renamed when complete. Equal studies give identical bytes.
+
+    Args:
+        study: The study.
+        folder: Output folder, new or empty.
+
+    Returns:
+        Paths of ``report.md``, ``report.html``, ``study.json``, a CSV for every table, PNG and SVG for every
+        picture.
+
+    Raises:
+        StudyError: The folder is not empty or not writable.
+    """
+    check_folder(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as around:
+            part = Path(around, folder.name)
+            part.mkdir()
+            names = [path.name for path in _fill(study, part)]
+            if folder.exists():
+                folder.rmdir()
+            part.rename(folder)
+    except (OSError, RecordingError) as error:
+        raise _unwritable(folder, error) from None
+    return [folder / name for name in names]
+
+
+def _unwritable(folder: Path, error: OSError | RecordingError) -> StudyError:
+    reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return StudyError(f"--out {folder}: cannot be written ({reason}); give another folder")
+
+
+def _fill(study: Study, folder: Path) -> list[Path]:
+    """Write every file of the report."""
+    texts = {
+        "report.md": markdown(study.title, study.command, study.parts),
+        "report.html": html(study.title, study.command, study.parts),
+        "study.json": f"{study.json()}\n",
+    } | {f"{part.name}.csv": csv_text(part) for part in study.parts if isinstance(part, Table)}
+    paths = []
+    for name, text in texts.items():
+        paths.append(folder / name)
+        paths[-1].write_text(text, encoding="utf-8", newline="\n")
+    with drawing():
+        for part in study.parts:
+            if isinstance(part, Picture):
+                paths += save(part.figure, folder / part.name)
+    return paths
+
+
+def _plain(value: object) -> object:
+    """Return a value converted to a JSON type."""
+    match value:
+        case np.generic() | np.ndarray():
+            return _plain(value.tolist())
+        case Mapping():
+            return {str(key): _plain(each) for key, each in value.items()}
+        case float() if not math.isfinite(value):
+            return None
+        case str() | None | bool() | int() | float():
+            return value
+        case Sequence():
+            return [_plain(each) for each in value]
+        case _:
+            raise TypeError(f"{value!r} is not valid in the record of a study")

@@ -1,0 +1,245 @@
+"""Trials on the twin, distributed over processes; the results do not depend on the number of processes."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import joblib
+import numpy as np
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from controller.iomap.loader import IoMap
+from plant_sim.machine.parameters import Machine
+from plant_sim.study.errors import StudyError
+from plant_sim.study.factors import FactorSetting
+from plant_sim.twin.report import TrialReport
+from plant_sim.twin.trial import run_trial
+
+SEEDLINGS = 144
+"""Seedlings of a trial in the paper, two trays."""
+MOST_SEEDLINGS = 72_000
+"""Maximum number of seedlings: a thousand trays, the capacity of the magazine."""
+MOST_TRIALS = 100_000
+_MOST_REASONS = 5
+
+Progress = Callable[[int, int], None]
+"""Callback with the number of completed trials and their total."""
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """Run options of a study.
+
+    Attributes:
+        trials: Trials at each setting.
+        seed: Seed of the study; see `trial_seed`.
+        workers: Number of processes; 1 = this process, None = one per core.
+        machine: Base machine that the settings change.
+        io_map: I/O map.
+        seedlings: Seedlings per trial.
+        progress: Callback after every completed trial.
+        machine_file: Machine parameter file; None = the default.
+        io_map_file: I/O map file; None = the default.
+    """
+
+    trials: int
+    seed: int
+    workers: int | None
+    machine: Machine
+    io_map: IoMap
+    seedlings: int = SEEDLINGS
+    progress: Progress | None = None
+    machine_file: Path | None = None
+    io_map_file: Path | None = None
+
+    def run(self, settings: Sequence[FactorSetting]) -> list[list[TrialReport]]:
+        """Run the trials at each setting.
+
+        Args:
+            settings: The settings, all checked before the first trial.
+
+        Returns:
+            Reports by setting and trial; identical for any number of workers, except `wall_s`.
+
+        Raises:
+            StudyError: A setting or a number is invalid, or a process was killed.
+        """
+        _check_numbers(len(settings), self.trials, self.seedlings)
+        configurations = [(setting.machine(self.machine), setting.set_points()) for setting in settings]
+        jobs = [
+            partial(
+                run_trial,
+                seed=trial_seed(self.seed, index, trial),
+                seedlings=self.seedlings,
+                parameters=parameters,
+                set_points=set_points,
+                io_map=self.io_map,
+            )
+            for index, (parameters, set_points) in enumerate(configurations)
+            for trial in range(self.trials)
+        ]
+        reports = spread(jobs, self.workers, self.progress)
+        return [reports[first : first + self.trials] for first in range(0, len(jobs), self.trials)]
+
+    def command(self, study: str, file: Path | None = None, **study_options: object) -> str:
+        """Return the command that reproduces a study, with every option that affects the result.
+
+        Args:
+            study: Name of the study.
+            file: Study file, if any.
+            study_options: Options specific to the study, by name.
+        """
+        return command_line(
+            study,
+            file,
+            trials=self.trials,
+            seed=self.seed,
+            seedlings=self.seedlings,
+            **study_options,
+            machine=self.machine_file,
+            io_map=self.io_map_file,
+        )
+
+
+def command_line(study: str, file: Path | None = None, **options: object) -> str:
+    """Return the command line of a study.
+
+    Args:
+        study: Name of the study.
+        file: Study file, if any.
+        options: Options by name; those that are None are omitted.
+
+    >>> command_line("throughput", seed=1, io_map="my wires.yaml", spacing=None)
+    "python -m plant_sim study throughput --seed 1 --io-map 'my wires.yaml'"
+    """
+    arguments = ["python", "-m", "plant_sim", "study", study, *([] if file is None else [str(file)])]
+    for name, value in options.items():
+        if value is not None:
+            arguments += [f"--{name.replace('_', '-')}", str(value)]
+    return shlex.join(arguments)
+
+
+def trial_record(report: TrialReport) -> dict[str, object]:
+    """Return a JSON record with the data for reproducing a trial and with its seedling counts."""
+    names = ("seed", "completed", "reason", "seedlings", "in_cups", "P", "D", "T", "missed_cups")
+    return {name: getattr(report, name) for name in names}
+
+
+def incomplete_trials(reports: Sequence[Sequence[TrialReport]], counted: str) -> list[str]:
+    """Return a paragraph about incomplete trials; empty if all completed.
+
+    Args:
+        reports: The trial reports of each run.
+        counted: Clause that states how incomplete trials are counted.
+    """
+    broken = [(run, trial.reason) for run, trials in enumerate(reports, 1) for trial in trials if not trial.completed]
+    if not broken:
+        return []
+    reasons = "; ".join(f"run {run}: {reason}" for run, reason in broken[:_MOST_REASONS])
+    more = "; and others" if len(broken) > _MOST_REASONS else ""
+    total = sum(map(len, reports))
+    return [f"{len(broken)} of {total} trials did not complete; {counted}. {reasons}{more}."]
+
+
+class OverallProgress:
+    """Combined progress of several batches of trials."""
+
+    def __init__(self, progress: Progress, planned: int) -> None:
+        """Set the planned amount of work.
+
+        Args:
+            progress: Callback with the combined progress.
+            planned: Trials of all batches known in advance; later batches can add more.
+        """
+        self._progress = progress
+        self._planned = planned
+        self._started = 0
+        self._done = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        """Count a completed trial of a batch."""
+        if done == 1:
+            self._started += total
+        self._done += 1
+        self._progress(self._done, max(self._planned, self._started))
+
+
+def spread(
+    jobs: Sequence[Callable[[], Result]], workers: int | None = None, progress: Progress | None = None
+) -> list[Result]:
+    """Run jobs in parallel processes.
+
+    Args:
+        jobs: The jobs; they must be picklable.
+        workers: Number of processes; 1 = this process, None = one per core.
+        progress: Callback after every completed job.
+
+    Returns:
+        Results in the order of the jobs.
+
+    Raises:
+        StudyError: The number of processes is invalid, or a process was killed.
+    """
+    if workers is not None and workers < 1:
+        raise StudyError(f"--workers {workers}: give 1 or more, or omit it for one per core")
+    collected: list[Result] = []
+    try:
+        with closing(_results(jobs, workers)) as results:
+            for result in results:
+                collected.append(result)
+                if progress is not None:
+                    progress(len(collected), len(jobs))
+    except TerminatedWorkerError:
+        raise StudyError("--workers: a process was killed, possibly out of memory; give a smaller number") from None
+    return collected
+
+
+def trial_seed(seed: int, setting: int, trial: int) -> int:
+    """Return the seed of a trial, which depends only on the study's seed, the setting and the trial number.
+
+    Args:
+        seed: Seed of the study, 0 or more.
+        setting: Index of the setting.
+        trial: Index of the trial at that setting.
+
+    Returns:
+        Seed of at most 53 bits, so that programs that read JSON numbers as floats read it exactly.
+    """
+    sequence = np.random.SeedSequence(seed, spawn_key=(setting, trial))
+    return int(sequence.generate_state(1, np.uint64)[0]) >> 11
+
+
+def _check_numbers(settings: int, trials: int, seedlings: int) -> None:
+    if settings < 1:
+        raise StudyError("settings: none; give at least one")
+    if trials < 1:
+        raise StudyError(f"--trials {trials}: give 1 or more")
+    if not 1 <= seedlings <= MOST_SEEDLINGS:
+        raise StudyError(f"--seedlings {seedlings}: give 1 to {MOST_SEEDLINGS}")
+    if settings * trials > MOST_TRIALS:
+        raise StudyError(
+            f"--trials {trials}: {settings} settings make {settings * trials} trials, more than "
+            f"{MOST_TRIALS}; give fewer trials or fewer levels"
+        )
+
+
+def _results(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Generator[Result, None, None]:
+    """Yield the results in the order of the jobs, as soon as they are available."""
+    is_local = workers == 1 or len(jobs) <= 1
+    pool = {} if is_local else {"backend": "loky", "initializer": _ignore_interrupts}
+    processes = -1 if workers is None else min(workers, len(jobs))
+    parallel = joblib.Parallel(n_jobs=1 if is_local else processes, return_as="generator", **pool)
+    results: Generator[Result, None, None] = parallel(joblib.delayed(job)() for job in jobs)
+    return results
+
+
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

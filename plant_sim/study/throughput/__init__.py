@@ -1,0 +1,1 @@
+"""Throughput study: planting frequency, critical path, driving speed."""

@@ -1,0 +1,254 @@
+"""Pace of a machine at a planting frequency, and the highest frequency that meets a condition."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Final
+
+from controller.iomap.loader import IoMap
+from controller.program.tags import CUPS, SIDES, SetPoints, Side
+from plant_sim.machine.parameters import Machine
+from plant_sim.study.errors import StudyError
+from plant_sim.study.factors import FactorSetting
+from plant_sim.study.runner import RunOptions, spread, trial_seed
+from plant_sim.study.throughput.critical_path import Round, rounds
+from plant_sim.study.throughput.timeline import Timeline, TimelineRecorder
+from plant_sim.twin.trial import run_trial
+
+FREQUENCY: Final = "cups.planting_frequency_per_min"
+SLOWEST_PER_MIN: Final = 12
+"""Lowest frequency, 1/min; below it the release delay exceeds the range of its set-point."""
+FASTEST_PER_MIN: Final = 150
+"""Highest frequency, 1/min; above it the pulse interval set-point suppresses cups."""
+
+OPENING_MS: Final = 126
+"""Time from the coil to free plugs, ms: valve, air and fingers, simulated at 0.40 MPa (controller/program/tags.py)."""
+READING_MS: Final = 15
+"""Input filter and half a scan, ms."""
+_DELAY_UNIT_MS = 10
+_NO_CUPS_UNIT_MS = 100
+_NO_CUPS_CUPS = 3
+
+TRAYS: Final = 4
+"""Trays of an observed run: two until the arms have settled against each other, two in the settled state."""
+_SETTLED_FROM = 6
+"""Number of throws of an arm in the first two trays."""
+_MOST_RUNS = 3
+
+
+def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
+    """Return the set-points that a commissioning engineer would enter for a planting frequency.
+
+    The release delay lets the plugs land in the middle of the cups; it is zero if any delay would be too long.
+    The machine is Suspended for missing cups after three cup intervals.
+
+    Raises:
+        StudyError: The frequency is out of range.
+    """
+    if not SLOWEST_PER_MIN <= frequency_per_min <= FASTEST_PER_MIN:
+        raise StudyError(
+            f"{FREQUENCY}: {frequency_per_min} is out of range; give {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}"
+        )
+    lead_ms = 60_000 / frequency_per_min * machine.cups.sensor_lead_m / machine.cups.pitch_m
+    no_cups_ms = _NO_CUPS_CUPS * 60_000 / frequency_per_min
+    set_points = SetPoints()
+    lowest, highest = set_points.limits[set_points.release_delay]
+    delay = round((lead_ms - _landing_ms(machine)) / _DELAY_UNIT_MS)
+    return FactorSetting(
+        {
+            FREQUENCY: float(frequency_per_min),
+            "program.release_delay": float(min(max(delay, lowest), highest)),
+            "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS)),
+        }
+    )
+
+
+def landing_offset_mm(machine: Machine, setting: FactorSetting) -> float:
+    """Return the landing offset of the plugs beyond the middle of their cups, mm."""
+    chain_mm_ms = setting.values[FREQUENCY] * machine.cups.pitch_m / 60
+    after_ms = setting.values["program.release_delay"] * _DELAY_UNIT_MS + _landing_ms(machine)
+    return after_ms * chain_mm_ms - 1000 * machine.cups.sensor_lead_m
+
+
+def _landing_ms(machine: Machine) -> float:
+    """Return the time from the cup edge to the landing of the plug, without release delay, ms."""
+    return READING_MS + OPENING_MS + 1000 * machine.handling.fall_s(0.0)
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A run that is recorded step by step.
+
+    Attributes:
+        setting: Setting that differs from the base machine.
+        seed: Seed of the run.
+        timeline: Timeline of all sequences.
+        reason: Reason for an incomplete run; empty if it completed.
+    """
+
+    setting: FactorSetting
+    seed: int
+    timeline: Timeline
+    reason: str
+
+    @cached_property
+    def rounds(self) -> dict[Side, tuple[Round, ...]]:
+        """Every round of each arm, with its critical path."""
+        return {side: rounds(self.timeline, side) for side in SIDES}
+
+
+@dataclass(frozen=True)
+class CyclePace:
+    """Pace of the arms at a planting frequency.
+
+    Attributes:
+        frequency_per_min: The frequency, cups per minute and row.
+        runs: Runs with different seeds and start positions of the cups.
+    """
+
+    frequency_per_min: int
+    runs: tuple[Observed, ...]
+
+    @property
+    def all_rounds(self) -> list[Round]:
+        """Every round of both arms in all runs."""
+        return [each for run in self.runs for arm_rounds in run.rounds.values() for each in arm_rounds]
+
+    @property
+    def settled_rounds(self) -> list[Round]:
+        """Rounds from the third tray on."""
+        return [
+            each for run in self.runs for arm_rounds in run.rounds.values() for each in arm_rounds[_SETTLED_FROM - 1 :]
+        ]
+
+    @property
+    def completes(self) -> bool:
+        """True if every run completed."""
+        return not any(run.reason for run in self.runs)
+
+    @property
+    def missed_cups(self) -> float:
+        """Mean number of cups missed per run."""
+        return sum(each.missed_cups for each in self.all_rounds) / len(self.runs)
+
+    @property
+    def settled_missed_cups(self) -> float:
+        """Mean number of cups missed per tray from the third tray on."""
+        trays = TRAYS - _SETTLED_FROM // 3
+        return sum(each.missed_cups for each in self.settled_rounds) / (trays * len(self.runs))
+
+    def least_margin_s(self, row: int) -> float:
+        """Return the smallest margin of an arm with this row, s."""
+        margins_ms = [each.margin_ms for each in self.all_rounds if each.throw.row == row]
+        return min(margins_ms, default=math.nan) / 1000
+
+    def timeline_of(self, round_: Round) -> Timeline:
+        """Return the timeline that contains a round."""
+        return next(run.timeline for run in self.runs if round_ in run.rounds[round_.throw.side])
+
+
+class CyclePaces:
+    """Cache of a machine's pace at each frequency."""
+
+    def __init__(self, options: RunOptions) -> None:
+        """Set the run options."""
+        self._options = options
+        self._paces: dict[int, CyclePace] = {}
+
+    def __call__(self, frequency_per_min: int) -> CyclePace:
+        """Return the pace at a frequency."""
+        self.observe([frequency_per_min])
+        return self._paces[frequency_per_min]
+
+    @property
+    def observed(self) -> Mapping[int, CyclePace]:
+        """All observed paces by frequency."""
+        return dict(sorted(self._paces.items()))
+
+    def observe(self, frequencies_per_min: Iterable[int]) -> None:
+        """Observe runs at frequencies in parallel.
+
+        Raises:
+            StudyError: A frequency is out of range.
+        """
+        missing = [each for each in frequencies_per_min if each not in self._paces]
+        options, runs = self._options, observed_runs(self._options.trials)
+        # a run number has the same seed at every frequency, so that only the pace differs
+        jobs = [
+            partial(
+                observe,
+                setting_at(options.machine, frequency),
+                trial_seed(options.seed, 0, number),
+                machine=options.machine,
+                io_map=options.io_map,
+            )
+            for frequency in missing
+            for number in range(runs)
+        ]
+        runs_observed = spread(jobs, options.workers, options.progress)
+        for index, frequency in enumerate(missing):
+            self._paces[frequency] = CyclePace(frequency, tuple(runs_observed[index * runs : (index + 1) * runs]))
+
+
+def observed_runs(trials: int) -> int:
+    """Return how many runs are observed at a frequency for a given number of trials."""
+    return min(trials, _MOST_RUNS)
+
+
+def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMap) -> Observed:
+    """Process some trays and record every step.
+
+    Args:
+        setting: Setting that differs from the base machine.
+        seed: Seed of the run.
+        machine: Base machine.
+        io_map: I/O map.
+    """
+    recorder = TimelineRecorder()
+    report = run_trial(
+        seed=seed,
+        trays=TRAYS,
+        io_map=io_map,
+        parameters=setting.machine(machine),
+        set_points=setting.set_points(),
+        progress=recorder,
+    )
+    return Observed(setting, seed, recorder.timeline(), report.reason)
+
+
+def highest(
+    frequencies_per_min: Sequence[int], is_good: Callable[[int], bool], *, lowest: int = SLOWEST_PER_MIN
+) -> int | None:
+    """Return the highest integer frequency below the first bad one, 1/min; None if the lowest is bad.
+
+    Args:
+        frequencies_per_min: Ascending start frequencies; between the last good and the first bad one the search
+            continues by bisection. If none is bad, the result is the last one.
+        is_good: Function that returns whether a frequency is good.
+        lowest: Lower end of the search if the first frequency is bad.
+    """
+    good: int | None = None
+    bad: int | None = None
+    for frequency in frequencies_per_min:
+        if not is_good(frequency):
+            bad = frequency
+            break
+        good = frequency
+    if bad is None:
+        return good
+    if good is None:
+        if lowest >= bad or not is_good(lowest):
+            return None
+        good = lowest
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (middle, bad) if is_good(middle) else (good, middle)
+    return good
+
+
+def round_needed_s(frequency_per_min: float) -> float:
+    """Return the time in which twelve cups pass, s, which is the time limit of a round."""
+    return CUPS * 60 / frequency_per_min

@@ -1,0 +1,412 @@
+"""Live trial: plant, controller and operator panel as separate processes, connected by Modbus TCP.
+
+By default time is simulated: the plant advances by one scan at each write of the outputs, the controller paces it, and
+a panel can pause it and change its speed. A busy computer slows the trial down without changing its result. In real
+time both follow the wall clock, as on a real machine.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from controller.program.states import State
+from plant_sim.links.tag_file import tag_csv
+from plant_sim.machine.parameters import load_machine
+from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.lock_step import SCAN_MS
+from plant_sim.twin.operator import Operator, counts_of
+from plant_sim.twin.progress import ProgressState, ProgressView
+from plant_sim.twin.report import TrialReport, make_report
+from plant_sim.twin.trial import ROWS_A_TRAY
+
+POLL_S = 0.2
+STOP_S = 10.0
+START_LIMIT_S = 30.0
+HOMING_LIMIT_S = 60.0
+TRAY_LIMIT_S = 600.0
+LOCK_STEP_TIMEOUT_MS = 5_000
+"""Response timeout in simulated time, generous for a busy computer, ms."""
+
+Record = dict[str, Any]
+
+
+class LiveError(Exception):
+    """Timeout or unexpected state of a process or of the machine; the message is one line."""
+
+
+class ChildError(Exception):
+    """Unexpected end of a child process, which has printed the reason to standard error.
+
+    Attributes:
+        exit_code: Its exit code.
+    """
+
+    def __init__(self, name: str, exit_code: int) -> None:
+        super().__init__(f"the {name} ended with exit code {exit_code}")
+        self.exit_code = exit_code
+
+
+class Process:
+    """Child process with its standard output in a queue of lines; stopped with SIGINT."""
+
+    def __init__(self, name: str, arguments: Sequence[str]) -> None:
+        self.name = name
+        # Separate session: Ctrl-C reaches only this program, which then stops controller and plant in order.
+        self._process = subprocess.Popen(  # noqa: S603 - our own programs
+            [sys.executable, "-m", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self._has_output = False
+        self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._reader = threading.Thread(target=self._read, name=f"{name} output", daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code; None while the process runs."""
+        return self._process.poll()
+
+    def next_line(self, within_s: float) -> str | None:
+        """Return the next line of output; None at the end of the output.
+
+        Raises:
+            LiveError: There was no output within `within_s`.
+        """
+        try:
+            return self.lines.get(timeout=within_s)
+        except queue.Empty:
+            raise LiveError(f"the {self.name} wrote no output for {within_s:.0f} s") from None
+
+    def kill(self) -> None:
+        """Kill the process without clean-up, as a power failure would."""
+        self._process.kill()
+
+    def stop(self) -> int:
+        """Stop the process with SIGINT, or by force after a timeout; return its exit code.
+
+        A process that has not written any output has not started its work and is killed at once.
+        """
+        if self._process.poll() is None and not self._has_output:
+            self._process.kill()
+        elif self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(STOP_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+        code = self._process.wait()
+        self._reader.join()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        return code
+
+    def _read(self) -> None:
+        for line in self._process.stdout or ():
+            self._has_output = True
+            self.lines.put(line.rstrip("\n"))
+        self.lines.put(None)
+
+
+class Interrupts:
+    """Handler of Ctrl-C and SIGTERM while processes run: raises at once, and again at the next wait for events.
+
+    The interpreter discards an exception raised in a destructor. The second check makes sure that the request to stop
+    is not lost.
+    """
+
+    def __init__(self) -> None:
+        self._received = False
+
+    def __enter__(self) -> Self:
+        self._previous = {number: signal.signal(number, self._handle) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def check(self) -> None:
+        """Raise `KeyboardInterrupt` if a signal was received."""
+        if self._received:
+            raise KeyboardInterrupt
+
+    def _handle(self, *_: object) -> None:
+        self._received = True
+        raise KeyboardInterrupt
+
+
+@dataclass
+class ReportedEvents:
+    """State, alarms and production derived from the controller's events."""
+
+    events: list[Record] = field(default_factory=list)
+    state: int = 0
+    state_text: str = "not started"
+    trays_done: int = 0
+    cycles: int = 0
+    alarms: dict[int, str] = field(default_factory=dict)
+
+    def apply(self, event: Record) -> None:
+        """Update from one event."""
+        self.events.append(event)
+        match event["event"]:
+            case "state":
+                reason = f" ({event['reason']})" if event["reason"] else ""
+                self.state, self.state_text = event["state"], event["text"] + reason
+            case "tray":
+                self.trays_done = event["trays_done"]
+            case "cycle":
+                self.cycles += 1
+            case "alarm" if event["active"]:
+                self.alarms[event["number"]] = event["text"]
+            case "alarm":
+                self.alarms.pop(event["number"], None)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """Options of a live run.
+
+    Attributes:
+        hmi_port: Port of the controller's Modbus server; 0 = a free one.
+        panel_port: Port of the panel's page; 0 = a free one, None = no panel.
+        real_time: True to follow the wall clock.
+        pace: Speed of simulated time at the start, percent.
+        by_hand: True if only the user presses the buttons.
+        users: File of the panel's passwords.
+    """
+
+    seed: int
+    trays: int
+    host: str
+    port: int
+    io_map: Path
+    machine: Path
+    language: str
+    faults: tuple[str, ...] = ()
+    record: Path | None = None
+    hmi_port: int = 5021
+    panel_port: int | None = 8080
+    real_time: bool = False
+    pace: int = 100
+    by_hand: bool = False
+    users: Path = Path("var/panel-users.json")
+
+
+_BROKEN = (State.HELD, State.ABORTED)
+
+
+@contextmanager
+def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
+    """Run plant and controller for the duration of a with block; at its end the controller is stopped first.
+
+    Raises:
+        ChildError: The plant could not start.
+    """
+    o = options
+    common = ["--io-map", str(o.io_map), "--port", str(o.port), "--host", o.host]
+    with ExitStack() as stack:
+        interrupts = stack.enter_context(Interrupts())
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
+        plant = stack.enter_context(Process("plant", _serve(o, common)))
+        if plant.next_line(START_LIMIT_S) is None:
+            raise ChildError("plant", plant.stop())
+        operator = stack.enter_context(Operator(o.host, o.port))
+        controller = stack.enter_context(Process("controller", _control(o, common, folder)))
+        trial = LiveTrial(options, view, operator, controller, interrupts)
+        if o.panel_port is not None:
+            panel = Process("panel", _panel(o, folder, o.panel_port, trial.hmi_port()))
+            stack.enter_context(panel)
+            trial.panel = panel.next_line(START_LIMIT_S) or "no panel: see above"
+        yield trial
+
+
+def _serve(o: LiveOptions, common: Sequence[str]) -> list[str]:
+    """Return the command line of the plant."""
+    serve = ["plant_sim", "serve", *common, "--machine", str(o.machine), "--seed", str(o.seed), "--trays", str(o.trays)]
+    for fault in o.faults:
+        serve += ["--fault", fault]
+    if o.record is not None:
+        serve += ["--record", str(o.record)]
+    if not o.real_time:
+        serve += ["--lock-step-ms", str(SCAN_MS)]
+    return serve
+
+
+def _control(o: LiveOptions, common: Sequence[str], folder: Path) -> list[str]:
+    """Return the command line of the controller."""
+    control = ["controller", "run", *common, "--retain", str(folder / "retentive.json"), "--events", "json"]
+    control += ["--no-console", "--language", o.language, "--hmi-port", str(o.hmi_port), "--allow-forcing"]
+    control += ["--scan-ms", str(SCAN_MS)]
+    if not o.real_time:
+        control += ["--simulated-time", "--pace", str(o.pace), "--timeout-ms", str(LOCK_STEP_TIMEOUT_MS)]
+    for name, value in {"trays_target": o.trays, **set_points_of(load_machine(o.machine))}.items():
+        control += ["--set", f"{name}={value}"]
+    return control
+
+
+def _panel(o: LiveOptions, folder: Path, port: int, hmi_port: int) -> list[str]:
+    """Return the command line of the panel."""
+    tags = folder / "plant-tags.csv"
+    tags.write_text(tag_csv(), encoding="utf-8")
+    return [
+        "controller",
+        "panel",
+        "--io-map",
+        str(o.io_map),
+        "--port",
+        str(port),
+        "--users",
+        str(o.users),
+        "--controller",
+        f"127.0.0.1:{hmi_port}",
+        "--history",
+        str(folder / "history.sqlite"),
+        "--telemetry",
+        f"{o.host}:{o.port}",
+        "--telemetry-tags",
+        str(tags),
+    ]
+
+
+class LiveTrial:
+    """Trial on a running plant and controller, with an operator at the push buttons.
+
+    Attributes:
+        panel: Address line of the panel; empty if there is no panel.
+    """
+
+    def __init__(
+        self,
+        options: LiveOptions,
+        view: ProgressView,
+        operator: Operator,
+        controller: Process,
+        interrupts: Interrupts,
+    ) -> None:
+        self._options = options
+        self._interrupts = interrupts
+        self._view = view
+        self._operator = operator
+        self._controller = controller
+        self._progress = ReportedEvents()
+        self.panel = ""
+
+    def hmi_port(self) -> int:
+        """Wait for the controller's Modbus server and return its port.
+
+        Raises:
+            ChildError: The controller could not start.
+        """
+        line = self._controller.next_line(START_LIMIT_S)
+        if line is None:
+            raise ChildError("controller", self._controller.stop())
+        return int(json.loads(line)["hmi_port"])
+
+    def run(self) -> TrialReport:
+        """Home, start, and wait until the trays are empty; in manual operation, only wait."""
+        start_s = time.perf_counter()
+        operator, reason = self._operator, ""
+        try:
+            self._until(State.STOPPED, START_LIMIT_S, "controller in Stopped")
+            if self._options.by_hand:
+                self._until_complete()
+            else:
+                operator.press("start")
+                self._until(State.IDLE, HOMING_LIMIT_S, "homing")
+                operator.press("start")
+                self._until(State.COMPLETE, TRAY_LIMIT_S * self._options.trays, "the trial")
+        except LiveError as error:
+            reason = str(error)
+        telemetry = operator.telemetry()
+        return make_report(
+            seed=self._options.seed,
+            counts=counts_of(telemetry),
+            events=self._progress.events,
+            reason=reason,
+            simulated_s=telemetry["time_ms"] / 1000,
+            wall_s=round(time.perf_counter() - start_s, 3),
+        )
+
+    def serve(self) -> None:
+        """Keep the processes running until Ctrl-C."""
+        while True:
+            self._follow(POLL_S)
+            self._show()
+
+    def _until(self, state: State, limit_s: float, what: str) -> None:
+        deadline_s = self._now_s() + limit_s
+        while self._progress.state != state:
+            if self._now_s() > deadline_s:
+                raise LiveError(f"{what} not reached within {limit_s:.0f} s: {self._progress.state_text}")
+            self._follow(POLL_S)
+            self._show()
+            if self._progress.state in _BROKEN:
+                alarms = "; ".join(self._progress.alarms.values()) or "a question is open"
+                raise LiveError(f"{what} not reached: {self._progress.state_text}, {alarms}")
+
+    def _until_complete(self) -> None:
+        """Wait without a time limit until the user has completed the trays."""
+        while self._progress.state != State.COMPLETE:
+            self._follow(POLL_S)
+            self._show()
+
+    def _now_s(self) -> float:
+        """Return the plant time, which stops during a pause, as the time base of the limits, s."""
+        return self._operator.telemetry()["time_ms"] / 1000
+
+    def _follow(self, for_s: float) -> None:
+        """Process the controller's events for a while."""
+        until_s = time.perf_counter() + for_s
+        while (left_s := until_s - time.perf_counter()) > 0:
+            self._interrupts.check()
+            try:
+                line = self._controller.lines.get(timeout=left_s)
+            except queue.Empty:
+                return
+            if line is None:
+                raise ChildError("controller", self._controller.stop())
+            self._progress.apply(json.loads(line))
+
+    def _show(self) -> None:
+        progress, telemetry = self._progress, self._operator.telemetry()
+        counts = counts_of(telemetry)
+        trays = self._options.trays
+        self._view.show(
+            ProgressState(
+                elapsed_s=telemetry["time_ms"] / 1000,
+                state=progress.state_text,
+                tray=f"{progress.trays_done}/{trays}",
+                rows=f"{progress.cycles}/{ROWS_A_TRAY * trays}",
+                in_cups=counts.in_cups,
+                lost=counts.P + counts.D + counts.T,
+                seedlings=counts.total,
+                alarm="; ".join(progress.alarms.values()),
+            )
+        )

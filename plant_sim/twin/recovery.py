@@ -1,0 +1,157 @@
+"""Recovery of a twin by an operator: clear, repair, answer questions correctly, home and restart."""
+
+from __future__ import annotations
+
+from controller.program.states import State
+from controller.program.tags import IN_PLACE, SIDES
+from plant_sim.crop.seedling import COLUMNS, Location
+from plant_sim.devices.pneumatic import Cylinder
+from plant_sim.faults import Fault
+from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
+
+CLEAR_MS = 3_200
+"""Duration of the X24 press for clearing, ms; 3 s are required."""
+HOMING_LIMIT_MS = 40_000
+AIR_LIMIT_MS = 600_000
+"""Longest wait for air pressure, ms; the compressor fills an empty receiver in less time."""
+AIR_SHARE = 0.95
+"""Fraction of the regulated pressure from which the air supply counts as restored."""
+AIR = ("supply", "compressor")
+"""Fault targets that affect the air of every cylinder."""
+
+
+# buttons
+
+
+def press_emergency_stop(twin: Twin, for_ms: int = 500) -> None:
+    """Press and latch the emergency stop, and wait."""
+    twin.plant.box.emergency_stop = True
+    twin.run_for(for_ms)
+
+
+def clear(twin: Twin) -> None:
+    """Release the emergency stop and hold X24 for more than 3 s.
+
+    Raises:
+        NotReachedError: The machine stays in Aborted.
+    """
+    twin.plant.box.emergency_stop = False
+    twin.run_for(100)
+    twin.press("stop", for_ms=CLEAR_MS)
+    twin.run_until_state(State.STOPPED, within_ms=CLEAR_MS)
+    twin.run_for(300)
+
+
+def begin_homing(twin: Twin) -> None:
+    """Press X0 in Stopped, Held or Complete.
+
+    Raises:
+        NotReachedError: Homing does not start.
+    """
+    twin.scan()  # a button already pressed at power-up is ignored
+    twin.press("start")
+    twin.run_until_state(State.RESETTING, within_ms=50)
+
+
+def home_again(twin: Twin) -> set[str]:
+    """Home with X0 until Idle, answer every question in Held correctly, and return the questions.
+
+    Raises:
+        NotReachedError: Homing ends in an alarm or does not end.
+    """
+    asked: set[str] = set()
+    for _ in range(2):
+        begin_homing(twin)
+        twin.run_until(lambda: twin.state in {State.IDLE, State.HELD}, within_ms=HOMING_LIMIT_MS, what="Idle or Held")
+        if twin.state is State.IDLE:
+            return asked
+        asked |= answer_truly(twin)
+    raise NotReachedError(f"homing does not end in Idle; {twin.situation()}")
+
+
+# questions
+
+
+def questions(twin: Twin) -> set[str]:
+    """Return the open questions to the operator: 'left loaded', 'right loaded', 'tray'."""
+    tags = twin.machine.tags
+    asking = {f"{side} loaded": tags.arms[side].ask for side in SIDES} | {"tray": tags.tray.ask}
+    return {name for name, bit in asking.items() if twin.plc.read(bit)}
+
+
+def answer_truly(twin: Twin) -> set[str]:
+    """Answer every open question according to the plant's actual state; return the questions.
+
+    A misplaced tray is first moved back behind the beam manually; the answer is then "none".
+    """
+    asked = questions(twin)
+    for side in SIDES:
+        if f"{side} loaded" in asked:
+            twin.command(f"{side}_loaded_{'yes' if twin.plant.arms[side].grip.held else 'no'}")
+    if "tray" in asked:
+        if twin.plant.conveyor.beam.read() and twin.plant.conveyor.placed_tray is None:
+            operate_manually(twin, "tray_run", for_ms=400)
+            twin.run_for(200)  # until the belt has stopped
+        twin.command(f"tray_{true_tray(twin)}")
+    twin.run_for(200)
+    return asked
+
+
+def true_tray(twin: Twin) -> str:
+    """Return the correct answer to the tray question: full, same or none."""
+    number = twin.plant.conveyor.placed_tray
+    if number is None:
+        return "none"
+    columns = (twin.plant.seedlings.column(number, column) for column in range(COLUMNS))
+    if all(plant.location is Location.STANDING for column in columns for plant in column):
+        return "full"
+    return "same" if twin.plc.read(twin.machine.tags.tray.phase) == IN_PLACE else "none"
+
+
+# manual actions
+
+
+def operate_manually(twin: Twin, *outputs: str, for_ms: int) -> None:
+    """Operate valves by their manual overrides, or the drive manually, while the controller keeps scanning."""
+    image = overrides(twin, *outputs)
+    for _ in range(for_ms // 50):
+        twin.scan()
+        twin.plant.step(50 - SCAN_MS, image)
+        twin.clock.advance(50 - SCAN_MS)
+
+
+def overrides(twin: Twin, *outputs: str) -> list[bool]:
+    """Return the Y image with only these outputs on."""
+    image = twin.io_map.safe_outputs()
+    for tag in outputs:
+        image[twin.io_map[tag].number] = twin.io_map[tag].level(True)
+    return image
+
+
+def repair(twin: Twin, fault: Fault) -> None:
+    """Repair a fault as a maintenance technician would, and wait for the air pressure.
+
+    The affected slide or lift is stroked with its manual overrides until its chambers contain their normal air at rest;
+    otherwise the next stroke would be uncontrolled. After a failure of the air supply this applies to all slides and
+    lifts.
+
+    Raises:
+        FaultError: The fault is unknown.
+        NotReachedError: The pressure is not restored.
+    """
+    twin.plant.faults.clear(fault.name)
+    if not twin.plant.box.emergency_stop:
+        least_pa = AIR_SHARE * twin.parameters.supply.pressure_pa
+        twin.run_until(lambda: twin.plant.supply.pressure_pa >= least_pa, within_ms=AIR_LIMIT_MS, what="pressure")
+    for device in affected_cylinders(twin, fault):
+        device.place(device.position_m)
+
+
+def affected_cylinders(twin: Twin, fault: Fault) -> list[Cylinder]:
+    """Return the slides and lifts with air affected by a fault."""
+    arms = twin.plant.arms.items()
+    drives: dict[str, Cylinder] = {f"{side}.slide": arm.slide for side, arm in arms}
+    drives |= {f"{side}.lift": arm.lift for side, arm in arms}
+    if fault.target in AIR:
+        return list(drives.values())
+    return [device for name, device in drives.items() if f"{fault.target}.".startswith(f"{name}.")]

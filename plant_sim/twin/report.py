@@ -1,0 +1,250 @@
+"""Report of a trial: the paper's P, D, T and S, cycle times, missed cups, alarms."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import fmean
+from typing import Any, Final
+
+from plant_sim.crop.seedling import SeedlingCounts
+
+EXTRAPOLATES: Final = "crop settings outside the trials of the paper: extrapolated"
+CONFIDENCE: Final = 0.95
+
+
+def binomial_interval(hits: int, draws: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return the exact (Clopper-Pearson) confidence interval of a proportion, 0 to 1.
+
+    Args:
+        hits: Number of hits.
+        draws: Number of draws; 0 gives the interval 0 to 1.
+        confidence: Confidence level, 0 to 1.
+
+    >>> [round(end, 4) for end in binomial_interval(136, 144)]
+    [0.8935, 0.9757]
+    """
+    from scipy.special import betaincinv  # noqa: PLC0415 - importing it would delay every start of the plant
+
+    if draws == 0:
+        return 0.0, 1.0
+    tail = (1 - confidence) / 2
+    low = 0.0 if hits == 0 else float(betaincinv(hits, draws - hits + 1, tail))
+    high = 1.0 if hits == draws else float(betaincinv(hits + 1, draws - hits, 1 - tail))
+    return low, high
+
+
+@dataclass(frozen=True, slots=True)
+class RowTimes:
+    """Cycle times of one arm at one row, s.
+
+    Attributes:
+        cycles: Number of cycles.
+        mean_s: Mean time from leaving feed to the return to feed.
+        waiting_s: Mean part of that time spent waiting for cups.
+    """
+
+    cycles: int
+    mean_s: float
+    waiting_s: float
+
+    def text(self) -> str:
+        """Return the times as text."""
+        moving_s = self.mean_s - self.waiting_s
+        return (
+            f"{self.cycles} cycles, {self.mean_s:5.2f} s ({moving_s:.2f} moving, {self.waiting_s:.2f} waiting for cups)"
+        )
+
+
+@dataclass(frozen=True)
+class TrialReport:
+    """Report of a trial.
+
+    Attributes:
+        seed: Seed of the plant.
+        seedlings: Number of seedlings at the start.
+        in_cups: Seedlings in cups.
+        P: Pick failures (stems missed or cut while picking, plugs not pulled out).
+        D: Carry failures (stems cut while carrying).
+        T: Throw failures (plugs that fall outside the cups at the release over them).
+        S: Success, percent of all seedlings, eq. 1 of the paper. The rates are meaningful for a completed trial only;
+            `record` and `text` omit those of an incomplete trial.
+        F_p: P in percent of all seedlings, eq. 2.
+        F_d: D in percent, eq. 3.
+        F_t: T in percent, eq. 4.
+        intervals: 95 % confidence intervals of S, F_p, F_d and F_t, exact binomial, percent.
+        cycles: Rows transplanted.
+        cycle_time_s: Mean time of a cycle, s.
+        cycle_times: Times by arm and row.
+        missed_cups: Cups that passed empty after the twelfth, both rows.
+        missed_cups_by_row: Missed cups by row.
+        missed_cups_by_cause: Missed cups by cause: tray change, other arm in the centre, or the travel time to row 1,
+            2 or 3.
+        air_l_min: Air consumption of the valves from power-up to the end, both arms, L/min ANR; None if unknown.
+        alarms: Texts of the alarms raised, in order.
+        reason: Reason for an incomplete trial; empty if it completed.
+        simulated_s: Machine time from power-up to the end, s.
+        wall_s: Wall-clock time of the run, s.
+        extrapolates: True if the crop settings lie outside the paper's trials.
+    """
+
+    seed: int
+    seedlings: int
+    in_cups: int
+    P: int
+    D: int
+    T: int
+    S: float
+    F_p: float
+    F_d: float
+    F_t: float
+    intervals: dict[str, tuple[float, float]]
+    cycles: int
+    cycle_time_s: float
+    cycle_times: dict[str, RowTimes]
+    missed_cups: int
+    missed_cups_by_row: dict[str, int]
+    missed_cups_by_cause: dict[str, int]
+    air_l_min: float | None
+    alarms: list[str]
+    reason: str
+    simulated_s: float
+    wall_s: float
+    extrapolates: bool = False
+
+    @property
+    def completed(self) -> bool:
+        """True if the machine reached Complete."""
+        return not self.reason
+
+    @property
+    def accounted(self) -> bool:
+        """True if every seedling is counted exactly once, in a cup or as lost."""
+        return self.in_cups + self.P + self.D + self.T == self.seedlings
+
+    def record(self) -> dict[str, object]:
+        """Return the report as one JSON object; an incomplete trial has no rates."""
+        shares = {} if self.completed else dict.fromkeys((*self.intervals, "intervals"))
+        return asdict(self) | shares
+
+    def text(self) -> str:
+        """Return the report as text."""
+        shares = [
+            f"{name} {getattr(self, name):.1f} % ({low:.1f} to {high:.1f})"
+            for name, (low, high) in self.intervals.items()
+        ]
+        lines = [
+            *([] if self.completed else [f"the trial did not complete, so it has no S: {self.reason}"]),
+            f"seedlings {self.seedlings}: in cups {self.in_cups}, lost picking P {self.P}, carrying D {self.D}, "
+            f"throwing T {self.T}",
+            *(["  ".join(shares) + ", 95 % binomial"] if self.completed else []),
+            *([f"({EXTRAPOLATES})"] if self.extrapolates else []),
+            f"cycles {self.cycles}, mean cycle {self.cycle_time_s:.2f} s, "
+            f"{self.simulated_s:.1f} s of machine time in {self.wall_s:.1f} s",
+        ]
+        lines += [f"  {name:12} {times.text()}" for name, times in sorted(self.cycle_times.items())]
+        gaps = ", ".join(f"{row} {count}" for row, count in self.missed_cups_by_row.items())
+        causes = ", ".join(f"{cause} {count}" for cause, count in self.missed_cups_by_cause.items())
+        lines += [
+            f"missed cups {self.missed_cups} ({gaps}){': ' + causes if causes else ''}",
+            *([f"air {self.air_l_min:.1f} L/min"] if self.air_l_min is not None else []),
+            "alarms " + ("none" if not self.alarms else "; ".join(self.alarms)),
+        ]
+        return "\n".join(lines)
+
+
+def make_report(
+    *,
+    seed: int,
+    counts: SeedlingCounts,
+    events: Iterable[Mapping[str, Any]],
+    reason: str,
+    simulated_s: float,
+    wall_s: float,
+    extrapolates: bool = False,
+    air_l_min: float | None = None,
+) -> TrialReport:
+    """Return the report of a trial.
+
+    Args:
+        seed: Seed of the plant.
+        counts: Final location of the seedlings.
+        events: Records of the controller's events (`controller.events.production.as_record`).
+        reason: Reason for an incomplete trial; empty if it completed.
+        simulated_s: Machine time, s.
+        wall_s: Wall-clock time, s.
+        extrapolates: True if the crop settings lie outside the paper's trials.
+        air_l_min: Air consumption of the valves, L/min ANR; None if unknown.
+
+    Returns:
+        The report.
+    """
+    events = list(events)
+    cycles = [event for event in events if event["event"] == "cycle"]
+    alarms = [str(event["text"]) for event in events if event["event"] == "alarm" and event["active"]]
+    missed = {"left": 0, "right": 0} | {str(event["side"]): int(event["missed_cups"]) for event in cycles}
+    return TrialReport(
+        seed=seed,
+        seedlings=counts.total,
+        in_cups=counts.in_cups,
+        P=counts.P,
+        D=counts.D,
+        T=counts.T,
+        S=_percent(counts.in_cups, counts.total),
+        F_p=_percent(counts.P, counts.total),
+        F_d=_percent(counts.D, counts.total),
+        F_t=_percent(counts.T, counts.total),
+        intervals=success_intervals(counts.in_cups, counts.P, counts.D, counts.T, seedlings=counts.total),
+        cycles=len(cycles),
+        cycle_time_s=round(fmean(event["cycle_ms"] for event in cycles) / 1000, 3) if cycles else 0.0,
+        cycle_times=_row_times(cycles),
+        missed_cups=sum(missed.values()),
+        missed_cups_by_row=missed,
+        missed_cups_by_cause=_gap_causes(cycles),
+        air_l_min=air_l_min,
+        alarms=alarms,
+        reason=reason,
+        simulated_s=simulated_s,
+        wall_s=wall_s,
+        extrapolates=extrapolates,
+    )
+
+
+def success_intervals(in_cups: int, P: int, D: int, T: int, *, seedlings: int) -> dict[str, tuple[float, float]]:  # noqa: N803
+    """Return the confidence intervals of S, F_p, F_d and F_t, percent; arguments as in `TrialReport`."""
+    counts = {"S": in_cups, "F_p": P, "F_d": D, "F_t": T}
+    ends = {name: binomial_interval(count, seedlings) for name, count in counts.items()}
+    return {name: (100 * low, 100 * high) for name, (low, high) in ends.items()}
+
+
+def _percent(count: int, total: int) -> float:
+    return 100 * count / total if total else 0.0
+
+
+def _gap_causes(cycles: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """Return the number of missed cups by cause."""
+    names = {"tray": "tray change", "centre": "other arm in the centre"}
+    before = {"left": 0, "right": 0}
+    causes: dict[str, int] = defaultdict(int)
+    for event in cycles:
+        side = str(event["side"])
+        missed = event["missed_cups"] - before[side]
+        before[side] = event["missed_cups"]
+        if missed > 0:
+            causes[names.get(event["gap_cause"], f"way to row {event['row']}")] += missed
+    return dict(sorted(causes.items()))
+
+
+def _row_times(cycles: Sequence[Mapping[str, Any]]) -> dict[str, RowTimes]:
+    groups: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    for event in cycles:
+        groups[f"{event['side']} row {event['row']}"].append(event)
+    return {
+        name: RowTimes(
+            len(group),
+            round(fmean(event["cycle_ms"] for event in group) / 1000, 3),
+            round(fmean(event["waiting_ms"] for event in group) / 1000, 3),
+        )
+        for name, group in sorted(groups.items())
+    }

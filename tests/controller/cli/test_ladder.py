@@ -1,0 +1,189 @@
+"""Command ``ladder``, and third-party programs run against the plant."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import pytest
+
+from controller.cli.main import main as controller
+from controller.fx.language.reading import load_ladder
+from controller.program.states import State
+from plant_sim.cli.main import main as plant_sim
+from plant_sim.machine.plant import Plant
+from plant_sim.twin import ladder_trial
+from plant_sim.twin.lock_step import Twin
+from tests.controller.export.fx_equality import EXPORTED
+
+SEAL_IN = "LD X0\nOR M0\nANI X1\nOUT M0\nLD M0\nOUT T0 K5\nLD T0\nOUT Y0\nEND\n"
+STIMULUS = """
+scan_ms: 100
+scans: 8
+inputs:
+  - {at_ms: 100, set: {X0: 1}}
+  - {at_ms: 200, set: {X0: 0}}
+watch: [M0, T0, TN0, Y0]
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    path = tmp_path / "seal-in.il"
+    path.write_text(SEAL_IN, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("form", "ending"), [("il", "il"), ("gx-csv", "csv")])
+def test_an_export_can_be_read_back_and_its_size_is_reported(
+    form: str, ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / f"transplanter.{ending}"
+    assert controller(["ladder", "export", "--format", form, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "7683 of 8000 steps" in printed
+    assert printed.endswith("fits\n")
+    assert load_ladder(out) == EXPORTED
+
+
+def test_export_with_pulses_for_the_stepper(tmp_path: Path) -> None:
+    out = tmp_path / "pulses.il"
+    assert controller(["ladder", "export", "--format", "il", "--stepper", "plsy", "--out", str(out)]) == 0
+    names = [str(each) for each in load_ladder(out).instructions]
+    assert names.count("PLSY K955 K0 Y0") == 1
+    assert "OUT Y0" not in names
+
+
+def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "transplanter.st"
+    assert controller(["ladder", "export", "--format", "st", "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert text.count("END_PROGRAM") == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith("as instructions of an FX2N: 7683 of 8000 steps")
+    assert "fits" not in lines, "the PLC that takes Structured Text is another"
+
+
+def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    program.write_text(SEAL_IN.replace("END", "LD X2\nOUT Y0\nEND"), encoding="utf-8")
+    assert controller(["ladder", "check", str(program)]) == 0
+    printed = capsys.readouterr().out
+    assert f"{program}:10: warning: OUT Y0 is in lines 8 and 10" in printed
+    assert "of 8000 steps" in printed
+
+
+def test_the_only_finding_in_the_exported_program_concerns_commands_set_by_an_hmi(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "transplanter.il"
+    assert controller(["ladder", "export", "--format", "il", "--out", str(out)]) == 0
+    capsys.readouterr()
+    assert controller(["ladder", "check", str(out)]) == 0
+    orders, _ = capsys.readouterr().out.splitlines()
+    assert re.search(r": warning: M0 to M5, M400 to .*: read but never driven; valid if a screen", orders)
+
+
+def test_run_traces_devices_scan_by_scan(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stimulus = tmp_path / "stimulus.yaml"
+    stimulus.write_text(STIMULUS, encoding="utf-8")
+    assert controller(["ladder", "run", str(program), "--stimulus", str(stimulus), "--json"]) == 0
+    scans = json.loads(capsys.readouterr().out)["scans"]
+    assert [scan["ms"] for scan in scans] == list(range(0, 800, 100))
+    assert [scan["M0"] for scan in scans] == [0, 1, 1, 1, 1, 1, 1, 1]
+    assert [scan["TN0"] for scan in scans] == [0, 0, 1, 2, 3, 4, 5, 5]
+    assert [scan["Y0"] for scan in scans] == [0, 0, 0, 0, 0, 0, 1, 1]
+    assert controller(["ladder", "run", str(program), "--stimulus", str(stimulus)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 9
+
+
+def test_draw_writes_pictures(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "pictures"
+    assert controller(["ladder", "draw", str(program), "--out", str(out)]) == 0
+    named = capsys.readouterr().out.split("\n")[:-1]
+    assert sorted(named) == sorted(map(str, out.iterdir()))
+    words = "".join("".join(Xml.parse(path).getroot().itertext()) for path in out.iterdir())  # noqa: S314 - written by this test
+    assert {"X0", "X1", "M0", "T0", "Y0"} <= {device for device in ("X0", "X1", "M0", "T0", "Y0") if device in words}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["check", "{0}/none.il"], "cannot be read"),
+        (["check", "{0}/wrong.il"], "wrong.il:1:1: LAD X0:"),
+        (["run", "{0}/seal-in.il", "--stimulus", "{0}/none.yaml"], "none.yaml"),
+        (["draw", "{0}/seal-in.il", "--out", "{0}/seal-in.il"], "seal-in.il"),
+        (["export", "--format", "il", "--out", "{0}/no/such/folder.il"], "folder.il"),
+    ],
+)
+def test_invalid_input_is_reported_in_one_line(
+    arguments: list[str], expected: str, program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "wrong.il").write_text("LAD X0\nOUT Y0\nEND\n", encoding="utf-8")
+    assert controller(["ladder", *(argument.format(tmp_path) for argument in arguments)]) == 2
+    printed = capsys.readouterr()
+    assert expected in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert program.read_text(encoding="utf-8") == SEAL_IN
+
+
+def test_the_exported_program_transplants_144_seedlings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each seedling ends where the original program puts it if the button is pressed at the same times; no incident.
+
+    The times matter: they determine the cup positions when the arms arrive, and so how long the seedlings are held.
+    """
+    plants: list[Watched] = []
+
+    class Watched(Plant):
+        """Plant that records when its start button was pressed."""
+
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            self.pressed_ms: set[int] = set()
+            plants.append(self)
+
+        def step(self, for_ms: int, y: Sequence[bool]) -> None:
+            if self.box.start:
+                self.pressed_ms.add(self.time_ms)
+            super().step(for_ms, y)
+
+    out = tmp_path / "transplanter.csv"
+    assert controller(["ladder", "export", "--format", "gx-csv", "--out", str(out)]) == 0
+    capsys.readouterr()
+    monkeypatch.setattr(ladder_trial, "Plant", Watched)
+    assert plant_sim(["trial", "--ladder", str(out), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    (theirs,) = plants
+    ours = Twin(seed=1, trays=2, set_points={"trays_target": 2})
+    while ours.now_ms < 1_000 * report["simulated_s"]:
+        ours.plant.box.start = ours.now_ms in theirs.pressed_ms
+        ours.scan()
+    assert ours.state is State.COMPLETE
+    assert report["total"] == 144
+    assert report["incidents"] == []
+    assert report["in_cups"] == ours.plant.counts().in_cups > 120
+    assert [seedling.location for seedling in theirs.seedlings] == [
+        seedling.location for seedling in ours.plant.seedlings
+    ]
+
+
+def test_a_program_without_outputs_transplants_nothing(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    program.write_text("LD X0\nOUT M0\nEND\n", encoding="utf-8")
+    assert plant_sim(["trial", "--ladder", str(program), "--trays", "1"]) == 1
+    printed = capsys.readouterr().out
+    assert "72 left in trays" in printed
+    assert "start pressed 10 times" in printed
+
+
+def test_a_program_that_never_ends_a_scan_is_stopped_by_its_watchdog(
+    program: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program.write_text("P0\nLD M8000\nCJ P0\nEND\n", encoding="utf-8")
+    assert plant_sim(["trial", "--ladder", str(program), "--trays", "1"]) == 1
+    assert "CPU error 6105, M8061" in capsys.readouterr().out

@@ -1,0 +1,63 @@
+"""Command ``panel``: invalid options, the printed URL and a clean exit."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+
+from controller.cli import panel
+from controller.common.errors import InputError
+
+
+def refused(tmp_path: Path, *given: str) -> str:
+    parser = argparse.ArgumentParser()
+    panel.add_arguments(parser)
+    options = parser.parse_args(["--users", str(tmp_path / "users.json"), "--port", "0", *given])
+    with pytest.raises(InputError) as raised:
+        panel.run(options)
+    assert "\n" not in str(raised.value)
+    return str(raised.value)
+
+
+def test_invalid_options_are_rejected(tmp_path: Path) -> None:
+    tags = tmp_path / "tags.csv"
+    tags.write_text("name,table,address\na,input,1\n")
+    assert "--allow-remote permits" in refused(tmp_path, "--host", "192.0.2.1")
+    assert "belong together" in refused(tmp_path, "--certificate", "a.pem")
+    assert "PEM files" in refused(tmp_path, "--certificate", str(tags), "--key", str(tags))
+    assert "give both or neither" in refused(tmp_path, "--telemetry", "127.0.0.1:5020")
+    assert "give both or neither" in refused(tmp_path, "--telemetry-tags", str(tags))
+    assert "name a CSV file" in refused(tmp_path, "--telemetry-tags", str(tmp_path / "none.csv"))
+    for where in ("5021", "host:", "host:0", "host:65536", "host:x"):
+        assert refused(tmp_path, "--controller", where).startswith(f"--controller {where}: give HOST:PORT")
+    assert "0 to 65535" in refused(tmp_path, "--port", "65536")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert "choose another --port" in refused(tmp_path, "--port", str(port))
+    assert "an address of this computer as --host" in refused(tmp_path, "--host", "192.0.2.1", "--allow-remote")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_panel_serves_without_a_controller_and_exits_cleanly(tmp_path: Path, number: signal.Signals) -> None:
+    given = ("--port", "0", "--users", str(tmp_path / "users.json"), "--controller", "127.0.0.1:1")
+    with subprocess.Popen(
+        [sys.executable, "-m", "controller", "panel", *given], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith("panel at http://127.0.0.1:")
+            url = line.removeprefix("panel at ").strip()
+            assert httpx.get(f"{url}/api/me", timeout=10).json() == {"level": "view", "first_run": True}
+            process.send_signal(number)
+            out, err = process.communicate(timeout=20)
+        finally:
+            process.kill()
+    assert (process.returncode, out, err) == (0, "", "")

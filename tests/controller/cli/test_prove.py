@@ -1,0 +1,205 @@
+"""Proof of the machine program, called directly and by command; the monitors do not affect the program."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from controller.cli.main import main
+from controller.cli.prove import prove_command
+from controller.core.expr import Bit, evaluate
+from controller.core.rungs import Out, written_devices
+from controller.core.specification import WayOut
+from controller.program.states import State
+from controller.verify.model import Model
+from controller.verify.progress import Exits, lead_out
+from controller.verify.report import CONSISTENT
+from plant_sim.twin.lock_step import Twin
+from tests.controller.core.core_rig import y
+from tests.controller.verify.proof_rig import MACHINE, SOUND
+from tests.controller.verify.verify_rig import specification_of
+
+RULE, GOAL = "left: down at feed only", "left: down away from feed"
+STEPS: list[Bit] = [bit for sequence in MACHINE.program.sequences() for bit, _ in sequence]
+INDUCTION = [*(each.name for each in SOUND.invariants), *(each.name for each in SOUND.requirements)]
+WAYS_OUT = [way.name for way in SOUND.ways_out]
+PROGRESS = [CONSISTENT, *(f"{bit} {bit.name}" for bit in STEPS), *WAYS_OUT]
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(SOUND)
+
+
+def proof(*options: str, timeout_s: float) -> dict[str, str]:
+    """Run `prove` as a process, check that every goal holds, and return the result of each goal."""
+    command = [sys.executable, "-m", "controller", "prove", "--json", *options]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=timeout_s)
+    assert done.stderr == ""
+    report = json.loads(done.stdout)
+    bad = [row["name"] for row in report["rows"] if row["result"] not in {"proved", "possible"}]
+    assert (done.returncode, report["good"], bad) == (0, True, [])
+    return {row["name"]: row["result"] for row in report["rows"]}
+
+
+# ---- complete program -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.timeout(300)
+def test_every_requirement_and_invariant_is_proved() -> None:
+    """The short proof of the unmodified program proves every requirement and every invariant."""
+    assert proof("--short", timeout_s=280) == dict.fromkeys(INDUCTION, "proved")
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_the_complete_proof_succeeds() -> None:
+    """The report of the complete proof also contains the steps and the ways out."""
+    assert list(proof(timeout_s=580)) == [*INDUCTION, *PROGRESS]
+
+
+@pytest.mark.parametrize("way", SOUND.ways_out, ids=WAYS_OUT)
+def test_every_way_out_reaches_its_target(model: Model, way: WayOut) -> None:
+    """From every state that satisfies the goals, each way out that begins there reaches its stated target."""
+    finding = lead_out(model, way)
+    assert finding.holds, "\n".join(finding.lines)
+
+
+def test_every_step_can_be_left(model: Model) -> None:
+    """The goals do not contradict each other, and every step has an exit."""
+    exits = Exits(model)
+    assert exits.steps() == STEPS
+    assert exits.consistent().holds
+    assert [bit.name for bit in STEPS if not exits.step(bit).holds] == []
+
+
+# ---- commands ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(300)
+def test_a_violation_is_reported_saved_and_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """If a rule is left out, the violation is printed and its trace saved; with the rule, the replay breaks nothing."""
+    assert main(["prove", "--without", RULE, "--goal", GOAL, "--traces", str(tmp_path)]) == 1
+    report = capsys.readouterr().out
+    assert f"{GOAL}: broken" in report
+    assert "left.lift_extend on" in report
+    [trace] = tmp_path.iterdir()
+    assert trace.name == "left-down-away-from-feed.json"
+    assert main(["replay", str(trace), "--without", RULE]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "the requirement is broken"
+    assert main(["replay", str(trace)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "the requirement holds"
+
+
+def trace_file(folder: Path, **fields: object) -> Path:
+    scan = {"at_ms": 0, "inputs": [], "written": {}}
+    trace = {"goal": GOAL, "start": "the first power-up", "retained": {}, "forced": {}, "scans": [scan]}
+    path = folder / "trace.json"
+    path.write_text(json.dumps(trace | fields), encoding="utf-8")
+    return path
+
+
+def scan_of(**fields: object) -> list[dict[str, object]]:
+    return [{"at_ms": 0, "inputs": [], "written": {}} | fields]
+
+
+RETAINED = "power-up with retained values that the invariants allow"
+TRACES: dict[str, tuple[dict[str, object], str]] = {
+    "another goal": ({"goal": "no such goal"}, "the program has no goal 'no such goal'"),
+    "another memory": ({"start": RETAINED, "retained": {"D200": 1}}, "give the rules that were left out"),
+    "another edge": ({"forced": {"E999": 1}}, "give the rules that were left out"),
+    "no scan": ({"scans": []}, "not a trace"),
+    "no time": ({"scans": scan_of(at_ms="now")}, "not a trace"),
+    "no number": ({"scans": scan_of(written={"M400": "on"})}, "not a trace"),
+    "no terminal": ({"scans": scan_of(inputs=["X8"])}, "'X8': no such device"),
+    "no device": ({"scans": scan_of(written={"M9999": 1})}, "'M9999': out of range for an FX2N"),
+}
+
+
+@pytest.mark.parametrize(("fields", "expected"), TRACES.values(), ids=TRACES)
+def test_a_trace_that_cannot_be_replayed_is_reported_in_one_line(
+    fields: dict[str, object], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file that is not a trace, or is a trace of another program, is named in a one-line error."""
+    path = trace_file(tmp_path, **fields)
+    assert main(["replay", str(path)]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    assert str(path) in printed.err
+    assert expected in printed.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["prove", "--short", "--goal", "left: no such goal"], "unknown goal 'left: no such goal'"),
+        (["prove", "--without", "left: no such rule"], "no interlock rule 'left: no such rule'; known: left: not with"),
+        (["prove", "--traces", "pyproject.toml/traces"], "--traces pyproject.toml/traces: Not a directory; name a"),
+        (["replay", "no_such_trace.json"], "no_such_trace.json'; name a trace that 'prove --traces' has written"),
+        (["replay", "tests"], "name a trace that 'prove --traces' has written"),
+    ],
+)
+def test_invalid_input_is_reported_in_one_line_with_exit_code_2(
+    arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An invalid name or path is reported in one line with the remedy."""
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+    assert expected in printed.err
+
+
+def test_an_invalid_trace_folder_is_reported_before_the_proof(tmp_path: Path) -> None:
+    """If the trace folder is a file, the error is raised before any goal is proved."""
+    (tmp_path / "traces").touch()
+
+    def never() -> float:
+        raise AssertionError("a proof has begun")
+
+    with pytest.raises(FileExistsError):
+        prove_command(
+            specification_of(Out(y(0))), clock=never, goals=None, short=True, as_json=False, traces=tmp_path / "traces"
+        )
+
+
+# ---- monitors ---------------------------------------------------------------------------------------------------
+
+
+def test_monitors_write_no_device_of_the_program() -> None:
+    """The program neither reads nor writes any device that the monitors write."""
+    written = {device for rung in SOUND.monitors.rungs() for device in written_devices(rung)}
+    assert {*SOUND.remembered} <= written
+    assert written.isdisjoint(MACHINE.program.devices())
+    assert all(isinstance(device, Bit) and device.kind in "MT" for device in written)
+
+
+def test_monitors_report_nothing_and_change_no_output_in_a_trial() -> None:
+    """With and without the monitors, a tray is emptied with the same outputs in every scan."""
+    alone, watched = Twin(trays=1, set_points={"trays_target": 1}), Twin(trays=1, set_points={"trays_target": 1})
+    watched.machine = replace(watched.machine, program=SOUND.watched)
+    watched.power_on()
+    outputs: dict[int, list[list[bool]]] = {id(alone): [], id(watched): []}
+    broken: list[str] = []
+
+    def note(twin: Twin) -> None:
+        outputs[id(twin)].append(list(twin.plc.memory.Y))
+
+    def look(twin: Twin) -> None:
+        broken.extend(each.name for each in SOUND.requirements if evaluate(each.never, twin.plc.memory))
+
+    watched.watch(look)
+    for twin in (alone, watched):
+        twin.watch(note)
+        twin.home()
+        twin.start()
+        twin.run_for(90_000)
+        assert twin.state is State.COMPLETE
+    assert broken == []
+    assert len(outputs[id(alone)]) > 3_000
+    assert outputs[id(alone)] == outputs[id(watched)]

@@ -1,0 +1,50 @@
+"""Event output: text and JSON forms, order, and a disconnected reader."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from controller.events.production import StateEvent, TrayEvent
+from controller.events.writer import EventWriter, ServingEvent
+
+EVENTS = (ServingEvent(0, 5021), StateEvent(10, 2, "Stopped"), TrayEvent(1_234, 1))
+TEXT = (
+    "        0 ms  serving  hmi_port=5021",
+    "       10 ms  state    state=2  text=Stopped  reason=",
+    "     1234 ms  tray     trays_done=1",
+)
+
+
+def lines(path: Path, form: str) -> list[str]:
+    with path.open("w", encoding="utf-8") as out:
+        writer = EventWriter(form, out)
+        for event in EVENTS:
+            writer.write(event)
+        writer.close()
+    return path.read_text(encoding="utf-8").splitlines()
+
+
+def test_text_output_is_one_line_per_event_in_order(tmp_path: Path) -> None:
+    assert tuple(lines(tmp_path / "events", "text")) == TEXT
+
+
+def test_json_output_is_one_object_per_line(tmp_path: Path) -> None:
+    records = [json.loads(line) for line in lines(tmp_path / "events", "json")]
+    assert [record["event"] for record in records] == ["serving", "state", "tray"]
+    assert records[2] == {"at_ms": 1_234, "trays_done": 1, "event": "tray"}
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_closed_pipe_is_not_an_error(count: int) -> None:
+    """Buffered output must not raise a second error when the output is closed."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w", encoding="utf-8") as out:
+        writer = EventWriter("text", out)
+        for event in EVENTS[:count]:
+            writer.write(event)
+        writer.close()

@@ -1,0 +1,283 @@
+"""Comparison of the running program with its export; both get the same raw X levels, writes and clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from random import Random
+from typing import ClassVar
+
+from controller.core.expr import Bit, Word
+from controller.core.program import Program
+from controller.core.scan import Plc
+from controller.export.instruction_list import acting, export
+from controller.fx.engine.plc import FxPlc
+from controller.fx.language.instruction import Ladder
+from controller.program.states import Mode, State
+from controller.program.tags import SIDES
+from tests.controller.program.interlock_scene import MACHINE
+from tests.controller.program.modes.stand_in import StandIn
+
+EXPORTED = export(acting(MACHINE.program))
+TAGS = MACHINE.tags
+BUTTONS = ("start", "stop", "emergency_stop")
+COMMANDS = [command.bit for command in TAGS.commands]
+HARMLESS = [bit for bit in COMMANDS if bit != TAGS.commands["abort"]]
+ANSWERS = [
+    command.bit
+    for command in TAGS.commands
+    if command.name.startswith("tray_") or command.name.endswith(("_yes", "_no", "discard", "cups_empty"))
+]
+
+
+OTHER_WAYS = [
+    (TAGS.sp.converge_at, 1),
+    (TAGS.sp.descend_at_count, 12),
+    (TAGS.sp.trays_target, 1),
+    (TAGS.sp.no_tray, 10),
+    (TAGS.sp.no_cups, 10),
+]
+"""Set-points that select alternative paths through the sequences."""
+
+
+STEPS = [(bit.number, bit.name) for sequence in MACHINE.program.sequences() for bit, _ in sequence]
+CLAMPING = [MACHINE.cycles[side]["close claws"] for side in SIDES]
+DOWN = [MACHINE.io_map[f"{side}.lift_down"].number for side in SIDES]
+
+
+class Differs(AssertionError):  # noqa: N818 - a finding, not an error
+    """The Y images differ; the message states the scan and the outputs."""
+
+
+Scan = tuple[dict[Bit | Word, int], int, list[bool], list[bool]]
+"""Inputs and outputs of a PLC in one scan: writes, time, levels, Y image."""
+
+
+@dataclass
+class Pair:
+    """The program on the soft PLC and its export on the FX2N.
+
+    Attributes:
+        ladder: Program of the FX2N.
+        filter_ms: Input filter of both.
+        scans: Number of compared scans.
+        moving: Number of scans in which an output was on.
+        tape: Recorded inputs and outputs.
+        visited: Steps that have been on.
+    """
+
+    ladder: Ladder = EXPORTED
+    filter_ms: int = 0
+    scans: int = 0
+    moving: int = 0
+    tape: list[Scan] = field(default_factory=list)
+    visited: set[str] = field(default_factory=set)
+    soft: Plc = field(init=False)
+    fx: FxPlc = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
+        self.fx = FxPlc(self.ladder, input_filter_ms=self.filter_ms)
+        self._writes: dict[Bit | Word, int] = {}
+
+    def write(self, device: Bit | Word, value: int) -> None:
+        """Write a device in both PLCs before the next scan."""
+        self._writes[device] = value
+        self.soft.write(device, value)
+        if isinstance(device, Bit):
+            self.fx.memory.bits(device.kind)[device.number] = bool(value)
+        else:
+            self.fx.memory.set_word(device.kind, device.number, value)
+
+    def power_cycle(self) -> None:
+        """Cycle the power of both PLCs."""
+        retained = self.soft.retained()
+        self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
+        self.soft.restore(retained)
+        self.fx.power_cycle()
+
+    def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
+        """Scan both PLCs and return the Y image.
+
+        Raises:
+            Differs: The Y images differ.
+        """
+        soft, fx = self.soft.scan(now_ms, list(levels)), self.fx.scan(now_ms, list(levels))
+        self.scans += 1
+        self.moving += True in soft
+        self.tape.append((self._writes, now_ms, list(levels), soft))
+        self._writes = {}
+        self.visited |= {name for number, name in STEPS if self.soft.memory.S[number]}
+        if soft != fx:
+            outputs = [f"Y{number:o}" for number in range(len(soft)) if soft[number] != fx[number]]
+            raise Differs(
+                f"scan {self.scans} at {now_ms} ms: {', '.join(outputs)}; first differences: {self.differences()[:8]}"
+            )
+        return soft
+
+    def differences(self) -> list[str]:
+        """Return the devices that differ in the two memories."""
+        soft, fx = self.soft.memory, self.fx.memory
+        found = [
+            f"{kind}{number}"
+            for kind in "MSTC"
+            for number, (one, other) in enumerate(zip(soft.bits(kind), fx.bits(kind), strict=True))
+            if one != other and number < 8000
+        ]
+        return found + [f"D{number}" for number in range(8000) if soft.D[number] != fx.D[number]]
+
+
+def stories(seed: int, scans: int, *, power_fails: bool = True) -> Iterator[tuple[Pair, int]]:
+    """Run a machine with random events; after each scan, yield the pair and the scan number.
+
+    A substitute for the machine responds to the coils. Buttons that continue the cycle, and occasionally others, are
+    pressed. Switches stick, terminals flicker, set-points change, power fails and scans are late.
+    """
+    chance = Random(seed)
+    pair, world = Pair(), StandIn(MACHINE.io_map)
+    image = MACHINE.io_map.safe_outputs()
+    limits = list(TAGS.sp.limits.items())
+    now_ms, period_ms, hold = 0, 20, 0
+    for number in range(scans):
+        if number == 1:  # the FX2N writes the initial set-points in its first scan
+            for word, value in OTHER_WAYS:
+                if chance.random() < 0.4:
+                    pair.write(word, value)
+        levels = world.advance(period_ms, image)
+        hold -= 1
+        if hold <= 0:
+            world.pressed = set()
+        if chance.random() < 0.04:
+            hold = _press(pair, world, chance)
+        if chance.random() < 0.005:
+            pair.write(chance.choice(HARMLESS), 1)
+        if chance.random() < 0.002:
+            word, (lowest, highest) = chance.choice(limits)
+            pair.write(word, chance.choice((lowest, highest, chance.randint(lowest, highest))))
+        if chance.random() < 0.003 or (world.stuck and chance.random() < 0.02):
+            world.stuck = {chance.randrange(len(levels)): chance.random() < 0.5} if not world.stuck else {}
+        if chance.random() < 0.0005:
+            bit = chance.choice(TAGS.system.bits())
+            pair.write(bit, 1)
+        elif chance.random() < 0.2:
+            for bit in TAGS.system.bits():
+                pair.write(bit, 0)
+        clamping = any(pair.soft.read(step) for step in CLAMPING)
+        if power_fails and chance.random() < (0.05 if clamping else 0.0005):
+            pair.power_cycle()
+        if clamping and chance.random() < 0.05:
+            pair.write(TAGS.commands["abort"], 1)
+            world.stuck = {chance.choice(DOWN): False}
+        world.trays_come = number % 900 > 150
+        world.cups_come = number % 700 > 100
+        if chance.random() < 0.01:
+            flickers = chance.randrange(len(levels))
+            levels[flickers] = not levels[flickers]
+        period_ms = chance.choice((10, 20, 20, 50)) if chance.random() < 0.1 else period_ms
+        now_ms += period_ms
+        image = pair.scan(now_ms, levels)
+        yield pair, number
+
+
+def _press(pair: Pair, world: StandIn, chance: Random) -> int:
+    """Press the button that continues the current state, or another one; return the number of scans."""
+    state = pair.soft.read(TAGS.machine.state)
+    if chance.random() < 0.3:
+        pair.write(chance.choice(ANSWERS), 1)
+    if state == State.STOPPED and chance.random() < 0.2:
+        mode = chance.choice([*Mode, Mode.CONTINUOUS, Mode.CONTINUOUS])
+        pair.write(TAGS.commands[f"mode_{mode.name.lower()}"], 1)
+        return 1
+    if state == State.ABORTED:
+        world.pressed = {"stop"}
+        return 160
+    if pair.soft.read(TAGS.machine.manual) and state == State.EXECUTE:
+        pair.write(chance.choice(list(TAGS.commands.jog.values())), 1)
+        return 1
+    if state == State.EXECUTE:
+        world.pressed = {chance.choice(BUTTONS)} if chance.random() < 0.02 else set()
+        pair.write(TAGS.commands["step"], 1)
+    else:
+        world.pressed = {"start"}
+    return chance.randint(1, 6)
+
+
+class Mirror(Plc):
+    """A PLC with the running program that passes all inputs on to a PLC with the exported program.
+
+    Attributes:
+        found: Differences in all instances. They are collected because a runtime would treat an exception as a scan
+            fault.
+        compared: Number of compared scans in all instances.
+    """
+
+    found: ClassVar[list[str]] = []
+    compared: ClassVar[int] = 0
+
+    def __init__(self, program: Program, *, input_filter_ms: int = 10) -> None:
+        super().__init__(program, input_filter_ms=input_filter_ms)
+        self._fx = FxPlc(EXPORTED, input_filter_ms=input_filter_ms)
+        self._fx.memory.M[FIRST_VALUES_WRITTEN] = True  # equal memory: the soft PLC already has its initial values
+        for word, value in program.set_points:
+            self._fx.memory.D[word.number] = value
+
+    def press(self, bit: Bit) -> None:
+        super().press(bit)
+        self._fx.memory.M[bit.number] = True
+
+    def write(self, device: Bit | Word, value: int) -> None:
+        super().write(device, value)
+        if isinstance(device, Bit):
+            self._fx.memory.bits(device.kind)[device.number] = bool(value)
+        else:
+            self._fx.memory.D[device.number] = value
+
+    def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
+        soft, fx = super().scan(now_ms, levels), self._fx.scan(now_ms, levels)
+        Mirror.compared += 1
+        if soft != fx:
+            self.found.append(f"{now_ms} ms: {[f'Y{n:o}' for n in range(len(soft)) if soft[n] != fx[n]]}")
+        return soft
+
+
+FIRST_VALUES_WRITTEN = next(
+    int(name[1:]) for name, text in EXPORTED.comments.items() if text.startswith("first values")
+)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Recorded inputs and outputs of a PLC: writes, time, levels and Y image of each scan."""
+
+    scans: list[Scan]
+
+    @classmethod
+    def of(cls, seed: int, scans: int) -> Recorded:
+        """Record a run without a loss of power."""
+        *_, (pair, _) = stories(seed, scans, power_fails=False)
+        return cls(pair.tape)
+
+    def first_output_difference(self, ladder: Ladder) -> int | None:
+        """Return the number of the first scan in which a program has a different Y image; None = none."""
+        plc = FxPlc(ladder, input_filter_ms=0)
+        return next((n for n, scan in enumerate(self.scans) if _replayed(plc, scan) != scan[3]), None)
+
+    def first_difference(self, ladder: Ladder) -> int | None:
+        """Return the number of the first scan after which outputs, relays or states differ; None = none."""
+        reference, plc = FxPlc(EXPORTED, input_filter_ms=0), FxPlc(ladder, input_filter_ms=0)
+        for number, scan in enumerate(self.scans):
+            if _replayed(plc, scan) != _replayed(reference, scan):
+                return number
+            if plc.memory.M != reference.memory.M or plc.memory.S != reference.memory.S:
+                return number
+        return None
+
+
+def _replayed(plc: FxPlc, scan: Scan) -> list[bool]:
+    writes, now_ms, levels, _ = scan
+    for device, value in writes.items():
+        if isinstance(device, Bit):
+            plc.memory.bits(device.kind)[device.number] = bool(value)
+        else:
+            plc.memory.set_word(device.kind, device.number, value)
+    return plc.scan(now_ms, levels)

@@ -1,0 +1,261 @@
+"""Structured Text runner: translates the syntax tree of the blark parser to Python.
+
+It supports only the part of the language that the transplanter needs. It shares no code with the writer of the text and
+identifies devices by their addresses.
+"""
+
+from __future__ import annotations
+
+import re
+from ast import literal_eval
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from types import CodeType
+from typing import Any, Final
+
+from blark.parse import parse_source_code  # type: ignore[import-untyped]
+from lark import Token, Tree
+
+OPERATORS: Final = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not", "MOD": "%", "/": "//"}
+RANGES: Final = {"INT": 2**15, "DINT": 2**31, "LINT": 2**63}
+FUNCTIONS: Final = {"MIN": min}
+SHORT: Final = "abcfghijklmnopquvwxyz"
+KEYWORDS: Final = frozenset("IF THEN ELSIF ELSE END_IF AND OR NOT MOD TRUE FALSE".split())  # noqa: SIM905 - a text reads better
+
+
+def parsed(text: str) -> Tree[Any]:
+    """Return the syntax tree of the text; raise any parser error."""
+    return _parsed(text, "iec_source")
+
+
+@lru_cache(maxsize=4096)
+def _parsed(text: str, rule: str) -> Tree[Any]:
+    result = parse_source_code(text, starting_rule=rule)
+    if result.exception is not None:
+        raise result.exception
+    tree: Tree[Any] = result.tree
+    return tree
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """A declared variable."""
+
+    name: str
+    type: str
+    address: str
+    first: int
+    retain: bool
+
+
+class StProgram:
+    """A parsed program that can be run any number of times.
+
+    Attributes:
+        variables: Variables by lower-case name.
+    """
+
+    def __init__(self, text: str) -> None:
+        head, _, body = re.sub(r"\(\*.*?\*\)", "", text).rpartition("END_VAR\n")
+        (program,) = parsed(f"{head}END_VAR\nEND_PROGRAM\n").children
+        self.variables = {v.name: v for v in _declarations(program)}
+        self._body = body.replace("END_PROGRAM\n", "")
+
+    @cached_property
+    def source(self) -> str:
+        """Statements translated to Python, created on first use because parsing is slow."""
+        types = {v.name: v.type for v in self.variables.values()}
+        lines: list[str] = []
+        for statement in _statements(self._body):
+            folded, pieces = _fold(statement)
+            shape, names = _shape(folded)
+            lines += _Python(types, names, pieces).block(_parsed(shape, "statement_list"), 0)
+        return "\n".join(lines) + "\n"
+
+    def plc(self, mutate: Callable[[str], str] = str) -> StPlc:
+        """Return a PLC that runs the program, optionally with mutated Python code."""
+        return StPlc(self.variables, compile(mutate(self.source), "<structured text>", "exec"))
+
+
+def _statements(body: str) -> list[str]:
+    """Return the statements that begin at the left margin, each with its indented lines."""
+    return [part for part in re.split(r"\n(?=\S)(?!END_IF|ELSE|ELSIF)", body) if part.strip()]
+
+
+def _fold(statement: str) -> tuple[str, dict[str, str]]:
+    """Replace the parenthesised expressions of a statement with names; return the statement and the expressions.
+
+    Parsing time grows faster than the length of the text, and most of these expressions differ only in variable names.
+    """
+    pieces: dict[str, str] = {}
+
+    def fold(found: re.Match[str]) -> str:
+        before, inside = found[1] or "", found[2]
+        name = f"bracket_{len(pieces)}"
+        if before.upper() in KEYWORDS or not before:
+            pieces[name] = inside
+            return f"{before}{found[0][len(before) : found[0].index('(')]} {name} "
+        pieces[name] = f"{before}({inside})"
+        return f" {name} "
+
+    text, count = " ".join(statement.split()), 1
+    while count:
+        text, count = re.subn(r"(\w+)? ?\(([^()]*)\)", fold, text)
+    return text, pieces
+
+
+def _shape(statement: str) -> tuple[str, dict[str, str]]:
+    """Return a statement with short names, and the names that they replace.
+
+    Parsing the text of the machine takes a minute. The time depends on its length, and many statements differ only in
+    their names.
+    """
+    numbers: dict[str, str] = {}
+
+    def numbered(found: re.Match[str]) -> str:
+        word = found[0]
+        short = SHORT[len(numbers)] if len(numbers) < len(SHORT) else f"n{len(numbers)}"
+        return word if word in KEYWORDS else numbers.setdefault(word.lower(), short)
+
+    shape = re.sub(r"\b[A-Za-z_]\w*\b(?![(#])", numbered, " ".join(statement.split()))
+    return shape, {number: name for name, number in numbers.items()}
+
+
+def _declarations(program: Tree[Any]) -> Iterator[Declaration]:
+    for section in program.children[1].children:
+        retain = any(str(t.children[0]) == "RETAIN" for t in section.find_data("variable_attributes"))
+        for row in section.iter_subtrees_topdown():
+            if row.data in ("var1_init_decl", "located_var_decl"):
+                name = _name(next(row.find_data("variable_name")))
+                kind = str(next(row.find_data("simple_specification")).children[0])
+                places = [[str(part) for part in v.children] for v in row.find_data("direct_variable")]
+                where = "".join("".join(place[:3]) + "".join(f".{bit}" for bit in place[3:]) for place in places)
+                value = next(row.find_data("expression"), None)
+                first = literal_eval(_Python({}, {}, {}).value(value)) if value is not None else 0
+                yield Declaration(name, kind, where, first, retain)
+
+
+def _name(variable: Tree[Any]) -> str:
+    name, further = variable.children
+    assert further is None, f"{name}: not a plain variable"
+    return str(name).lower()
+
+
+class _Python:
+    """Translator of statements and expressions to Python text."""
+
+    def __init__(self, types: dict[str, str], names: dict[str, str], pieces: Mapping[str, str]) -> None:
+        self._types = types
+        self._names = names
+        self._pieces = pieces
+
+    def block(self, statements: Tree[Any] | None, depth: int) -> list[str]:
+        if statements is None:
+            return ["    " * depth + "pass"]
+        return [line for statement in statements.children for line in self.statement(statement, depth)]
+
+    def statement(self, statement: Tree[Any], depth: int) -> list[str]:
+        indent = "    " * depth
+        if statement.data == "assignment_statement":
+            variable, _, value = statement.children
+            name = self._names[_name(variable)]
+            limit = RANGES.get(self._types[name])
+            checked = self.value(value) if limit is None else f"within({self.value(value)}, {limit})"
+            return [f"{indent}v_{name} = {checked}"]
+        if statement.data == "if_statement":
+            condition, then, *further = statement.children
+            lines = [f"{indent}if {self.value(condition)}:", *self.block(then, depth + 1)]
+            for clause in further:
+                if clause is not None and clause.data == "else_if_clause":
+                    lines += [f"{indent}elif {self.value(clause.children[0])}:"]
+                    lines += self.block(clause.children[1], depth + 1)
+                elif clause is not None:
+                    lines += [f"{indent}else:", *self.block(clause.children[0], depth + 1)]
+            return lines
+        raise NotImplementedError(f"statement {statement.data}")
+
+    def value(self, node: Tree[Any] | Token) -> str:
+        if isinstance(node, Token):
+            return OPERATORS.get(str(node), str(node))
+        if node.data == "variable_name":
+            variable = self._names[_name(node)]
+            return self.bracket(self._pieces[variable]) if variable in self._pieces else f"v_{variable}"
+        if node.data == "constant":
+            return self.constant(node.children[0])
+        if node.data == "function_call":
+            name, *arguments = node.children
+            values = ", ".join(self.value(a.children[-1]) for a in arguments)
+            return f"{self.function(_name(name).upper())}({values})"
+        known = node.data in ("parenthesized_expression", "unary_expression") or str(node.data).endswith("expression")
+        assert known or node.data == "expression_term", node.data
+        parts = [self.value(child) for child in node.children if child is not None]
+        if len(parts) == 2:
+            return f"(not {parts[1]})" if parts[0] == "not" else f"{parts[0]}{parts[1]}"
+        return parts[0] if len(parts) == 1 else f"({' '.join(parts)})"
+
+    def bracket(self, expression: str) -> str:
+        shape, names = _shape(f"x := {expression};")  # the parser accepts only statements
+        (assignment,) = _parsed(shape, "statement_list").children
+        return f"({_Python(self._types, names, self._pieces).value(assignment.children[-1])})"
+
+    @staticmethod
+    def function(name: str) -> str:
+        assert name in FUNCTIONS or re.fullmatch(r"(D?INT|LINT)_TO_(D?INT|LINT)", name), name
+        return name if name in FUNCTIONS else "int"
+
+    @staticmethod
+    def constant(literal: Tree[Any]) -> str:
+        if literal.data in ("true", "false"):
+            return str(literal.data).title()
+        assert literal.data in ("integer_literal", "bit_string_literal"), literal.data
+        number = literal.children[-1]
+        return str(int(str(number if isinstance(number, Token) else number.children[-1])))
+
+
+def within(value: int, limit: int) -> int:
+    """Return a value after checking that it fits its type."""
+    assert -limit <= value < limit, f"{value}: outside the range of its type"
+    return value
+
+
+class StPlc:
+    """A PLC that runs a program in Structured Text."""
+
+    def __init__(self, variables: Mapping[str, Declaration], code: CodeType) -> None:
+        self._variables = variables
+        self._code = code
+        self._by_address = {v.address: v for v in variables.values() if v.address}
+        first = {f"v_{v.name}": bool(v.first) if v.type == "BOOL" else v.first for v in variables.values()}
+        self._cold = first
+        self.values: dict[str, Any] = dict(first)
+        self._functions = {"within": within, **FUNCTIONS}
+        self._inputs = self._area("I")
+        self._outputs = self._area("Q")
+
+    def _area(self, area: str) -> list[tuple[int, str]]:
+        found = (re.fullmatch(rf"{area}X(\d+)\.(\d)", v.address) for v in self._by_address.values())
+        return [(int(m[1]) * 8 + int(m[2]), f"v_{self._by_address[m[0]].name}") for m in found if m]
+
+    def write(self, address: str, value: int) -> None:
+        """Write the variable at an address, if there is one."""
+        if address in self._by_address:
+            variable = self._by_address[address]
+            self.values[f"v_{variable.name}"] = bool(value) if variable.type == "BOOL" else value
+
+    def power_cycle(self) -> None:
+        """Cycle the power."""
+        for variable in self._variables.values():
+            if not variable.retain:
+                self.values[f"v_{variable.name}"] = self._cold[f"v_{variable.name}"]
+
+    def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
+        """Run one scan and return the outputs by number; outputs without a variable are off."""
+        for number, name in self._inputs:
+            self.values[name] = levels[number] if number < len(levels) else False
+        self.values["v_now_ms"] = now_ms
+        exec(self._code, self._functions, self.values)  # noqa: S102 - text generated by the tests
+        image = [False] * 256
+        for number, name in self._outputs:
+            image[number] = self.values[name]
+        return image

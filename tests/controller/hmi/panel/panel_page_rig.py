@@ -1,0 +1,223 @@
+"""Complete setup for browser tests: plant over Modbus, controller, and the panel as a process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from controller.core.retentive_store import MemoryStore
+from controller.core.scan import Plc
+from controller.events.alarm_list import AlarmList
+from controller.events.cycle_edges import CycleEdges
+from controller.events.production import Event, ProductionLog
+from controller.history.writer import HistoryWriter
+from controller.hmi.modbus.server import HmiOptions, HmiServer
+from controller.hmi.panel.orders.login import Cost, Users
+from controller.io.loop import LoopFigures, run_simulated_time
+from controller.io.modbus_tcp import ModbusTcpLink
+from controller.io.pace import FLAT_OUT, REAL_TIME, Pace
+from controller.io.retentive_writer import DirectRetentiveWriter
+from controller.io.runtime import Runtime
+from controller.program.machine import build
+from controller.program.states import State
+from plant_sim.crop.seedling import SeedlingCounts
+from plant_sim.links.io_module import IoModule
+from plant_sim.links.modbus_server import PlantServer
+from plant_sim.links.server_thread import ServerThread
+from plant_sim.links.tag_file import tag_csv
+from plant_sim.machine.plant import Plant
+from plant_sim.twin.commissioning import set_points_of
+from tests.controller.common.modbus_rig import IO_MAP, MACHINE
+
+SCAN_MS = 10
+TIMEOUT_S = 60.0
+PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
+CHEAP = Cost(n=2, r=1, p=1)
+
+
+class LiveMachine:
+    """Plant and controller in simulated time, in separate threads.
+
+    Attributes:
+        levels: Time of each scan, ms, and tags of the outputs that were on at the terminals.
+    """
+
+    def __init__(self, folder: Path, *, trays: int = 1, seed: int = 1) -> None:
+        plant = Plant(IO_MAP, MACHINE, seed=seed, trays=trays)
+        self.plant = ServerThread(PlantServer(IoModule(plant, IO_MAP), port=0, lock_step_ms=SCAN_MS))
+        self.machine = build(IO_MAP)
+        self.pace = Pace(REAL_TIME)
+        self.levels: list[tuple[int, frozenset[str]]] = []
+        self._folder = folder
+        self._trays = trays
+        self._scanned = threading.Condition()
+        self._stop = threading.Event()
+        self._stack = ExitStack()
+        self.port = 0
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(self.plant)
+        self.plant_port = self.plant.server.port
+        self.runtime = self._runtime()
+        self.history = HistoryWriter(
+            self._folder / "history.sqlite",
+            wall_ms=lambda: 1_790_000_000_000,
+            program="transplanter",
+            version="0",
+            edges_of=self._edges.of,
+        )
+        self._stack.callback(self.history.close)
+        figures = LoopFigures()
+        machine = self.machine
+        alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, self.history.write)
+        server = HmiServer(self.runtime, alarms, HmiOptions(port=0), figures=figures, pace=self.pace, audit=self._audit)
+
+        def report(event: Event) -> None:
+            server.cycles.record(event)
+            self.history.write(event)
+
+        self.runtime.observers[:0] = [self._edges, alarms, ProductionLog(machine, report), self._record]
+        self._stack.enter_context(server)
+        self.port = server.port
+        self._thread = threading.Thread(
+            target=run_simulated_time,
+            args=(self.runtime, self.pace),
+            kwargs={"scan_ms": SCAN_MS, "stop": self._stop, "figures": figures},
+            name="scans",
+        )
+        self._stack.callback(self._end)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    @property
+    def state(self) -> State:
+        return State(self.runtime.plc.memory.D[self.machine.tags.machine.state.number])
+
+    def fast(self) -> None:
+        self.pace.set(FLAT_OUT)
+
+    def real_time(self) -> None:
+        self.pace.set(REAL_TIME)
+
+    def until(self, condition: Callable[[], bool], description: str, within_s: float = TIMEOUT_S) -> None:
+        """Wait until a condition holds after a scan."""
+        with self._scanned:
+            assert self._scanned.wait_for(condition, within_s), (
+                f"{description} not within {within_s} s, in {self.state.name}"
+            )
+
+    def until_state(self, state: State) -> None:
+        self.until(lambda: self.state == state, state.name)
+
+    def on(self, output: str) -> bool:
+        """Return whether an output was on at the terminals after the last scan."""
+        return bool(self.levels) and output in self.levels[-1][1]
+
+    @property
+    def now_ms(self) -> int:
+        return self.levels[-1][0] if self.levels else 0
+
+    def last_on_ms(self, output: str) -> int:
+        """Return the time of the last scan with an output on, ms."""
+        return max(at_ms for at_ms, outputs in self.levels if output in outputs)
+
+    def counts(self) -> SeedlingCounts:
+        return self.plant.call(self.plant.server.module.plant.counts)
+
+    def _runtime(self) -> Runtime:
+        self._edges = CycleEdges(self.machine)
+        plc = Plc(self.machine.program)
+        for name, value in (set_points_of(MACHINE) | {"trays_target": self._trays}).items():
+            plc.write(getattr(self.machine.tags.sp, name), value)
+        link = ModbusTcpLink("127.0.0.1", self.plant_port, IO_MAP, timeout_s=5.0)
+        self._stack.callback(link.close)
+        return Runtime(
+            self.machine,
+            plc,
+            link,
+            DirectRetentiveWriter(MemoryStore()),
+            link_limit_ms=60_000,
+            scan_limit_ms=60_000,
+            allow_forcing=True,
+        )
+
+    def _record(self, now_ms: int, _: Plc) -> None:
+        released = self.runtime.released
+        on = frozenset(point.tag for point in IO_MAP.outputs if point.active(released[point.number]))
+        with self._scanned:
+            self.levels.append((now_ms, on))
+            self._scanned.notify_all()
+
+    def _audit(self, peer: str, who: str, what: str, value: str, result: str) -> None:
+        self.history.audit(peer, who, what, value, result, self.now_ms)
+
+    def _end(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+class PanelProcess:
+    """Panel in a separate process."""
+
+    def __init__(self, live: LiveMachine, folder: Path, *, first_run: bool = False, port: int = 0) -> None:
+        users = folder / "users.json"
+        if not first_run and not users.exists():
+            Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
+        tags = folder / "tags.csv"
+        tags.write_text(tag_csv(), encoding="utf-8")
+        self._arguments = [
+            sys.executable,
+            "-m",
+            "controller",
+            "panel",
+            "--controller",
+            f"127.0.0.1:{live.port}",
+            "--telemetry",
+            f"127.0.0.1:{live.plant_port}",
+            "--telemetry-tags",
+            str(tags),
+            "--history",
+            str(folder / "history.sqlite"),
+            "--port",
+            str(port),
+            "--users",
+            str(users),
+        ]
+
+    def __enter__(self) -> Self:
+        self.process = subprocess.Popen(self._arguments, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line.startswith("panel at "), line
+        self.url = line.removeprefix("panel at ").strip()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.send(signal.SIGCONT)
+        self.process.terminate()
+        try:
+            self.process.wait(TIMEOUT_S)
+        finally:
+            self.process.kill()
+            self.process.wait()
+            if self.process.stdout is not None:
+                self.process.stdout.close()
+
+    def send(self, number: int) -> None:
+        if self.process.poll() is None:
+            os.kill(self.process.pid, number)

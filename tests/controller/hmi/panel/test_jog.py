@@ -1,0 +1,164 @@
+"""Jogging from a browser: the output is released however the jog ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from controller.program.states import Mode, State
+from plant_sim.twin.lock_step import Twin
+from tests.controller.hmi.panel.panel_rig import Browser, PanelRig
+from tests.plant_sim.twin.twin_rig import ChangeRecorder, switched_on
+
+OUTPUT = "left.lift_retract"
+OTHER = "right.lift_retract"
+LEASE_SCANS = 30
+SLACK_SCANS = 8
+"""Allowance for a browser message, a Modbus write and a scan on a busy computer."""
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[PanelRig]:
+    with PanelRig(tmp_path, manual_twin()) as rig:
+        yield rig
+
+
+def manual_twin() -> Twin:
+    """Return a machine in manual mode with both arms down: both may go up."""
+    twin = switched_on(mode=Mode.MANUAL)
+    twin.home()
+    twin.start()
+    return twin
+
+
+def jog(browser: Browser, output: str = OUTPUT) -> dict[str, Any]:
+    return browser.order(type="jog", output=output, hold=True)
+
+
+def audits(rig: PanelRig) -> list[tuple[str, ...]]:
+    return [row[1:] for row in rig.hmi.audits if row[2].startswith("jog")]
+
+
+def coil(rig: PanelRig, output: str = OUTPUT) -> bool:
+    return rig.hmi.coil(output)
+
+
+def test_output_is_on_while_renewed_and_off_after_release(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        recorder = ChangeRecorder.of_outputs(rig.twin)
+        for _ in range(6):
+            assert jog(browser)["ok"] is True
+            rig.for_scans(10)
+        assert coil(rig)
+        browser.until(lambda view: view["jog"]["output"] == OUTPUT)
+        assert browser.order(type="jog", output=OUTPUT, hold=False)["ok"] is True
+        assert rig.until(lambda: not coil(rig), scans=60) <= SLACK_SCANS
+        browser.until(lambda view: view["jog"]["output"] is None)
+        changes = recorder.of(OUTPUT)
+    assert [change.on for change in changes] == [True, False]
+    assert changes[1].at_ms - changes[0].at_ms >= 450  # longer than one lease, so the jog was renewed
+    assert audits(rig) == [
+        ("maintain", "jog_left_lift_retract", "1", "done"),
+        ("maintain", "jog_left_lift_retract", "0", "done"),
+    ]
+
+
+def test_missing_renewal_releases_the_output(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        assert jog(browser)["ok"] is True
+        rig.until(lambda: coil(rig))
+        scans = rig.until(lambda: not coil(rig), scans=200)
+        assert LEASE_SCANS // 2 <= scans <= LEASE_SCANS + SLACK_SCANS
+        browser.until(lambda view: view["jog"]["output"] is None)
+
+
+def test_late_message_does_not_start_a_jog(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        jog(browser)
+        rig.until(lambda: coil(rig))
+        browser.until(lambda view: view["jog"]["output"] == OUTPUT)
+        browser.until(lambda view: view["jog"]["output"] is None)
+        assert jog(browser)["text"]["en"] == "release the button and press it again"
+        rig.for_scans(20)
+        assert not coil(rig)
+        browser.order(type="jog", output=OUTPUT, hold=False)
+        assert jog(browser)["ok"] is True
+        rig.until(lambda: coil(rig))
+
+
+def test_closed_socket_releases_the_output_at_once(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        jog(browser)
+        rig.until(lambda: coil(rig))
+    assert rig.until(lambda: not coil(rig), scans=60) <= SLACK_SCANS
+    rig.until(lambda: len(audits(rig)) == 2)
+    assert audits(rig)[-1] == ("maintain", "jog_left_lift_retract", "0", "done")
+
+
+def test_one_jog_at_a_time_across_all_browsers(rig: PanelRig) -> None:
+    with rig.browser("maintain") as first, rig.browser() as second:
+        assert jog(first)["ok"] is True
+        reply = jog(second, OTHER)
+        assert (reply["ok"], reply["text"]["en"]) == (False, "another operator is jogging an output")
+        second.order(type="jog", output=OTHER, hold=False)  # does not release the jog of the first browser
+        assert jog(first)["ok"] is True
+        rig.until(lambda: coil(rig))
+        assert not coil(rig, OTHER)
+        first.order(type="jog", output=OUTPUT, hold=False)
+        for _ in range(3):  # the release and the next press may fall into one scan
+            assert jog(second, OTHER)["ok"] is True
+            rig.for_scans(10)
+        assert coil(rig, OTHER)
+
+
+def test_another_output_requires_release_and_press(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        jog(browser)
+        assert jog(browser, OTHER)["text"]["en"] == "release the button and press it again"
+        rig.until(lambda: not coil(rig))
+        assert not coil(rig, OTHER)
+
+
+def test_unknown_output_is_refused(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        assert jog(browser, "left.nothing")["text"]["en"] == "output 'left.nothing' cannot be jogged"
+
+
+def test_jog_ends_when_manual_operation_stops(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        jog(browser)
+        rig.until(lambda: coil(rig))
+        assert browser.order(type="command", command="stop")["ok"] is True
+        rig.until(lambda: not coil(rig), scans=20)
+        browser.until(lambda view: view["machine"]["state"] == State.STOPPED)
+        assert jog(browser)["text"]["en"] == "cannot jog: manual mode is not started"
+        rig.for_scans(10)
+        assert not coil(rig)
+
+
+def test_logout_ends_a_jog(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        jog(browser)
+        rig.until(lambda: coil(rig))
+        assert rig.here.post("/api/logout").status_code == 200
+        assert jog(browser)["text"]["en"] == "Maintenance login required"
+        assert rig.until(lambda: not coil(rig), scans=60) <= LEASE_SCANS + SLACK_SCANS
+
+
+def test_lost_controller_ends_a_jog_permanently(rig: PanelRig) -> None:
+    with rig.browser("maintain") as browser:
+        jog(browser)
+        rig.until(lambda: coil(rig))
+        browser.until(lambda view: view["jog"]["output"] == OUTPUT)
+        rig.stop_server()
+        rig.until(lambda: not coil(rig), scans=60)
+        browser.until(lambda view: view["jog"]["output"] is None)
+        assert jog(browser)["ok"] is False
+        rig.restart_server()
+        browser.until(lambda view: bool(view["link"]["controller"]))
+        assert jog(browser)["ok"] is False
+        rig.for_scans(10)
+        assert not coil(rig)

@@ -1,0 +1,541 @@
+"""Page in a browser, with the panel, controller and plant running."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+
+from controller.hmi.panel.view import texts
+from controller.hmi.panel.web import app
+from controller.io.pace import FLAT_OUT, PAUSED
+from controller.program.commands import JOG_LEASE_MS
+from controller.program.states import Mode, State
+from controller.program.texts import CANNOT, MODES, STATES
+from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
+from tests.controller.hmi.panel.test_chinese import CHINESE, latin_words, punctuation_errors
+from tests.sampling import first_of
+
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+PAGES = ("overview", "alarms", "trends", "cycle", "steps", "io", "manual", "recovery", "parameters")
+STALE_MS = 1_000
+DRAW_MS = 500
+"""Allowance for a browser on a busy computer to draw an update."""
+TIMEOUT_MS = 20_000
+OUTPUT = "left.lift_retract"
+
+expect.set_options(timeout=TIMEOUT_MS)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def live(tmp_path: Path) -> Iterator[LiveMachine]:
+    with LiveMachine(tmp_path) as machine:
+        yield machine
+
+
+@pytest.fixture
+def panel(live: LiveMachine, tmp_path: Path) -> Iterator[PanelProcess]:
+    with PanelProcess(live, tmp_path) as process:
+        yield process
+
+
+class Screen:
+    """Page in a browser; it must not have caused any unexpected event by the end of the test.
+
+    Attributes:
+        unexpected: Console errors, and requests to hosts other than the panel.
+    """
+
+    def __init__(self, browser: Browser, url: str, width: int = 1280, height: int = 800) -> None:
+        self._context = browser.new_context(viewport={"width": width, "height": height})
+        self.page: Page = self._context.new_page()
+        self.page.set_default_timeout(TIMEOUT_MS)
+        self.unexpected: list[str] = []
+        self._url = url
+        self.page.on("console", lambda line: self.unexpected.append(line.text) if line.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.unexpected.append(str(error)))
+        self.page.on("request", lambda request: self._check(request.url))
+        self.page.on("websocket", lambda socket: self._check(socket.url))
+
+    def __enter__(self) -> Self:
+        self.page.goto(self._url)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with suppress(Exception):
+            self._context.close()
+        if kind is None:
+            assert self.unexpected == []
+
+    def log_in(self, user: str) -> None:
+        self.find("[data-action=login]").click()
+        self.find("dialog select").select_option(user)
+        self.find("dialog input[type=password]").fill(PASSWORDS[user])
+        self.find("dialog [data-action=submit]").click()
+        expect(self.find("[data-fact=level]")).to_have_text(texts.TEXTS[f"level.{user}"].en)
+
+    def set_first_passwords(self) -> None:
+        """Fill in and submit the dialog of the first run."""
+        fields = self.find("dialog input[type=password]")
+        expect(fields).to_have_count(len(PASSWORDS), timeout=TIMEOUT_MS)
+        for index, password in enumerate(PASSWORDS.values()):
+            fields.nth(index).fill(password)
+        self.find("dialog [data-action=submit]").click()
+        expect(self.find("dialog[open]")).to_have_count(0, timeout=TIMEOUT_MS)
+
+    def find(self, selector: str) -> Locator:
+        return self.page.locator(selector)
+
+    def open(self, page: str) -> None:
+        self.find(f"[role=tab][data-page={page}]").click()
+        expect(self.find(f"main[data-page={page}]")).to_be_visible()
+
+    def press(self, selector: str) -> None:
+        """Press a button as soon as it is available."""
+        button = self.find(selector)
+        expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
+        button.click()
+
+    def _check(self, url: str) -> None:
+        if urlsplit(url).netloc != urlsplit(self._url).netloc:
+            self.unexpected.append(f"request to {url}")
+
+
+def expect_state(screen: Screen, state: State) -> None:
+    expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[state].en, timeout=TIMEOUT_MS)
+
+
+def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
+    """Log in, start manual mode, and return the jog button of an output."""
+    screen.log_in("maintain")
+    screen.open("manual")
+    screen.press("[data-command=mode_manual]")
+    live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.MANUAL, "manual")
+    screen.press("[data-command=reset]")
+    live.until_state(State.IDLE)
+    screen.press("[data-command=start]")
+    live.until_state(State.EXECUTE)
+    button = screen.find(f"main [data-jog='{OUTPUT}']")
+    expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
+    return button
+
+
+def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
+    live: LiveMachine, panel: PanelProcess, browser: Browser
+) -> None:
+    with Screen(browser, panel.url) as screen:
+        screen.log_in("operate")
+        live.fast()
+        screen.press("[data-box=start]")
+        live.until_state(State.IDLE)
+        expect_state(screen, State.IDLE)
+        screen.press("[data-box=start]")
+        live.until_state(State.COMPLETE)
+        expect_state(screen, State.COMPLETE)
+        counts = live.counts()
+        assert counts.in_cups > 50
+        expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{counts.in_cups} / {counts.total}")
+        expect(screen.find("[data-fact=lost]")).to_have_text(f"{counts.P} / {counts.D} / {counts.T}")
+        expect(screen.find("[data-fact=trays]")).to_have_text("1")
+        thrown = sum(live.runtime.plc.read(arm.cycles) for arm in live.machine.tags.arms.values())
+        expect(screen.find("[data-fact=cycles]")).to_have_text(str(thrown))
+        screen.open("cycle")
+        expect(screen.find("[data-timing=left] [data-device=Y5]")).to_have_count(1)
+        expect(screen.find("[data-timing=right] [data-device=X23]").first).to_be_attached()
+        screen.open("trends")
+        expect(screen.find("[data-chart='Pressures']")).to_be_visible()
+
+
+@pytest.mark.timeout(240)
+def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
+    """Start the run of the README without an automatic operator, set the passwords and transplant 144 seedlings.
+
+    The times of the button presses determine how long the seedlings are held and how many break. The page must show
+    the figures of the report and count each of the 144 seedlings once.
+    """
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = str(reserved.getsockname()[1])
+    command = [
+        sys.executable,
+        "-m",
+        "plant_sim",
+        "run",
+        "--by-hand",
+        "--keep",
+        "--pace",
+        str(FLAT_OUT),
+        "--port",
+        port,
+        "--hmi-port",
+        "0",
+        "--panel-port",
+        "0",
+    ]
+    run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert run.stdout is not None
+        assert run.stderr is not None
+        url = next(line for line in run.stderr if line.startswith("panel at ")).removeprefix("panel at ").strip()
+        with Screen(browser, url) as screen:
+            screen.set_first_passwords()
+            screen.log_in("operate")
+            screen.press("[data-box=start]")
+            expect_state(screen, State.IDLE)
+            screen.press("[data-box=start]")
+            complete = re.compile(STATES[State.COMPLETE].en)
+            expect(screen.find("header [data-fact=state]")).to_contain_text(complete, timeout=180_000)
+            counted = next(line for line in run.stdout if line.startswith("seedlings "))
+            total, in_cups, *lost = map(int, re.findall(r"\d+", counted))
+            expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{in_cups} / 144")
+            expect(screen.find("[data-fact=lost]")).to_have_text(" / ".join(map(str, lost)))
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
+    finally:
+        run.send_signal(signal.SIGINT)  # SIGINT lets it stop its own processes
+        run.communicate()
+    assert run.returncode == 0, errors
+    assert in_cups + sum(lost) == total == 144
+    assert in_cups > 120
+    assert "Traceback" not in errors
+
+
+def test_emergency_stop_is_shown_on_every_page_and_acknowledged(
+    live: LiveMachine, panel: PanelProcess, browser: Browser
+) -> None:
+    with Screen(browser, panel.url) as screen:
+        screen.log_in("operate")
+        screen.press("[data-box=emergency_stop]")
+        live.until_state(State.ABORTED)
+        banner = screen.find("[data-part=banner]")
+        for page in PAGES:
+            screen.open(page)
+            expect(banner).to_have_attribute("data-alarm", "900")
+            expect(banner).to_have_attribute("data-priority", "safety")
+            expect(banner).to_contain_text("[First-out] Emergency stop pressed (unacknowledged)")
+        screen.open("alarms")
+        expect(screen.find("[data-alarm='900'] [data-action=shelve]")).to_have_count(0)
+        screen.press("[data-banner=acknowledge]")
+        expect(banner).to_contain_text("(acknowledged)")
+        expect(screen.find("[data-banner=acknowledge]")).to_be_hidden()
+        expect(screen.find("li[data-alarm='900']")).to_have_attribute("data-state", "acknowledged")
+        expect(screen.find("[data-table=journal] tbody tr").first).to_contain_text(texts.TEXTS["level.operate"].en)
+        screen.open("overview")
+        expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "true")
+        screen.press("[data-box=emergency_stop]")
+        expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "false")
+        expect(banner).to_contain_text("latched")
+
+
+def test_output_follows_pointer_and_key(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    with Screen(browser, panel.url) as screen:
+        button = ready_to_jog(screen, live)
+        for end in ("up", "leave", "blur"):
+            button.hover()
+            screen.page.mouse.down()
+            live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on, to end by {end}")
+            held_from_ms = live.now_ms
+            live.until(lambda since=held_from_ms: live.now_ms > since + 2 * JOG_LEASE_MS, "held")  # type: ignore[misc]
+            assert live.on(OUTPUT), "not renewed"
+            if end == "leave":
+                screen.page.mouse.move(5, 5)
+            elif end == "blur":
+                screen.page.evaluate("() => window.dispatchEvent(new Event('blur'))")
+            else:
+                screen.page.mouse.up()
+            live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off by {end}")
+            screen.page.mouse.up()
+        for key in ("Space", "Enter"):
+            button.focus()
+            screen.page.keyboard.down(key)
+            live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on by {key}")
+            screen.page.keyboard.up(key)
+            live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off after {key}")
+
+
+@pytest.mark.parametrize("loss", ["page closed", "panel frozen", "panel killed"])
+def test_lost_socket_releases_the_output_within_the_timeout(
+    live: LiveMachine, panel: PanelProcess, browser: Browser, loss: str
+) -> None:
+    with Screen(browser, panel.url) as screen:
+        button = ready_to_jog(screen, live)
+        button.hover()
+        screen.page.mouse.down()
+        live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on")
+        held_from_ms = live.now_ms
+        live.until(lambda: live.now_ms > held_from_ms + 2 * JOG_LEASE_MS, "held")
+        assert live.on(OUTPUT), "not renewed"
+        if loss == "page closed":
+            screen.page.close()
+        else:
+            panel.send(signal.SIGSTOP if loss == "panel frozen" else signal.SIGKILL)
+        lost_ms = live.now_ms
+        live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off")
+        # the last telegram may still be in transit, and is then one scan newer
+        assert live.last_on_ms(OUTPUT) - lost_ms <= JOG_LEASE_MS + 2 * SCAN_MS
+        screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
+
+
+def test_refused_jog_ends_and_shows_the_reason(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    with Screen(browser, panel.url) as screen:
+        screen.log_in("maintain")
+        screen.open("manual")
+        button = screen.find(f"main [data-jog='{OUTPUT}']")
+        expect(button).to_have_attribute("aria-disabled", "true")
+        button.click(force=True)
+        expect(screen.find("[data-part=notice]")).to_contain_text("Cannot")
+        expect(button).to_have_attribute("aria-pressed", "false")
+        assert not any(OUTPUT in outputs for _, outputs in live.levels)
+
+
+def test_outdated_values_are_distinguished_from_a_pause(
+    live: LiveMachine, panel: PanelProcess, browser: Browser
+) -> None:
+    with Screen(browser, panel.url) as screen:
+        stale, paused = screen.find("[data-part=stale]"), screen.find("[data-part=paused]")
+        screen.log_in("operate")
+        screen.press("[data-pace='0']")
+        expect(paused).to_be_visible()
+        assert live.pace.percent == PAUSED
+        screen.page.wait_for_timeout(STALE_MS + DRAW_MS)  # longer than the age limit of the values
+        expect(stale).to_be_hidden(timeout=1)
+        screen.press("[data-pace='100']")
+        expect(paused).to_be_hidden()
+        panel.send(signal.SIGSTOP)
+        expect(stale).to_be_visible(timeout=STALE_MS + DRAW_MS)
+        expect(screen.find("[data-command=stop]")).to_have_attribute("aria-disabled", "true")
+        panel.send(signal.SIGCONT)
+        expect(stale).to_be_hidden(timeout=TIMEOUT_MS)
+        live.__exit__(None, None, None)
+        expect(stale).to_be_visible(timeout=STALE_MS + DRAW_MS)
+        expect(screen.find("[data-fact=link]")).to_contain_text("No data")
+
+
+def test_page_reconnects_after_a_restart_of_the_panel(live: LiveMachine, tmp_path: Path, browser: Browser) -> None:
+    with PanelProcess(live, tmp_path) as first:
+        screen = Screen(browser, first.url)
+        screen.page.goto(first.url)
+        expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
+    expect(screen.find("[data-part=stale]")).to_be_visible()
+    with PanelProcess(live, tmp_path, port=urlsplit(first.url).port or 0):
+        expect(screen.find("[data-part=stale]")).to_be_hidden(timeout=TIMEOUT_MS)
+        expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
+        screen.page.context.close()
+
+
+def test_first_run_asks_for_both_passwords(live: LiveMachine, tmp_path: Path, browser: Browser) -> None:
+    with PanelProcess(live, tmp_path, first_run=True) as panel, Screen(browser, panel.url) as screen:
+        screen.set_first_passwords()
+        screen.log_in("operate")
+        screen.find("[data-action=logout]").click()
+        expect(screen.find("[data-fact=level]")).to_have_text(texts.TEXTS["level.view"].en)
+
+
+def test_view_level_is_asked_to_log_in(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    with Screen(browser, panel.url) as screen:
+        expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
+        button = screen.find("[data-command=stop]")
+        expect(button).to_have_attribute("aria-disabled", "true")
+        button.click(force=True)
+        expect(screen.find("[data-part=notice]")).to_contain_text(texts.TEXTS["why.operate"].en)
+        screen.open("io")
+        expect(screen.find("[data-force]").first).to_be_hidden()
+
+
+def test_parameter_is_checked_before_it_is_sent(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    clamp = live.machine.tags.sp.clamp
+    with Screen(browser, panel.url) as screen:
+        screen.log_in("operate")
+        screen.open("parameters")
+        row = screen.find("[data-set-point=clamp]")
+        for value, message in (("5", "100 to 2000"), ("205", "multiple of 10"), ("-1", "number"), ("", "number")):
+            row.locator("input").fill(value)
+            row.locator("button").click()
+            expect(row.locator("[role=alert]")).to_contain_text(message)
+        assert live.runtime.plc.read(clamp) == 20
+        row.locator("input").fill("300")
+        row.locator("input").press("Enter")
+        live.until(lambda: live.runtime.plc.read(clamp) == 30, "clamp")
+        expect(screen.find("[data-fact=clamp]")).to_have_text("300 ms")
+        expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
+
+
+def test_forced_input_is_shown_on_every_page(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    with Screen(browser, panel.url) as screen:
+        screen.log_in("maintain")
+        screen.press("[data-command=mode_manual]")
+        expect(screen.find("header [data-fact=mode]")).to_have_text(MODES[Mode.MANUAL].en.capitalize())
+        screen.open("io")
+        screen.press("[data-force='X22=1']")
+        live.until(lambda: live.runtime.plc.memory.X[0o22], "X22 forced")
+        expect(screen.find("[data-address=X22]")).to_have_attribute("data-forced", "1")
+        expect(screen.find("[data-part=forced]")).to_contain_text("X22")
+        screen.open("trends")
+        expect(screen.find("[data-part=forced]")).to_be_visible()
+        screen.open("io")
+        screen.press("[data-force='X22=2']")
+        expect(screen.find("[data-part=forced]")).to_be_hidden()
+
+
+def test_selected_language_is_stored(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    with Screen(browser, panel.url) as screen:
+        expect_state(screen, State.STOPPED)
+        screen.find("[data-action=language]").select_option("zh")
+        for _ in range(2):
+            expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[State.STOPPED].zh)
+            expect(screen.find("[data-command=start]")).to_have_text(texts.TEXTS["command.start"].zh)
+            for page in PAGES:
+                expect(screen.find(f"[role=tab][data-page={page}]")).to_have_text(texts.TEXTS[f"page.{page}"].zh)
+            screen.page.reload()
+
+
+VISIBLE_TEXTS = """() => {
+  const texts = [document.title];
+  const walker = document.createTreeWalker(document.getElementById("panel"), NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const parent = walker.currentNode.parentElement;
+    if (!parent.closest(".tag, [data-action=language]")) texts.push(walker.currentNode.data);
+  }
+  for (const node of document.querySelectorAll("#panel *")) {
+    for (const name of ["aria-label", "title", "placeholder"]) texts.push(node.getAttribute(name) ?? "");
+  }
+  return texts;
+}"""
+"""Script that returns all texts of the page except tag names and the names of the languages."""
+
+
+def test_every_page_is_chinese(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    """After an emergency stop and a refused command, every text on every page and in the dialogs is Chinese."""
+    with Screen(browser, panel.url) as screen:
+        screen.log_in("operate")
+        screen.press("[data-box=emergency_stop]")
+        live.until_state(State.ABORTED)
+        screen.press("[data-banner=acknowledge]")
+        screen.find("[data-action=language]").select_option("zh")
+        screen.find("[data-command=start]").click(force=True)
+        expect(screen.find("[data-part=notice]")).to_contain_text(CANNOT.zh.partition("{")[0])
+        for page in PAGES:
+            screen.open(page)
+            if page == "alarms":
+                expect(screen.find("[data-table=journal] tbody tr").first).to_be_visible()
+            shown = screen.page.evaluate(VISIBLE_TEXTS)
+            assert len(shown) > 40
+            assert [text for text in shown if latin_words(text)] == [], page
+            assert [text for text in shown if CHINESE.search(text) and punctuation_errors(text)] == [], page
+        screen.find("[data-action=login]").click()
+        shown = screen.page.evaluate(VISIBLE_TEXTS)
+        assert [text for text in shown if latin_words(text)] == [], "login dialog"
+
+
+@pytest.mark.parametrize(("width", "height"), first_of([(390, 844), (800, 1280), (1280, 800)]))
+def test_every_page_fits_with_named_controls_of_touch_size(
+    live: LiveMachine, panel: PanelProcess, browser: Browser, width: int, height: int
+) -> None:
+    with Screen(browser, panel.url, width, height) as screen:
+        screen.log_in("maintain")
+        for page in PAGES:
+            screen.open(page)
+            excess = screen.page.evaluate("() => document.documentElement.scrollWidth - window.innerWidth")
+            assert excess <= 0, f"{page} is {excess} px too wide"
+            for button in screen.find("button:visible, input:visible, select:visible").all():
+                box = button.bounding_box()
+                assert box is not None
+                assert box["height"] >= 44, f"{page}: {button.inner_text()} is {box['height']} px high"
+                assert box["width"] >= 44, f"{page}: {button.inner_text()} is {box['width']} px wide"
+            nameless = screen.page.evaluate(
+                "() => [...document.querySelectorAll('button, input, select')].filter((one) => !one.textContent.trim()"
+                " && !one.labels?.length && !one.getAttribute('aria-label')).map((one) => one.outerHTML)"
+            )
+            assert nameless == []
+
+
+def test_tabs_are_selected_with_the_arrow_keys(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+    with Screen(browser, panel.url) as screen:
+        screen.find("[role=tab][data-page=overview]").focus()
+        for page in (*PAGES[1:], PAGES[0]):
+            screen.page.keyboard.press("ArrowRight")
+            expect(screen.find("[role=tab]:focus")).to_have_attribute("data-page", page)
+            expect(screen.find("main")).to_have_attribute("data-page", page)
+
+
+STATIC = app.STATIC
+SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in STATIC.glob("*.js")}
+
+
+def test_every_text_key_of_the_scripts_exists() -> None:
+    used = {
+        key
+        for script in SCRIPTS.values()
+        for key in re.findall(r"\b(?:t|label|section|group|button|note|labelled)\(\"([a-z_.0-9]+)\"", script)
+    }
+    assert len(used) > 100
+    assert sorted(used - texts.TEXTS.keys()) == []
+
+
+def test_every_part_of_the_program_has_a_name(part_keys: list[str]) -> None:
+    assert sorted(set(part_keys) - texts.TEXTS.keys()) == []
+
+
+@pytest.fixture
+def part_keys() -> list[str]:
+    from controller.program.machine import build
+    from controller.program.tags import SIDES
+    from tests.controller.common.modbus_rig import IO_MAP
+
+    machine = build(IO_MAP)
+    tags = machine.tags
+    bare = [
+        point.tag.partition(".")[2] if point.tag.partition(".")[0] in SIDES else point.tag
+        for point in (*IO_MAP.inputs, *IO_MAP.outputs)
+    ]
+    steps = [step for sequence in machine.program.sequences() for _, step in sequence]
+    return [
+        *(f"command.{command.name}" for command in tags.commands if command.group != "jog"),
+        *(f"set.{name}" for name in tags.sp.names()),
+        *(f"point.{name}" for name in bare),
+        *(f"sequence.{sequence.name}" for sequence in machine.program.sequences()),
+        *(f"step.{step.title}" for step in steps),
+        *(f"waits.{step.waits_for}" for step in steps if step.waits_for),
+        *(f"jog.{output.rpartition('.')[2]}" for output in tags.commands.jog),
+        *(f"next.{number}" for number in STATES),
+    ]
+
+
+def test_every_text_has_both_languages_and_the_same_placeholders() -> None:
+    def placeholders(text: str) -> list[str]:
+        return sorted(re.findall(r"\{\w+\}", text))
+
+    assert [key for key, text in texts.TEXTS.items() if not text.en or not text.zh] == []
+    assert [key for key, text in texts.TEXTS.items() if placeholders(text.en) != placeholders(text.zh)] == []
+
+
+def test_page_loads_nothing_from_other_hosts() -> None:
+    for path in STATIC.iterdir():
+        text = path.read_text(encoding="utf-8")
+        external = [url for url in re.findall(r"(?:https?:)?//[\w.]+\.\w+[^\s\"']*", text) if "www.w3.org" not in url]
+        assert external == [], path.name
+        assert not re.search(r"\bstyle=|\bon\w+=\"|<script>|innerHTML|\beval\(", text), path.name

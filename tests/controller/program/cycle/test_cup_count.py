@@ -1,0 +1,183 @@
+"""Cup count in special cases: emergency stop, power loss, discarded rows and a bouncing sensor flag."""
+
+from __future__ import annotations
+
+import pytest
+
+from controller.program.states import State
+from controller.program.tags import SIDES, Side
+from plant_sim.twin.lock_step import SCAN_MS, Twin
+from plant_sim.twin.recovery import clear, home_again, press_emergency_stop
+from tests.plant_sim.twin.routes import run_to
+from tests.plant_sim.twin.twin_rig import ChangeRecorder, arm_of, scan_ms, switched_on, tags_of, undisturbed, until_step
+
+EDGE_TO_OPENING_MS = range(50, 80)
+"""Release delay of 60 ms and its tolerance, caused by the timer base, the input filter and the scan."""
+
+
+class Cups:
+    """Cup edges and claw openings on one side."""
+
+    def __init__(self, twin: Twin, side: Side) -> None:
+        self.edges_ms: list[int] = []
+        self._outputs = ChangeRecorder.of_outputs(twin)
+        self._side = side
+        self._pulse = arm_of(twin, side).cups.pulse
+        self._was_on = self._pulse.read()
+        twin.watch(self._see)
+
+    def openings_ms(self) -> list[int]:
+        """Return the times at which the claws began to open."""
+        return [c.at_ms for c in self._outputs.of(f"{self._side}.") if c.on and c.name == "claws_open"]
+
+    def between(self, from_ms: int, to_ms: int) -> list[int]:
+        """Return the edges later than `from_ms` and up to `to_ms`."""
+        return [at_ms for at_ms in self.edges_ms if from_ms < at_ms <= to_ms]
+
+    def _see(self, twin: Twin) -> None:
+        is_on = self._pulse.read()
+        if is_on and not self._was_on:
+            self.edges_ms.append(twin.now_ms)
+        self._was_on = is_on
+
+
+def machine() -> Twin:
+    """Return a machine in Stopped with one tray to empty, at the default pace, at which no arm is late for its cups."""
+    return switched_on({"trays_target": 1})
+
+
+def until_opening(twin: Twin, side: Side) -> int:
+    """Run until the claws open over the cups; return the time."""
+    return until_step(twin, f"{side} arm", "open claws", within_ms=60_000)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_cups_are_counted_in_emergency_stop_and_the_next_edge_releases(side: Side) -> None:
+    """If twelve cups pass during an emergency stop, the arm releases its row on the first edge after it is down."""
+    twin = machine()
+    run_to("pause at feed")(twin, side)
+    cups = Cups(twin, side)
+    press_emergency_stop(twin, for_ms=13_000)
+    clear(twin)
+    home_again(twin)
+    twin.start()
+    down_ms = until_step(twin, f"{side} arm", "wait for cups")
+    opened_ms = until_opening(twin, side)
+    (edge_ms,) = cups.between(down_ms, opened_ms)
+    assert opened_ms - edge_ms in EDGE_TO_OPENING_MS
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_with_fewer_than_twelve_cups_the_release_waits_for_the_twelfth(side: Side) -> None:
+    """If the tractor stops during an emergency stop, the cups before and after the stop add up to twelve."""
+    twin = machine()
+    cups = Cups(twin, side)
+    run_to("approach row")(twin, side)
+    thrown_ms = cups.openings_ms()[-1]
+    twin.plant.planting_frequency_per_min = 0.0
+    press_emergency_stop(twin, for_ms=13_000)
+    clear(twin)
+    home_again(twin)
+    assert 0 < len(cups.between(thrown_ms, twin.now_ms)) < 6
+    twin.plant.planting_frequency_per_min = 60.0
+    twin.start()
+    opened_ms = until_opening(twin, side)
+    assert len(cups.between(thrown_ms, opened_ms)) == 12
+    assert opened_ms - cups.edges_ms[-1] in EDGE_TO_OPENING_MS
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_after_a_power_loss_twelve_edges_must_pass(side: Side) -> None:
+    """After a power loss the count is unknown; an arm that holds a row releases it on the twelfth edge."""
+    twin = machine()
+    run_to("slide to feed")(twin, side)
+    twin.run_for(5_000)
+    twin.power_cycle()
+    cups = Cups(twin, side)
+    home_again(twin)
+    twin.start()
+    opened_ms = until_opening(twin, side)
+    assert len(cups.edges_ms) == 12
+    assert opened_ms - cups.edges_ms[-1] in EDGE_TO_OPENING_MS
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_after_a_power_loss_the_operator_can_confirm_empty_cups(side: Side) -> None:
+    """After the confirmation the row is released on the next edge; the following row waits for twelve cups."""
+    twin = machine()
+    run_to("slide to feed")(twin, side)
+    twin.power_cycle(15_000)
+    cups = Cups(twin, side)
+    home_again(twin)
+    twin.start()
+    until_step(twin, f"{side} arm", "wait for cups")
+    twin.run_for(1_500)
+    assert twin.in_step(f"{side} arm", "wait for cups")
+    confirmed_ms = scan_ms(twin)
+    twin.command("cups_empty")
+    opened_ms = until_opening(twin, side)
+    (edge_ms,) = cups.between(confirmed_ms, opened_ms)
+    assert opened_ms - edge_ms in EDGE_TO_OPENING_MS
+    assert len(cups.edges_ms) < 12
+    twin.run_for(500)
+    again_ms = until_opening(twin, side)
+    assert len(cups.between(opened_ms, again_ms)) == 12
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_discarded_row_fills_the_cups_and_restarts_the_count(side: Side) -> None:
+    """No second plug falls into the cups that received a discarded row."""
+    twin = machine()
+    run_to("wait for cups")(twin, side)
+    twin.run_until(lambda: bool(twin.plc.read(tags_of(twin, side).count_good)), within_ms=15_000, what="twelve cups")
+    press_emergency_stop(twin)
+    clear(twin)
+    cups = Cups(twin, side)
+    twin.command(f"{side}_discard")
+    home_again(twin)
+    discarded_ms = cups.openings_ms()[0]
+    twin.start()
+    opened_ms = until_opening(twin, side)
+    assert len(cups.between(discarded_ms + 200, opened_ms)) == 12
+    twin.run_until_state(State.COMPLETE, within_ms=60_000)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_flag_that_bounces_at_standstill_counts_once(side: Side) -> None:
+    """If the tractor stops at the edge of a cup and the sensor flag bounces for 20 s, one cup is counted."""
+    twin = machine()
+    run_to("wait for cups")(twin, side)
+    arm, counter = arm_of(twin, side).cups, tags_of(twin, side).cup_counter.value
+    carousels = [each.cups for each in twin.plant.arms.values()]
+    twin.run_until(lambda: not arm.pulse.read(), within_ms=1_000)
+    twin.run_until(arm.pulse.read, within_ms=1_000)
+    for carousel in carousels:
+        carousel.jammed = True
+    before = twin.plc.read(counter)
+    for tremble in range(400):
+        arm.pulse.stuck = tremble % 2 == 0
+        twin.run_for(5 * SCAN_MS)
+    assert twin.plc.read(counter) == before + 1 < 12
+    arm.pulse.stuck = None
+    for carousel in carousels:
+        carousel.jammed = False
+    cups = Cups(twin, side)
+    opened_ms = until_opening(twin, side)
+    assert len(cups.between(0, opened_ms)) == 12 - before - 1
+    twin.run_until_state(State.COMPLETE, within_ms=60_000)
+    assert twin.plant.counts() == undisturbed()
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_cups_at_twice_the_planting_rate_are_all_counted(side: Side) -> None:
+    """At 150 cups/min the minimum pulse interval suppresses no cup; counterpart of the test with the bouncing flag."""
+    twin = machine()
+    twin.home()
+    twin.plant.planting_frequency_per_min = 150.0
+    twin.run_for(3_000)
+    cups = Cups(twin, side)
+    counted: list[int] = []
+    twin.watch(lambda twin: counted.append(twin.plc.read(tags_of(twin, side).cup)))
+    twin.run_for(12_000)
+    assert sum(counted) == len(cups.edges_ms)
+    assert len(cups.edges_ms) in range(29, 32)

@@ -1,0 +1,104 @@
+"""Operation without an HMI, by X0, X24 and X25."""
+
+from __future__ import annotations
+
+import pytest
+
+from controller.program.states import State
+from plant_sim.twin.lock_step import SCAN_MS, Twin
+
+
+def test_a_start_button_held_at_power_up_moves_nothing() -> None:
+    """If X0 is pressed or stuck at power-up, nothing happens until it is released and pressed again."""
+    twin = Twin()
+    twin.plant.box.start = True
+    seen: set[str] = set()
+    twin.watch(lambda t: seen.update(t.outputs()))
+    twin.run_for(3_000)
+    assert twin.state.name == "STOPPED"
+    assert seen == set()
+    twin.plant.box.start = False
+    twin.run_for(100)
+    twin.press("start")
+    twin.run_until_state(State.RESETTING, within_ms=50)
+
+
+def test_stop_has_priority_over_start() -> None:
+    """While X24 is held, neither homing nor starting is accepted; after its release both are."""
+    twin = Twin()
+    twin.scan()
+    twin.plant.box.stop = True
+    twin.press("start")
+    twin.run_for(500)
+    assert twin.state.name == "STOPPED"
+    twin.plant.box.stop = False
+    twin.run_for(100)
+    twin.home()
+    twin.plant.box.stop = True
+    twin.run_until_state(State.STOPPED, within_ms=100)
+    twin.press("start")
+    twin.run_for(500)
+    assert twin.state.name == "STOPPED"
+
+
+@pytest.mark.parametrize("tag", ["stop", "emergency_stop"])
+def test_a_broken_wire_acts_like_the_pressed_button(tag: str) -> None:
+    """In Idle, loss of voltage at the terminal of a normally closed contact stops or aborts the machine."""
+    twin = Twin()
+    twin.home()
+    terminal = twin.io_map[tag].number
+    levels = twin.module.inputs()
+    levels[terminal] = False
+    twin.plc.scan(twin.now_ms, levels)
+    twin.plc.scan(twin.now_ms + SCAN_MS, levels)
+    wanted = State.STOPPING if tag == "stop" else State.ABORTING
+    assert twin.state == wanted
+
+
+def test_emergency_stop_is_cleared_by_holding_stop_for_three_seconds() -> None:
+    """In Aborted with X25 released, X24 must be held for 3 s to clear the stop; the machine then stays Stopped."""
+    twin = Twin()
+    twin.home()
+    twin.start()
+    twin.run_for(2_000)
+    twin.plant.box.emergency_stop = True
+    twin.run_until_state(State.ABORTED, within_ms=50)
+    twin.press("stop", for_ms=4_000)
+    twin.run_for(4_500)
+    assert twin.state.name == "ABORTED", "cleared with X25 still pressed"
+    twin.plant.box.emergency_stop = False
+    twin.run_for(1_000)
+    assert twin.state.name == "ABORTED", "cleared by itself"
+    twin.plant.box.stop = True
+    # the timer counts a free-running 100 ms base and may elapse one tick early; filter and scan come on top
+    twin.run_for(2_890)
+    assert twin.state.name == "ABORTED"
+    took_ms = twin.run_until_state(State.STOPPED, within_ms=200)
+    assert 2_900 <= 2_890 + took_ms <= 3_040
+    twin.plant.box.stop = False
+    moved: set[str] = set()
+    twin.watch(lambda t: moved.update(t.outputs()))
+    twin.run_for(2_000)
+    assert twin.state.name == "STOPPED"
+    assert moved == set()
+
+
+def test_x0_has_one_meaning_in_each_state() -> None:
+    """X0 homes in Stopped and Complete, starts in Idle, and is ignored in Execute and Aborted."""
+    twin = Twin(trays=1, set_points={"trays_target": 1})
+    twin.home()
+    twin.start()
+    twin.run_for(500)
+    twin.press("start")
+    twin.run_for(1_000)
+    assert twin.state.name == "EXECUTE"
+    twin.run_until_state(State.COMPLETE, within_ms=100_000)
+    twin.press("start")
+    twin.run_until_state(State.RESETTING, within_ms=50)
+    twin.plant.box.emergency_stop = True
+    twin.run_until_state(State.ABORTED, within_ms=50)
+    twin.plant.box.emergency_stop = False
+    twin.run_for(200)
+    twin.press("start")
+    twin.run_for(1_000)
+    assert twin.state.name == "ABORTED"

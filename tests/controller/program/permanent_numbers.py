@@ -1,0 +1,64 @@
+"""Checked-in list of permanent numbers: alarm -> S number, HMI tag -> Modbus table and address.
+
+Append new entries after adding an alarm or a tag:
+
+    .venv/bin/python -m tests.controller.program.permanent_numbers
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from controller.hmi.modbus.tag_list import tags
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import Transplanter, build
+
+LIST: Final = Path(__file__).with_name("permanent_numbers.csv")
+
+
+class Entry(NamedTuple):
+    """One permanent number.
+
+    Attributes:
+        kind: "alarm" or "tag".
+        name: Alarm key, with the side in front for an arm alarm, or name of the HMI tag.
+        table: "S" for an alarm, else the Modbus table.
+        number: S number or zero-based Modbus address.
+    """
+
+    kind: str
+    name: str
+    table: str
+    number: int
+
+
+def read_list(path: Path = LIST) -> list[Entry]:
+    """Return the checked-in entries in the order of the file."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [Entry(row["kind"], row["name"], row["table"], int(row["number"])) for row in csv.DictReader(file)]
+
+
+def entries_of(machine: Transplanter) -> list[Entry]:
+    """Return the alarms and HMI tags of a program."""
+    alarms = [
+        Entry("alarm", f"{alarm.side}.{alarm.key}" if alarm.side else alarm.key, "S", alarm.bit.number)
+        for alarm in machine.alarms
+    ]
+    return [*alarms, *(Entry("tag", tag.name, tag.table, tag.address) for tag in tags(machine))]
+
+
+def append_new(path: Path = LIST) -> None:
+    """Append the entries of the program that are missing from the list; existing lines are not changed."""
+    listed = {(entry.kind, entry.name) for entry in read_list(path)} if path.exists() else set()
+    new = [entry for entry in entries_of(build(load_io_map(DEFAULT_IO_MAP))) if entry[:2] not in listed]
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if not listed:
+            writer.writerow(Entry._fields)
+        writer.writerows(new)
+
+
+if __name__ == "__main__":
+    append_new()

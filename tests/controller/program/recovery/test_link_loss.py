@@ -1,0 +1,149 @@
+"""Field link loss and late scans: outputs go safe, the fault is latched, nothing restarts by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from controller.core.scan import Plc
+from controller.io.retentive_writer import DirectRetentiveWriter
+from controller.io.runtime import Runtime
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.states import State
+from plant_sim.twin.lock_step import SCAN_MS, Twin
+from tests.controller.program.recovery.cable import CableLink
+
+LIMIT_MS = 100
+
+
+@pytest.fixture
+def cabled() -> tuple[Twin, CableLink]:
+    """Return a twin in Execute with one slide moving inward, and the link whose cable can be disconnected."""
+    twin = Twin(trays=1, set_points={"trays_target": 1})
+    cable = CableLink(twin.module)
+    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectRetentiveWriter(twin.store))
+    twin.plc.write(twin.machine.tags.sp.trays_target, 1)
+    twin.home()
+    twin.start()
+    twin.run_until(lambda: twin.in_step("left arm", "approach row"), within_ms=30_000)
+    twin.run_for(500)
+    assert twin.outputs() == {"left.slide_inward"} | (twin.outputs() & {"right.slide_inward"})
+    return twin, cable
+
+
+def test_a_gap_within_the_limit_is_bridged(cabled: tuple[Twin, CableLink]) -> None:
+    """During a gap of 80 ms motion continues and no alarm is raised."""
+    twin, cable = cabled
+    cable.pulled = True
+    twin.run_for(LIMIT_MS - 2 * SCAN_MS)
+    cable.pulled = False
+    twin.run_for(200)
+    assert twin.state == State.EXECUTE
+    assert twin.alarms() == []
+    assert not twin.module.tripped
+    assert "left.slide_inward" in twin.outputs()
+
+
+def test_a_longer_gap_is_a_latched_fault(cabled: tuple[Twin, CableLink]) -> None:
+    """After the cable is disconnected, the fault is latched exactly 100 ms after the last good exchange."""
+    twin, cable = cabled
+    last_good_ms = twin.now_ms - SCAN_MS
+    cable.pulled = True
+    twin.run_until(lambda: twin.runtime.link_lost, within_ms=200)
+    assert twin.now_ms - SCAN_MS - last_good_ms == LIMIT_MS
+    assert twin.outputs() == set()
+    assert twin.alarms() == ["link_lost"], "the safe X image must not be reported as an emergency stop"
+    # the plant keeps running; its watchdog has switched the outputs off
+    assert twin.module.tripped
+    assert twin.module.outputs == twin.io_map.safe_outputs()
+    assert twin.module.tripped_at_ms is not None
+    assert twin.module.last_write_ms is not None
+    assert twin.module.tripped_at_ms - twin.module.last_write_ms == LIMIT_MS + 1
+    twin.run_for(2_000)
+    assert twin.state == State.ABORTED
+
+
+def test_nothing_restarts_when_the_link_returns(cabled: tuple[Twin, CableLink]) -> None:
+    """After reconnection the machine stays Aborted and at rest until clear, home and start; no seedling is lost."""
+    twin, cable = cabled
+    cable.pulled = True
+    twin.run_for(3_000)
+    cable.pulled = False
+    moved: set[str] = set()
+    twin.watch(lambda t: moved.update(t.outputs()))
+    twin.run_for(2_000)
+    assert not twin.runtime.link_lost
+    assert twin.state == State.ABORTED
+    assert moved == set()
+    twin.command("clear")
+    twin.run_until_state(State.STOPPED, within_ms=50)
+    twin.run_for(1_000)
+    assert moved == set()
+    twin.home()
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=100_000)
+    counts = twin.plant.counts()
+    assert counts.in_cups + counts.P + counts.D + counts.T == 72
+    assert twin.plant.events == []
+
+
+def test_clear_is_refused_while_the_link_is_lost(cabled: tuple[Twin, CableLink]) -> None:
+    """While the field link is lost, a clear command has no effect."""
+    twin, cable = cabled
+    cable.pulled = True
+    twin.run_for(1_000)
+    twin.command("clear")
+    twin.run_for(100)
+    assert twin.state == State.ABORTED
+
+
+@pytest.mark.parametrize(("late_ms", "expected"), [(200, State.EXECUTE), (201, State.ABORTING)])
+def test_a_scan_over_its_limit_is_a_latched_fault(late_ms: int, expected: State) -> None:
+    """If a scan begins more than 200 ms after the previous one, the outputs go off in that scan."""
+    twin = Twin()
+    # the field limit is longer, so that only the scan limit applies
+    cable, retentive_writer = CableLink(twin.module), DirectRetentiveWriter(twin.store)
+    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, retentive_writer, link_limit_ms=1_000)
+    twin.home()
+    twin.start()
+    twin.run_until(lambda: twin.in_step("left arm", "approach row"), within_ms=30_000)
+    twin.clock.advance(late_ms - SCAN_MS)
+    twin.runtime.tick(twin.now_ms)
+    assert twin.state == expected
+    if expected == State.ABORTING:
+        assert twin.outputs() == set()
+        assert "scan_fault" in twin.alarms()
+
+
+def test_a_field_that_never_responded_is_a_lost_link_from_the_first_scan() -> None:
+    """If the field does not respond at power-up, the machine aborts at once, due to the link and not to a button."""
+    twin = Twin()
+    cable = CableLink(twin.module)
+    cable.pulled = True
+    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectRetentiveWriter(twin.store))
+    twin.run_for(2 * SCAN_MS)
+    assert twin.state == State.ABORTING
+    assert twin.outputs() == set()
+    assert twin.alarms() == ["link_lost"]
+
+
+def test_the_field_recovers_with_horn_and_red_lamp_wired(tmp_path: Path) -> None:
+    """Even if outputs are on in Aborted, the tripped module receives the safe image that it requires."""
+    text = DEFAULT_IO_MAP.read_text(encoding="utf-8")
+    wired = tmp_path / "io_map.yaml"
+    wired.write_text(text.replace("wired: false", "wired: true"), encoding="utf-8")
+    twin = Twin(trays=1, io_map=load_io_map(wired))
+    cable = CableLink(twin.module)
+    twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectRetentiveWriter(twin.store))
+    twin.home()
+    twin.start()
+    twin.run_until(lambda: bool(twin.outputs() & {"left.lift_extend", "left.spread"}), within_ms=30_000)
+    cable.pulled = True
+    twin.run_until(lambda: twin.module.tripped, within_ms=200)
+    twin.run_for(1_000)
+    cable.pulled = False
+    twin.run_until(lambda: not twin.runtime.link_lost and not twin.module.tripped, within_ms=1_000)
+    twin.run_for(100)
+    assert twin.state == State.ABORTED
+    assert {"lamp_red", "horn"} <= twin.outputs()

@@ -1,0 +1,262 @@
+"""Requirements: each safety demand is stated by requirements that are violated in exactly the forbidden situations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+
+from controller.core.devices import INITIAL_PULSE, Memory
+from controller.core.expr import Bit, Expr, Not, evaluate
+from controller.program.safety import Safety
+from controller.program.tags import FULL, IN_PLACE, ROWS, SIDES, TAKEN, Side
+from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS
+
+SAFETY = Safety(TAGS, MACHINE.alarms)
+REQUIREMENTS = {each.name: each.never for each in SOUND.requirements}
+MOVES = "lift_extend"
+"""An arbitrary coil."""
+
+
+class Case(NamedTuple):
+    """Situation that a requirement forbids, and the device that makes it forbidden."""
+
+    requirement: str
+    on: str
+    turned: str
+
+
+OF_AN_ARM: dict[str, list[Case]] = {
+    "never both coils of one valve or motor": [
+        Case("slide_inward with slide_outward", "slide_inward slide_outward", "slide_outward"),
+        Case("lift_extend with lift_retract", "lift_extend lift_retract", "lift_extend"),
+        Case("spread with converge", "spread converge", "converge"),
+        Case("claws_open with claws_close", "claws_open claws_close", "claws_open"),
+    ],
+    "inward only down, open, converged, over a tray in place": [
+        Case("inward, not down", "slide_inward lift_up", "lift_down"),
+        Case("inward, claws not open", "slide_inward", "open"),
+        Case("inward, not converged", "slide_inward claws_spread", "claws_converged"),
+        Case("inward, no tray at rest", "slide_inward tray_in_place", "tray_front_edge"),
+        Case("inward, no tray at rest", "slide_inward tray_front_edge", "tray_in_place"),
+        Case("inward, which tray?", "slide_inward tray_asked", "tray_asked"),
+    ],
+    "inward no further than the next row": [
+        Case("inward, past the row", "slide_inward arrived", "arrived"),
+        Case("inward, past the row", "slide_inward arrived", "slide_inward"),
+    ],
+    "claws close only at a valid row or at feed": [
+        Case("close nowhere", "claws_close lift_down", "slide_at_feed"),
+        Case("close nowhere", "claws_close lift_down", "slide_at_pick_1"),
+        Case("close nowhere", "claws_close slide_at_pick_1", "lift_down"),
+        Case("close nowhere", "claws_close lift_down slide_at_pick_2", "row_1_taken"),
+        Case("close nowhere", "claws_close lift_down slide_at_pick_1 row_1_taken", "row_1_taken"),
+    ],
+    "the lift goes up over the tray only clamped for its dwell, or open": [
+        Case("up, half closed", "lift_retract", "gripped"),
+        Case("up, half closed", "lift_retract", "open"),
+        Case("up, half closed", "lift_retract", "slide_at_feed"),
+    ],
+    "a load goes out only up; an empty arm up, or low and open": [
+        Case("outward with a load, not up", "slide_outward holds", "lift_up"),
+        Case("outward with a load, not up", "slide_outward holds", "holds"),
+        Case("outward low, claws not open", "slide_outward lift_down", "open"),
+        Case("outward low, claws not open", "slide_outward open", "lift_down"),
+        Case("outward low, claws not open", "slide_outward", "lift_up"),
+    ],
+    "down only at feed": [Case("down away from feed", "lift_extend", "slide_at_feed")],
+    "spread only up at feed": [
+        Case("spread, not up at feed", "spread lift_up", "slide_at_feed"),
+        Case("spread, not up at feed", "spread slide_at_feed", "lift_up"),
+    ],
+    "slide and lift are at rest while the belt runs": [
+        Case("belt with slide or lift", f"{belt} {other}", turned)
+        for belt, other, turned in (
+            ("spread", "slide_inward", "slide_inward"),
+            ("spread", "lift_retract", "spread"),
+            ("converge", "slide_outward", "converge"),
+            ("converge", "lift_extend", "lift_extend"),
+        )
+    ],
+    "the belt stops at its ends": [
+        Case("belt against its stop", "spread claws_spread", "claws_spread"),
+        Case("belt against its stop", "converge claws_converged", "claws_converged"),
+    ],
+    "converge only empty, at feed": [
+        Case("converge with a load", "converge holds slide_at_feed", "holds"),
+        Case("converge away from feed", "converge", "slide_at_feed"),
+    ],
+    "a load opens only over its cups, at its row, or by a discard command": [
+        *(
+            Case(
+                "open a load elsewhere",
+                " ".join(["claws_open holds", *(name for name in over_cups if name != missing)]),
+                missing,
+            )
+            for over_cups in (
+                ("slide_at_feed", "lift_down", "claws_spread", "released"),
+                ("slide_at_feed", "lift_down", "claws_spread", "discarded"),
+            )
+            for missing in over_cups
+        ),
+        Case("open a load elsewhere", "claws_open holds lift_down", "unmoved"),
+        Case("open a load elsewhere", "claws_open holds unmoved", "lift_down"),
+        Case("open a load elsewhere", "claws_open holds", "holds"),
+    ],
+    "never both arms in one space": [
+        Case("inward, into the other arm", "slide_inward rows_1_and_2_taken other_in_centre", "other_in_centre"),
+        Case("inward, into the other arm", "slide_inward rows_1_and_2_taken other_in_centre", "arms_may_meet"),
+    ],
+    "a jammed actuator is driven only in manual mode": [
+        Case("coil with a fault", "fault claws_open", "fault"),
+        Case("coil with a fault", "fault claws_open", "manual"),
+    ],
+}
+OF_THE_MACHINE: dict[str, list[Case]] = {
+    "the tray moves only with both arms at feed, and none goes in over it": [
+        *(
+            Case("tray, arm away from feed", f"{coil} {at_feed}.slide_at_feed", f"{away}.slide_at_feed")
+            for coil in ("tray_run", "tray_forward")
+            for at_feed, away in (SIDES, SIDES[::-1])
+        ),
+        *(Case("tray, arm goes in", f"tray_run {side}.slide_inward", "tray_run") for side in SIDES),
+        Case("tray, wrong way", "tray_run", "tray_forward"),
+        Case("tray with a fault", "tray_forward tray_fault", "tray_fault"),
+        Case("tray with a fault", "tray_forward tray_fault", "manual"),
+    ],
+    "nothing moves in an emergency stop": [
+        Case("moves in an emergency stop", f"emergency_stop motion left.{MOVES}", "emergency_stop"),
+        Case("moves in an emergency stop", "emergency_stop motion tray_run", "tray_run"),
+    ],
+    "no motion without inputs or after a fault": [
+        Case("moves without its field", f"link_lost motion right.{MOVES}", "link_lost"),
+        Case("moves after a fault of scan or store", f"scan_fault motion left.{MOVES}", "scan_fault"),
+        Case("moves after a fault of scan or store", f"store_fault motion left.{MOVES}", "store_fault"),
+    ],
+    "nothing restarts by itself: after reset, power or link return": [
+        Case("moves at rest", f"left.{MOVES}", "motion"),
+        Case("moves in the first scan", f"first_scan motion left.{MOVES}", "first_scan"),
+        Case("restarts by itself", "restarted", "restarted"),
+    ],
+    "jogging only while the command is renewed": [
+        Case("jog not renewed", f"manual motion left.{MOVES}", "jog"),
+        Case("jog not renewed", f"manual motion left.{MOVES} jog jog_lease_over", "jog_lease_over"),
+        Case("jog by itself", "jog_unbidden", "jog_unbidden"),
+    ],
+}
+
+
+class Situation:
+    """Memory after a scan, set by name; the machine is at rest, its tray is full but not in place."""
+
+    def __init__(self) -> None:
+        self.memory = Memory()
+        for point in (*MACHINE.io_map.inputs, *MACHINE.io_map.outputs):
+            self.memory.bits(point.device)[point.number] = point.level(False)
+        for arm in TAGS.arms.values():
+            for row in ROWS:
+                self.memory.D[arm.rows[row].number] = FULL
+
+    def set_true(self, condition: Expr) -> None:
+        """Make the condition of a terminal or relay true."""
+        bit = condition.operand if isinstance(condition, Not) else condition
+        assert isinstance(bit, Bit)
+        self.memory.bits(bit.kind)[bit.number] = not isinstance(condition, Not)
+
+
+def machine_facts() -> dict[str, Expr]:
+    machine, system, tray = TAGS.machine, TAGS.system, TAGS.tray
+    facts: dict[str, Expr] = {
+        "motion": machine.motion,
+        "manual": machine.manual,
+        "jog_lease_over": machine.t_jog_lease.done,
+        "first_scan": Bit("M", INITIAL_PULSE),
+        "emergency_stop": TAGS.x.emergency_stop,
+        "link_lost": system.link_lost,
+        "scan_fault": system.scan_fault,
+        "store_fault": system.store_fault,
+        "restarted": SAFETY.machine.restarted,
+        "jog_unbidden": SAFETY.machine.jog_unbidden,
+        "tray_front_edge": tray.edge,
+        "tray_fault": MACHINE.alarms.tray_jam,
+        "tray_asked": tray.ask,
+        **tray.driven,
+    }
+    return facts | {f"{side}.{name}": fact for side in SIDES for name, fact in arm_facts(side).items()}
+
+
+def arm_facts(side: Side) -> dict[str, Expr]:
+    arm, own = TAGS.arms[side], SAFETY.arms[side]
+    return {
+        **arm.coils,
+        **{f"slide_at_pick_{row}": arm.sensed_at_pick[row] for row in ROWS},
+        "slide_at_feed": arm.sensed_at_feed,
+        "lift_down": arm.sensed_down,
+        "lift_up": arm.sensed_up,
+        "claws_spread": arm.sensed_spread,
+        "claws_converged": arm.sensed_converged,
+        "fault": next(iter(MACHINE.alarms.of_side(side))),
+        **{
+            name: getattr(own, name)
+            for name in ("open", "gripped", "holds", "unmoved", "released", "discarded", "arrived")
+        },
+    }
+
+
+def situation(on: set[str], side: Side) -> Memory:
+    """Return a memory with these conditions true; conditions of an arm refer to the given side."""
+    here, facts = Situation(), machine_facts()
+    words = here.memory.D
+    arm, other = TAGS.arms[side], SAFETY.arms["right" if side == "left" else "left"]
+    for name in on:
+        match name:
+            case "tray_in_place":
+                words[TAGS.tray.phase.number] = IN_PLACE
+            case "row_1_taken":
+                words[arm.rows[1].number] = TAKEN
+            case "rows_1_and_2_taken":
+                words[arm.rows[1].number] = words[arm.rows[2].number] = TAKEN
+                here.set_true(arm.row_is[3])
+            case "arms_may_meet":
+                words[TAGS.sp.arms_may_meet.number] = 1
+            case "jog":
+                words[TAGS.machine.jog.number] = 1
+            case "other_in_centre":
+                here.set_true(other.in_centre)
+            case _:
+                here.set_true(facts[name] if name in facts else facts[f"{side}.{name}"])
+    return here.memory
+
+
+def breaks(requirement: str, on: set[str], side: Side) -> bool:
+    return evaluate(REQUIREMENTS[requirement], situation(on, side))
+
+
+def _named(value: Side | Case) -> str:
+    return value if isinstance(value, str) else f"{value.requirement}, {value.turned}"
+
+
+CASES_OF_AN_ARM = [(side, case) for side in SIDES for cases in OF_AN_ARM.values() for case in cases]
+CASES_OF_THE_MACHINE = [case for cases in OF_THE_MACHINE.values() for case in cases]
+
+
+@pytest.mark.parametrize(("side", "case"), CASES_OF_AN_ARM, ids=_named)
+def test_a_requirement_of_an_arm_forbids_exactly_what_is_demanded(side: Side, case: Case) -> None:
+    """A forbidden situation becomes allowed if its decisive device is inverted."""
+    on = set(case.on.split())
+    assert breaks(f"{side}: {case.requirement}", on, side)
+    assert not breaks(f"{side}: {case.requirement}", on ^ {case.turned}, side)
+
+
+@pytest.mark.parametrize("case", CASES_OF_THE_MACHINE, ids=_named)
+def test_a_requirement_of_the_machine_forbids_exactly_what_is_demanded(case: Case) -> None:
+    """A forbidden situation becomes allowed if its decisive device is inverted."""
+    on = set(case.on.split())
+    assert breaks(case.requirement, on, "left")
+    assert not breaks(case.requirement, on ^ {case.turned}, "left")
+
+
+def test_every_requirement_states_a_demand() -> None:
+    """The demands cover all requirements, and no others."""
+    stated = {f"{side}: {case.requirement}" for side, case in CASES_OF_AN_ARM}
+    assert stated | {case.requirement for case in CASES_OF_THE_MACHINE} == set(REQUIREMENTS)

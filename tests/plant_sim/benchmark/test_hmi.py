@@ -1,0 +1,133 @@
+"""Benchmark of the operator interface: figures, fault detection and generated load."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+
+import pytest
+
+from controller.hmi.modbus.fx3u_map import register_address
+from controller.io.loop import BOUNDS_US, Histogram
+from plant_sim.benchmark import hmi_load
+from plant_sim.benchmark.hmi import HmiFigures, Punctuality, measure_punctuality, measure_service
+from plant_sim.twin.live import LiveError
+from tests.controller.hmi.hmi_rig import HmiRig, read_long
+
+
+def last_report(capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
+    """Return the last figures printed by a role of the benchmark."""
+    last: dict[str, int] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return last
+
+
+@contextmanager
+def server(serve: Callable[[socket.socket], None]) -> Iterator[int]:
+    """Let a function serve one connection; yield the port."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def accept() -> None:
+            with listener.accept()[0] as connection:
+                serve(connection)
+
+        thread = threading.Thread(target=accept)
+        thread.start()
+        yield listener.getsockname()[1]
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("times_us", "percent", "bound_ms"),
+    [
+        ([50] * 99 + [1_500], 99, 0.1),
+        ([50] * 98 + [1_500] * 2, 99, 2.0),
+        ([50] * 99 + [1_500], 100, 2.0),
+        ([2_000] * 100, 99, 2.0),
+        ([2_001] * 100, 99, 3.0),
+        ([BOUNDS_US[-1] + 1], 100, 1_000.0),
+    ],
+)
+def test_a_percentile_is_the_bound_of_its_bucket(times_us: list[int], percent: float, bound_ms: float) -> None:
+    histogram = Histogram()
+    for time_us in times_us:
+        histogram.add(time_us)
+    assert hmi_load.percentile_ms(histogram.counts, percent) == bound_ms
+
+
+def test_a_machine_that_does_not_scan_has_no_punctual_scans() -> None:
+    with pytest.raises(LiveError, match="no scan"):
+        Punctuality.of([0] * (len(BOUNDS_US) + 1), 0)
+
+
+def test_clients_read_fifty_times_a_second_each(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each client reads coils and registers once every 20 ms."""
+    with HmiRig() as rig:
+        hmi_load.clients(rig.server.port, 2, 1)
+        assert last_report(capsys) == {"answers": 2 * 2 * 50}
+        assert rig.server.traffic.requests == 200
+
+
+def test_the_server_survives_malformed_frames_and_closed_connections(capsys: pytest.CaptureFixture[str]) -> None:
+    """Every complete frame has an answer, and the next client is served."""
+    with HmiRig() as rig:
+        hmi_load.malformed(rig.server.port, 400, 60, seed=3)
+        answered = last_report(capsys)["answered"]
+        assert 250 < answered < 400
+        assert rig.server.traffic.requests >= answered
+        assert rig.server.traffic.bad_frames > 0
+        assert rig.server.traffic.refused == 0
+        assert read_long(rig.client(), "R", 0) == rig.twin.plc.scans
+
+
+def test_a_server_that_closes_the_connection_is_reported() -> None:
+    with (
+        server(lambda connection: connection.close()) as port,
+        hmi_load.connect(port) as connection,
+        pytest.raises(hmi_load.SilentServerError, match=r"closed instead|no answer"),
+    ):
+        hmi_load.read_registers(connection, 0, 2)
+
+
+def test_a_server_without_a_response_ends_the_role_with_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the server accepts all bytes and sends none, the message names the missing response."""
+    monkeypatch.setattr(hmi_load, "LIMIT_S", 0.2)
+
+    def swallow(connection: socket.socket) -> None:
+        while connection.recv(4_096):
+            pass
+
+    with server(swallow) as port, pytest.raises(SystemExit, match=r"malformed: (no answer|the server does not close)"):
+        hmi_load.main(["malformed", str(port), "100", "0", "1"])
+
+
+def test_an_exception_response_does_not_count_as_a_reading() -> None:
+    with (
+        HmiRig() as rig,
+        hmi_load.connect(rig.server.port) as connection,
+        pytest.raises(hmi_load.SilentServerError, match="exception 2"),
+    ):
+        hmi_load.read_registers(connection, register_address("R", 0) - 1, 1)
+
+
+def test_the_text_contains_every_figure() -> None:
+    """All figures are different, so that each can be found in the text by its value."""
+    values = [float(100 + number) for number in range(len(fields(HmiFigures)))]
+    text = HmiFigures(*values).hmi_text()
+    assert [value for value in values if f"{value:.0f}" not in text] == []
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(300)
+def test_complete_benchmark_with_real_processes() -> None:
+    """After a short run, all figures are present, all clients have received answers, and all browsers events."""
+    figures = HmiFigures(
+        **measure_punctuality(waits_s=1, quiet_s=1, loaded_s=2), **measure_service(frames=500, connections=200)
+    )
+    assert figures.answers_per_s > 100
+    assert figures.views_per_s > 1
+    assert 0 < figures.frames_answered < 500
+    assert figures.memory_before_mb > 10

@@ -1,0 +1,323 @@
+"""Pneumatic motion of slide and lift: start, speed, ends and stops, compared with figures derived by hand.
+
+Areas: slide pi/4 * 0.025^2 = 490.87 mm2; lift pi/4 * 0.050^2 = 1963.5 mm2 full, less pi/4 * 0.020^2 at the
+rod 1649.3 mm2. Meter-out speed, C * 1e5 / area: slide 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; lift down
+3.5e-9 * 1e5 / 1649.3e-6 = 0.2122 m/s, up 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088 m/s. From the coil until the air
+moves: valve 15 ms on, 20 ms off, and the tube's length at 343 m/s: 4.2 ms (slide), 3.8 ms (lift).
+"""
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from plant_sim.devices.pneumatic import Cylinder
+from tests.plant_sim.machine.plant_rig import MACHINE, Rig, make_rig
+
+SLIDE_M_S = 0.1497
+SLIDE_M2, LIFT_FULL_M2, LIFT_ROD_M2 = 490.87e-6, 1963.5e-6, 1649.3e-6
+PICK_1_M, PICK_2_M, PICK_3_M = 0.1925, 0.2355, 0.2785
+OUTERMOST_M, INNERMOST_M = 0.002, 0.598  # the bumpers begin here
+ATMOSPHERE_PA = 101_325.0
+
+
+def pressures_pa(cylinder: Cylinder) -> tuple[float, float]:
+    """Return the absolute chamber pressures; the chamber that drives away from position 0 comes first."""
+    plus, minus = (float(cylinder.state[end]["chamber"]["pressure_pa"]) for end in ("plus", "minus"))
+    return plus, minus
+
+
+def test_pick_positions_follow_the_row_spacing() -> None:
+    assert MACHINE.picks_m == pytest.approx((PICK_1_M, PICK_2_M, PICK_3_M))
+    narrow = MACHINE.with_values({"layout.row_spacing_m": 0.350})
+    assert narrow.picks_m == pytest.approx((0.0675, 0.1105, 0.1535))
+    wide = MACHINE.with_values({"layout.row_spacing_m": 0.800})
+    assert wide.picks_m == pytest.approx((0.2925, 0.3355, 0.3785))
+
+
+class TestValve:
+    """Delays of the slide valve, measured at its spool."""
+
+    @pytest.mark.parametrize(("coil", "end"), [("left.slide_inward", 1.0), ("left.slide_outward", -1.0)])
+    def test_it_switches_19_ms_after_its_coil_comes_on_and_24_ms_after_it_goes_off(self, coil: str, end: float) -> None:
+        """15 + 4.2 ms or 20 + 4.2 ms, then the spool takes 4 ms from the middle to an end; a step is 1 ms."""
+        rig = make_rig(x_m=0.3)
+        seen = []
+        for for_ms, tags in ((19, [coil]), (1, [coil]), (3, [coil]), (24, []), (1, []), (3, [])):
+            rig.run(for_ms, *tags)
+            seen.append(spool(rig))
+        assert seen == [0.0, 0.25 * end, end, end, 0.75 * end, 0.0]
+
+    def test_both_coils_hold(self) -> None:
+        rig = make_rig(x_m=0.3)
+        rig.run(1_000, "left.slide_inward", "left.slide_outward")
+        assert spool(rig) == 0.0
+        assert rig.left.slide.x_m == 0.3
+
+    def test_a_second_coil_cancels_the_first(self) -> None:
+        rig = make_rig(x_m=0.3)
+        rig.run(50, "left.slide_inward")
+        rig.run(19, "left.slide_inward", "left.slide_outward")
+        assert spool(rig) == 1.0
+        rig.run(4, "left.slide_inward", "left.slide_outward")
+        assert spool(rig) == 0.0
+
+    def test_pulses_shorter_than_the_delay_do_not_add_up(self) -> None:
+        rig = make_rig(x_m=0.3)
+        for _ in range(10):
+            rig.run(19, "left.slide_inward")
+            rig.run(1)
+            assert spool(rig) == 0.0
+
+    def test_gaps_shorter_than_the_delay_do_not_add_up(self) -> None:
+        rig = make_rig(x_m=0.3)
+        rig.run(25, "left.slide_inward")
+        for _ in range(10):
+            rig.run(24)
+            rig.run(1, "left.slide_inward")
+            assert spool(rig) == 1.0
+
+
+def spool(rig: Rig) -> float:
+    return float(rig.left.slide.state["valve"]["spool"])
+
+
+class TestStart:
+    """The slide does not move until the air in front of it is exhausted through the throttle."""
+
+    @pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
+    @pytest.mark.parametrize("throttle_m3_s_pa", [0.4e-9, 0.735e-9, 1.2e-9])
+    def test_it_starts_when_the_pressure_before_it_has_fallen(
+        self, x_m: float, coil: str, throttle_m3_s_pa: float
+    ) -> None:
+        """Both chambers rest at 0.9 * 0.5 MPa + atmosphere = 551.3 kPa.
+
+        The supply, 601.3 kPa less 10 kPa to open the check valve, soon fills the 23 cm3 behind the piston to
+        591.3 kPa; 35 N of friction are overcome at 71.3 kPa across it, so the other side must fall to 520.0 kPa. From
+        its V = 22 + 490.87 * 0.598 = 315.5 cm3 it loses C * 1e5 a second: t = V / (n C 1e5) * ln(551.3 / 520.0), n
+        between 1 (slow) and 1.2 (fast); 0.21 to 0.25 s with the default. Before that 21 ms of valve and spool.
+        """
+        slow_ms = 1000 * 315.5e-6 / (throttle_m3_s_pa * 1e5) * math.log(551.3 / 520.0)
+        rig = make_rig({"slide.throttle_conductance_m3_s_pa": throttle_m3_s_pa}, x_m=x_m)
+        slide = rig.left.slide
+        places_m = rig.trace(lambda: slide.x_m, 1_000, coil)
+        stands_ms = next(ms for ms, place_m in enumerate(places_m) if abs(place_m - places_m[0]) > 1e-6)
+        assert 21 + slow_ms / 1.2 <= stands_ms <= 21 + slow_ms + 5
+
+    def test_residual_air_of_the_previous_stroke_lengthens_the_delay(self) -> None:
+        """After reversal at pick 3 the air that drove the previous stroke is in front: 579 kPa instead of 551 kPa."""
+        fresh = make_rig(x_m=PICK_3_M)
+        used = make_rig()
+        used.go_to_pick(3)
+        waits_ms = []
+        for rig in (fresh, used):
+            slide = rig.left.slide
+            start_m = slide.x_m
+            waits_ms.append(rig.run_until(lambda: slide.x_m < start_m - 1e-5, "left.slide_outward"))  # noqa: B023
+        assert 100 <= waits_ms[0] < waits_ms[1] - 50 < 700
+
+
+class TestSpeed:
+    """Steady speed with choked exhaust is C * 1e5 / area, or slightly less if the air is cold."""
+
+    @pytest.mark.parametrize(("x_m", "coil", "sign"), [(0.0, "slide_inward", 1), (0.6, "slide_outward", -1)])
+    def test_the_slide_runs_at_150_mm_s_either_way(self, x_m: float, coil: str, sign: int) -> None:
+        rig = make_rig(x_m=x_m)
+        assert speed_m_s(rig, 0.25, 0.40, coil) == pytest.approx(sign * SLIDE_M_S, rel=0.02)
+
+    @pytest.mark.parametrize(
+        "values",
+        [
+            {"supply.pressure_pa": 0.45e6},
+            {"slide.carried_kg": 20.0},
+            {"slide_friction.coulomb_n": 30.0},
+        ],
+    )
+    def test_neither_pressure_nor_load_nor_friction_change_it(self, values: dict[str, bool | int | float]) -> None:
+        assert speed_m_s(make_rig(values), 0.25, 0.40, "slide_inward") == pytest.approx(SLIDE_M_S, rel=0.02)
+
+    def test_the_throttle_does(self) -> None:
+        """0.4e-9 * 1e5 / 490.87e-6 = 0.0815 m/s."""
+        rig = make_rig({"slide.throttle_conductance_m3_s_pa": 0.4e-9})
+        assert speed_m_s(rig, 0.25, 0.40, "slide_inward") == pytest.approx(0.0815, rel=0.02)
+
+    @pytest.mark.parametrize(
+        ("y_m", "coil", "at_m_s"), [(0.0, "lift_extend", 0.2122), (0.150, "lift_retract", -0.2088)]
+    )
+    def test_the_lift_runs_at_about_200_mm_s(self, y_m: float, coil: str, at_m_s: float) -> None:
+        """Its stroke is too short for a steady speed; its throttle, half as wide as the tube, is not fully choked.
+
+        Measured over the middle of the stroke: 0.232 m/s down, while still oscillating, and 0.195 m/s up.
+        """
+        rig = make_rig(y_m=y_m)
+        lift = rig.left.lift
+        assert crossing_m_s(rig, lambda: lift.y_m, 0.040, 0.130, coil) == pytest.approx(at_m_s, rel=0.10)
+
+    def test_the_weight_of_the_arm_accelerates_the_start_of_lowering(self) -> None:
+        """The 15 kg arm loads the rod side at rest; once it moves, it first compresses the air there."""
+        down, up = make_rig(y_m=0.0), make_rig(y_m=0.150)
+        down_m_s = max(down.trace(lambda: down.left.lift.speed_m_s, 300, "left.lift_extend"))
+        up_m_s = -min(up.trace(lambda: up.left.lift.speed_m_s, 300, "left.lift_retract"))
+        assert down_m_s > 1.5 * 0.2122
+        assert up_m_s < 0.2088
+
+
+def speed_m_s(rig: Rig, low_m: float, high_m: float, coil: str) -> float:
+    return crossing_m_s(rig, lambda: rig.left.slide.x_m, low_m, high_m, coil)
+
+
+def crossing_m_s(rig: Rig, place_m: object, low_m: float, high_m: float, coil: str) -> float:
+    """Return the mean speed between two positions."""
+    assert callable(place_m)
+    places_m = rig.trace(place_m, 5_000, f"left.{coil}")
+    inside = [ms for ms, at_m in enumerate(places_m) if low_m <= at_m <= high_m]
+    return (places_m[inside[-1]] - places_m[inside[0]]) / (inside[-1] - inside[0]) * 1000
+
+
+class TestEnds:
+    """Bumpers, cushions, end stops."""
+
+    @pytest.mark.parametrize(
+        ("coil", "rests_m", "stop_m"), [("inward", INNERMOST_M, 0.600), ("outward", OUTERMOST_M, 0.0)]
+    )
+    def test_the_slide_compresses_its_bumper(self, coil: str, rests_m: float, stop_m: float) -> None:
+        """Full pressure, 490 kPa * 490.87 mm2 = 240 N, less up to 35 N of friction: 1.0 to 1.2 mm at 200 N/mm."""
+        rig = make_rig(x_m=0.3)
+        slide = rig.left.slide
+        places_m = rig.trace(lambda: slide.x_m, 6_000, f"left.slide_{coil}")
+        assert min(places_m) >= 0.0
+        assert max(places_m) <= 0.600
+        assert 0.0009 <= abs(slide.x_m - rests_m) <= 0.0013
+        assert abs(slide.x_m - stop_m) < 0.002
+        assert abs(slide.speed_m_s) < 1e-6
+
+    def test_the_bumper_softens_the_stop(self) -> None:
+        """Stopping 10.4 kg from 0.15 m/s takes a mean 60 N within 2 mm; a hard stop within 1 ms takes 1560 N."""
+        rig = make_rig(x_m=0.3)
+        slide = rig.left.slide
+        speeds_m_s = rig.trace(lambda: slide.speed_m_s, 4_000, "left.slide_inward")
+        hardest_m_s2 = max(abs(after - before) for before, after in pairwise(speeds_m_s)) / 0.001
+        assert hardest_m_s2 * 10.0 < 600
+
+    @pytest.mark.parametrize(("y_m", "coil", "end_m"), [(0.0, "lift_extend", 0.150), (0.150, "lift_retract", 0.0)])
+    def test_the_cushion_slows_the_last_15_mm(self, y_m: float, coil: str, end_m: float) -> None:
+        """The cushion halves the throttle and thus the speed, except for oscillation; without it, speed is constant."""
+        slowest_m_s, hits_m_s = [], []
+        for share in (0.5, 1.0):
+            rig = make_rig({"lift.cushion_share": share}, y_m=y_m)
+            lift = rig.left.lift
+            places_m, speeds_m_s = [], []
+            for _ in range(1_500):
+                rig.run(1, f"left.{coil}")
+                places_m.append(lift.y_m)
+                speeds_m_s.append(abs(lift.speed_m_s))
+            assert (lift.y_m, lift.speed_m_s) == (end_m, 0.0)
+            way = zip(places_m, speeds_m_s, strict=True)
+            in_cushion = [speed_m_s for place_m, speed_m_s in way if 0.0 < abs(place_m - end_m) < 0.015]
+            slowest_m_s.append(min(in_cushion))
+            hits_m_s.append(in_cushion[-1])
+        assert slowest_m_s[0] < 0.5 * 0.21
+        assert hits_m_s[0] < 0.8 * hits_m_s[1]
+        assert slowest_m_s[1] > 0.9 * 0.21
+
+    def test_extending_lowers_and_retracting_raises(self) -> None:
+        rig = make_rig(y_m=0.0)
+        lift = rig.left.lift
+        assert (lift.up.read(), lift.down.read(), lift.rise_m) == (True, False, 0.150)
+        rig.run(1_500, "left.lift_extend")
+        assert (lift.up.read(), lift.down.read(), lift.rise_m) == (False, True, 0.0)
+        rig.run(1_500, "left.lift_retract")
+        assert (lift.up.read(), lift.down.read(), lift.rise_m) == (True, False, 0.150)
+
+    @pytest.mark.parametrize(
+        ("y_m", "coil", "first_ms", "last_ms"), [(0.0, "lift_extend", 650, 700), (0.150, "lift_retract", 840, 890)]
+    )
+    def test_the_lift_arrives_in_time(self, y_m: float, coil: str, first_ms: int, last_ms: int) -> None:
+        """145 mm at 0.21 m/s take 690 ms.
+
+        Measured with this rig: 677 ms down, helped by the weight; 864 ms up, delayed by the air to be exhausted.
+        """
+        rig = make_rig(y_m=y_m)
+        rig.run(1_500, f"left.{coil}")
+        switch = rig.left.lift.down if coil == "lift_extend" else rig.left.lift.up
+        assert first_ms <= 1000 * switch.edge_s <= last_ms
+
+    def test_placing_clips_to_the_available_stroke(self) -> None:
+        rig = make_rig()
+        for cylinder, low_m, high_m in ((rig.left.slide, 0.002, 0.598), (rig.left.lift, 0.0, 0.150)):
+            cylinder.place(9.0)
+            assert cylinder.position_m == high_m
+            cylinder.place(-1.0)
+            assert cylinder.position_m == low_m
+
+
+class TestHolding:
+    """Effect of the air trapped between the check valves."""
+
+    @pytest.mark.parametrize(("coil", "y_m"), [("left.lift_extend", 0.0), ("left.lift_retract", 0.150)])
+    def test_the_lift_stops_on_its_trapped_air(self, coil: str, y_m: float) -> None:
+        """The 24 ms valve delay takes 5 mm; then 15 kg at 0.21 m/s compress 100 to 200 cm3 of air. Measured: 12 mm."""
+        rig = make_rig(y_m=y_m)
+        lift = rig.left.lift
+        rig.run_until(lambda: abs(lift.y_m - y_m) > 0.060, coil)
+        off_m = lift.y_m
+        rig.run(500)
+        assert 0.009 < abs(lift.y_m - off_m) < 0.016
+        held_m = lift.y_m
+        rig.run(60_000)
+        assert lift.y_m == held_m
+
+    @pytest.mark.parametrize("y_m", [0.0, 0.075, 0.150])
+    def test_the_lift_carries_the_weight_of_the_arm_on_its_air(self, y_m: float) -> None:
+        """With the valve in its middle position, gauge pressures times areas carry 15 kg * 9.80665 = 147.1 N."""
+        rig = make_rig(y_m=y_m)
+        lift = rig.left.lift
+        rig.run(10_000)
+        plus_pa, minus_pa = pressures_pa(lift)
+        held_n = (minus_pa - ATMOSPHERE_PA) * LIFT_ROD_M2 - (plus_pa - ATMOSPHERE_PA) * LIFT_FULL_M2
+        assert held_n == pytest.approx(147.1, abs=1.0)
+        assert lift.y_m == y_m
+
+
+class TestFaults:
+    """Jams and decoupled magnets."""
+
+    def test_a_jammed_slide_stops_and_continues_when_released(self) -> None:
+        """The air in front of it has been exhausted: after release the slide accelerates freely."""
+        rig = make_rig()
+        slide = rig.left.slide
+        rig.run(1_000, "left.slide_inward")
+        stuck_m = slide.x_m
+        slide.jammed = True
+        places_m = rig.trace(lambda: slide.x_m, 3_000, "left.slide_inward")
+        assert set(places_m) == {stuck_m}
+        assert slide.speed_m_s == 0.0
+        assert not slide.decoupled
+        slide.jammed = False
+        speeds_m_s = rig.trace(lambda: slide.speed_m_s, 200, "left.slide_inward")
+        assert speeds_m_s[5] > 0.02
+        assert max(speeds_m_s) > 2 * SLIDE_M_S
+        rig.run(2_000, "left.slide_inward")
+        assert slide.x_m > stuck_m + 0.2
+
+    @pytest.mark.parametrize(("main_pa", "decouples"), [(0.740e6, False), (0.760e6, True)])
+    def test_the_magnets_of_a_blocked_slide_decouple_above_740_kpa(self, main_pa: float, decouples: bool) -> None:
+        """363 N / 490.87 mm2 = 739.5 kPa across the piston, and 10 kPa to open the check valve."""
+        rig = make_rig(
+            {"supply.pressure_pa": main_pa, "supply.compressor_on_pa": 0.85e6, "supply.compressor_off_pa": 0.95e6},
+            x_m=0.3,
+        )
+        slide = rig.left.slide
+        slide.jammed = True
+        rig.run(15_000, "left.slide_inward")
+        assert slide.decoupled is decouples
+        assert slide.x_m == 0.3
+
+    def test_placing_sets_the_speed_to_0(self) -> None:
+        rig = make_rig()
+        slide = rig.left.slide
+        rig.run(2_000, "left.slide_inward")
+        rig.left.place(x_m=0.3)
+        assert slide.speed_m_s == 0.0
+        rig.run(10)  # not yet long enough for the valve to close
+        assert abs(slide.x_m - 0.3) < 0.0003

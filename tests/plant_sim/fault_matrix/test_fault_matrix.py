@@ -1,0 +1,314 @@
+"""Fault matrix: cases, one run for each kind of fault, verdicts, reports and the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.progress import Progress
+
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from controller.program.tags import SIDES
+from plant_sim.cli.faults import run_matrix
+from plant_sim.cli.main import main
+from plant_sim.crop.incident import Incident
+from plant_sim.crop.seedling import SeedlingCounts
+from plant_sim.fault_matrix import expected as matrix_expected
+from plant_sim.fault_matrix.cases import Subject, subjects
+from plant_sim.fault_matrix.expected import EXPECTED, Expectation, expectation
+from plant_sim.fault_matrix.first_signal import SUSPENSIONS, Signal
+from plant_sim.fault_matrix.judge import complaints
+from plant_sim.fault_matrix.report import COLUMNS, MatrixRow, as_csv, markdown, records, summary
+from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
+from plant_sim.faults import FAULTS, Fault, parse_fault
+from plant_sim.twin.monitors import MONITORS
+from tests.paths import DOCS
+from tests.sampling import first_of
+
+ONE_TRAY = MatrixSetup(trays=1)
+TWO_TRAYS = MatrixSetup(trays=2)
+ALL = subjects(ONE_TRAY.twin().plant)
+
+
+def subject_of(fault: Fault) -> Subject:
+    """Return the matrix row of a fault, including the size of the fault."""
+    (row, *_) = subjects(TWO_TRAYS.twin().plant, [fault.name])
+    return replace(row, size=fault.size)
+
+
+# --- the cases ----------------------------------------------------------------------------------
+
+
+def test_the_cases_cover_every_kind_part_size_and_arm() -> None:
+    plant = ONE_TRAY.twin().plant
+    unwired = {"air_pressure_ok", "magazine_empty"}
+    for kind in FAULTS.values():
+        rows = [subject for subject in ALL if subject.kind == kind.name]
+        assert {target for subject in rows for target in subject.targets} == set(kind.parts(plant)) - unwired
+        assert all((subject.size is None) == (kind.size is None) for subject in rows)
+    assert len(ALL) == len(set(ALL))
+
+
+def test_cases_alternate_between_the_arms_during_production() -> None:
+    """Ten drawn cases alternate between the arms, lie within the time range, and depend only on the seed."""
+    subject = next(subject for subject in ALL if subject.targets == ("left.lift", "right.lift"))
+    faults = subject.faults(10, seed=1, from_ms=4_000, to_ms=50_000)
+    assert [fault.target for fault in faults] == ["left.lift", "right.lift"] * 5
+    assert all(4_000 <= fault.start_ms < 50_000 for fault in faults)
+    assert len({fault.start_ms for fault in faults}) == 10
+    assert subject.faults(10, seed=1, from_ms=4_000, to_ms=50_000) == faults
+    assert subject.faults(10, seed=2, from_ms=4_000, to_ms=50_000) != faults
+
+
+def test_a_fault_set_before_the_run_has_one_case_per_target() -> None:
+    (subject,) = subjects(TWO_TRAYS.twin().plant, ["missing_cells"])
+    faults = subject.faults(10, seed=1, from_ms=4_000, to_ms=50_000)
+    assert [(fault.target, fault.start_ms) for fault in faults] == [("tray_1", 0), ("tray_2", 0)]
+
+
+# --- expectations -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("subject", ALL, ids=str)
+def test_an_expectation_names_existing_alarms_and_monitors_and_a_reason(subject: Subject) -> None:
+    expected = expectation(subject)
+    known = {alarm.key for alarm in build(load_io_map(DEFAULT_IO_MAP)).alarms}
+    assert expected.alarms <= known | {name for name, _ in SUSPENSIONS.values()}
+    assert expected.harm <= {kind.value for kind in Incident} | {monitor.__name__ for monitor in MONITORS}
+    assert expected.note or not (expected.harm or expected.loses or not expected.alarms)
+
+
+def test_every_expectation_belongs_to_a_possible_case() -> None:
+    parts = {(subject.kind, subject.part) for subject in ALL}
+    assert {(kind, part) for kind, table in EXPECTED.items() for part in table if part != "*"} <= parts
+
+
+# --- every kind once ----------------------------------------------------------------------------
+
+SAMPLE: list[tuple[str, str, str]] = [
+    ("stuck_on:left.lift_up@20s..", "lift switches", "left"),
+    ("stuck_off:left.lift_up@20s..", "lift from row", "left"),
+    ("late_sensor:left.slide_at_feed=0.2@20s..", "", ""),
+    ("broken_wire:stop@20s..", "stop_stuck", ""),
+    ("missed_pulses:left.cup_pulse=0.05@20s..", "", ""),
+    ("doubled_pulses:left.cup_pulse=0.05@20s..", "", ""),
+    ("stuck_valve:left.claws@20s..", "", ""),
+    ("slow_valve:right.lift=0.5@20s..", "", ""),
+    ("leak:left.slide.plus=2e-8@20s..", "slide switches", "left"),
+    ("closed_throttle:right.slide.minus=0.02@20s..", "approach row", "right"),
+    ("leaking_check_valve:left.lift.minus=5e-9@20s..", "spread", "left"),
+    ("low_supply:supply=0.1MPa@20s..", "slide to feed", "right"),
+    ("low_claw_supply:supply=0.1MPa@20s..", "", ""),
+    ("failing_supply:compressor=0@20s..", "", ""),
+    ("jammed:left.slide@20s..", "slide to feed", "left"),
+    ("dropping_arm:left.lift=5e-9@20s..", "spread", "left"),
+    ("decoupled_magnet:left.slide=20@20s..", "slide to feed", "left"),
+    ("slipping_belt:left.spreader=15@20s..", "spread", "left"),
+    ("stalled_stepper:conveyor=0.02@20s..", "tray_jam", ""),
+    ("skewed_tray:magazine=8mm@20s..", "", ""),
+    ("missing_tray:magazine@20s..", "no tray", ""),
+    ("missing_cells:tray_1=7", "", ""),
+]
+"""Fault, first signal and its arm for every kind of fault; empty: not detected.
+
+A leaking lift is pressed up on its way out; it sinks when its coil is off, as the claws spread at feed."""
+OF_THE_TRAYS = ("stalled_stepper", "skewed_tray", "missing_tray")
+"""Faults that take effect at the next tray."""
+
+
+def test_the_sample_has_every_kind() -> None:
+    assert [text.partition(":")[0] for text, _, _ in SAMPLE] == list(FAULTS)
+
+
+@pytest.mark.parametrize(("text", "name", "side"), SAMPLE, ids=[text.partition("@")[0] for text, _, _ in SAMPLE])
+def test_a_fault_gives_its_alarm_and_every_seedling_is_counted_once(text: str, name: str, side: str) -> None:
+    """The alarm of the fault comes first; after repair, homing and a start, the trial completes."""
+    fault = parse_fault(text)
+    setting = TWO_TRAYS if fault.kind in OF_THE_TRAYS else ONE_TRAY
+    outcome = run_case(fault, setting)
+    signal = outcome.signal or Signal("", "", 0)
+    assert (signal.name, signal.side) == (name, side)
+    assert outcome.rounds == bool(name)
+    assert complaints(subject_of(fault), outcome) == []
+    counts = outcome.counts
+    assert counts.in_tray + counts.in_claw + counts.in_cups + counts.P + counts.D + counts.T == counts.total
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("kind", FAULTS)
+def test_every_part_at_three_moments(kind: str) -> None:
+    rows = run_matrix(subjects(TWO_TRAYS.twin().plant, [kind]), TWO_TRAYS, moments=3, jobs=1)
+    assert [finding for row in rows for finding in row.findings] == []
+
+
+# --- judgement ----------------------------------------------------------------------------------
+
+JAM = parse_fault("jammed:left.slide@20s..")
+SIGNAL = Signal("slide to feed", "left", 25_500, "left arm: slide to feed", 4_950, 5_000)
+SOUND = Outcome(JAM, SeedlingCounts(0, 0, 68, 1, 2, 1, 72), lost=0, signal=SIGNAL, state="HELD", rounds=1)
+
+DEVIATIONS: list[tuple[Callable[[Outcome], Outcome], str]] = [
+    (lambda o: replace(o, signal=SIGNAL._replace(name="lift from row")), "first signal lift from row, expected"),
+    (lambda o: replace(o, signal=SIGNAL._replace(side="right")), "signal of the right arm: slide to feed"),
+    (lambda o: replace(o, signal=SIGNAL._replace(in_step_ms=5_030)), "signal after 5030 ms in left arm: slide to feed"),
+    (lambda o: replace(o, trips={"arms_collide": "both inside"}), "monitor arms_collide: both inside"),
+    (lambda o: replace(o, away=["right"]), "the right arm did not return to feed"),
+    (lambda o: replace(o, rounds=2), "stopped again after the repair, 1 times"),
+    (lambda o: replace(o, lost=12), "12 seedlings lost"),
+    (lambda o: replace(o, lost=12, signal=None), "12 seedlings lost without a signal"),
+    (lambda o: replace(o, counts=replace(o.counts, in_tray=12, in_cups=56)), "12 seedlings left in trays, 0 in claws"),
+    (lambda o: replace(o, reason="2 trays counted, not 1"), "not recovered: 2 trays counted, not 1"),
+]
+
+
+def test_a_sound_case_gives_no_complaint() -> None:
+    assert complaints(subject_of(JAM), SOUND) == []
+    assert complaints(subject_of(JAM), replace(SOUND, signal=SIGNAL._replace(in_step_ms=5_020))) == []
+
+
+@pytest.mark.parametrize(("deviate", "complaint"), DEVIATIONS, ids=[text for _, text in DEVIATIONS])
+def test_each_deviation_gives_exactly_one_complaint(deviate: Callable[[Outcome], Outcome], complaint: str) -> None:
+    (text,) = complaints(subject_of(JAM), deviate(SOUND))
+    assert text.startswith(complaint)
+
+
+def test_a_cup_count_alarm_of_either_row_is_accepted() -> None:
+    fault = parse_fault("jammed:left.cups@20s..")
+    outcome = replace(SOUND, fault=fault, signal=Signal("cup counts", "right", 26_000))
+    assert complaints(subject_of(fault), outcome) == []
+
+
+def test_a_violation_is_accepted_only_where_it_is_expected() -> None:
+    """The same violation is accepted for a stuck claw valve and rejected for a jammed slide."""
+    claws = parse_fault("stuck_valve:left.claws@20s..")
+    trips = {"gentle_inward": "closed"}
+    assert complaints(subject_of(claws), replace(SOUND, fault=claws, signal=None, trips=trips)) == []
+    assert len(complaints(subject_of(JAM), replace(SOUND, trips=trips))) == 1
+
+
+# --- table, files and command -------------------------------------------------------------------
+
+
+def test_the_table_contains_signal_times_and_losses() -> None:
+    later = replace(SOUND, signal=SIGNAL._replace(at_ms=29_000, in_step_ms=4_960), lost=2, in_doubt=12)
+    row = MatrixRow(subject_of(JAM), [SOUND, later, replace(SOUND, signal=None, state="COMPLETE", rounds=0)])
+    assert row.cells() == (
+        "`jammed:slide`",
+        "3",
+        "2",
+        "slide to feed 2",
+        "5.5 / 7.2 / 9.0",
+        "4960 of 5000",
+        "HELD 2, COMPLETE 1",
+        "0 to 2",
+        "0 to 12",
+        "3 of 3",
+        "-",
+        "1",
+    )
+    assert "- jammed:left.slide@20000ms..: 2 seedlings lost" in markdown([row]).splitlines()
+    assert "None." in markdown([MatrixRow(subject_of(JAM), [SOUND])]).splitlines()
+    assert summary([row], 3.0).splitlines()[0].startswith("1 faults, 3 trials in 3 s: 2 with a signal")
+
+
+def test_a_csv_line_equals_the_record() -> None:
+    row = MatrixRow(subject_of(JAM), [replace(SOUND, asked=["left loaded", "tray"], trips={"double": "cup 3, again"})])
+    (line,) = csv.DictReader(as_csv([row]).splitlines())
+    (record,) = records([row])
+    assert tuple(line) == tuple(record) == COLUMNS
+    assert (line["after_ms"], line["asked"], line["monitors"]) == ("5500", "left loaded; tray", "double: cup 3, again")
+    assert line["recovered"] == "True"
+
+
+def test_the_page_has_every_row_and_every_note() -> None:
+    """The generated table on the page contains a row for every current fault, and every note."""
+    page = (DOCS / "fault-matrix.md").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in page if line.startswith("| `")]
+    assert rows == [f"`{subject}`" for subject in ALL]
+    notes = [f"- `{subject}`: {expectation(subject).note}" for subject in ALL if expectation(subject).note]
+    assert [line for line in page if line.startswith("- `")] == notes
+
+
+def run(*arguments: str) -> int:
+    return main(["faults", "--trays", "1", "--jobs", "1", *arguments])
+
+
+def test_the_command_writes_table_csv_and_json_and_ends_with_0(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "new" / "folder"
+    assert run("--fault", "broken_wire:start", "--moments", "2", "--out", str(folder)) == 0
+    assert capsys.readouterr().out.splitlines()[1:3] == ["without a signal: broken_wire:start", "findings: none"]
+    assert "| `broken_wire:start` | 2 | 0 |" in (folder / "fault-matrix.md").read_text(encoding="utf-8")
+    assert len((folder / "fault-matrix.csv").read_text(encoding="utf-8").splitlines()) == 3
+    assert [case["recovered"] for case in json.loads((folder / "fault-matrix.json").read_text())] == [True, True]
+
+
+def test_a_finding_is_reported_and_gives_exit_code_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An alarm other than the expected one is a finding."""
+    table = {**EXPECTED["broken_wire"], "stop": Expectation(frozenset({"tray_jam"}))}
+    monkeypatch.setitem(matrix_expected.EXPECTED, "broken_wire", table)
+    assert run("--fault", "broken_wire:stop", "--moments", "1") == 1
+    *_, head, finding = capsys.readouterr().out.splitlines()
+    assert head == "findings: 1"
+    assert finding.endswith("first signal stop_stuck, expected tray_jam")
+
+
+def test_parallel_processes_give_the_same_results_as_one() -> None:
+    rows = [subject for subject in ALL if subject.kind == "broken_wire" and subject.part in {"start", "stop"}]
+    one, two = (run_matrix(rows, ONE_TRAY, moments=2, jobs=jobs) for jobs in (1, 2))
+    assert records(one) == records(two)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ([], "faults: give either --all, or --fault"),
+        (["--all", "--fault", "leak"], "faults: give either --all, or --fault"),
+        (["--fault", "lek"], "lek: unknown fault; did you mean leak?"),
+        (["--fault", "jammed:left.slid"], "jammed:left.slid: is not a wired moving part; did you mean left.slide?"),
+        (["--fault", "stuck_on:air_pressure_ok"], "stuck_on:air_pressure_ok: is not a wired sensor"),
+        (["--all", "--moments", "0"], "--moments 0: give 1 to 1000"),
+        (["--all", "--jobs", "0"], "--jobs 0: give 1 to 1000"),
+        (["--all", "--out", "/dev/null/x"], "--out /dev/null/x: Not a directory; name another folder"),
+    ],
+)
+def test_invalid_options_are_rejected_in_one_line(
+    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*arguments) == 2
+    written = capsys.readouterr()
+    assert written.out == ""
+    (line,) = written.err.splitlines()
+    assert line.startswith(complaint)
+
+
+@pytest.mark.parametrize("jobs", first_of(["1", "2"]))
+def test_an_interrupt_ends_quietly_and_writes_nothing(
+    jobs: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C at the first result cancels the cases that have not started."""
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Progress, "update", interrupt)
+    assert run("--fault", "broken_wire:start", "--jobs", jobs, "--moments", "1000", "--out", str(tmp_path)) == 130
+    assert list(tmp_path.iterdir()) == []
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_the_undisturbed_trial_is_the_reference() -> None:
+    sound = undisturbed(ONE_TRAY)
+    assert 2_000 < sound.begins_ms < 10_000
+    assert 40_000 < sound.ends_ms < 90_000
+    assert sound.counts.in_tray == sound.counts.in_claw == 0
+    assert sound.cycles == 2 * len(SIDES) * 2

@@ -1,0 +1,148 @@
+"""Telemetry in the input registers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+
+from plant_sim.crop.incident import Incident
+from plant_sim.crop.seedling import Location
+from plant_sim.links.telemetry import TELEMETRY, TELEMETRY_REGISTERS, read_telemetry, telemetry_table
+from plant_sim.machine.plant import Event
+from tests.controller.common.modbus_rig import Client, Rig, read_raw_registers, read_registers
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    with Rig() as rig:
+        yield rig
+
+
+@pytest.fixture
+def client(rig: Rig) -> Client:
+    return rig.client()
+
+
+def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
+    offset = 0
+    for point in TELEMETRY:
+        assert point.offset == offset, point.name
+        offset += point.words
+    assert offset == TELEMETRY_REGISTERS == 35
+    assert len({point.name for point in TELEMETRY}) == len(TELEMETRY)
+
+
+def test_telemetry_of_a_machine_in_its_initial_state(client: Client) -> None:
+    """Two full trays, arms at feed against their bumpers, down and open; no writes yet."""
+    telemetry = read_registers(client)
+    assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms", "S_pct"))
+    arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "clamp_n": -7.8, "missed_cups": 0}
+    assert telemetry == {
+        **{f"{side}.{name}": value for side in ("left", "right") for name, value in arm.items()},
+        "in_tray": 144,
+        "in_claw": 0,
+        "in_cups": 0,
+        "P": 0,
+        "D": 0,
+        "T": 0,
+        "total": 144,
+        "time_ms": 0,
+        "watchdog_state": 0,
+        "y_image": 0,
+        "incidents": 0,
+        "planting_frequency_per_min": 45.0,
+        "main_pressure_kpa": 500.0,
+        "claw_pressure_kpa": 400.0,
+    }
+
+
+def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
+    """Every value is set to a distinct number and read back."""
+    plant = rig.module.plant
+
+    def change() -> None:
+        plant.left.place(x_m=0.1234, y_m=0.0456, travel_m=0.0789, is_open=False)
+        plant.right.place(x_m=0.2345, y_m=0.0567, travel_m=0.0891, is_open=True)
+        plant.planting_frequency_per_min = 60.5
+        for place, count in enumerate([0, 0, 2, 0, 3, 4, 5, 6]):  # by number of Location
+            standing = [seedling for seedling in plant.seedlings if seedling.location == Location.STANDING]
+            for seedling in standing[:count]:
+                plant.seedlings.move(seedling, Location(place))
+        plant.left.row.missed_cups, plant.right.row.missed_cups = 7, 8
+        plant.conveyor.front_m[1] = plant.conveyor.front_m[0] - plant.conveyor.offset_m(0)
+        plant.events += [Event(0, Incident.TORN, "made up")] * 9
+        plant.time_ms = 70_000
+        rig.module.write_outputs(0, [False] * 17 + [True])
+        rig.module.tripped_at_ms = 69_000
+
+    rig.thread.call(change)
+    telemetry = read_registers(client)
+    left = {
+        "slide_mm": 123.4,
+        "lift_mm": 45.6,
+        "spreader_mm": 78.9,
+        "claw_deg": -10.0,
+        "clamp_n": 7.8,
+        "missed_cups": 7,
+    }
+    right = {
+        "slide_mm": 234.5,
+        "lift_mm": 56.7,
+        "spreader_mm": 89.1,
+        "claw_deg": 30.0,
+        "clamp_n": -7.8,
+        "missed_cups": 8,
+    }
+    assert telemetry == {
+        **{f"left.{name}": value for name, value in left.items()},
+        **{f"right.{name}": value for name, value in right.items()},
+        "in_tray": 124,
+        "in_claw": 2,
+        "in_cups": 3,
+        "P": 4,
+        "D": 5,
+        "T": 6,
+        "total": 144,
+        "time_ms": 70_000,
+        "last_write_ms": 70_000,
+        "tripped_at_ms": 69_000,
+        "watchdog_state": 1,
+        "y_image": 1 << 17,
+        "incidents": 9,
+        "tray_at_pick": 1,
+        "planting_frequency_per_min": 60.5,
+        "main_pressure_kpa": 500.0,
+        "claw_pressure_kpa": 400.0,
+        "S_pct": 16.67,
+    }
+    registers = read_raw_registers(client)
+    assert registers[:2] == (1, 4_464), "high word first"
+    assert registers[12] == 1_234, "0.1 mm"
+    assert registers[15] == 65_536 - 100, "0.1 degree, two's complement"
+
+
+def test_an_absent_value_is_all_bits_and_an_overflow_is_clipped(rig: Rig, client: Client) -> None:
+    def change() -> None:
+        rig.module.plant.planting_frequency_per_min = 1e6
+        rig.module.tripped_at_ms = 1 << 40
+
+    assert read_raw_registers(client)[22:26] == (0xFFFF,) * 4
+    rig.thread.call(change)
+    telemetry = read_registers(client)
+    assert telemetry["planting_frequency_per_min"] == 6_553.5
+    assert telemetry["tripped_at_ms"] == 0xFFFF_FFFE, "which is not never"
+
+
+@pytest.mark.parametrize("count", [0, TELEMETRY_REGISTERS - 1, TELEMETRY_REGISTERS + 1])
+def test_decoding_requires_all_registers(count: int) -> None:
+    with pytest.raises(ValueError, match=f"35 registers, not {count}"):
+        read_telemetry([0] * count)
+
+
+def test_the_documentation_table_has_a_row_for_every_value() -> None:
+    heading, *rows = telemetry_table()
+    assert [len(row) for row in rows] == [len(heading)] * len(TELEMETRY)
+    assert rows[0] == ("0", "2", "time_ms", "1", "plant time")
+    assert rows[14] == ("15", "1", "left.claw_deg", "0.1, signed", "left claw fingers, open is positive")

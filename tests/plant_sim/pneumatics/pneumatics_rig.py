@@ -1,0 +1,244 @@
+"""Test bench for cylinders and their air: inputs are the coil levels, outputs the states of every step."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.common.compiled import compiled_and_cached
+from plant_sim.machine.parameters import Value, load_machine
+from plant_sim.machine.plant import Plant
+from plant_sim.pneumatics.chamber import GAS, exchange, fill, resize, set_ambient, settle
+from plant_sim.pneumatics.cylinder import CYLINDER, CYLINDER_PARAMS, is_at_rest, step_cylinder
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+from plant_sim.pneumatics.supply import SUPPLY, SUPPLY_PARAMS, settle_supply, step_supply
+
+IO_MAP = load_io_map(DEFAULT_IO_MAP)
+MACHINE = load_machine()
+
+SLIDE, LIFT, CLAWS = range(3)
+"""Index of each cylinder of an arm on the bench."""
+
+PLUS, MINUS, OFF = (True, False), (False, True), (False, False)
+"""Coil levels of one cylinder."""
+
+NO_HEAT_S = 1e12
+"""Wall time constant for which air exchanges practically no heat, s."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Recorded states.
+
+    Attributes:
+        cylinders: Records `CYLINDER`, one row per recorded step, one column per cylinder.
+        supply: Records `SUPPLY`, one per recorded step.
+    """
+
+    cylinders: NDArray[Any]
+    supply: NDArray[Any]
+
+
+class Bench:
+    """Supply with some cylinders.
+
+    Attributes:
+        gas: Record `GAS` in an array of one, like all records below.
+        supply: Record `SUPPLY`.
+        supply_params: Record `SUPPLY_PARAMS`.
+        cylinders: Records `CYLINDER`.
+        all_params: Records `CYLINDER_PARAMS`.
+        ideal: True if the manifold pressure is constant whatever the consumption.
+    """
+
+    def __init__(self, cylinders: int, *, ideal: bool, step_s: float = 0.001) -> None:
+        self.gas = np.zeros(1, GAS)
+        self.gas[0] = (1.2, MACHINE.air.wall_time_s, 0, 0.0, step_s)
+        self.supply, self.supply_params = np.zeros(1, SUPPLY), np.zeros(1, SUPPLY_PARAMS)
+        self.cylinders, self.all_params = np.zeros(cylinders, CYLINDER), np.zeros(cylinders, CYLINDER_PARAMS)
+        self.ideal = ideal
+        set_ambient(self.supply[0]["outside"])
+        set_ambient(self.supply[0]["manifold"])
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return float(self.gas[0]["step_s"])
+
+    def feed(self, gauge_pa: float) -> None:
+        """Set the pressure of an ideal manifold."""
+        set_ambient(self.supply[0]["manifold"])
+        self.supply[0]["manifold"]["pressure_pa"] = ATMOSPHERE_PA + gauge_pa
+
+    def run(self, for_s: float, coils: Any = OFF, *, fed: Any = True, every: int = 1, skip_rest: bool = False) -> Trace:
+        """Drive the coils.
+
+        Args:
+            for_s: Duration, s.
+            coils: Levels (plus, minus) for all cylinders, one pair per cylinder, or pairs for each step.
+            fed: True if the relay energises the dump valve; one value or one per step.
+            every: Number of steps per recorded step.
+            skip_rest: True to skip cylinders at rest, like the kernel.
+        """
+        steps, count = round(for_s / self.step_s), len(self.cylinders)
+        every_coil = np.ascontiguousarray(np.broadcast_to(np.asarray(coils, np.bool_), (steps, count, 2)))
+        every_fed = np.ascontiguousarray(np.broadcast_to(np.asarray(fed, np.bool_), (steps,)))
+        flat_cylinders, flat_supply = self.cylinders.view("f8"), self.supply.view("f8")
+        seen_cylinders = np.empty((steps // every, flat_cylinders.size))
+        seen_supply = np.empty((steps // every, flat_supply.size))
+        _drive(
+            self.supply,
+            self.supply_params,
+            self.cylinders,
+            self.all_params,
+            self.gas,
+            every_coil,
+            every_fed,
+            self.ideal,
+            skip_rest,
+            flat_cylinders,
+            flat_supply,
+            seen_cylinders,
+            seen_supply,
+            every,
+        )
+        return Trace(seen_cylinders.view(CYLINDER), seen_supply.view(SUPPLY)[:, 0])
+
+    def air_kg(self) -> float:
+        """Total air mass, kg: in every chamber, plus exhausted air less intake."""
+        network, lines = self.supply[0], [self.cylinders["plus"], self.cylinders["minus"]]
+        inside = sum(float(line[part]["mass_kg"].sum()) for line in lines for part in ("tube", "chamber"))
+        names = ("receiver", "header", "manifold", "claw_reservoir", "claw_manifold", "outside")
+        return inside + sum(float(network[name]["mass_kg"]) for name in names)
+
+
+@compiled_and_cached
+def _drive(
+    supply: Any,
+    supply_params: Any,
+    cylinders: Any,
+    all_params: Any,
+    gas: Any,
+    coils: Any,
+    fed: Any,
+    ideal: bool,
+    skip_rest: bool,
+    flat_cylinders: Any,
+    flat_supply: Any,
+    seen_cylinders: Any,
+    seen_supply: Any,
+    every: int,
+) -> None:
+    """Step like the kernel: supply, cylinders, then the supply settles. The third cylinder uses claw air."""
+    s, air = supply[0], gas[0]
+    for step in range(len(fed)):
+        if not ideal:
+            step_supply(s, supply_params[0], fed[step], air)
+        for number in range(len(cylinders)):
+            manifold = s.claw_manifold if number == 2 else s.manifold
+            c, params, plus, minus = (
+                cylinders[number],
+                all_params[number],
+                coils[step, number, 0],
+                coils[step, number, 1],
+            )
+            if not (skip_rest and is_at_rest(c, params, plus, minus, manifold)):
+                step_cylinder(c, params, plus, minus, manifold, s.outside, air)
+        if not ideal:
+            settle_supply(s, air)
+        if (step + 1) % every == 0:
+            row = (step + 1) // every - 1
+            seen_cylinders[row] = flat_cylinders
+            seen_supply[row] = flat_supply
+
+
+def machine_bench(values: dict[str, Value] | None = None, *, step_s: float = 0.001) -> Bench:
+    """Return slide, lift and claws of one arm with the supply of the machine, in the state after a normal stop.
+
+    Args:
+        values: Parameters that differ from ``machine.yaml``, by dotted name.
+        step_s: Length of a step, s.
+    """
+    plant = Plant(IO_MAP, MACHINE.with_values(values or {}), seed=1)
+    state, params = plant.state[0], plant.params[0]
+    bench = Bench(3, ideal=False, step_s=step_s)
+    bench.gas[0] = params["gas"]
+    bench.gas[0]["step_s"] = step_s
+    bench.supply[0], bench.supply_params[0] = state["air"]["network"], params["air"]["network"]
+    for number, name in enumerate(("slide", "lift", "claws")):
+        bench.cylinders[number], bench.all_params[number] = state["arms"][0][name], params["arms"][0][name]
+    return bench
+
+
+def textbook_bench(
+    bore_m: float,
+    rod_m: float = 0.0,
+    *,
+    stroke_m: float = 1.0,
+    load_kg: float = 10.0,
+    throttle_m3_s_pa: float = 1e-7,
+    step_s: float = 0.001,
+) -> Bench:
+    """Return a bench with one rigid, frictionless cylinder, ideal supply, wide valves and lines; vented, at position 0.
+
+    Args:
+        bore_m: Bore, m.
+        rod_m: Diameter of the rod, m.
+        stroke_m: Stroke, m.
+        load_kg: Moving mass, kg.
+        throttle_m3_s_pa: Meter-out throttles, m3/(s Pa).
+        step_s: Length of a step, s.
+    """
+    bench = Bench(1, ideal=True, step_s=step_s)
+    params = bench.all_params[0]
+    params["stroke_m"], params["load_kg"], params["cushion_share"] = stroke_m, load_kg, 1.0
+    params["plus_area_m2"] = np.pi / 4 * bore_m**2
+    params["minus_area_m2"] = np.pi / 4 * (bore_m**2 - rod_m**2)
+    params["friction"]["stribeck_m_s"] = 0.05
+    valve = params["valve"]
+    valve["spool_s"], valve["conductance_m3_s_pa"], valve["critical_ratio"] = 0.004, 1e-7, 0.3
+    for line in (params["plus"], params["minus"]):
+        line["tube_m3_s_pa"], line["tube_m3"], line["dead_m3"] = 1e-6, 20e-6, 40e-6
+        line["free_m3_s_pa"], line["throttle_m3_s_pa"], line["critical_ratio"] = 1e-7, throttle_m3_s_pa, 0.3
+    put(bench, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA)
+    return bench
+
+
+def put(bench: Bench, number: int, position_m: float, plus_pa: float, minus_pa: float) -> None:
+    """Set a cylinder to a position at rest, with absolute chamber pressures and vented tubes."""
+    c, params, gas = bench.cylinders[number], bench.all_params[number], bench.gas[0]
+    c["position_m"] = c["piston_m"] = position_m
+    c["speed_m_s"] = c["piston_m_s"] = c["magnet_n"] = 0.0
+    c["decoupled"] = 0
+    ahead_m = float(params["stroke_m"]) - position_m
+    for line, area_m2, long_m, pressure_pa in (
+        ("plus", params["plus_area_m2"], position_m, plus_pa),
+        ("minus", params["minus_area_m2"], ahead_m, minus_pa),
+    ):
+        fill(c[line]["chamber"], float(params[line]["dead_m3"]) + float(area_m2) * long_m, pressure_pa, gas)
+        fill(c[line]["tube"], float(params[line]["tube_m3"]), ATMOSPHERE_PA, gas)
+
+
+@compiled_and_cached
+def squeeze(chamber: Any, gas: Any, volumes_m3: Any) -> None:
+    """Change the volume of a closed chamber (array of one) to each of the given volumes, one per step."""
+    for volume_m3 in volumes_m3:
+        resize(chamber[0], volume_m3, gas[0])
+        settle(chamber[0], gas[0])
+
+
+@compiled_and_cached
+def join(
+    chambers: Any, gas: Any, conductance_m3_s_pa: float, critical_ratio: float, steps: int, endless: bool, seen_pa: Any
+) -> None:
+    """Exchange air between two chambers; if endless, the first one never empties. `seen_pa` records both pressures."""
+    a, b, air = chambers[0], chambers[1], gas[0]
+    for step in range(steps):
+        exchange(a, b, conductance_m3_s_pa, critical_ratio, air.step_s)
+        if not endless:
+            settle(a, air)
+        settle(b, air)
+        seen_pa[step, 0] = a.pressure_pa
+        seen_pa[step, 1] = b.pressure_pa

@@ -1,0 +1,170 @@
+"""Calibration of the seedling in machine.yaml against eq. 5 and every statement of the paper."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from plant_sim.crop.expectation import Shares
+from plant_sim.crop.mechanics import SeedlingSpec
+from plant_sim.crop.response import CropSpec
+from plant_sim.machine.parameters import load_machine
+from plant_sim.study.pepper.calibration import (
+    FITTED,
+    calibrate,
+    courses,
+    design_region,
+    differences,
+    middle,
+    statement_residuals,
+    success_at,
+)
+from plant_sim.study.pepper.calibration_study import calibration_study
+from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion
+from plant_sim.study.report.parts import Table
+from tests.paths import DOCS
+
+MACHINE = load_machine()
+SPEC = MACHINE.seedling
+GUIDE = DOCS / "seedling.md"
+
+
+@pytest.fixture(scope="module")
+def motion() -> NominalMotion:
+    return nominal_motion(MACHINE)
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def percent(shares: Shares, name: str) -> NDArray[np.float64]:
+    return np.broadcast_to(100 * np.asarray(getattr(shares, name)), (7,))
+
+
+def test_the_design_region_is_that_of_the_crop() -> None:
+    points = np.array(design_region()).T
+    assert len(points) == 1_357
+    assert not any(CropSpec(*point).extrapolates for point in points)
+
+
+def test_nominal_motion_reproduces_eq_5_within_half_a_point(motion: NominalMotion) -> None:
+    off = differences(SPEC, motion)
+    assert rms(off) < 0.5
+    assert np.abs(off).max() < 2.0
+    best = success_at(SPEC, motion, 10.0, 51.0, 0.40)
+    assert best == pytest.approx(94.93, abs=0.1)
+
+
+def test_other_motion_does_not_reproduce_eq_5(motion: NominalMotion) -> None:
+    late = [row._replace(throw_along_m=0.006) for row in motion.rows]
+    assert rms(differences(SPEC, dataclasses.replace(motion, rows=tuple(late)))) > 1.0
+
+
+def test_the_nominal_motion_is_the_motion_of_the_twin(motion: NominalMotion) -> None:
+    """In two trays, offsets are within the slide's switch band and tray tolerance; the force is 7.8 N at 0.4 MPa."""
+    assert len(motion.rows) == 12
+    assert all(abs(row.across_m) < 0.006 and abs(row.along_m) < 0.005 for row in motion.rows)
+    assert all(abs(row.throw_along_m) < 0.002 and row.throw_across_m < 0.003 for row in motion.rows)
+    assert motion.force_n_mpa == pytest.approx(7.8e-7 * 1e6 / 0.040, rel=0.01)
+    assert all(8.0 < row.held_s < 14.0 for row in motion.rows)
+
+
+def test_foam(motion: NominalMotion) -> None:
+    """Up to 7.5 mm there are few P and many D; from 15 mm on, more P and far fewer D; T hardly changes."""
+    foam = courses(SPEC, motion).foam
+    p, d, t = (percent(foam, name) for name in "PDT")
+    assert p[:3].max() < min(3.5, p[4])
+    assert (d[:2] > 3 * p[:2]).all()
+    assert (np.diff(d) < 0).all()
+    assert d[5:].max() < 1.0
+    assert p[6] > p[5] > 2 * p[3]
+    assert np.ptp(t) < 3.5
+    assert np.ptp(t) < min(np.ptp(p), np.ptp(d)) / 4
+
+
+def test_age(motion: NominalMotion) -> None:
+    """Up to 43 d P and D are high; from 52 d on both fall further. The 9 points that eq. 5 loses there are all T."""
+    age = courses(SPEC, motion).age
+    p, d, t = (percent(age, name) for name in "PDT")
+    assert (p[:2] > 1.5 * p[4]).all()
+    assert (d[:2] > 3 * d[4]).all()
+    assert (np.diff(p) < 0).all()
+    assert (np.diff(d) < 0.01).all()
+    assert d[6] < d[4]
+    success = np.asarray(age.success_percent)
+    assert success[4] - success[6] == pytest.approx(8.9, abs=1.0)
+    assert t[6] - t[4] > success[4] - success[6]
+
+
+def test_pressure(motion: NominalMotion) -> None:
+    """Up to 0.25 MPa plugs stay in the tray; from 0.65 MPa on stems are cut; T and D fall fast, then rise a little."""
+    pressure = courses(SPEC, motion).pressure
+    slipped, cut, d, t = (percent(pressure, name) for name in ("slipped", "cut", "D", "T"))
+    assert (slipped[:2] > 8.0).all()
+    assert cut[:2].max() < 0.5
+    assert (cut[5:] > 15.0).all()
+    assert slipped[5:].max() < 0.5
+    assert t[0] - t[2] > 5.0
+    assert 0.0 < t[6] - t[3] < 2.0
+    assert 0.3 < d[6] - d[3] < 3.0
+    assert d.max() < 4.0
+
+
+def test_the_residuals_of_the_statements_are_small(motion: NominalMotion) -> None:
+    """The residuals are deviations from the targets of the fit, in percentage points."""
+    assert statement_residuals(SPEC, motion).max() < 1.5
+
+
+@pytest.mark.nightly
+def test_the_fit_converges_to_the_values_of_the_file_from_another_start(motion: NominalMotion) -> None:
+    """A fit from the middle of all bounds gives the same constants within 1 % of their range."""
+    found = calibrate(middle(SPEC), motion)
+    for name, (low, high) in FITTED.items():
+        assert getattr(found, name) == pytest.approx(getattr(SPEC, name), abs=0.01 * (high - low)), name
+
+
+def test_only_the_named_constants_are_fitted(motion: NominalMotion) -> None:
+    assert set(FITTED) < set(SeedlingSpec.__slots__)
+    for name, (low, high) in FITTED.items():
+        assert low <= getattr(SPEC, name) <= high
+
+
+def test_the_tables_of_the_guide_contain_the_calculated_courses(motion: NominalMotion) -> None:
+    """The rows P, D and T of the guide's three tables agree, in percent to one decimal."""
+    rows = re.findall(r"^\| ([PDT]) \| ([\d. |]+) \|$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert [name for name, _ in rows] == list("PDT") * 3
+    for (name, cells), course in zip(rows, [each for each in courses(SPEC, motion) for _ in range(3)], strict=True):
+        printed = [float(cell) for cell in cells.split(" | ")]
+        assert printed == pytest.approx(percent(course, name).tolist(), abs=0.051), name
+
+
+def test_the_guide_names_the_constants_at_a_bound() -> None:
+    (at_bound_text,) = re.findall(r"are at a bound: ([^.]*)\.", GUIDE.read_text(encoding="utf-8"))
+    at_bounds = {name for name, bounds in FITTED.items() if np.isclose(getattr(SPEC, name), bounds, rtol=1e-3).any()}
+    assert set(re.findall(r"`(\w+)`", at_bound_text)) == at_bounds
+
+
+def test_the_guide_contains_the_quality_of_the_fit(motion: NominalMotion) -> None:
+    off = differences(SPEC, motion)
+    text = GUIDE.read_text(encoding="utf-8")
+    assert f"| root mean square | {rms(off):.2f} |" in text
+    assert f"| largest | {np.abs(off).max():.1f} |" in text
+    assert f"{len(off):,} points of the design region" in text
+
+
+def test_the_study_compares_the_machine_with_a_new_fit(motion: NominalMotion) -> None:
+    study = calibration_study(MACHINE, seed=1)
+    tables = {part.name: part for part in study.parts if isinstance(part, Table)}
+    assert len(tables["motion"].rows) == 12
+    assert [row[0] for row in tables["constants"].rows] == list(FITTED)
+    assert [row[1] for row in tables["constants"].rows] == [getattr(SPEC, name) for name in FITTED]
+    agreement = study.record["agreement"]
+    assert isinstance(agreement, dict)
+    assert agreement["machine"]["rms"] == pytest.approx(agreement["fit"]["rms"], abs=0.02)
+    assert json.loads(study.json())["single_factor"]["age"]["T"][6] == pytest.approx(
+        percent(courses(SPEC, motion).age, "T")[6]
+    )

@@ -1,0 +1,269 @@
+"""Throughput study: set-points by frequency, limits by bisection, and the recommendation."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.tags import ROWS, SetPoints
+from plant_sim.machine.parameters import load_machine
+from plant_sim.scope.style import save
+from plant_sim.study.errors import StudyError
+from plant_sim.study.report.parts import Picture, Table
+from plant_sim.study.report.study import Study, drawing
+from plant_sim.study.runner import RunOptions
+from plant_sim.study.throughput.bottleneck import first_late
+from plant_sim.study.throughput.chart import gantt_chart
+from plant_sim.study.throughput.driving import CONFIRMING_TRIALS, ground_speed_km_h
+from plant_sim.study.throughput.pace import (
+    FASTEST_PER_MIN,
+    FREQUENCY,
+    SLOWEST_PER_MIN,
+    CyclePaces,
+    highest,
+    landing_offset_mm,
+    setting_at,
+)
+from plant_sim.study.throughput.study import throughput_study
+from plant_sim.study.throughput.timeline import ARM
+from plant_sim.twin.trial import run_trial
+
+MACHINE = load_machine()
+FREQUENCIES = (50, 60)
+OPTIONS = RunOptions(trials=1, seed=3, workers=1, machine=MACHINE, io_map=load_io_map(DEFAULT_IO_MAP))
+
+
+@cache
+def paces() -> CyclePaces:
+    """Return the paces of the default machine, observed once for all tests."""
+    return CyclePaces(OPTIONS)
+
+
+@cache
+def study() -> Study:
+    """Return a study between a pace without gaps and one with gaps."""
+    return throughput_study(OPTIONS, frequencies_per_min=FREQUENCIES, spacing_m=0.5)
+
+
+def test_the_set_points_at_the_default_frequency_are_the_defaults_of_the_program() -> None:
+    """The defaults of the program are for 45 cups/min."""
+    set_points = SetPoints()
+    first = dict(set_points.defaults)
+    assert setting_at(MACHINE, 45).set_points() == {
+        "release_delay": first[set_points.release_delay],
+        "no_cups": first[set_points.no_cups],
+    }
+
+
+@pytest.mark.parametrize("frequency", [SLOWEST_PER_MIN, 20, 45, 55])
+def test_plugs_land_in_the_middle_while_the_cup_sensor_is_far_enough_ahead(frequency: int) -> None:
+    """The tolerance is half a count of the release delay, which is 5 ms of chain travel."""
+    chain_mm_s = frequency * 1000 * MACHINE.cups.pitch_m / 60
+    assert abs(landing_offset_mm(MACHINE, setting_at(MACHINE, frequency))) <= 0.005 * chain_mm_s + 1e-9
+
+
+def test_plugs_land_late_but_in_their_cups_up_to_90_per_minute() -> None:
+    """The delay is zero, so the offset grows with the speed of the chain."""
+    offsets = [landing_offset_mm(MACHINE, setting_at(MACHINE, frequency)) for frequency in (60, 75, 90)]
+    assert 0 < offsets[0] < offsets[1] < offsets[2] < 1000 * MACHINE.cups.catch_m
+    assert setting_at(MACHINE, 90).set_points() == {"release_delay": 0, "no_cups": 20}
+
+
+@pytest.mark.parametrize("frequency", [SLOWEST_PER_MIN - 1, FASTEST_PER_MIN + 1])
+def test_a_frequency_out_of_range_is_rejected_before_the_first_trial(frequency: int) -> None:
+    """The error is one line with key, value and range."""
+    with pytest.raises(StudyError, match=rf"^cups\.planting_frequency_per_min: {frequency} .*give 12 to 150$"):
+        throughput_study(OPTIONS, frequencies_per_min=[45, frequency])
+
+
+@pytest.mark.parametrize("spacing_m", [0.0, -1.0, 2.5, float("nan")])
+def test_an_invalid_plant_spacing_is_rejected(spacing_m: float) -> None:
+    """No trial runs."""
+    with pytest.raises(StudyError, match=r"^--spacing: .* give 5 cm to 2 m$"):
+        throughput_study(OPTIONS, spacing_m=spacing_m)
+
+
+def test_an_empty_list_of_frequencies_is_rejected() -> None:
+    """The error is raised before the first trial."""
+    with pytest.raises(StudyError, match=r"^--frequencies: is empty"):
+        throughput_study(OPTIONS, frequencies_per_min=[])
+
+
+@given(st.sets(st.integers(1, 200), min_size=1), st.integers(0, 201), st.integers(1, 200))
+def test_bisection_finds_the_limit_with_the_fewest_tests(tried: set[int], limit: int, lowest: int) -> None:
+    """The result is the limit if two start frequencies, or the lowest frequency and one of them, enclose it."""
+    asked: list[int] = []
+
+    def is_good(frequency: int) -> bool:
+        asked.append(frequency)
+        return frequency <= limit
+
+    frequencies = sorted(tried)
+    found = highest(frequencies, is_good, lowest=lowest)
+    if limit < min(frequencies[0], lowest) or limit < frequencies[0] <= lowest:
+        assert found is None
+    else:
+        assert found == min(limit, frequencies[-1])
+    assert len(asked) <= len(frequencies) + 9
+
+
+def test_the_search_continues_below_the_first_frequency() -> None:
+    """If 54 and 55 are bad, the result is 52 if it is good, and None if the slowest frequency is bad too."""
+    assert highest((54, 55), lambda frequency: frequency <= 52) == 52
+    assert highest((54, 55), lambda frequency: frequency <= SLOWEST_PER_MIN) == SLOWEST_PER_MIN
+    assert highest((54, 55), lambda _: False) is None
+
+
+def test_at_45_per_minute_no_cup_is_missed_and_every_row_has_a_margin() -> None:
+    """45 cups/min is the default pace."""
+    pace = paces()(45)
+    assert pace.completes
+    assert pace.missed_cups == pace.settled_missed_cups == 0
+    assert all(pace.least_margin_s(row) > 1 for row in ROWS)
+    assert first_late({45: pace}, changes_tray=False) is None
+
+
+def test_at_90_per_minute_gaps_remain_in_the_settled_state() -> None:
+    """Every row is late, with and without tray change; both cases have a bottleneck with a chart."""
+    pace = paces()(90)
+    assert pace.completes
+    assert pace.settled_missed_cups > 1
+    for changes_tray in (False, True):
+        found = first_late({45: paces()(45), 90: pace}, changes_tray=changes_tray)
+        assert found is not None
+        assert (found.frequency_per_min, found.round.changes_tray) == (90, changes_tray)
+        assert found.round.margin_ms == min(
+            each.margin_ms for each in pace.all_rounds if each.changes_tray == changes_tray
+        )
+        seconds = [row[2] for row in found.table().rows]
+        assert sum(float(each or 0) for each in seconds) == pytest.approx(found.round_s)
+
+
+def test_the_chart_of_a_round_is_reproducible_byte_for_byte(tmp_path: Path) -> None:
+    """PNG and SVG contain no date and no random names."""
+    found = first_late({90: paces()(90)}, changes_tray=True)
+    assert found is not None
+    with drawing():
+        once, again = (
+            [path.read_bytes() for path in save(gantt_chart(found.timeline, found.round), tmp_path / name)]
+            for name in ("one", "two")
+        )
+    assert once == again
+
+
+def test_the_limit_is_between_the_last_frequency_without_gap_and_the_first_with_one() -> None:
+    """The resolution is 1/min: runs of the search miss no cup at the limit and at least one at the next frequency."""
+    limits = json.loads(study().json())["limits_per_min"]
+    limit = limits["without_gap"]
+    assert FREQUENCIES[0] <= limit < FREQUENCIES[1]
+    assert paces()(limit).missed_cups == 0
+    assert paces()(limit + 1).missed_cups > 0
+    assert min(limits[f"row {row}"] for row in ROWS) == limit
+    assert limits["settled"] == FREQUENCIES[1]
+
+
+def test_the_recommendation_agrees_with_the_trials() -> None:
+    """It is not above the limit, includes a margin of 10 %, and is for the given plant spacing."""
+    record = json.loads(study().json())
+    top, safe = record["advice"]["highest"], record["advice"]["with_margin"]
+    assert top["frequency_per_min"] <= record["limits_per_min"]["without_gap"]
+    assert safe["frequency_per_min"] == int(0.9 * top["frequency_per_min"])
+    assert top["ground_speed_km_h"] == pytest.approx(top["frequency_per_min"] * 0.5 * 60 / 1000)
+    assert 0 <= top["least_waiting_s"] < safe["least_waiting_s"]
+    assert top["gaps"] == safe["gaps"] == 0
+    assert len(top["trials"]) == len(safe["trials"]) == CONFIRMING_TRIALS
+    assert record["tried"][-1]["trials"] == top["trials"]
+    assert all(each["gaps"] for each in record["tried"][:-1])
+    by_frequency = {point["frequency_per_min"]: point for point in record["points"]}
+    assert by_frequency[50]["missed_cups"] == 0 < by_frequency[60]["missed_cups"]
+
+
+def test_the_report_contains_recommendation_cause_and_bottleneck() -> None:
+    """The other arm in the centre causes the first gaps; the slide accounts for most of that path."""
+    found = study()
+    bottleneck = json.loads(found.json())["bottlenecks"]["without-tray-change"]
+    assert (bottleneck["device"], bottleneck["row"]) == ("slide", 3)
+    assert sum(bottleneck["motions_s"].values()) == pytest.approx(bottleneck["round_s"])
+    assert {part.name for part in found.parts if isinstance(part, Table)} == {
+        "advice",
+        "limits",
+        "path-without-tray-change",
+        "trials",
+        "gaps",
+        "waiting",
+        "settings",
+    }
+    assert {part.name for part in found.parts if isinstance(part, Picture)} == {"round-without-tray-change", "curves"}
+    gaps = next(part for part in found.parts if isinstance(part, Table) and part.name == "gaps")
+    assert gaps.heading == ("frequency, 1/min", "other arm in the centre")
+    assert f"{ground_speed_km_h(bottleneck['frequency_per_min'] - 1, 0.5):.2f} km/h" in found.text()
+
+
+def test_a_trial_can_be_repeated_with_its_seed_and_setting() -> None:
+    """The record contains seed, setting and result of every trial and of every observed run."""
+    record = json.loads(study().json())
+    for point in record["points"]:
+        (trial,) = point["trials"]
+        assert trial["completed"]
+        assert trial["P"] + trial["D"] + trial["T"] + trial["in_cups"] == trial["seedlings"] == 144
+    trial, setting = record["points"][1]["trials"][0], setting_at(MACHINE, 60)
+    assert record["points"][1]["set"] == setting.values
+    again = run_trial(
+        seed=trial["seed"], seedlings=144, parameters=setting.machine(MACHINE), set_points=setting.set_points()
+    )
+    assert {name: getattr(again, name) for name in trial} == trial
+    assert {(each["trays"], each["set"][FREQUENCY]) for each in record["observed"]} >= {(4, 50.0), (4, 60.0)}
+
+
+def test_the_longest_motion_is_a_single_motion_of_one_arm() -> None:
+    """Motions of the same name of both arms are not summed; the wait excludes the motions of the waiting arm."""
+    found = first_late({90: paces()(90)}, changes_tray=False)
+    assert found is not None
+    moving = [each.length_ms for each in found.round.path if each.motion.kind == "moves"]
+    assert found.longest.length_ms == max(moving)
+    record = found.record()
+    assert record["longest_motion"] == {
+        "who": found.longest.sequence,
+        "motion": found.longest.motion.name,
+        "s": max(moving) / 1000,
+    }
+    assert f"{found.longest.motion.name} ({found.longest.sequence}), {max(moving) / 1000:.2f} s." in found.text()
+    since_ms, until_ms = found.round.since.at_ms, found.round.throw.at_ms
+    waits = [
+        each
+        for each in found.timeline.intervals[ARM[found.round.throw.side]]
+        if each.step == "wait at feed" and since_ms <= each.from_ms and each.to_ms <= until_ms
+    ]
+    assert found.waiting_s == pytest.approx(sum(each.to_ms - each.from_ms for each in waits) / 1000)
+    assert f"waits {found.waiting_s:.2f} s for the other arm or the tray" in found.text()
+
+
+def test_air_and_success_are_those_of_the_trials() -> None:
+    """Air per seedling is the air of the trial, from power-up to its end, divided by 144."""
+    for point in json.loads(study().json())["points"]:
+        assert point["S_low"] < point["S"] < point["S_high"]
+        assert point["S_sd"] is None
+        assert point["air_l_per_seedling"] == pytest.approx(0.5, abs=0.1)
+        assert point["air_l_min"] > 30
+
+
+def test_the_command_contains_frequencies_and_a_given_spacing() -> None:
+    """An assumed spacing is omitted, so that a repeated study reports it as assumed again."""
+    assert study().command == (
+        "python -m plant_sim study throughput --trials 1 --seed 3 --seedlings 144 --frequencies 50,60 --spacing 0.5"
+    )
+
+
+def test_the_report_states_the_assumption_of_its_intervals() -> None:
+    """It lists the scatter between trials beside the pooled success."""
+    trials = next(part for part in study().parts if isinstance(part, Table) and part.name == "trials")
+    assert trials.heading[2:6] == ("S, %", "from", "to", "SD between trials")
+    assert trials.rows[0][5] is None
+    assert len(trials.heading) == len(trials.rows[0])
+    assert "A late release or a stop loses up to 12 at once" in study().text()

@@ -1,0 +1,142 @@
+"""Timeline of a run: motions of all steps, intervals without gaps, and all throws."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from functools import cache
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.program.states import State
+from controller.program.tags import SIDES, STEPPED
+from plant_sim.study.errors import StudyError
+from plant_sim.study.throughput.timeline import ARM, MOTIONS, StepInterval, Timeline, TimelineRecorder, motion_of
+from plant_sim.twin.lock_step import SCAN_MS, Twin
+
+TWIN = Twin()
+
+
+@cache
+def recorded(release_delay: int) -> tuple[Timeline, list[tuple[int, list[str]]]]:
+    """Return the timeline of a tray, and the active steps after every scan."""
+    twin = Twin(trays=1, set_points={"trays_target": 1, "release_delay": release_delay})
+    recorder, steps = TimelineRecorder(), []
+    twin.watch(recorder)
+    twin.watch(lambda twin: steps.append((twin.now_ms, twin.active_steps())))
+    twin.home()
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=200_000)
+    return recorder.timeline(), steps
+
+
+def test_every_step_has_a_motion_and_every_motion_has_a_step() -> None:
+    """A new step must be added to the motions of arms or tray feeder, and a removed step deleted."""
+    declared = {each.name: set(each.bits) for each in TWIN.machine.program.sequences() if each.name in STEPPED}
+    assert {sequence: set(motions) for sequence, motions in MOTIONS.items()} == declared
+
+
+def test_a_step_is_a_wait_if_it_has_no_output_and_no_fixed_time() -> None:
+    """The critical path skips exactly the waiting steps of the program."""
+    for sequence in TWIN.machine.program.sequences():
+        for step in sequence.steps if sequence.name in MOTIONS else ():
+            waits = not step.hold and step.dwell is None
+            assert (motion_of(sequence.name, step.title).kind == "waits") == waits, step.title
+
+
+def test_different_motions_have_different_names() -> None:
+    """Durations are summed by motion name."""
+    for motions in MOTIONS.values():
+        assert len({motion.name for motion in motions.values()}) == len(motions)
+
+
+def test_an_unknown_step_is_rejected() -> None:
+    """The error is one line with sequence, step and the file to edit."""
+    with pytest.raises(StudyError, match=r"left arm: unknown step 'dance'; add it to .*timeline\.py"):
+        motion_of("left arm", "dance")
+
+
+def test_the_intervals_match_the_active_steps_after_every_scan() -> None:
+    """For a complete tray, every scan is in the interval of its active step."""
+    timeline, steps = recorded(6)
+    for sequence, intervals in timeline.intervals.items():
+        spans = iter(intervals)
+        span: StepInterval | None = None
+        for at_ms, names in steps:
+            on = [name.removeprefix(f"{sequence}: ") for name in names if name.startswith(f"{sequence}: ")]
+            if not on:
+                continue
+            if span is None or at_ms >= span.to_ms:
+                span = next(spans)
+            assert [span.step] == on, at_ms
+            assert span.from_ms <= at_ms < span.to_ms
+
+
+@pytest.mark.parametrize("release_delay", [0, 6])
+def test_each_arm_throws_three_rows_twelve_cups_apart(release_delay: int) -> None:
+    """This also holds for a release delay of zero, whose step is never active after a scan."""
+    timeline, _ = recorded(release_delay)
+    for side in SIDES:
+        assert [throw.row for throw in timeline.throws[side]] == [1, 2, 3]
+        assert timeline.releases_ms[side][1:] == tuple(throw.at_ms for throw in timeline.throws[side])
+        for since_ms, until_ms in pairwise(timeline.releases_ms[side]):
+            assert until_ms in timeline.cups_ms[side]
+            assert len([at_ms for at_ms in timeline.cups_ms[side] if since_ms < at_ms <= until_ms]) == 12
+
+
+def test_only_one_arm_at_a_time_is_in_the_centre_and_only_for_row_three() -> None:
+    """Each arm is in the centre once per tray, from the start towards row 3 until it returns past pick 2."""
+    timeline, _ = recorded(6)
+    (left,), (right,) = timeline.centre["left"], timeline.centre["right"]
+    assert left[1] <= right[0] or right[1] <= left[0]
+    for side, (from_ms, to_ms) in zip(SIDES, (left, right), strict=True):
+        assert timeline.approaches[side][from_ms] == 3
+        left_it = timeline.before(ARM[side], to_ms)
+        assert left_it is not None
+        assert left_it.step == "slide to feed"
+
+
+def test_dwells_last_their_set_point_plus_at_most_one_scan() -> None:
+    """The dwells are 0.5 s at feed ([P]) and 0.2 s for clamping."""
+    timeline, _ = recorded(6)
+    for sequence in ARM.values():
+        took: dict[str, list[int]] = defaultdict(list)
+        for each in timeline.intervals[sequence]:
+            took[motion_of(sequence, each.step).name].append(each.to_ms - each.from_ms)
+        assert all(500 <= each <= 500 + SCAN_MS for each in took["pause at feed"])
+        assert all(200 <= each <= 200 + SCAN_MS for each in took["clamp"])
+        assert len(took["slide in"]) == 3
+
+
+@given(
+    st.lists(
+        st.tuples(*(st.none() | st.integers(0, len(MOTIONS[sequence]) - 1) for sequence in ("left arm", "right arm"))),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_intervals_of_any_steps_have_no_gap_and_no_overlap(scans: list[tuple[int | None, ...]]) -> None:
+    """This holds for any sequence of steps per scan, including scans without a step."""
+    sequences = {each.name: each for each in TWIN.machine.program.sequences()}
+    names = ("left arm", "right arm")
+    states, recorder = TWIN.plc.memory.S, TimelineRecorder()
+    bits = {name: [bit.number for bit in sequences[name].bits.values()] for name in names}
+    for arm in TWIN.machine.tags.arms.values():
+        TWIN.plc.write(arm.row_is[1], True)
+    began_ms = TWIN.now_ms
+    for scan in scans:
+        for name, on in zip(names, scan, strict=True):
+            for index, number in enumerate(bits[name]):
+                states[number] = index == on
+        recorder(TWIN)
+        TWIN.clock.advance(SCAN_MS)
+    timeline = recorder.timeline()
+    for name, ons in zip(names, zip(*scans, strict=True), strict=True):
+        intervals = timeline.intervals[name]
+        assert all(one.to_ms <= other.from_ms for one, other in pairwise(intervals))
+        titles = list(sequences[name].bits)
+        for index, on in enumerate(ons):
+            interval = timeline.before(name, began_ms + (index + 1) * SCAN_MS)
+            assert (interval and interval.step) == (None if on is None else titles[on])

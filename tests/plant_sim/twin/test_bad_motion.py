@@ -1,0 +1,221 @@
+"""Effect of poor machine motion on seedlings: each defect increases its own kind of failure and no other.
+
+Complete trials of one tray on the twin. Seeds are the same as in the undisturbed trials, so the seedlings are identical
+and differences come from the motion only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from statistics import fmean
+from typing import NamedTuple
+
+import pytest
+
+from controller.program.tags import SIDES
+from plant_sim.faults import Fault
+from plant_sim.machine.parameters import load_machine
+from plant_sim.study.pepper.nominal import MotionWatch, RowMotion
+from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.report import TrialReport
+from plant_sim.twin.trial import run_trial
+from tests.sampling import first_of
+
+SEEDS = (1, 2, 3)
+SEEDLINGS = 72 * len(SEEDS)
+STANDSTILL_MS = 120_000
+
+
+class Pooled(NamedTuple):
+    """Pooled trials of all seeds.
+
+    Attributes:
+        pick: Seedlings lost while picking.
+        carry: Seedlings lost while carrying.
+        throw: Seedlings lost while throwing.
+        rows: Motion of every thrown row.
+    """
+
+    pick: int
+    carry: int
+    throw: int
+    rows: tuple[RowMotion, ...]
+
+    def mean(self, name: str) -> float:
+        """Return the mean magnitude of an attribute of the rows' motion."""
+        return fmean(abs(getattr(row, name)) for row in self.rows)
+
+
+@dataclass
+class Tractor:
+    """Monitor that stops the tractor for some time whenever both arms wait over their cups with seedlings."""
+
+    stops: bool
+    _until_ms: int = 0
+    _stopped_at: set[int] = field(default_factory=set)
+
+    def __call__(self, twin: Twin) -> None:
+        """Stop or restart the tractor."""
+        cycles = len(twin.cycles())
+        if twin.now_ms >= self._until_ms:
+            twin.plant.planting_frequency_per_min = twin.parameters.cups.planting_frequency_per_min
+        is_loaded = all(
+            twin.plant.arms[side].grip.held and twin.in_step(f"{side} arm", "wait for cups") for side in SIDES
+        )
+        if self.stops and is_loaded and cycles not in self._stopped_at:
+            self._stopped_at.add(cycles)
+            self._until_ms = twin.now_ms + STANDSTILL_MS
+            twin.plant.planting_frequency_per_min = 0.0
+
+
+def trial(
+    seed: int,
+    values: Mapping[str, float] | None = None,
+    *,
+    release_delay: int | None = None,
+    faults: tuple[Fault, ...] = (),
+    stops: bool = False,
+) -> tuple[TrialReport, list[RowMotion]]:
+    """Run one tray on a machine with changed parameters and return the report and the rows' motion."""
+    watch, tractor = MotionWatch(), Tractor(stops)
+
+    def on_scan(twin: Twin) -> None:
+        watch(twin)
+        tractor(twin)
+
+    report = run_trial(
+        seed=seed,
+        trays=1,
+        parameters=load_machine().with_values(dict(values or {})),
+        faults=faults,
+        progress=on_scan,
+        set_points={} if release_delay is None else {"release_delay": release_delay},
+    )
+    return report, watch.rows
+
+
+def pooled(
+    values: Mapping[str, float] | None = None,
+    *,
+    release_delay: int | None = None,
+    faults: tuple[Fault, ...] = (),
+    stops: bool = False,
+) -> Pooled:
+    """Run all seeds and check that every trial completes without alarms and accounts for every seedling."""
+    pick = carry = throw = 0
+    rows: list[RowMotion] = []
+    for seed in SEEDS:
+        report, motion = trial(seed, values, release_delay=release_delay, faults=faults, stops=stops)
+        assert report.completed, report.reason
+        assert report.accounted
+        assert report.alarms == []
+        pick, carry, throw = pick + report.P, carry + report.D, throw + report.T
+        rows += motion
+    return Pooled(pick, carry, throw, tuple(rows))
+
+
+@cache
+def undisturbed() -> Pooled:
+    """Return the pooled trials of the unmodified machine."""
+    return pooled()
+
+
+def test_the_undisturbed_machine_matches_the_optimum_of_the_paper() -> None:
+    """5 % of 216 seedlings are lost, within 3 standard deviations; six rows per tray are recorded."""
+    good = undisturbed()
+    assert good.pick + good.carry + good.throw == pytest.approx(0.051 * SEEDLINGS, abs=9.7)
+    assert len(good.rows) == 6 * len(SEEDS)
+
+
+@pytest.mark.parametrize(
+    ("brake_n", "band_m", "more_mm", "more"),
+    first_of([(20.0, 0.0065, 2.0, 20), (40.0, 0.005, 1.0, 1), (10.0, 0.0075, 3.0, 100)]),
+)
+def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: float, more_mm: float, more: int) -> None:
+    """A worn brake, hidden by long switch bands, makes the claws close beside the stems.
+
+    Seedlings that are not picked can neither break nor miss the cups, so D and T do not increase.
+    """
+    good, bad = undisturbed(), pooled({"slide.brake_n": brake_n, "slide.switch_band_m": band_m})
+    assert bad.pick >= good.pick + more
+    assert bad.carry <= good.carry
+    assert bad.throw <= good.throw
+    if bad.rows:  # a row without a gripped stem is never thrown
+        assert bad.mean("across_m") > good.mean("across_m") + 1e-3 * more_mm
+
+
+@pytest.mark.timeout(240)
+def test_a_detected_overrun_stops_the_machine_before_any_damage() -> None:
+    """Without a brake, the arm leaves its switch band before clamping: alarm, Held, no stem touched."""
+    report, _ = trial(1, {"slide.brake_n": 0.0})
+    assert not report.completed
+    assert set(report.alarms) == {f"{side} slide moved off the pick position after arriving" for side in SIDES}
+    assert report.P == report.D == report.T == 0
+
+
+@pytest.mark.timeout(240)
+def test_a_leaking_check_valve_stops_the_machine_before_any_damage() -> None:
+    """With a leaking check valve the slide drifts off its position; the machine stops, and nothing is gripped."""
+    leaks = tuple(Fault("leaking_check_valve", f"{side}.slide.minus", size=5e-10) for side in SIDES)
+    report, _ = trial(1, faults=leaks)
+    assert not report.completed
+    assert {text.split(" slide")[0] for text in report.alarms} == set(SIDES)
+    assert report.P == report.D == report.T == 0
+
+
+def test_late_release_increases_throw_failures_only() -> None:
+    """With delays of 200, 300, 400 ms instead of 60, at 45 mm/s the cups are 6, 11, 15 mm ahead; tolerance 16 mm."""
+    late = [undisturbed(), *(pooled(release_delay=delay) for delay in (20, 30, 40))]
+    assert all(trials.pick == late[0].pick and trials.carry == late[0].carry for trials in late)
+    assert all(later.throw > sooner.throw for sooner, later in pairwise(late))
+    assert late[-1].throw > 0.3 * SEEDLINGS
+    offsets = [trials.mean("throw_along_m") for trials in late]
+    assert [offset - offsets[0] for offset in offsets[2:]] == pytest.approx([0.0108, 0.0153], abs=0.0015)
+
+
+@pytest.mark.parametrize("how", first_of(["fault", "set"]))
+def test_low_claw_pressure_leaves_plugs_in_their_cells(how: str) -> None:
+    """Claw pressures of 0.25 and 0.15 MPa, by setting or by a regulator fault, increase P step by step.
+
+    Stems are less stressed, so D does not increase; a loose grip increases the rate of plugs that miss their cups.
+    """
+
+    def at(mpa: float) -> Pooled:
+        if how == "set":
+            return pooled({"crop.claw_pressure_mpa": mpa})
+        return pooled(faults=(Fault("low_claw_supply", "supply", size=1e6 * mpa),))
+
+    good, low, lowest = undisturbed(), at(0.25), at(0.15)
+    assert good.pick + 5 <= low.pick < lowest.pick - 20
+    assert good.carry >= low.carry >= lowest.carry
+    assert lowest.throw / (SEEDLINGS - lowest.pick) > good.throw / (SEEDLINGS - good.pick)
+    assert low.mean("force_n") == pytest.approx(0.78 * 0.25 / 0.040, rel=0.05)
+
+
+def test_high_claw_pressure_cuts_stems() -> None:
+    """At 0.6 MPa, stems are cut while picking and break while carrying; every plug is pulled out."""
+    good, high = undisturbed(), pooled({"crop.claw_pressure_mpa": 0.60})
+    assert high.pick > good.pick + 5
+    assert high.carry / (SEEDLINGS - high.pick) > good.carry / (SEEDLINGS - good.pick)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(240)
+def test_stems_that_are_held_long_break() -> None:
+    """A tractor stop of two minutes while rows are held increases D; losses in picking and throwing do not change."""
+    good, long = undisturbed(), pooled(stops=True)
+    assert long.mean("held_s") > good.mean("held_s") + 0.8 * STANDSTILL_MS / 1000
+    assert long.carry > 1.5 * good.carry
+    assert long.pick == good.pick
+    assert long.throw <= good.throw
+
+
+def test_a_higher_drop_increases_throw_failures_only() -> None:
+    """Falling from 150 or 300 mm instead of 80 mm, a plug drifts 1.4 or 1.9 times as far."""
+    drops = [undisturbed(), *(pooled({"handling.drop_height_m": height}) for height in (0.15, 0.30))]
+    assert all(trials.pick == drops[0].pick and trials.carry == drops[0].carry for trials in drops)
+    assert all(higher.throw > lower.throw for lower, higher in pairwise(drops))
+    assert drops[-1].throw > 0.15 * SEEDLINGS

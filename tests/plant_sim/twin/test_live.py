@@ -1,0 +1,34 @@
+"""Signal handling of the live run, without processes."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from plant_sim.twin.live import Interrupts
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_swallowed_by_a_destructor_is_not_lost() -> None:
+    """A signal during a destructor, where exceptions are swallowed, is raised at the next check."""
+
+    class Signalled:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    with Interrupts() as interrupts:
+        interrupts.check()
+        thing = Signalled()
+        del thing
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.check()
+
+
+def test_signal_handlers_are_restored() -> None:
+    """After the run, the previous signal handlers are installed again."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    with Interrupts(), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+    assert [signal.getsignal(number) for number in numbers] == before

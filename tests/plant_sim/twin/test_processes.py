@@ -1,0 +1,451 @@
+"""Both programs as processes on loopback: errors, a trial over Modbus, a killed controller, Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from controller.cli.main import main as controller_main
+from controller.core.retentive_store import MemoryStore
+from controller.core.scan import Plc
+from controller.events.production import Event, ProductionLog
+from controller.io.modbus_tcp import ModbusTcpLink
+from controller.io.retentive_writer import DirectRetentiveWriter
+from controller.io.runtime import Runtime
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from controller.program.states import State
+from plant_sim.cli.main import main as plant_main
+from plant_sim.twin.live import Process
+from plant_sim.twin.lock_step import SCAN_MS, Twin
+from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
+
+MAIN = {"controller": controller_main, "plant_sim": plant_main}
+LIMIT_S = 60.0
+PATIENT = ("--timeout-ms", "5000", "--link-limit-ms", "10000")
+"""Options with limits that a busy test machine does not reach; the strict defaults are tested in simulated time."""
+
+
+def run(*arguments: str, timeout_s: float = LIMIT_S) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=timeout_s)
+
+
+@contextmanager
+def plant_process(*options: str) -> Iterator[tuple[Process, int]]:
+    """Serve a plant on a free port."""
+    with Process("plant", ["plant_sim", "serve", "--port", "0", *options]) as plant:
+        line = plant.lines.get(timeout=LIMIT_S)
+        assert line is not None, "the plant did not start"
+        yield plant, int(line.rpartition(":")[2])
+
+
+def controller_process(port: int, folder: Path, *options: str) -> Process:
+    retain = str(folder / "retentive.json")
+    return Process(
+        "controller",
+        ["controller", "run", "--port", str(port), "--retain", retain, "--events", "json", "--no-hmi", *options],
+    )
+
+
+def wait_for_state(controller: Process, state: State) -> list[dict[str, object]]:
+    """Read events until the machine enters a state."""
+    events: list[dict[str, object]] = []
+    while True:
+        line = controller.lines.get(timeout=LIMIT_S)
+        assert line is not None, f"the controller ended before {state.name}: {events}"
+        events.append(json.loads(line))
+        if events[-1]["event"] == "state" and events[-1]["state"] == state:
+            return events
+
+
+@pytest.mark.parametrize("program", ["controller", "plant_sim"])
+def test_help_names_the_options(program: str) -> None:
+    done = run(program, "--help")
+    assert done.returncode == 0
+    assert {"--io-map", "--port", "--host"} <= set(done.stdout.replace("[", " ").split())
+    first = "run" if program == "controller" else "serve"
+    assert "--io-map" in run(program, first, "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("controller", "--io-map", "no.yaml"), "no.yaml"),
+        (("plant_sim", "--io-map", "no.yaml"), "no.yaml"),
+        (("plant_sim", "serve", "--machine", "no.yaml"), "no.yaml"),
+        (("plant_sim", "trial", "--trays", "0"), "--trays 0"),
+        (("plant_sim", "serve", "--host", "192.0.2.1"), "192.0.2.1"),
+        (("plant_sim", "serve", "--host", "192.0.2.1", "--allow-remote"), "give an address of this computer as --host"),
+        (("plant_sim", "serve", "--watchdog-ms", "0"), "watchdog_ms"),
+        (("plant_sim", "run", "--fast", "--keep"), "--keep"),
+        (("controller", "--set", "tray_target=2"), "trays_target"),
+        (("controller", "--set", "trays_target=two"), "whole number"),
+        (("controller", "--set", "clamp=0"), "10 to 200"),
+        (("controller", "--retain", "."), "is a folder"),
+        (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
+        (("controller", "--retain", "no/such/retentive.json"), "there is no folder no; make it, or name another file"),
+        (("controller", "--scan-ms", "0"), "--scan-ms"),
+        (("controller", "--hmi-port", "65536"), "--hmi-port 65536: give 0 to 65535"),
+        (("controller", "--unit", "0"), "--unit 0: give 1 to 255"),
+        (("controller", "--unit", "256"), "--unit 256: give 1 to 255"),
+        (("controller", "--hmi-host", "192.0.2.1"), "--hmi-allow-remote"),
+        (("controller", "--hmi-host", "panel"), "give an IP address"),
+        (("controller", "--hmi-host", "192.0.2.1", "--hmi-allow-remote"), "address of this computer as --hmi-host"),
+        (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
+        (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),
+        (("controller", "--hmi-port", "0", "--hmi-serial", "/dev/null"), "give another --hmi-serial"),
+        (("controller", "--simulated-time", "--pace", "6000"), "--pace"),
+        (("controller", "--history", "/proc/no/history.sqlite"), "--history"),
+        (("controller", "history", "no.sqlite"), "no.sqlite"),
+        (("controller", "panel", "--telemetry", "127.0.0.1:5020"), "--telemetry-tags"),
+        (("controller", "--input-filter-ms", "99"), "--input-filter-ms"),
+        (("controller", "--panel-limit-ms", "5"), "--panel-limit-ms 5"),
+        (("controller", "--link-limit-ms", "40"), "more than a time-out and a scan, 40 ms"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(
+    arguments: tuple[str, ...],
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Commands run in this process; the one-line errors of real processes are tested below."""
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert MAIN[arguments[0]](arguments[1:]) == 2
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1, printed.err
+    assert expected in printed.err
+
+
+def test_a_port_in_use_is_one_line_and_exit_code_2() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = run("plant_sim", "serve", "--port", str(port))
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f"127.0.0.1:{port}" in done.stderr
+    assert "choose another --port" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("controller", "frobnicate"),
+        ("controller", "ladder"),
+        ("controller", "ladder", "export", "--format", "iec", "--out", "x"),
+        ("controller", "history", "--last", "some"),
+        ("plant_sim", "serve", "--port"),
+        ("plant_sim", "study", "cabbage"),
+    ],
+)
+def test_a_wrong_argument_is_one_line_and_exit_code_2(arguments: tuple[str, ...]) -> None:
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"python -m {arguments[0]}")
+    assert line.endswith("; see --help")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("controller", "docs", "--out", "tables"),
+        ("controller", "tags", "--out", "tables"),
+        ("controller", "ladder", "check", "long.il"),
+        ("plant_sim", "docs", "--out", "tables"),
+        ("plant_sim", "trial", "--seedlings", "1", "--json"),
+    ],
+)
+def test_a_closed_pipe_ends_a_command_without_output(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "long.il").write_text("LD X0\nOUT M0\nOUT M0\n" * 500 + "END\n", encoding="utf-8")
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", *arguments],
+            check=False,
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
+            timeout=LIMIT_S,
+        )
+    finally:
+        os.close(writer)
+    assert done.stderr == ""
+    assert done.returncode == 128 + signal.SIGPIPE
+
+
+def test_a_controller_without_a_plant_reports_it_and_retries(tmp_path: Path) -> None:
+    """Without a plant the controller reports and waits; when the plant starts, it enters Stopped."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [sys.executable, "-m", "controller", "--port", str(port), "--retain", str(tmp_path / "retentive.json")]
+    waiting = subprocess.Popen(
+        [*command, "--events", "json", "--no-hmi"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert waiting.stderr is not None
+        assert waiting.stdout is not None
+        assert f"127.0.0.1:{port}" in waiting.stderr.readline()
+        with Process("plant", ["plant_sim", "serve", "--port", str(port)]):
+            assert json.loads(waiting.stdout.readline())["state"] == State.STOPPED
+            waiting.send_signal(signal.SIGINT)
+            _, errors = waiting.communicate(timeout=LIMIT_S)
+            assert "outputs written safe" in errors
+        assert waiting.returncode == 0
+    finally:
+        waiting.kill()
+        waiting.communicate()
+
+
+def test_commands_are_read_from_standard_input(tmp_path: Path) -> None:
+    """A running controller executes a command name on its standard input and rejects anything else.
+
+    Bytes that are not text are rejected in the same way.
+    """
+    with plant_process() as (_, port):
+        command = [
+            sys.executable,
+            "-m",
+            "controller",
+            "--port",
+            str(port),
+            "--retain",
+            str(tmp_path / "retentive.json"),
+        ]
+        running = subprocess.Popen(
+            [*command, "--events", "json", "--no-hmi", *PATIENT],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
+        )
+        try:
+            assert running.stdin is not None
+            assert running.stdout is not None
+            assert json.loads(running.stdout.readline())["state"] == State.STOPPED
+            running.stdin.write(b"\xff\ndance\nreset\n")
+            running.stdin.flush()
+            assert json.loads(running.stdout.readline())["state"] == State.RESETTING
+            running.send_signal(signal.SIGINT)
+            _, errors = running.communicate(timeout=LIMIT_S)
+        finally:
+            running.kill()
+            running.communicate()
+    assert b"no command 'dance'" in errors
+    assert b"Traceback" not in errors
+
+
+def test_a_damaged_store_is_reported_and_set_aside(tmp_path: Path) -> None:
+    store = tmp_path / "retentive.json"
+    store.write_text('{"format": "transplanter-retentive-1", "values": {"M1024": 1}, "sha256": "0"}')
+    with plant_process() as (_, port), controller_process(port, tmp_path, *PATIENT) as controller:
+        events = [json.loads(controller.lines.get(timeout=LIMIT_S) or "{}") for _ in range(2)]
+    assert {"state", "alarm"} == {event["event"] for event in events}
+    assert "memory" in next(event["text"] for event in events if event["event"] == "alarm")
+    assert (tmp_path / "retentive.json.damaged").exists()
+
+
+class TcpMachine:
+    """Machine program with a plant in another process, in lock step over Modbus TCP."""
+
+    def __init__(self, port: int, trays: int) -> None:
+        io_map = load_io_map(DEFAULT_IO_MAP)
+        machine = build(io_map)
+        self.plc = Plc(machine.program)
+        self.plc.write(machine.tags.sp.trays_target, trays)
+        self.link = ModbusTcpLink("127.0.0.1", port, io_map, timeout_s=LIMIT_S)
+        self.link.open()
+        self.runtime = Runtime(machine, self.plc, self.link, DirectRetentiveWriter(MemoryStore()))
+        self.events: list[Event] = []
+        self.runtime.observers.append(ProductionLog(machine, self.events.append))
+        self.state = machine.tags.machine.state
+        self.now_ms = 0
+
+    def scan(self) -> State:
+        self.runtime.tick(self.now_ms)
+        self.now_ms += SCAN_MS
+        return State(self.plc.read(self.state))
+
+
+def test_a_trial_over_modbus_equals_the_trial_in_process() -> None:
+    """In lock step, sockets and two processes give the same events and the same seedling counts."""
+    with ExitStack() as stack:
+        _, port = stack.enter_context(plant_process("--lock-step-ms", str(SCAN_MS), "--seed", "7"))
+        operator = stack.enter_context(Operator("127.0.0.1", port))
+        far = TcpMachine(port, trays=2)
+        stack.callback(far.link.close)
+        near = Twin(seed=7, trays=2, set_points={"trays_target": 2})
+        near.scan()
+        far.scan()
+        for until in (State.IDLE, State.COMPLETE):
+            operator.hold("start", pressed=True)
+            near.plant.box.start = True
+            for number in range(20_000):
+                near.scan()
+                state = far.scan()
+                if number == 10:
+                    operator.hold("start", pressed=False)
+                    near.plant.box.start = False
+                if state == until:
+                    break
+            assert near.state == state == until
+        assert far.events == near.events
+        counts = counts_of(operator.telemetry())
+    assert counts == near.plant.counts()
+    assert counts.in_cups + counts.P + counts.D + counts.T == counts.total == 144
+
+
+def test_the_trial_command_prints_one_reproducible_json_object() -> None:
+    """Two runs with one seed differ only in the wall-clock time."""
+    records = []
+    for _ in range(2):
+        done = run("plant_sim", "trial", "--seed", "1", "--json")
+        assert done.returncode == 0, done.stderr
+        records.append(json.loads(done.stdout))
+    wanted = {
+        "seedlings",
+        "in_cups",
+        "P",
+        "D",
+        "T",
+        "S",
+        "cycles",
+        "cycle_time_s",
+        "missed_cups",
+        "alarms",
+        "simulated_s",
+        "wall_s",
+    }
+    assert wanted <= records[0].keys()
+    first, second = ({k: v for k, v in record.items() if k != "wall_s"} for record in records)
+    assert first == second
+    assert first["seedlings"] == 144 == first["in_cups"] + first["P"] + first["D"] + first["T"]
+    assert first["S"] == pytest.approx(100 * first["in_cups"] / 144)
+    assert first["cycles"] == 12
+    other = json.loads(run("plant_sim", "trial", "--seed", "2", "--json").stdout)
+    assert {k: other[k] for k in ("P", "D", "T")} != {k: first[k] for k in ("P", "D", "T")}
+
+
+def test_two_presses_of_a_button_stay_distinct() -> None:
+    """A press and the pause after it each last their full time on the plant's clock."""
+    with plant_process() as (_, port), Operator("127.0.0.1", port) as operator:
+        before_ms = operator.telemetry()["time_ms"]
+        operator.press("start")
+        assert operator.telemetry()["time_ms"] - before_ms >= 2 * PRESS_MS
+
+
+@pytest.mark.parametrize("stroke", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_watchdog_switches_outputs_off_when_the_controller_is_killed_or_hangs(
+    tmp_path: Path, stroke: signal.Signals
+) -> None:
+    """With an arm in motion and the controller killed or stopped, the plant's watchdog trips, in plant time."""
+    watchdog_ms = 500
+    with (
+        plant_process("--watchdog-ms", str(watchdog_ms)) as (_, port),
+        Operator("127.0.0.1", port) as operator,
+        controller_process(port, tmp_path, *PATIENT) as controller,
+    ):
+        wait_for_state(controller, State.STOPPED)
+        operator.hold("start", pressed=True)
+        wait_for_state(controller, State.RESETTING)
+        operator.hold("start", pressed=False)
+        moving = operator.telemetry()
+        while not moving["y_image"]:
+            moving = operator.telemetry()
+        assert moving["watchdog_state"] == 1
+        controller._process.send_signal(stroke)
+        after = operator.telemetry()
+        while after["watchdog_state"] != 2 and after["time_ms"] < moving["time_ms"] + 20_000:
+            after = operator.telemetry()
+        controller.kill()
+    assert after["watchdog_state"] == 2
+    assert after["y_image"] == 0
+    assert after["tripped_at_ms"] - after["last_write_ms"] == watchdog_ms + 1
+
+
+def test_the_live_run_is_stopped_by_ctrl_c_in_order() -> None:
+    """Ctrl-C ends controller and plant of a live run cleanly: outputs written safe, ports released."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [
+        *(sys.executable, "-m", "plant_sim", "run", "--pace", "1000"),
+        *("--port", str(port), "--hmi-port", "0", "--no-panel"),
+    ]
+    live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert live.stderr is not None
+        for line in live.stderr:
+            if "Execute" in line:
+                break
+        live.send_signal(signal.SIGINT)
+        _, errors = live.communicate(timeout=LIMIT_S)
+    finally:
+        live.kill()
+        live.communicate()
+    assert live.returncode == 130
+    assert "outputs written safe" in errors
+    assert "Traceback" not in errors
+    with socket.create_server(("127.0.0.1", port)):
+        pass
+
+
+def test_a_retentive_memory_is_locked_by_its_controller(tmp_path: Path) -> None:
+    """A second controller that opens the file of a running one is rejected in one line."""
+    with plant_process() as (_, port), controller_process(port, tmp_path, *PATIENT) as first:
+        assert first.lines.get(timeout=LIMIT_S)
+        second = run("controller", "--port", str(port), "--retain", str(tmp_path / "retentive.json"))
+    assert second.returncode == 2
+    assert "another controller" in second.stderr
+    assert second.stderr.count("\n") == 1
+
+
+def test_sigterm_ends_the_live_run_with_its_children() -> None:
+    """After SIGTERM to a live run, no process listens on the port any more."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port), "--hmi-port", "0", "--no-panel"]
+    live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert live.stderr is not None
+        for line in live.stderr:
+            if "Stopped" in line:
+                break
+        live.terminate()
+        _, errors = live.communicate(timeout=LIMIT_S)
+    finally:
+        live.kill()
+        live.communicate()
+    assert "outputs written safe" in errors
+    with socket.create_server(("127.0.0.1", port)):
+        pass
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(400)
+def test_the_full_trial_over_modbus_in_real_time(tmp_path: Path) -> None:
+    """The trial of the README in real time accounts for all 144 seedlings."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    done = run("plant_sim", "run", "--real-time", "--port", str(port), "--hmi-port", "0", "--no-panel", timeout_s=380)
+    assert done.returncode == 0, done.stderr
+    assert "seedlings 144" in done.stdout
+    assert "alarms none" in done.stdout

@@ -1,0 +1,137 @@
+"""Guide "Adding a device": its edits of four source files work on a copy of the project."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from tests.paths import DOCS, ROOT
+
+GUIDE: Final = (DOCS / "adding-a-device.md").read_text(encoding="utf-8")
+SOURCE_FILES: Final = 4
+SCENARIO: Final = "tests/controller/program/test_guard_door.py"
+TESTS: Final = (
+    SCENARIO,
+    "tests/controller/program/test_alarm_texts.py",
+    "tests/controller/program/test_permanent_numbers.py",
+    "tests/project/test_docs.py::test_reference_tables_are_those_of_program_and_plant",
+    "tests/project/test_docs.py::test_the_tag_list_is_that_of_the_program",
+)
+"""Tests run in the copy: program, I/O map, plant and generated tables."""
+NIGHTLY_TESTS: Final = (
+    "tests/controller/program",
+    "tests/controller/events",
+    "tests/controller/hmi",
+    "tests/controller/io",
+    "tests/controller/iomap",
+    "tests/plant_sim/machine",
+)
+
+
+def blocks(language: str) -> list[str]:
+    """Return the fenced blocks of one language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+
+
+def apply(block: str, root: Path) -> str:
+    """Apply one diff block to a source tree; return the name of the changed file.
+
+    Raises:
+        AssertionError: The lines to be changed are missing from the file or occur more than once.
+    """
+    heading, _, places = block.partition("\n")
+    name = heading.removeprefix("+++ ")
+    path = root / name
+    text = path.read_text(encoding="utf-8")
+    for place in places.split("@@\n"):
+        lines = place.splitlines(keepends=True)
+        before = "".join(line[1:] for line in lines if line[0] in " -")
+        after = "".join(line[1:] for line in lines if line[0] in " +")
+        assert text.count(before) == 1, f"{name}: lines not found exactly once:\n{before}"
+        text = text.replace(before, after)
+    path.write_text(text, encoding="utf-8")
+    return name
+
+
+def run(root: Path, *arguments: str, timeout_s: float) -> str:
+    """Run Python in a source tree and return its output; on failure, fail the test with that output."""
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=root,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+    assert done.returncode == 0, f"{shlex.join(arguments)}:\n{done.stdout[-6_000:]}{done.stderr[-2_000:]}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy of the tracked files with the edits and the scenario of the guide and regenerated tables."""
+    root = tmp_path_factory.mktemp("guide") / "project"
+    git = shutil.which("git")
+    assert git is not None
+    listing = subprocess.run([git, "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    for name in filter(None, listing.stdout.split("\0")):
+        if (ROOT / name).is_file():
+            target = root / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, target)
+    files = {apply(block, root) for block in blocks("diff")}
+    assert len(files) <= SOURCE_FILES, sorted(files)
+    (scenario,) = blocks("python")
+    (root / SCENARIO).write_text(f'"""Guard door."""\n\n{scenario}', encoding="utf-8")
+    (commands,) = blocks("sh")
+    for command in commands.splitlines():
+        program, *arguments = shlex.split(command)
+        if program == ".venv/bin/python":
+            run(root, *arguments, timeout_s=40)
+    run(root, "-m", "tests.controller.program.permanent_numbers", timeout_s=20)
+    return root
+
+
+def pytest_in(root: Path, *arguments: str, timeout_s: float) -> str:
+    return run(root, "-m", "pytest", "-p", "no:cacheprovider", "-m", "not nightly", *arguments, timeout_s=timeout_s)
+
+
+@pytest.mark.timeout(320)
+def test_the_edits_of_the_guide_pass_the_tests(edited: Path) -> None:
+    assert " passed" in pytest_in(edited, *TESTS, timeout_s=280)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1_800)
+def test_the_edits_of_the_guide_pass_all_tests_of_the_program(edited: Path) -> None:
+    assert " passed" in pytest_in(edited, *NIGHTLY_TESTS, timeout_s=1_700)
+
+
+def test_the_edits_only_add_lines_to_the_permanent_numbers(edited: Path) -> None:
+    name = "tests/controller/program/permanent_numbers.csv"
+    before, after = ((root / name).read_text(encoding="utf-8") for root in (ROOT, edited))
+    assert after.startswith(before)
+    assert "alarm,guard_open,S,972\n" in after.removeprefix(before)
+
+
+def test_the_edits_are_formatted(edited: Path) -> None:
+    ruff = Path(sys.executable).with_name("ruff")
+    for arguments in (["check"], ["format", "--check"]):
+        done = subprocess.run(
+            [ruff, *arguments, "--no-cache", "controller/program", "controller/iomap", "plant_sim/machine", SCENARIO],
+            cwd=edited,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout

@@ -1,0 +1,174 @@
+"""Commands of both packages: version, help, lazy imports, missing optional dependencies, portability."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from controller.cli.main import COMMAND_LINE as CONTROLLER
+from controller.common.command_line import CommandLine
+from controller.common.extras import EXTRAS
+from plant_sim.cli.main import COMMAND_LINE as PLANT
+from tests.paths import ROOT
+
+COMMAND_LINES = (CONTROLLER, PLANT)
+OPTIONAL = {
+    "z3": {"prove", "replay"},
+    "uvicorn": {"panel"},
+    "matplotlib": {"plot"},
+    "pyarrow": {"air", "plot"},
+    "statsmodels": set[str](),
+    "joblib": set[str](),
+}
+"""Commands that import a module before they run."""
+BASE = {"filelock", "pydantic", "pymodbus", "transitions", "yaml"}
+"""Modules of the dependencies that are always installed."""
+
+
+def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", program, *arguments]
+    return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=110)
+
+
+def imported(line: CommandLine) -> dict[str, set[str]]:
+    """Return the optional modules that each command imports for its help text.
+
+    Each command runs in a fork of an interpreter that has imported nothing but the table of commands.
+    """
+    program = (
+        "import json, os, sys\n"
+        f"from {line.package}.cli.main import COMMAND_LINE\n"
+        "for name in COMMAND_LINE.commands:\n"
+        "    if child := os.fork():\n"
+        "        assert os.waitpid(child, 0)[1] == 0, name\n"
+        "        continue\n"
+        "    COMMAND_LINE.parser({name}).format_help()\n"
+        f"    print(json.dumps([name, *sorted({set(OPTIONAL)!r} & set(sys.modules))]), flush=True)\n"
+        "    os._exit(0)\n"
+    )
+    done = python(program)
+    assert done.returncode == 0, done.stderr
+    return {name: set(modules) for name, *modules in map(json.loads, done.stdout.splitlines())}
+
+
+@pytest.mark.parametrize("line", COMMAND_LINES, ids=lambda line: line.package)
+def test_a_command_imports_only_its_own_dependencies(line: CommandLine) -> None:
+    assert imported(line) == {
+        name: {module for module, commands in OPTIONAL.items() if name in commands} for name in line.commands
+    }
+
+
+@pytest.mark.parametrize("line", COMMAND_LINES, ids=lambda line: line.package)
+def test_version_and_help(line: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:
+    for option, expected in (
+        ("--version", f"seedling-transplanter {importlib.metadata.version('seedling-transplanter')}\n"),
+        ("--help", "\nWithout a command:\n"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            line.run([option])
+        assert ended.value.code == 0
+        assert expected in capsys.readouterr().out
+
+
+def test_the_program_name_is_that_of_the_console_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    for argument, name in (("/usr/bin/transplanter-plant", "transplanter-plant"), ("x.py", "python -m plant_sim")):
+        monkeypatch.setattr(sys, "argv", [argument])
+        assert PLANT.parser(()).prog == name
+
+
+@pytest.mark.parametrize(
+    ("package", "arguments", "module"),
+    [
+        ("controller", ("prove",), "z3"),
+        ("controller", ("panel",), "uvicorn"),
+        ("plant_sim", ("plot", "run.parquet"), "matplotlib"),
+        ("plant_sim", ("air",), "pyarrow"),
+        ("plant_sim", ("trial", "--record", "run.parquet"), "pyarrow"),
+        ("plant_sim", ("serve", "--record", "run.parquet", "--port", "0"), "pyarrow"),
+        ("plant_sim", ("study", "throughput"), "joblib"),
+        ("plant_sim", ("trial",), "numpy"),
+    ],
+)
+def test_a_missing_extra_is_one_line_with_the_install_command(
+    package: str, arguments: tuple[str, ...], module: str
+) -> None:
+    program = f"import sys\nsys.modules[{module!r}] = None\nfrom {package}.cli.main import main\n"
+    program += "sys.exit(main(sys.argv[1:]))\n"
+    done = python(program, *arguments)
+    hint = f"{module} is not installed; run: pip install 'seedling-transplanter[{EXTRAS[module]}]'"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"{arguments[0]}: {hint}\n")
+
+
+WITHOUT_POSIX = """
+import asyncio, concurrent.futures, getpass, multiprocessing.pool, os, shutil, signal, subprocess, sys, tempfile
+
+for name in ("fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"):
+    sys.modules[name] = None
+for name in ("chown", "fork", "getegid", "geteuid", "getgid", "getpgid", "getuid", "killpg", "mkfifo", "nice",
+             "sched_getaffinity", "sched_setscheduler", "setsid", "statvfs"):
+    delattr(os, name)
+for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "SIGUSR1", "SIGUSR2", "pthread_sigmask",
+             "setitimer", "sigwait"):
+    delattr(signal, name)
+"""
+"""Start of a program: the standard library is loaded; then the modules and names that Windows lacks are removed."""
+
+
+@pytest.mark.parametrize(
+    ("package", "arguments", "expected"),
+    [
+        ("controller", ("ladder", "export", "--format", "gx-csv", "--out", "{folder}/program.csv"), "\nfits\n"),
+        ("controller", ("prove", "--short", "--goal", "left: down away from feed"), "proved"),
+        ("plant_sim", ("trial", "--trays", "1"), "seedlings 72: "),
+        ("plant_sim", ("study", "cabbage-rsm", "--data", "printed"), "="),
+        pytest.param(
+            "plant_sim",
+            ("study", "throughput", "--frequencies", "45", "--workers", "1", "--seedlings", "12"),
+            "=",
+            marks=pytest.mark.nightly,
+        ),
+    ],
+    ids=["ladder", "prove", "trial", "study of a table", "study with trials"],
+)
+def test_a_command_runs_without_posix(package: str, arguments: tuple[str, ...], expected: str, tmp_path: Path) -> None:
+    """Ladder, prove, trial and study run on Windows, the platform of GX Works2."""
+    program = f"{WITHOUT_POSIX}\nfrom {package}.cli.main import main\nsys.exit(main(sys.argv[1:]))\n"
+    done = python(program, *(each.format(folder=tmp_path) for each in arguments))
+    assert (done.returncode, done.stderr.count("Error")) == (0, 0), done.stderr
+    assert expected in done.stdout
+
+
+def third_party() -> Iterator[str]:
+    """Yield the top-level name of every third-party module that the packages import."""
+    own = {line.package for line in COMMAND_LINES}
+    for path in sorted(path for package in own for path in (ROOT / package).rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            yield from (name.partition(".")[0] for name in names)
+        yield from re.findall(r"import_module\(\"(\w+)", text)
+
+
+def test_every_third_party_module_is_provided_by_a_dependency_or_by_the_extra_of_the_table() -> None:
+    modules = set(third_party()) - set(sys.stdlib_module_names) - {line.package for line in COMMAND_LINES}
+    modules.discard("pydantic_core")  # a dependency of pydantic
+    assert modules == BASE | set(EXTRAS)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    requirements = {"": project["dependencies"], **project["optional-dependencies"]}
+    names = {extra: {re.split(r"[\[><=]", each)[0].lower() for each in lines} for extra, lines in requirements.items()}
+    distributions = importlib.metadata.packages_distributions()
+    for module in modules:
+        provided = {each.lower().replace("_", "-") for each in distributions[module]}
+        wanted = {each.replace("_", "-") for each in names[EXTRAS.get(module, "")]}
+        assert provided & wanted, f"{module}: not in the extra {EXTRAS.get(module, '(none)')}"

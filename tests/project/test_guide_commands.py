@@ -1,0 +1,256 @@
+"""Every command of every guide, executed as printed, in a separate folder for each page.
+
+The commands of a page run in order, because later ones read files that earlier ones have written. Files that a page
+expects from its reader (``my.il``, ``my_map.yaml``, ...) are prepared. Servers get free ports and are stopped with
+Ctrl-C once they are ready.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from controller.cli.main import main as controller_main
+from controller.iomap.loader import DEFAULT_IO_MAP
+from plant_sim.cli.main import main as plant_main
+from tests.paths import DOCS, ROOT
+
+PAGES: Final = {
+    page.relative_to(ROOT).as_posix(): page
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+    if page.exists()
+}
+MAIN: Final = {"controller": controller_main, "plant_sim": plant_main}
+LIMIT_S: Final = 600
+START_LIMIT_S: Final = 60
+
+_, _, _EXCEPTIONS = (
+    (DOCS / "README.md").read_text(encoding="utf-8").partition("## Commands that the tests do not run\n")
+)
+NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILINE))
+"""Commands that need hardware, and the hardware that they need, as listed on the page of the guides."""
+NOT_RUN_COUNT: Final = 2
+THIS_RUN: Final = re.compile(r"scripts/test\b")
+"""The command that runs this test; the scenario of the scenario guide is run by another test."""
+SLOW: Final = {
+    ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim study throughput --json",
+    ".venv/bin/python -m controller prove",
+    "scripts/bench",
+    "scripts/run --real-time",
+}
+"""Commands that take more than 20 s; they are run with ``--nightly`` only."""
+SERVERS: Final = {"serve", "run"}
+EXPECTED_CODES: Final = {"prove --without": 1, "replay --without": 1}
+"""Non-zero exit codes of commands that show a violated requirement, by a part of the command."""
+
+
+def commands(page: Path) -> list[str]:
+    """Return the commands of a page, in order."""
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(r"^( *)```sh\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL)
+    return [line.strip() for _, block in blocks for line in block.splitlines() if line.strip()]
+
+
+def runnable(page: Path, *, slow: bool) -> list[str]:
+    """Return the commands of a page for the default run, or those for the nightly run."""
+    chosen = [command for command in commands(page) if command not in NOT_RUN and not THIS_RUN.match(command)]
+    return [command for command in chosen if (command in SLOW) == slow]
+
+
+def with_commands(*, slow: bool) -> list[str]:
+    return [name for name, page in PAGES.items() if runnable(page, slow=slow)]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder that the commands can use as a checkout, with the files that a reader would have.
+
+    The scripts are those of the checkout, but set-up does nothing: they use the environment that runs this test.
+    """
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    interpreter = tmp_path / ".venv/bin/python"
+    interpreter.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n', encoding="utf-8")
+    interpreter.chmod(0o755)
+    (tmp_path / "scripts").mkdir()
+    for name in ("run", "bench"):
+        shutil.copy(ROOT / "scripts" / name, tmp_path / "scripts" / name)
+    (tmp_path / "scripts" / "setup").write_text("#!/bin/sh\n", encoding="utf-8")
+    (tmp_path / "scripts" / "setup").chmod(0o755)
+    shutil.copytree(DOCS, tmp_path / "docs")
+    (tmp_path / "var").mkdir()
+    shutil.copy(DEFAULT_IO_MAP, tmp_path / "my_map.yaml")
+    (tmp_path / "my.il").write_text("LD X0\nOUT Y0\nLD Y0\nOUT T0 K5\nEND\n", encoding="utf-8")
+    (tmp_path / "my.yaml").write_text(
+        "scan_ms: 10\nscans: 20\ninputs:\n  - {at_ms: 50, set: {X0: 1}}\nwatch: [X0, Y0]\n", encoding="utf-8"
+    )
+    return tmp_path
+
+
+def run(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    """Run a command, those of Python within this process; return exit code, output and error output."""
+    words = shlex.split(command)
+    if words[0] == ".venv/bin/python" and words[2] in MAIN:
+        with contextlib.chdir(folder):
+            code = MAIN[words[2]](words[3:])
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+    done = run_process(words, folder)
+    return done.returncode, done.stdout, done.stderr
+
+
+def run_process(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        arguments,
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        cwd=folder,
+        env=environment(),
+    )
+
+
+def environment() -> Mapping[str, str]:
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+def python(folder: Path, *arguments: str) -> None:
+    done = run_process([sys.executable, "-m", *arguments], folder)
+    assert done.returncode == 0, done.stderr
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        return int(reserved.getsockname()[1])
+
+
+@contextmanager
+def served(arguments: list[str], folder: Path, ready: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a server during the block, which begins when the server is ready; Ctrl-C must stop it cleanly at the end."""
+    with subprocess.Popen(
+        arguments,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=folder,
+        env=environment(),
+        start_new_session=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            printed: list[str] = []
+            for line in process.stdout:
+                printed.append(line)
+                if ready in line:
+                    break
+            else:
+                pytest.fail(f"{shlex.join(arguments)} ended: {''.join(printed)}")
+            yield process
+            process.send_signal(signal.SIGINT)
+            rest, _ = process.communicate(timeout=START_LIMIT_S)
+            assert "Traceback" not in rest
+            assert process.returncode in {0, 130}, rest
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def serve(command: str, folder: Path) -> None:
+    """Start a server command with free ports and stop it; a controller is given a plant."""
+    arguments = shlex.split(command)
+    port = str(free_port())
+    with ExitStack() as stack:
+        if arguments[0] == "scripts/run":
+            ports = ["--port", port, "--hmi-port", "0", "--panel-port", "0"]
+            stack.enter_context(served([*arguments, *ports], folder, "Execute"))
+        elif "plant_sim" in arguments:
+            stack.enter_context(served([*arguments, "--port", port], folder, "plant listening on"))
+        else:
+            plant = [sys.executable, "-m", "plant_sim", "serve", "--port", port]
+            stack.enter_context(served(plant, folder, "plant listening on"))
+            patient = ["--timeout-ms", "5000", "--link-limit-ms", "10000"]
+            stack.enter_context(served([*arguments, "--port", port, *patient, "--hmi-port", "0"], folder, "Stopped"))
+
+
+def is_server(command: str) -> bool:
+    words = shlex.split(command)
+    if words[0] == "scripts/run":
+        return "--fast" not in words and "--real-time" not in words
+    return words[0].endswith("python") and (words[3:4] or ["run"])[0] in SERVERS
+
+
+def recorded_history(folder: Path) -> None:
+    """Run a controller so that it writes its history, as after a first run."""
+    serve(f"{sys.executable} -m controller run", folder)
+
+
+def exported_program(folder: Path) -> None:
+    python(folder, "controller", "ladder", "export", "--format", "gx-csv", "--out", "my.csv")
+
+
+def story_of_the_page(folder: Path) -> None:
+    page = (DOCS / "faults.md").read_text(encoding="utf-8")
+    (story,) = re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    (folder / "my-story.yaml").write_text(story, encoding="utf-8")
+
+
+PREPARED: Final[Mapping[str, Callable[[Path], None]]] = {
+    "docs/history.md": recorded_history,
+    "docs/ladder.md": exported_program,
+    "docs/faults.md": story_of_the_page,
+}
+
+
+def check(name: str, folder: Path, capsys: pytest.CaptureFixture[str], *, slow: bool) -> None:
+    """Run the commands of a page."""
+    if name in PREPARED:
+        PREPARED[name](folder)
+    for command in runnable(PAGES[name], slow=slow):
+        if is_server(command):
+            serve(command, folder)
+            continue
+        code, output, errors = run(command, folder, capsys)
+        expected = next((code for part, code in EXPECTED_CODES.items() if part in command), 0)
+        assert code == expected, f"{name}: {command}: {code}\n{errors}"
+        assert "Traceback" not in errors
+        if "--json" in command:
+            json.loads(output)
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("name", with_commands(slow=False))
+def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check(name, folder, capsys, slow=False)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(3_600)
+@pytest.mark.parametrize("name", with_commands(slow=True))
+def test_the_slow_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check(name, folder, capsys, slow=True)
+
+
+def test_every_exception_is_on_a_page() -> None:
+    """The lists above name only existing commands, and no other command is excluded."""
+    everything = {command for page in PAGES.values() for command in commands(page)}
+    assert len(NOT_RUN) == NOT_RUN_COUNT
+    assert set(NOT_RUN) | SLOW <= everything
+    programs = {shlex.split(command)[0] for command in everything}
+    assert programs <= {".venv/bin/python", "scripts/run", "scripts/test", "scripts/bench"}

@@ -1,0 +1,69 @@
+"""Scenario guide: its code, pasted into the file named there, passes the checks of the guide's command."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.paths import DOCS
+
+ROOT = DOCS.parent
+LIMIT_S = 60.0
+CHECKED = ("controller", "plant_sim", "tests", "pyproject.toml", "io_map.yaml")
+
+
+def blocks(language: str) -> list[str]:
+    """Return the code blocks of the guide in the given language."""
+    guide = (DOCS / "scenario.md").read_text(encoding="utf-8")
+    return re.findall(rf"(?ms)^```{language}\n(.*?)^```$", guide)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """Return a copy of the project with the code of the guide pasted into the file of its command."""
+    for name in CHECKED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(source, tmp_path / name)
+    (tmp_path / path_of_the_guide()).write_text("\n\n".join(blocks("python")), encoding="utf-8")
+    return tmp_path
+
+
+def path_of_the_guide() -> str:
+    """Return the path that the guide's command names."""
+    (command,) = blocks("sh")
+    script, path = command.split()
+    assert script == "scripts/test"
+    assert path in (DOCS / "scenario.md").read_text(encoding="utf-8").partition("```python")[0]
+    return path
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("ruff", "check", "--no-cache"),
+        ("ruff", "format", "--check", "--no-cache"),
+        ("pytest", "-p", "no:cacheprovider", "-m", "not nightly"),
+    ],
+    ids=lambda arguments: arguments[0] if arguments[0] == "pytest" else " ".join(arguments[:2]),
+)
+def test_the_code_of_the_guide_passes_its_command(arguments: tuple[str, ...], checkout: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", *arguments, path_of_the_guide()],
+        check=False,
+        cwd=checkout,
+        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(checkout)},
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    if arguments[0] == "pytest":
+        assert f"{len(blocks('python'))} passed" in done.stdout

@@ -1,0 +1,310 @@
+"""Scripts of the repository on a simulated computer: the steps of scripts/setup, and when it has nothing to do.
+
+The computer is a folder of tools used as PATH. Its Python is a shell script that logs its arguments, so the tests are
+fast and need neither a network nor root privileges.
+"""
+
+import fcntl
+import os
+import re
+import shutil
+import signal
+import subprocess
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from tests.paths import ROOT
+
+COMMANDS = ["scripts/run", "scripts/test", "scripts/bench", "scripts/setup", ".ci/run"]
+TOOLS = ["bash", "cat", "chmod", "cp", "dirname", "env", "flock", "mkdir", "readlink", "rm", "sha256sum"]
+
+PYTHON = """#!/usr/bin/env bash
+case "$*" in
+    -V) echo "Python ${VERSION:-3.11.2}" ;;
+    *ensurepip*) exit "${WITHOUT_VENV:-0}" ;;
+    "-m venv --clear .venv")
+        echo venv >>"$LOG"
+        rm -rf .venv
+        mkdir -p .venv/bin
+        for name in python python3 ruff mypy lint-imports pytest; do cp "$0" ".venv/bin/$name"; done
+        ;;
+    "-m pip install"*)
+        echo "pip ${*: -1}" >>"$LOG"
+        if [[ -p ${GATE:-} ]]; then cat "$GATE"; fi
+        exit "${PIP_FAILS:-0}"
+        ;;
+    *)
+        (IFS='|' && echo "${0##*/}|$*")
+        if [[ ${FAILING:-} == "${0##*/}" ]]; then exit 3; fi
+        ;;
+esac
+"""
+NO_PYTHON = (
+    "scripts/setup: no Python 3.11 or newer with the venv module; "
+    "ask the administrator to run: apt-get install -y python3-venv python3-pip\n"
+)
+
+
+@dataclass
+class Machine:
+    """Simulated computer with the repository in a folder whose name contains a space."""
+
+    repository: Path
+    tools: Path
+    log: Path
+    started: list[subprocess.Popen[str]] = field(default_factory=list)
+
+    def switch_off(self) -> None:
+        """Kill the processes that a failed test left running, and their children."""
+        for process in self.started:
+            with process:
+                if process.poll() is None:
+                    os.killpg(process.pid, signal.SIGKILL)
+
+    def start(self, command: str, *arguments: str, **variables: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [str(self.repository / command), *arguments],
+            cwd=self.tools.parent,
+            env=self.environment(variables),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            process_group=0,
+        )
+        self.started.append(process)
+        return process
+
+    def environment(self, variables: Mapping[str, str]) -> dict[str, str]:
+        return {"PATH": str(self.tools), "LOG": str(self.log), **variables}
+
+    def run(self, command: str, *arguments: str, **variables: str) -> tuple[int, str, str]:
+        """Run a command; return exit code, standard output and standard error."""
+        process = self.start(command, *arguments, **variables)
+        output, errors = process.communicate(timeout=30)
+        return process.returncode, output, errors
+
+    def setup(self, extra: str, **variables: str) -> list[str]:
+        """Run a setup that must succeed; return its logged steps."""
+        self.log.write_text("")
+        code, _, errors = self.run("scripts/setup", extra, **variables)
+        assert code == 0, errors
+        return self.log.read_text().splitlines()
+
+    def tool(self, name: str, script: str) -> None:
+        path = self.tools / name
+        path.write_text(script)
+        path.chmod(0o755)
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Iterator[Machine]:
+    machine = Machine(tmp_path / "seed lings", tmp_path / "tools", tmp_path / "log")
+    for command in COMMANDS:
+        (machine.repository / command).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / command, machine.repository / command)
+    shutil.copy(ROOT / "pyproject.toml", machine.repository)
+    machine.tools.mkdir()
+    for tool in TOOLS:
+        found = shutil.which(tool)
+        assert found is not None
+        (machine.tools / tool).symlink_to(found)
+    machine.tool("python3", PYTHON)
+    machine.tool("id", "#!/usr/bin/env bash\necho 1000\n")
+    for tool in DEBIAN_TOOLS:
+        machine.tool(tool, "#!/usr/bin/env bash\n")
+    yield machine
+    machine.switch_off()
+
+
+FROM_NOTHING = ["venv", "pip .[dev]"]
+DEBIAN_TOOLS = ["mbpoll", "chromium"]
+"""Debian packages that the tests need."""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_scripts_are_executable_and_stop_at_the_first_error(command: str) -> None:
+    assert os.access(ROOT / command, os.X_OK)
+    assert "\nset -euo pipefail\n" in (ROOT / command).read_text()
+
+
+def test_a_second_setup_does_nothing(machine: Machine) -> None:
+    assert machine.setup("dev") == FROM_NOTHING
+    assert machine.setup("dev") == []
+    assert machine.setup("plant") == []  # dev includes plant
+
+
+def test_dev_after_plant_is_added_to_the_environment(machine: Machine) -> None:
+    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel,parquet]"]
+    assert machine.setup("dev") == ["pip .[dev]"]
+
+
+def test_a_changed_pyproject_is_installed_again(machine: Machine) -> None:
+    machine.setup("dev")
+    with (machine.repository / "pyproject.toml").open("a") as file:
+        file.write("# one more line\n")
+    assert machine.setup("dev") == ["pip .[dev]"]
+    assert machine.setup("dev") == []
+
+
+def test_a_failed_setup_starts_from_the_beginning(machine: Machine) -> None:
+    code, _, errors = machine.run("scripts/setup", "dev", PIP_FAILS="1")
+    assert code == 2
+    assert errors.endswith("scripts/setup: pip failed (see above); the next run starts from the beginning\n")
+    assert machine.setup("dev") == FROM_NOTHING
+
+
+def test_a_failed_addition_starts_from_the_beginning(machine: Machine) -> None:
+    machine.setup("plant")
+    assert machine.run("scripts/setup", "dev", PIP_FAILS="1")[0] == 2
+    assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel,parquet]"]
+
+
+def test_another_python_version_rebuilds_the_environment(machine: Machine) -> None:
+    machine.setup("dev")
+    assert machine.setup("dev", VERSION="3.12.0") == FROM_NOTHING
+
+
+def test_a_missing_python_rebuilds_the_environment(machine: Machine) -> None:
+    machine.setup("dev")
+    (machine.repository / ".venv/bin/python").unlink()
+    assert machine.setup("dev") == FROM_NOTHING
+
+
+def test_a_moved_repository_rebuilds_the_environment(machine: Machine) -> None:
+    machine.setup("dev")
+    machine.repository = machine.repository.rename(machine.repository.with_name("moved lings"))
+    assert machine.setup("dev") == FROM_NOTHING
+
+
+def test_a_concurrent_setup_waits_and_has_nothing_left_to_do(machine: Machine, tmp_path: Path) -> None:
+    gate = tmp_path / "gate"
+    os.mkfifo(gate)
+    first = machine.start("scripts/setup", "dev", GATE=str(gate))
+    assert first.stderr is not None
+    assert first.stderr.readline() == "scripts/setup: creating .venv with Python 3.11.2\n"
+    expected = "scripts/setup: installing the project with dev in .venv, which takes 1 to 3 minutes\n"
+    assert first.stderr.readline() == expected
+    second = machine.start("scripts/setup", "dev")
+    assert second.stderr is not None
+    assert second.stderr.readline() == "scripts/setup: waiting for another setup to finish\n"
+    gate.write_text("")  # lets the first pip finish
+    done, nothing = (process.communicate(timeout=30)[1] for process in (first, second))
+    assert re.fullmatch(r"scripts/setup: done in \d+ s\n", done)
+    assert nothing == ""
+    assert (first.returncode, second.returncode) == (0, 0)
+    assert machine.log.read_text().splitlines() == FROM_NOTHING
+
+
+def test_an_up_to_date_environment_needs_no_lock(machine: Machine) -> None:
+    machine.setup("dev")
+    descriptor = os.open(machine.repository, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    assert machine.setup("dev") == []
+    os.close(descriptor)
+
+
+def test_an_activated_environment_is_not_rebuilt_by_its_own_python(machine: Machine) -> None:
+    machine.setup("dev")
+    (machine.repository / ".venv/.base").unlink()
+    path = f"{machine.repository}/.venv/bin:{machine.tools}"
+    assert machine.setup("dev", PATH=path) == FROM_NOTHING
+
+
+def test_a_later_python_in_the_path_is_used_if_the_first_has_no_venv(machine: Machine) -> None:
+    machine.tool("python3", "#!/usr/bin/env bash\nexit 1\n")
+    machine.tool("python3.12", PYTHON)
+    assert machine.setup("dev") == FROM_NOTHING
+
+
+def test_a_missing_venv_module_is_reported_with_the_remedy(machine: Machine) -> None:
+    machine.tool("apt-get", '#!/usr/bin/env bash\necho "apt-get $*" >>"$LOG"\n')
+    assert machine.run("scripts/run", WITHOUT_VENV="1") == (2, "", NO_PYTHON)
+    assert not machine.log.exists()
+
+
+def test_root_installs_a_missing_venv_module(machine: Machine) -> None:
+    machine.tool("id", "#!/usr/bin/env bash\necho 0\n")
+    machine.tool("python3", "#!/usr/bin/env bash\nexit 1\n")
+    machine.tool("python3.11", PYTHON)
+    (machine.tools / "python3.11").rename(machine.tools / "waiting")
+    install = f'if [[ "$*" == *" install "* ]]; then cp {machine.tools}/waiting {machine.tools}/python3; fi'
+    machine.tool("apt-get", f'#!/usr/bin/env bash\necho "apt-get $*" >>"$LOG"\n{install}\n')
+    done = machine.setup("dev")
+    assert done == ["apt-get -qq update", "apt-get -qq install -y python3-venv python3-pip", *FROM_NOTHING]
+
+
+def test_root_installs_missing_tools_of_the_tests(machine: Machine) -> None:
+    machine.tool("id", "#!/usr/bin/env bash\necho 0\n")
+    for tool in DEBIAN_TOOLS:
+        (machine.tools / tool).rename(machine.tools / f"{tool}.waiting")
+    install = "".join(f"cp {machine.tools}/{tool}.waiting {machine.tools}/{tool};" for tool in DEBIAN_TOOLS)
+    machine.tool(
+        "apt-get", f'#!/usr/bin/env bash\necho "apt-get $*" >>"$LOG"\n[[ $* != *install* ]] || {{ {install} }}\n'
+    )
+    done = machine.setup("dev")
+    assert done == ["apt-get -qq update", "apt-get -qq install -y mbpoll chromium", *FROM_NOTHING]
+    assert machine.setup("dev") == []
+
+
+@pytest.mark.parametrize("there", [[], ["mbpoll"]])
+def test_missing_tools_are_reported_to_other_users(machine: Machine, there: list[str]) -> None:
+    missing = [tool for tool in DEBIAN_TOOLS if tool not in there]
+    for tool in missing:
+        (machine.tools / tool).unlink()
+    named = " ".join(missing)
+    expected = f"scripts/setup: the tests need {named}; ask the administrator to run: apt-get install -y {named}\n"
+    assert machine.run("scripts/test") == (2, "", expected)
+    assert not machine.log.exists()
+    assert machine.run("scripts/run")[0] == 0, "the virtual machine needs none of them"
+
+
+@pytest.mark.parametrize(("word", "extra"), [("run", "plant,studies,panel,parquet"), ("bench", "dev")])
+def test_run_and_bench_pass_their_arguments_on(machine: Machine, word: str, extra: str) -> None:
+    code, output, _ = machine.run(f"scripts/{word}", "--speed", "2 x")
+    assert (code, output) == (0, f"python|-P|-m|plant_sim|{word}|--speed|2 x\n")
+    assert machine.log.read_text().splitlines() == ["venv", f"pip .[{extra}]"]
+
+
+CHECKS = ["ruff|check|.", "ruff|format|--check|.", "mypy|", "lint-imports|"]
+PYTEST = "pytest|-n|2|--dist|worksteal"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "last"),
+    [
+        ([], f"{PYTEST}|-m|not nightly"),
+        (["--nightly"], PYTEST),
+        (["-k", "a b", "--nightly", "-x"], f"{PYTEST}|-k|a b|-x"),
+        (["tests/controller/iomap/test_io_map.py"], f"{PYTEST}|-m|not nightly|tests/controller/iomap/test_io_map.py"),
+    ],
+)
+def test_scripts_test_runs_all_checks_and_pytest_last(machine: Machine, arguments: list[str], last: str) -> None:
+    code, output, _ = machine.run("scripts/test", *arguments)
+    assert (code, output.splitlines()) == (0, [*CHECKS, last])
+    assert machine.run(".ci/run", *arguments) == (0, output, "")
+
+
+@pytest.mark.parametrize(("failing", "number"), [("ruff", 1), ("mypy", 3), ("lint-imports", 4)])
+def test_scripts_test_stops_at_the_first_failing_check_and_names_it(
+    machine: Machine, failing: str, number: int
+) -> None:
+    machine.setup("dev")
+    code, output, errors = machine.run("scripts/test", FAILING=failing)
+    assert (code, output.splitlines()) == (1, CHECKS[:number])
+    assert errors == f"scripts/test: {CHECKS[number - 1].replace('|', ' ').strip()} failed\n"
+
+
+def test_scripts_test_fails_with_pytest_and_prints_nothing_after_it(machine: Machine) -> None:
+    machine.setup("dev")
+    code, output, errors = machine.run("scripts/test", FAILING="pytest")
+    assert (code, errors) == (3, "")
+    assert output.splitlines()[-1] == f"{PYTEST}|-m|not nightly"
+
+
+@pytest.mark.parametrize("arguments", [[], ["studies"]])
+def test_an_unknown_set_is_rejected(machine: Machine, arguments: list[str]) -> None:
+    expected = "scripts/setup: unknown set; usage: scripts/setup dev, or scripts/setup plant\n"
+    assert machine.run("scripts/setup", *arguments) == (2, "", expected)
