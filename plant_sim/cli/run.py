@@ -113,10 +113,11 @@ def _live(options: argparse.Namespace) -> int:
     with ProgressView() as view, live_trial(live, view) as trial:
         print(trial.panel, file=sys.stderr, flush=True)
         report = trial.run()
-        print(report.text(), flush=True)
-        if options.keep:
-            print("serving until Ctrl-C", file=sys.stderr, flush=True)
-            with contextlib.suppress(KeyboardInterrupt):
+        # The trial is complete: from here on, Ctrl-C ends the program with the exit code of the report.
+        with contextlib.suppress(KeyboardInterrupt):
+            print(report.text(), flush=True)
+            if options.keep:
+                print("serving until Ctrl-C", file=sys.stderr, flush=True)
                 trial.serve()
     return _exit_code(report)
 
