@@ -71,6 +71,8 @@ class Twin:
         self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays, faults=faults)
         self.module = IoModule(self.plant, self.io_map)
         self.machine: Transplanter = _machine(self.io_map)
+        self._sequences = {sequence.name: sequence for sequence in self.machine.program.sequences()}
+        self._steps = [(bit.name, bit.number) for sequence in self._sequences.values() for bit, _ in sequence]
         self.clock = SimulatedClock()
         self.events: list[Event] = []
         self.store = MemoryStore()
@@ -177,11 +179,12 @@ class Twin:
 
     def active_steps(self) -> list[str]:
         """Return 'sequence: step' of every active step."""
-        return [bit.name for sequence in self.machine.program.sequences() for bit, _ in sequence if self.plc.read(bit)]
+        active = self.plc.memory.S
+        return [name for name, number in self._steps if active[number]]
 
     def in_step(self, sequence: str, step: str) -> bool:
         """Return whether a step is active."""
-        return any(each.name == sequence and self.plc.read(each[step]) for each in self.machine.program.sequences())
+        return self.plc.memory.S[self._sequences[sequence][step].number]
 
     def outputs(self) -> set[str]:
         """Return the tags of the outputs that are on (logical state)."""

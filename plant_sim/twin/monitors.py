@@ -7,7 +7,7 @@ it continue and collects the violations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Protocol
 
 from controller.iomap.loader import Point
@@ -45,14 +45,16 @@ def opposite_coils(twin: Twin) -> Check:
         (io_map[f"{side}.{one}"], io_map[f"{side}.{two}"]) for side in SIDES for one, two in (SLIDE, LIFT, BELT, CLAWS)
     ]
 
-    safe = io_map.safe_outputs()
+    allowed = io_map.safe_outputs()
 
     def check() -> str | None:
-        if twin.runtime.released == safe:
+        nonlocal allowed
+        if twin.runtime.released == allowed:
             return None
         for one, two in pairs:
             if is_on(twin, one) and is_on(twin, two):
                 return f"{one.tag} and {two.tag} are on together"
+        allowed = list(twin.runtime.released)
         return None
 
     return check
@@ -173,8 +175,9 @@ def guard(twin: Twin, monitors: Iterable[Monitor] = MONITORS) -> Twin:
     checks = [monitor(twin) for monitor in monitors]
 
     def stop(twin: Twin) -> None:
-        for violation in violations(checks):
-            raise UnsafeError(f"{violation}; {twin.situation()}")
+        for check in checks:
+            if (violation := check()) is not None:
+                raise UnsafeError(f"{violation}; {twin.situation()}")
 
     twin.watch(stop)
     return twin
@@ -201,11 +204,6 @@ def collect_violations(twin: Twin) -> dict[str, str]:
 
     twin.watch(collect)
     return trips
-
-
-def violations(checks: list[Check]) -> Iterator[str]:
-    """Yield the violations that the checks report."""
-    return (violation for check in checks if (violation := check()) is not None)
 
 
 def is_on(twin: Twin, output: Point) -> bool:
