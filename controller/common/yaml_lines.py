@@ -103,7 +103,7 @@ def read_yaml(
 
 
 def _compose(text: str, loader: type[yaml.BaseLoader | yaml.SafeLoader]) -> yaml.Node | None:
-    """Return the node tree; the Python loader decides about texts that the compiled one rejects and describes errors."""
+    """Return the node tree; the Python loader decides on texts that the compiled one rejects, and describes errors."""
     fast = _COMPILED.get(loader)
     if fast is not None and sum(map(text.count, _NESTING)) < _MAX_NESTING:
         with suppress(yaml.YAMLError):
