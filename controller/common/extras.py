@@ -10,6 +10,7 @@ DISTRIBUTION: Final = "seedling-transplanter"
 
 EXTRAS: Final[Mapping[str, str]] = {
     "joblib": "studies",
+    "llvmlite": "plant",
     "matplotlib": "plant",
     "numba": "plant",
     "numpy": "plant",

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Sequence as Rows
 from functools import partial
-from typing import cast
+from typing import Protocol
 
 from transitions import Machine
 
@@ -78,6 +78,71 @@ class StepMachine:
         return next(title for title, bit in sequence.bits.items() if bit == transfer.target)
 
 
+class Execution(Protocol):
+    """Executor of one program on its own device memory.
+
+    Attributes:
+        memory: All devices.
+    """
+
+    memory: Memory
+
+    def run(self, now_ms: int, *, first: bool) -> None:
+        """Execute all blocks and END on the latched inputs.
+
+        Args:
+            now_ms: Time of the scan, ms.
+            first: True in the first scan.
+        """
+
+    def image_of(self, spans: Iterable[tuple[str, slice]]) -> Callable[[], object]:
+        """Return a function that copies spans of the memory, given by row and range, for comparison with later copies.
+
+        The copies are equal if and only if the spans have equal values.
+        """
+
+
+class PythonExecution:
+    """Execution of a program as Python functions, with a `transitions` machine for each sequence."""
+
+    def __init__(self, program: Program) -> None:
+        """Compile a program for a new memory."""
+        self.memory = Memory()
+        self._leaving: list[int] = []
+        transfers: Transfers = {}
+        for index, sequence in enumerate(program.sequences()):
+            transfers |= StepMachine(sequence, index, self.memory, self._leaving).triggers
+        self._blocks: list[BlockFunction] = compile_program(program, self.memory, transfers)
+
+    def run(self, now_ms: int, *, first: bool) -> None:
+        """Execute all blocks and END on the latched inputs."""
+        memory = self.memory
+        special = memory.M
+        special[RUN_MONITOR] = True
+        special[INITIAL_PULSE] = first
+        special[CLOCK_1_S] = now_ms % 1000 < 500
+        tick_100, tick_10 = now_ms // 100, now_ms // 10
+        for block in self._blocks:
+            block(tick_100, tick_10, now_ms)
+        if self._leaving:
+            for state in self._leaving:
+                memory.S[state] = False
+            self._leaving.clear()
+        self._watch_annunciators()
+
+    def image_of(self, spans: Iterable[tuple[str, slice]]) -> Callable[[], object]:
+        """Return a function that copies spans of the memory for comparison."""
+        rows = [(getattr(self.memory, row), span) for row, span in spans]
+        return lambda: tuple(row[span] for row, span in rows)
+
+    def _watch_annunciators(self) -> None:
+        memory = self.memory
+        active = True in memory.S[ANNUNCIATORS.start :]
+        if active or memory.M[ANNUNCIATOR_ON]:
+            memory.M[ANNUNCIATOR_ON] = active
+            memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if active else 0
+
+
 class Plc:
     """PLC in RUN mode with one program: memory and scan.
 
@@ -85,26 +150,24 @@ class Plc:
         program: Program that is executed.
         memory: All devices.
         scans: Number of scans since start.
+        retentive_image: Returns a copy of the memory spans that contain all retentive devices, for change detection.
     """
 
-    def __init__(self, program: Program, *, input_filter_ms: int = 10) -> None:
+    def __init__(self, program: Program, *, input_filter_ms: int = 10, execution: Execution | None = None) -> None:
         """Start the PLC with cleared memory; M8002 is on in the first scan.
 
         Args:
             program: Program to execute.
             input_filter_ms: Filter time of X0-X17, ms. X20 and up are fixed at 10 ms; 0 disables all filters.
+            execution: Executor of the program with cleared memory; None = a `PythonExecution`.
         """
         self.program = program
-        self.memory = Memory()
+        self._execution = execution or PythonExecution(program)
+        self.memory = self._execution.memory
         self.scans = 0
         self._filter = InputFilter(self.memory.X, input_filter_ms)
-        self._leaving: list[int] = []
-        transfers: Transfers = {}
-        for index, sequence in enumerate(program.sequences()):
-            transfers |= StepMachine(sequence, index, self.memory, self._leaving).triggers
-        self._blocks: list[BlockFunction] = compile_program(program, self.memory, transfers)
         self._retentive = program.retentive
-        self._retentive_spans = self._spans()
+        self.retentive_image = self._execution.image_of(self._retentive_spans())
         for word, value in program.set_points:
             self.memory.set_word(word.kind, word.number, value)
 
@@ -118,22 +181,10 @@ class Plc:
         Returns:
             Copy of the Y image: raw levels indexed by octal value.
         """
-        memory = self.memory
         self._filter.latch(now_ms, levels)
-        special = memory.M
-        special[RUN_MONITOR] = True
-        special[INITIAL_PULSE] = self.scans == 0
-        special[CLOCK_1_S] = now_ms % 1000 < 500
-        tick_100, tick_10 = now_ms // 100, now_ms // 10
-        for block in self._blocks:
-            block(tick_100, tick_10, now_ms)
-        if self._leaving:
-            for state in self._leaving:
-                memory.S[state] = False
-            self._leaving.clear()
-        self._watch_annunciators()
+        self._execution.run(now_ms, first=self.scans == 0)
         self.scans += 1
-        return memory.Y.copy()
+        return self.memory.Y.copy()
 
     def press(self, bit: Bit) -> None:
         """Set a system bit before the next scan; a command bit is on for that scan only."""
@@ -157,10 +208,6 @@ class Plc:
         states = self.memory.S
         return [n for n in ANNUNCIATORS if states[n]] if self.memory.M[ANNUNCIATOR_ON] else []
 
-    def retentive_image(self) -> tuple[list[int], ...]:
-        """Return a copy of the memory spans that contain all retentive devices, for fast change detection."""
-        return tuple(words[span] for words, span in self._retentive_spans)
-
     def retained(self) -> dict[str, int]:
         """Return the values of the program's battery-backed devices by FX name.
 
@@ -181,28 +228,12 @@ class Plc:
         for name, device in expected.items():
             self.write(device, values[name])
 
-    def _spans(self) -> list[tuple[list[int], slice]]:
-        spans: list[tuple[list[int], slice]] = []
-        memory = self.memory
-        lists: dict[str, tuple[Rows[int], ...]] = {
-            "M": (memory.M,),
-            "D": (memory.D,),
-            "C": (memory.C, memory.CV),
-            "T": (memory.T, memory.TV),
-        }
-        for kind, rows in lists.items():
+    def _retentive_spans(self) -> Iterator[tuple[str, slice]]:
+        """Yield the rows of `Memory` that contain retentive devices, with the range of these devices."""
+        for kind, rows in {"M": ("M",), "D": ("D",), "C": ("C", "CV"), "T": ("T", "TV")}.items():
             numbers = [device.number for device in self._retentive if device.kind == kind]
             if numbers:
-                span = slice(min(numbers), max(numbers) + 1)
-                spans += [(cast(list[int], words), span) for words in rows]
-        return spans
-
-    def _watch_annunciators(self) -> None:
-        memory = self.memory
-        active = True in memory.S[ANNUNCIATORS.start :]
-        if active or memory.M[ANNUNCIATOR_ON]:
-            memory.M[ANNUNCIATOR_ON] = active
-            memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if active else 0
+                yield from ((row, slice(min(numbers), max(numbers) + 1)) for row in rows)
 
 
 def _retentive_name(device: Bit | Word) -> str:

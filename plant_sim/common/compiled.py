@@ -10,6 +10,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
+from controller.common.cache_folder import user_cache_folder
+
 _Params = ParamSpec("_Params")
 _Result = TypeVar("_Result")
 
@@ -59,16 +61,14 @@ def cache_sources(patterns: Iterable[str] = CACHE_SOURCES) -> list[Path]:
 def cache_folder() -> Path:
     """Return the folder that contains all versions of the cached machine code.
 
-    ``NUMBA_CACHE_DIR`` takes precedence. The default is ``seedling-transplanter`` in the user's cache folder:
-    ``%LOCALAPPDATA%`` on Windows, else ``$XDG_CACHE_HOME`` or ``~/.cache``.
+    ``NUMBA_CACHE_DIR`` takes precedence over `user_cache_folder`.
 
     Raises:
         RuntimeError: The user has no home folder.
     """
     if custom := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(custom)
-    variable, default = ("LOCALAPPDATA", "~/AppData/Local") if os.name == "nt" else ("XDG_CACHE_HOME", "~/.cache")
-    return Path(os.environ.get(variable) or default).expanduser() / "seedling-transplanter"
+    return user_cache_folder()
 
 
 @cache

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
 
 from controller.core.clock import SimulatedClock
+from controller.core.machine_code import MachineExecution
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
 from controller.events.production import AlarmEvent, CycleEvent, Event, ProductionLog
@@ -99,7 +100,8 @@ class Twin:
 
     def power_on(self) -> None:
         """Start the controller with its retentive memory."""
-        plc = Plc(self.machine.program)
+        program = self.machine.program
+        plc = Plc(program, execution=MachineExecution(program))
         for name, value in self._set_points.items():
             plc.write(getattr(self.machine.tags.sp, name), value)
         retained = self.store.load()

@@ -27,7 +27,7 @@ class ConsoleRig:
         self._console.execute(line + "\n")
         self.twin.scan()
 
-    def memory(self) -> tuple[object, ...]:
+    def memory(self) -> object:
         """Return the complete retained state of the program."""
         return self.twin.plc.retentive_image()
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from controller.core.expr import Bit, Word
 from controller.core.program import Program
-from controller.core.scan import Plc
+from controller.core.scan import Execution, Plc
 from controller.export.instruction_list import acting, export
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import Ladder
@@ -127,14 +127,14 @@ class Pair:
         return found + [f"D{number}" for number in range(8000) if soft.D[number] != fx.D[number]]
 
 
-def stories(seed: int, scans: int, *, power_fails: bool = True) -> Iterator[tuple[Pair, int]]:
+def stories(seed: int, scans: int, *, power_fails: bool = True, pair: Pair | None = None) -> Iterator[tuple[Pair, int]]:
     """Run a machine with random events; after each scan, yield the pair and the scan number.
 
     A substitute for the machine responds to the coils. Buttons that continue the cycle, and occasionally others, are
     pressed. Switches stick, terminals flicker, set-points change, power fails and scans are late.
     """
     chance = Random(seed)
-    pair, world = Pair(), StandIn(MACHINE.io_map)
+    pair, world = pair or Pair(), StandIn(MACHINE.io_map)
     image = MACHINE.io_map.safe_outputs()
     limits = list(TAGS.sp.limits.items())
     now_ms, period_ms, hold = 0, 20, 0
@@ -214,8 +214,8 @@ class Mirror(Plc):
     found: ClassVar[list[str]] = []
     compared: ClassVar[int] = 0
 
-    def __init__(self, program: Program, *, input_filter_ms: int = 10) -> None:
-        super().__init__(program, input_filter_ms=input_filter_ms)
+    def __init__(self, program: Program, *, input_filter_ms: int = 10, execution: Execution | None = None) -> None:
+        super().__init__(program, input_filter_ms=input_filter_ms, execution=execution)
         self._fx = FxPlc(EXPORTED, input_filter_ms=input_filter_ms)
         self._fx.memory.M[FIRST_VALUES_WRITTEN] = True  # equal memory: the soft PLC already has its initial values
         for word, value in program.set_points:

@@ -1,0 +1,423 @@
+"""Translation of a program to LLVM IR: one function per block, and one for the complete scan.
+
+The translation has the semantics of `controller.core.compile`. Device memory is one region (`MemoryLayout`); bits are
+bytes of 0 or 1, words are 64-bit integers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import reduce
+from typing import Final, NamedTuple
+
+from controller.core.devices import (
+    ANNUNCIATOR_ON,
+    ANNUNCIATORS,
+    CLOCK_1_S,
+    INITIAL_PULSE,
+    LOWEST_ANNUNCIATOR,
+    MS_10,
+    MS_100,
+    RUN_MONITOR,
+    SIZES,
+    WORD_MAX,
+    WORD_MIN,
+    is_32_bit_counter,
+)
+from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.program import Block, Program
+from controller.core.rungs import (
+    Annunciate,
+    Count,
+    Inc,
+    Mov,
+    OnDelay,
+    Out,
+    Pulse,
+    PulseFalling,
+    Rst,
+    Rung,
+    Set,
+    ZoneReset,
+)
+from controller.core.sequence import Sequence, Transfer
+
+WORD_BYTES: Final = 8
+_FIRST_RETENTIVE_TIMER: Final = 246
+_WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
+_PREDICATES: Final = {"==": "eq", "!=": "ne", "<": "slt", "<=": "sle", ">": "sgt", ">=": "sge"}
+_PARAMETERS: Final = "ptr %m, i64 %tick_100, i64 %tick_10, i64 %tick_1"
+_MEMSET: Final = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
+
+
+class Row(NamedTuple):
+    """Devices of one kind in the memory region.
+
+    Attributes:
+        offset: Position of the first device, bytes.
+        length: Number of devices.
+    """
+
+    offset: int
+    length: int
+
+
+class MemoryLayout:
+    """Arrangement of the device memory of a program in one region.
+
+    Attributes:
+        words: Rows of 64-bit words, by name of the list in `Memory`.
+        bits: Rows of bytes, by name of the list in `Memory`; "L" contains the states left by a transfer in this scan.
+        size: Size of the region, bytes.
+    """
+
+    def __init__(self, edges: int) -> None:
+        """Arrange the memory of a program with this number of PLS and PLF rungs."""
+        sizes = {name: SIZES[kind] for name, kind in (("TV", "T"), ("TS", "T"), ("CV", "C"), ("CE", "C"), ("L", "S"))}
+        sizes |= dict(SIZES) | {"E": max(edges, 1)}
+        self.words: dict[str, Row] = {}
+        self.bits: dict[str, Row] = {}
+        at = 0
+        for name in ("D", "TV", "TS", "CV"):
+            self.words[name] = Row(at, sizes[name])
+            at += sizes[name] * WORD_BYTES
+        for name in ("X", "Y", "M", "S", "T", "C", "CE", "E", "L"):
+            self.bits[name] = Row(at, sizes[name])
+            at += sizes[name]
+        self.size = at
+
+    def bit(self, row: str, number: int) -> int:
+        """Return the position of a bit, bytes."""
+        return self.bits[row].offset + number
+
+    def word(self, row: str, number: int) -> int:
+        """Return the position of a word, bytes."""
+        return self.words[row].offset + number * WORD_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class Translation:
+    """Program in LLVM IR.
+
+    Attributes:
+        modules: One module per block, and the module of the scan; each can be compiled on its own.
+        entry: Name of the scan function; arguments: memory region, time in ms, and 1 in the first scan, else 0.
+    """
+
+    modules: tuple[str, ...]
+    entry: str
+
+
+def translate(program: Program, layout: MemoryLayout) -> Translation:
+    """Translate a program.
+
+    The name of a function is derived from its text, so that equal blocks have equal modules.
+    """
+    edges = iter(range(layout.bits["E"].length))
+    blocks = [_block(block, layout, edges) for block in program.blocks]
+    names = [_name(body) for body in blocks]
+    modules = [_module(name, _PARAMETERS, body) for name, body in zip(names, blocks, strict=True)]
+    body = _scan(program, layout, names)
+    entry = _name(body)
+    declarations = [f"declare void @{name}({_PARAMETERS})" for name in dict.fromkeys(names)]
+    modules.append(_module(entry, "ptr %m, i64 %now_ms, i64 %first", body, declarations))
+    return Translation(tuple(dict.fromkeys(modules)), entry)
+
+
+def _name(body: str) -> str:
+    return f"f_{hashlib.sha256(body.encode()).hexdigest()[:24]}"
+
+
+def _module(name: str, parameters: str, body: str, declarations: Iterable[str] = ()) -> str:
+    return "\n".join([_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", ""])
+
+
+def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:
+    code = _Code(layout, edges)
+    for item in block.items:
+        if isinstance(item, Sequence):
+            code.sequence(item)
+        else:
+            code.rung(item)
+    return code.text()
+
+
+def _scan(program: Program, layout: MemoryLayout, blocks: Iterable[str]) -> str:
+    code = _Code(layout, iter(()))
+    code.set_bit("M", RUN_MONITOR, "true")
+    code.set_bit("M", INITIAL_PULSE, code.value("icmp ne i64 %first, 0"))
+    code.set_bit("M", CLOCK_1_S, code.value(f"icmp slt i64 {code.value('srem i64 %now_ms, 1000')}, 500"))
+    tick_100, tick_10 = (code.value(f"sdiv i64 %now_ms, {base}") for base in (MS_100, MS_10))
+    for name in blocks:
+        code.add(f"call void @{name}(ptr %m, i64 {tick_100}, i64 {tick_10}, i64 %now_ms)")
+    for state in sorted({t.source.number for t in _transfers(program)}):
+        stays = code.value(f"xor i1 {code.bit('L', state)}, true")
+        code.set_bit("S", state, code.all_of((code.bit("S", state), stays)))
+        code.set_bit("L", state, "false")
+    code.annunciators()
+    return code.text()
+
+
+def _transfers(program: Program) -> Iterator[Transfer]:
+    for sequence in program.sequences():
+        for transfers in sequence.transfers.values():
+            yield from transfers
+
+
+class _Code:
+    """Builder of the body of one function. Conditions are values of type i1, words of type i64."""
+
+    def __init__(self, layout: MemoryLayout, edges: Iterator[int]) -> None:
+        self._layout = layout
+        self._edges = edges
+        self._lines: list[str] = []
+        self._values = 0
+        self._labels = 0
+
+    def text(self) -> str:
+        return "\n".join(self._lines)
+
+    def add(self, line: str) -> None:
+        self._lines.append(f"  {line}")
+
+    def value(self, operation: str) -> str:
+        """Add an operation and return the name of its result."""
+        self._values += 1
+        self.add(f"%v{self._values} = {operation}")
+        return f"%v{self._values}"
+
+    # memory
+
+    def _pointer(self, position: int) -> str:
+        return self.value(f"getelementptr i8, ptr %m, i64 {position}")
+
+    def bit(self, row: str, number: int) -> str:
+        byte = self.value(f"load i8, ptr {self._pointer(self._layout.bit(row, number))}")
+        return self.value(f"trunc i8 {byte} to i1")
+
+    def set_bit(self, row: str, number: int, value: str) -> None:
+        byte = self.value(f"zext i1 {value} to i8")
+        self.add(f"store i8 {byte}, ptr {self._pointer(self._layout.bit(row, number))}")
+
+    def word(self, row: str, number: int) -> str:
+        return self.value(f"load i64, ptr {self._pointer(self._layout.word(row, number))}")
+
+    def set_word(self, row: str, number: int, value: str | int) -> None:
+        self.add(f"store i64 {value}, ptr {self._pointer(self._layout.word(row, number))}")
+
+    def operand(self, operand: Word | int) -> str:
+        return str(operand) if isinstance(operand, int) else self.word(_WORD_ROWS[operand.kind], operand.number)
+
+    # conditions
+
+    def condition(self, expr: Expr) -> str:
+        match expr:
+            case Bit(kind, number):
+                return self.bit(kind, number)
+            case Not(operand):
+                return self.inverse(self.condition(operand))
+            case And(operands):
+                return self.all_of(map(self.condition, operands))
+            case Or(operands):
+                return reduce(lambda a, b: self.value(f"or i1 {a}, {b}"), map(self.condition, operands))
+            case Const(value):
+                return "true" if value else "false"
+            case Compare(relation, left, right):
+                return self.compare(relation, self.operand(left), self.operand(right))
+        raise TypeError(f"not a condition: {expr!r}")
+
+    def inverse(self, value: str) -> str:
+        return self.value(f"xor i1 {value}, true")
+
+    def all_of(self, values: Iterable[str]) -> str:
+        return reduce(lambda a, b: self.value(f"and i1 {a}, {b}"), values)
+
+    def compare(self, relation: str, left: str | int, right: str | int) -> str:
+        return self.value(f"icmp {_PREDICATES[relation]} i64 {left}, {right}")
+
+    def choice(self, condition: str, one: str | int, other: str | int) -> str:
+        return self.value(f"select i1 {condition}, i64 {one}, i64 {other}")
+
+    # control flow
+
+    @contextmanager
+    def on(self, condition: str) -> Iterator[None]:
+        """Execute the operations of the block only if the condition holds."""
+        inside, after = self._label(), self._label()
+        self.add(f"br i1 {condition}, label %{inside}, label %{after}")
+        self._lines.append(f"{inside}:")
+        yield
+        self.add(f"br label %{after}")
+        self._lines.append(f"{after}:")
+
+    def _label(self) -> str:
+        self._labels += 1
+        return f"l{self._labels}"
+
+    # rungs
+
+    def rung(self, rung: Rung) -> None:
+        """Add a rung."""
+        when = self.condition(rung.when)
+        match rung:
+            case Out(target):
+                self.set_bit(target.kind, target.number, when)
+            case Pulse(target) | PulseFalling(target):
+                edge = next(self._edges)
+                before = self.bit("E", edge)
+                pair = (when, self.inverse(before)) if isinstance(rung, Pulse) else (self.inverse(when), before)
+                self.set_bit(target.kind, target.number, self.all_of(pair))
+                self.set_bit("E", edge, when)
+            case OnDelay(timer):
+                self._timer(timer, rung.counts, when)
+            case Annunciate(timer, preset, target):
+                self._timer(timer, preset // MS_100, when)
+                with self.on(self.all_of((when, self.bit("T", timer.number)))):
+                    self.set_bit(target.kind, target.number, "true")
+            case Count():
+                self._counter(rung, when)
+            case _:
+                with self.on(when):
+                    self._latch(rung)
+
+    def _latch(self, rung: Set | Rst | ZoneReset | Mov | Inc) -> None:
+        """Add the effect of a driven rung that writes nothing while it is not driven."""
+        match rung:
+            case Set(target):
+                self.set_bit(target.kind, target.number, "true")
+            case Rst(target):
+                self._reset(target)
+            case ZoneReset(first, last):
+                start = self._pointer(self._layout.bit(first.kind, first.number))
+                size = last.number + 1 - first.number
+                self.add(f"call void @llvm.memset.p0.i64(ptr {start}, i8 0, i64 {size}, i1 false)")
+            case Mov(source, target):
+                self.set_word(_WORD_ROWS[target.kind], target.number, self.operand(source))
+            case Inc(target):
+                row = _WORD_ROWS[target.kind]
+                before = self.word(row, target.number)
+                after = self.choice(self.compare("<", before, WORD_MAX), self._sum(before, 1), WORD_MIN)
+                self.set_word(row, target.number, after)
+
+    def _reset(self, target: Bit | Word | Timer | Counter) -> None:
+        match target:
+            case Bit(kind, number):
+                self.set_bit(kind, number, "false")
+            case Word(kind, number):
+                self.set_word(_WORD_ROWS[kind], number, 0)
+            case Timer(number):
+                self._stop_timer(number)
+            case Counter(number):
+                self.set_word("CV", number, 0)
+                self.set_bit("C", number, "false")
+
+    def _sum(self, one: str, other: str | int) -> str:
+        return self.value(f"add i64 {one}, {other}")
+
+    def _stop_timer(self, number: int) -> None:
+        self.set_word("TV", number, 0)
+        self.set_word("TS", number, -1)
+        self.set_bit("T", number, "false")
+
+    def _timer(self, timer: Timer, counts: int | Word, when: str) -> None:
+        number = timer.number
+        tick = {MS_100: "%tick_100", MS_10: "%tick_10"}.get(timer.base_ms, "%tick_1")
+        if number >= _FIRST_RETENTIVE_TIMER:
+            self._retentive_timer(number, counts, when, tick)
+            return
+        with self.on(when):
+            start = self.word("TS", number)
+            start = self.choice(self.compare("<", start, 0), tick, start)
+            self.set_word("TS", number, start)
+            elapsed = self.value(f"sub i64 {tick}, {start}")
+            preset = self.operand(counts)
+            done = self.compare(">=", elapsed, preset)
+            self.set_bit("T", number, done)
+            self.set_word("TV", number, self.choice(done, preset, elapsed))
+        self._stop_running_timer(number, self.inverse(when))
+
+    def _stop_running_timer(self, number: int, unless_driven: str) -> None:
+        with self.on(self.all_of((unless_driven, self.compare(">=", self.word("TS", number), 0)))):
+            self._stop_timer(number)
+
+    def _retentive_timer(self, number: int, counts: int | Word, when: str, tick: str) -> None:
+        with self.on(when):
+            start = self.word("TS", number)
+            with self.on(self.compare(">=", start, 0)):
+                total = self._sum(self.word("TV", number), self.value(f"sub i64 {tick}, {start}"))
+                self.set_word("TV", number, self.choice(self.compare("<", total, WORD_MAX), total, WORD_MAX))
+            self.set_word("TS", number, tick)
+            with self.on(self.compare(">=", self.word("TV", number), self.operand(counts))):
+                self.set_bit("T", number, "true")
+        with self.on(self.inverse(when)):
+            self.set_word("TS", number, -1)
+
+    def _counter(self, rung: Count, when: str) -> None:
+        number = rung.counter.number
+        with self.on(self.all_of((when, self.inverse(self.bit("CE", number))))):
+            before, preset = self.word("CV", number), self.operand(rung.preset)
+            if is_32_bit_counter(number):
+                self._count_both_ways(number, before, preset)
+            else:
+                counting = self.compare("<", before, preset)
+                after = self.choice(counting, self._sum(before, 1), before)
+                self.set_word("CV", number, after)
+                with self.on(self.compare(">=", after, preset)):
+                    self.set_bit("C", number, "true")
+        self.set_bit("CE", number, when)
+
+    def _count_both_ways(self, number: int, before: str, preset: str) -> None:
+        down = self.bit("M", 8000 + number)
+        after = self._sum(before, self.choice(down, -1, 1))
+        self.set_word("CV", number, after)
+        below = self._sum(preset, -1)
+        reached = self.all_of((self.compare("==", before, below), self.compare("==", after, preset)))
+        left = self.all_of((self.compare("==", before, preset), self.compare("==", after, below)))
+        with self.on(reached):
+            self.set_bit("C", number, "true")
+        with self.on(left):
+            self.set_bit("C", number, "false")
+
+    # sequences
+
+    def sequence(self, sequence: Sequence) -> None:
+        """Add the steps of a sequence; the first transfer whose condition is true is taken."""
+        for bit, step in sequence:
+            dwell, transfers = sequence.dwell_rung(step), sequence.transfers[step.title]
+            if dwell is None and not transfers:
+                continue
+            active = self.condition(bit)
+            with self.on(active):
+                if dwell is not None:
+                    self.rung(dwell)
+                pending = "true"
+                for transfer in transfers:
+                    condition = self.condition(transfer.when)
+                    taken = self.all_of((pending, condition))
+                    pending = self.all_of((pending, self.inverse(condition)))
+                    with self.on(taken):
+                        self._transfer(transfer, sequence.consumes)
+            if dwell is not None:
+                self._stop_running_timer(dwell.timer.number, self.inverse(active))
+
+    def _transfer(self, transfer: Transfer, consumes: Bit | None) -> None:
+        source, target = transfer.source.number, transfer.target.number
+        self.set_bit("S", target, "true")
+        self.set_bit("L", target, "false")
+        if source != target:
+            self.set_bit("L", source, "true")
+        if consumes is not None:
+            self.set_bit(consumes.kind, consumes.number, "false")
+
+    def annunciators(self) -> None:
+        """Update the special devices of the annunciators."""
+        lowest = "0"
+        for number in reversed(ANNUNCIATORS):
+            lowest = self.choice(self.bit("S", number), number, lowest)
+        active = self.compare("!=", lowest, 0)
+        with self.on(self.value(f"or i1 {active}, {self.bit('M', ANNUNCIATOR_ON)}")):
+            self.set_bit("M", ANNUNCIATOR_ON, active)
+            self.set_word("D", LOWEST_ANNUNCIATOR, lowest)

@@ -1,0 +1,235 @@
+"""Machine code: equal to the Python execution in every device after every scan; cached by content."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+
+from controller.core import machine_code
+from controller.core.devices import Memory
+from controller.core.expr import Bit, Timer, Word
+from controller.core.llvm_ir import MemoryLayout, translate
+from controller.core.machine_code import MachineCode, MachineExecution
+from controller.core.program import Block, Program
+from controller.core.rungs import OnDelay, Out, Rung, Set
+from controller.core.scan import Plc
+from controller.core.sequence import Sequence
+from tests.controller.core.core_rig import levels, m, program_of, x, y
+from tests.controller.export.fx_equality import STEPS, Differs, Pair, stories
+from tests.controller.program.interlock_scene import MACHINE
+from tests.controller.verify.test_scan import COMMAND, SET_POINT, SET_POINT_DEFAULT, STIMULI, Scanned, programs
+
+ROWS = [field.name for field in fields(Memory)]
+A_STORY = 5_000
+
+
+def with_machine_code(program: Program, filter_ms: int = 0) -> Plc:
+    return Plc(program, input_filter_ms=filter_ms, execution=MachineExecution(program))
+
+
+def differences(one: Plc, other: Plc) -> list[str]:
+    """Return the devices whose values differ."""
+    return [
+        f"{row}{number}: {a}, not {b}"
+        for row in ROWS
+        for number, (a, b) in enumerate(zip(getattr(one.memory, row), getattr(other.memory, row), strict=False))
+        if a != b
+    ]
+
+
+# ---- arbitrary programs -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile without a cache folder, so that arbitrary programs do not fill the user's cache."""
+    monkeypatch.setattr(machine_code, "_folder", lambda: None)
+
+
+def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) -> None:
+    """Run a program with both executions through power failures, and compare every device after every scan."""
+    program = program_of(*items, set_points=((SET_POINT, SET_POINT_DEFAULT),))
+    plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
+    now_ms = 0
+    for scanned in story:
+        if scanned.power_lost:
+            retained = [plc.retained() for plc in plcs]
+            plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
+            for plc, values in zip(plcs, retained, strict=True):
+                plc.restore(values)
+        now_ms += scanned.pause_ms
+        for plc in plcs:
+            plc.write(COMMAND, scanned.command)
+            if scanned.set_point is not None:
+                plc.write(SET_POINT, scanned.set_point)
+        one, other = (plc.scan(now_ms, levels(*scanned.on)) for plc in plcs)
+        assert one == other
+        assert differences(*plcs) == []
+
+
+@pytest.mark.usefixtures("uncached")
+@settings(deadline=None, max_examples=25)
+@given(programs(), STIMULI)
+def test_arbitrary_programs_have_equal_devices_after_every_scan(
+    items: list[Rung | Sequence], story: list[Scanned]
+) -> None:
+    check_arbitrary_program(items, story)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1_800)
+@pytest.mark.usefixtures("uncached")
+@settings(deadline=None, max_examples=3_000)
+@given(programs(), STIMULI)
+def test_thousands_of_arbitrary_programs(items: list[Rung | Sequence], story: list[Scanned]) -> None:
+    check_arbitrary_program(items, story)
+
+
+# ---- program of the machine -------------------------------------------------------------------------------------
+
+
+@dataclass
+class ExecutionPair(Pair):
+    """The program of the machine in both executions, with the interface of a pair of program and export."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.fast = with_machine_code(MACHINE.program, self.filter_ms)
+
+    def write(self, device: Bit | Word, value: int) -> None:
+        self.soft.write(device, value)
+        self.fast.write(device, value)
+
+    def power_cycle(self) -> None:
+        retained, fast = self.soft.retained(), self.fast.retained()
+        assert retained == fast
+        self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
+        self.fast = with_machine_code(MACHINE.program, self.filter_ms)
+        self.soft.restore(retained)
+        self.fast.restore(retained)
+
+    def scan(self, now_ms: int, levels: list[bool]) -> list[bool]:  # type: ignore[override]
+        images = [plc.retentive_image() for plc in (self.soft, self.fast)]
+        image = self.soft.scan(now_ms, list(levels))
+        fast = self.fast.scan(now_ms, list(levels))
+        changed = [plc.retentive_image() != before for plc, before in zip((self.soft, self.fast), images, strict=True)]
+        self.scans += 1
+        self.moving += True in image
+        self.visited |= {name for number, name in STEPS if self.soft.memory.S[number]}
+        rows = [row for row in ROWS if getattr(self.soft.memory, row) != getattr(self.fast.memory, row).copy()]
+        if image != fast or changed[0] != changed[1] or rows:
+            raise Differs(f"scan {self.scans} at {now_ms} ms: {differences(self.soft, self.fast)[:8]} {changed}")
+        return image
+
+
+@pytest.mark.parametrize(
+    ("scans", "seed"),
+    [(5_000, 0), pytest.param(1_000_000, 2_000, marks=[pytest.mark.nightly, pytest.mark.timeout(3_600)])],
+)
+def test_the_program_of_the_machine_has_equal_devices_after_every_scan(scans: int, seed: int) -> None:
+    """Random scenarios with faults, power failures and late scans; outputs are on in more than a third of the scans."""
+    pairs = []
+    for number in range(seed, seed + scans // A_STORY):
+        *_, (pair, _) = stories(number, A_STORY, pair=ExecutionPair())
+        pairs.append(pair)
+    assert sum(pair.scans for pair in pairs) == scans
+    assert sum(pair.moving for pair in pairs) > scans // 3
+    assert len(set().union(*(pair.visited for pair in pairs))) >= len(STEPS) // 2
+
+
+# ---- memory -----------------------------------------------------------------------------------------------------
+
+
+def test_the_memory_has_the_values_of_a_new_plc() -> None:
+    program = program_of(Out(y(0), when=x(0)))
+    assert differences(Plc(program), with_machine_code(program)) == []
+
+
+def test_two_plcs_with_the_same_machine_code_share_no_state() -> None:
+    program = program_of(OnDelay(Timer(200), 10, when=x(0)), Out(y(0), when=Bit("T", 200)))
+    one, other = with_machine_code(program), with_machine_code(program)
+    one.scan(0, levels(0))
+    assert one.scan(10, levels(0))[0]
+    assert not other.scan(10, levels())[0]
+    assert one.memory.T[200]
+    assert not other.memory.T[200]
+
+
+def test_values_written_between_scans_have_python_types() -> None:
+    plc = with_machine_code(program_of(Out(y(0), when=m(3))))
+    plc.write(m(3), 1)
+    plc.write(Word("D", 7), -5)
+    assert plc.scan(0, levels())[0] is True
+    assert plc.memory.M[3] is True
+    assert plc.memory.D[7] == -5
+    assert plc.memory.D.copy()[7] == -5
+    assert plc.memory.M[2:4] == [False, True]
+
+
+# ---- cache ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return an empty cache folder that is used instead of the user's."""
+    monkeypatch.setattr(machine_code, "_folder", lambda: tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def compiled(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the list of modules that are compiled during the test."""
+    texts: list[str] = []
+    compile_module = machine_code._compile
+
+    def recorded(text: str) -> bytes:
+        texts.append(text)
+        return compile_module(text)
+
+    monkeypatch.setattr(machine_code, "_compile", recorded)
+    return texts
+
+
+def two_blocks(number: int) -> Program:
+    """Return a program whose second block depends on an argument."""
+    return Program(
+        "two", (Block("one", (Out(m(0), when=x(0)),)), Block("two", (Out(y(number), when=m(0)),))), outputs="two"
+    )
+
+
+def test_a_changed_rung_recompiles_its_block_and_the_scan_only(folder: Path, compiled: list[str]) -> None:
+    MachineCode(two_blocks(0))
+    assert len(compiled) == 3
+    MachineCode(two_blocks(0))
+    assert len(compiled) == 3
+    MachineCode(two_blocks(1))
+    assert len(compiled) == 5
+    plc = with_machine_code(two_blocks(1))
+    assert plc.scan(0, levels(0))[:2] == [False, True]
+    assert len(list(folder.iterdir())) == 5
+
+
+@pytest.mark.parametrize("damage", [b"", b"no object code", None])
+def test_a_damaged_object_file_is_compiled_again(folder: Path, compiled: list[str], damage: bytes | None) -> None:
+    MachineCode(two_blocks(0))
+    for path in folder.iterdir():
+        path.write_bytes(path.read_bytes()[:-40] if damage is None else damage)
+    MachineCode(two_blocks(0))
+    assert len(compiled) == 6
+    MachineCode(two_blocks(0))
+    assert len(compiled) == 6
+
+
+def test_a_cache_that_cannot_be_written_does_not_prevent_execution(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine_code, "_folder", lambda: tmp_path / "missing")
+    MachineCode(two_blocks(0))
+
+
+def test_equal_blocks_have_one_module() -> None:
+    program = Program("equal", tuple(Block(title, (Set(m(0), when=x(0)),)) for title in ("one", "two")), outputs="two")
+    assert len(translate(program, MemoryLayout(0)).modules) == 2
