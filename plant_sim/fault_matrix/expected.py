@@ -74,10 +74,10 @@ _TRAY_TOO_FAR = (
 )
 
 _TRAY_PASSES = (
-    "a sensor that fails while the tray moves lets the tray pass through the machine unseen, and it is reported "
+    "a sensor that fails while the tray moves lets the tray pass through the machine undetected; it is reported "
     "missing; its seedlings are undamaged and can be fed again. A second sensor would detect it. If the sensor is "
     "repaired with a tray under it, the machine stops once more with a question, because that tray "
-    "was not met in creep speed"
+    "was not detected at creep speed"
 )
 
 _ROW = _detected("approach row", "return to row", "overrun", "close claws", "slide switches")
