@@ -95,7 +95,7 @@ def test_claws_keep_their_state_without_power(is_open: bool) -> None:
 
 
 def test_a_pulse_of_the_coil_is_enough_if_it_is_as_long_as_the_delay() -> None:
-    """15 ms in the valve and 5.5 ms in the tube: the pilot switches in the twenty-first millisecond."""
+    """After 15 ms in the valve and 5.5 ms in the tube, the pilot switches in the twenty-first millisecond."""
     for pulse_ms, angle_deg in ((20, CLOSED_DEG), (21, OPEN_DEG)):
         rig, claws = make_claws(is_open=False)
         rig.run(pulse_ms, "left.claws_open")

@@ -89,7 +89,7 @@ def test_the_flow_falls_with_the_downstream_pressure_and_returns_its_slopes(
 ) -> None:
     """The slopes match difference quotients of 1 Pa in either direction, to 1 % of the choked slope.
 
-    Not within 2 Pa of a kink, where left and right slope differ.
+    Points within 2 Pa of a kink are excluded because the left and right slopes differ there.
     """
     down_pa = ratio * up_pa
     kg_s, grows, falls = flow(up_pa, down_pa, 1e-8, critical, kelvin)

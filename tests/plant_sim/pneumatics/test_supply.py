@@ -41,7 +41,7 @@ def test_air_mass_is_conserved(seed: int, thermal: bool, faulty: bool) -> None:
         assert bench.air_kg() == pytest.approx(before_kg, rel=1e-9)
         for line in ("plus", "minus"):
             assert (trace.cylinders[line]["chamber"]["mass_kg"] > 0).all()
-    assert taken_kg > 0.2 * before_kg  # the compressor ran: much air was exchanged
+    assert taken_kg > 0.2 * before_kg  # the compressor has run, so much air was exchanged
 
 
 def test_a_stroke_consumes_the_air_of_its_volumes() -> None:
@@ -92,7 +92,7 @@ def test_the_compressor_runs_between_its_limits() -> None:
 
 
 def test_emergency_stop_vents_the_manifold_and_not_the_claws() -> None:
-    """Relay off: the manifold falls below 10 kPa within 0.2 s, no slower than choked flow; the claws'
+    """With the relay off, the manifold falls below 10 kPa within 0.2 s, no slower than choked flow; the claws'
     manifold stays within 2 % for a minute, and their fingers do not move.
     """
     bench = settled_bench()

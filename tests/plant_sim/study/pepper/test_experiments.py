@@ -333,7 +333,7 @@ def test_courses_of_the_paper_confirm_its_statements(factor: str) -> None:
 @pytest.mark.parametrize("factor", list(HOLD))
 @pytest.mark.parametrize("seedlings", [1, 12, 25])
 def test_statements_are_undecided_with_few_seedlings(factor: str, seedlings: int) -> None:
-    """The curves are the same, but 1 % of one or two dozen seedlings is less than one seedling."""
+    """For the same curves, 1 % of one or two dozen seedlings is less than one seedling."""
     assert set(verdicts(factor, HOLD[factor], seedlings)) == {"undecided"}
 
 
