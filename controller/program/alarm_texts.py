@@ -145,7 +145,7 @@ ALARMS: Final = {
     "off home": AlarmText(
         Text("{side} arm moved off the home position without a command", "{side}臂自行离开原位"),
         Text(
-            "Moved by hand? Leak at valve, check valve or tube of the lift or slide; switches lift_down, "
+            "Moved manually? Leak at valve, check valve or tube of the lift or slide; switches lift_down, "
             "slide_at_feed, claws_converged: LED and wire",
             "是否被人推动；升降或滑块的电磁阀、单向阀、气管漏气；开关 lift_down、slide_at_feed、claws_converged "
             "的指示灯和接线",
@@ -155,7 +155,7 @@ ALARMS: Final = {
     "unbidden": AlarmText(
         Text("{side} arm: a switch changed without a command", "{side}臂：无指令时开关状态改变"),
         Text(
-            "Did the arm move? If so: moved by hand, or leak at valve, check valve or tube. If not: position, LED and "
+            "Did the arm move? If so: moved manually, or leak at valve, check valve or tube. If not: position, LED and "
             "wire of the switch that changed",
             "臂是否移动过；已移动：被人推动，或电磁阀、单向阀、气管漏气；未移动：状态改变的开关的安装位置、指示灯和接线",
         ),

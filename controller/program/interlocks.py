@@ -62,7 +62,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         *_one_of_a_pair(want),
         (
             "motion allowed",
-            "no motion during an emergency stop or in a state without motion",
+            "no motion during an emergency stop or in a state that does not permit motion",
             ARM_OUTPUTS,
             machine.motion & ~x.emergency_stop,
         ),
@@ -171,7 +171,7 @@ def tray_rules(tags: Tags) -> list[Rule]:
         Rule(
             1,
             "motion allowed",
-            "no motion during an emergency stop or in a state without motion",
+            "no motion during an emergency stop or in a state that does not permit motion",
             both,
             machine.motion & ~x.emergency_stop,
         ),

@@ -213,7 +213,7 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
             "outputs must be off after such a fault",
             moves & (tags.system.scan_fault | tags.system.store_fault),
         ),
-        "moves at rest": ("no motion in a state without motion", moves & ~machine.motion),
+        "moves at rest": ("no motion in a state that does not permit motion", moves & ~machine.motion),
         "moves in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
         "restarts by itself": ("after a stop, motion requires a new command", monitor.restarted),
         "jog not renewed": (

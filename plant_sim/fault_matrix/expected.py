@@ -55,7 +55,7 @@ _PASSED_ROW = (
 )
 _CLAWS = (
     "the claws have no sensor, so neither a failure to close (the row stays in its tray) nor a failure to open (the "
-    "load goes back in) is detected; a reed switch at each end of their cylinder would detect both"
+    "load is carried back) is detected; a reed switch at each end of their cylinder would detect both"
 )
 _SINKS = (
     "an arm rises or sinks on its own: on the way, a load is pressed onto the tray before the slide stops, although it "

@@ -1,4 +1,4 @@
-"""Pneumatic motion of slide and lift: start, speed, ends and stops, compared with figures derived by hand.
+"""Pneumatic motion of slide and lift: start, speed, ends and stops, compared with manually derived figures.
 
 Areas: slide pi/4 * 0.025^2 = 490.87 mm2; lift pi/4 * 0.050^2 = 1963.5 mm2 full, less pi/4 * 0.020^2 at the
 rod 1649.3 mm2. Meter-out speed, C * 1e5 / area: slide 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; lift down
