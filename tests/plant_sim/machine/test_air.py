@@ -97,7 +97,7 @@ def test_air_returns_softly() -> None:
 
 
 def test_the_pressure_switch_has_hysteresis() -> None:
-    """It turns on at 0.40 MPa and off below 0.38 MPa."""
+    """The pressure switch turns on at 0.40 MPa and off below 0.38 MPa."""
     rig = Rig(trays=0)
     supply = rig.plant.supply
     assert supply.pressure_ok.read()

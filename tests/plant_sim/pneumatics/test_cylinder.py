@@ -152,7 +152,7 @@ def test_overrun_between_closed_checks(speed_m_s: float, friction_n: float, over
 
 
 def test_the_fastest_overrun_rebounds() -> None:
-    """0.4 m/s against 25 N: 19.8 mm at its peak, 12.5 mm finally, +-5 %. Source: docs/sources/plant.md 1.9."""
+    """At 0.4 m/s against 25 N, the peak is 19.8 mm and the final value 12.5 mm, +-5 %. Source: plant.md 1.9."""
     position_m = trapped(0.4, 25.0).run(2.0).cylinders["position_m"][:, 0]
     assert 1000 * (position_m.max() - 0.3) == pytest.approx(19.8, rel=0.05)
     assert 1000 * (position_m[-1] - 0.3) == pytest.approx(12.5, rel=0.05)

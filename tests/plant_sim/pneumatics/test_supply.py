@@ -68,7 +68,7 @@ def test_a_stroke_consumes_the_air_of_its_volumes() -> None:
 
 
 def test_the_regulator_holds_its_pressure_without_flow_and_droops_with_flow() -> None:
-    """It holds 0.500 MPa to 0.1 % at rest; with all cylinders drawing it droops by at most its band and valve drop."""
+    """The pressure is 0.500 MPa to 0.1 % at rest; at full consumption it droops by at most its band and valve drop."""
     bench = settled_bench()
     assert float(gauge_pa(bench.supply[0]["header"])) == pytest.approx(0.5e6, rel=1e-3)
     header_pa = gauge_pa(bench.run(0.5, [PLUS, MINUS, MINUS]).supply["header"])
@@ -77,7 +77,7 @@ def test_the_regulator_holds_its_pressure_without_flow_and_droops_with_flow() ->
 
 
 def test_the_compressor_runs_between_its_limits() -> None:
-    """It starts below 0.65 MPa, stops above 0.75 MPa, and delivers 4 L/s ANR, 4.74 g/s, while it runs."""
+    """The compressor starts below 0.65 MPa, stops above 0.75 MPa, and delivers 4 L/s ANR, 4.74 g/s, while running."""
     bench = settled_bench()
     coils = np.repeat(np.array([[PLUS] * 3, [MINUS] * 3] * 15), 4000, axis=0)
     supply = bench.run(120.0, coils, every=10).supply
