@@ -58,12 +58,12 @@ _CLAWS = (
     "load is carried back) is detected; a reed switch at each end of their cylinder would detect both"
 )
 _SINKS = (
-    "an arm rises or sinks on its own: on the way, a load is pressed onto the tray before the slide stops, although it "
-    "stops as soon as the switch is lost; over a row, the claws close too high before the switch is lost"
+    "an arm rises or sinks on its own: on the way, a load is pressed onto the tray before the slide stops, although "
+    "the slide stops as soon as the switch turns off; over a row, the claws close too high before the switch turns off"
 )
 _CREEPS = (
     f"{_PASSED_ROW}. A slide at rest has no energised coil to hold it: it creeps over a row, or off it as the claws "
-    "close, or tears clamped stems, before its switch is lost"
+    "close, or tears clamped stems, before its switch turns off"
 )
 _TOLERATED = "the stroke takes longer or shorter but completes in time"
 _ENDS_LATER = "the step takes longer by this time but ends before its timeout"
