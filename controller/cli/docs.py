@@ -134,8 +134,8 @@ def command_table(machine: Transplanter) -> str:
         f"command has no effect; {control.refused} then contains its number, {control.refusal} the number of the "
         f"reason, and {control.refusals} counts the refusals.\n\n"
         f"{table(('number', 'device', 'command', 'PackML', 'function', 'refused because'), commands)}\n"
-        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Modes\n\nIn {control.mode}, retained "
-        f"without power.\n\n{table(('number', 'mode', '模式'), modes)}\n## Set-points\n\n"
+        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Modes\n\nStored in {control.mode}; retained "
+        f"through a power failure.\n\n{table(('number', 'mode', '模式'), modes)}\n## Set-points\n\n"
         f"{table(('device', 'set-point', 'default', 'range', 'meaning'), defaults)}"
     )
 
@@ -157,7 +157,7 @@ def state_tables(machine: Transplanter) -> str:
 def interlock_tables(machine: Transplanter) -> str:
     """Return the interlock rules of both arms and the tray, and the proved requirements."""
     parts = [
-        f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and every rule for it holds.\n"
+        f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and all its rules are satisfied.\n"
     ]
     groups: dict[str, list[Rule]] = {f"{side} arm": rules for side, rules in machine.rules.items()}
     for name, rules in {**groups, "tray": machine.tray_rules}.items():
@@ -165,7 +165,7 @@ def interlock_tables(machine: Transplanter) -> str:
         parts.append(f"## {name}\n\n{table(('', 'rule', 'reason', 'outputs', 'allowed while'), rows)}")
     never = [(each.name, each.reason, readable(each.never)) for each in specification(machine).requirements]
     parts.append(
-        "## Proved requirements\n\n`python -m controller prove` shows that none of these conditions holds after any "
+        "## Proved requirements\n\n`python -m controller prove` shows that none of these conditions is true after any "
         "scan.\n\n"
         f"{table(('requirement', 'reason', 'never'), never)}"
     )
@@ -192,7 +192,7 @@ def instruction_table(_: Transplanter) -> str:
     heading = ("instruction", "FNC", "operands", "supported")
     marks = (
         "Nearly all FNC numbers and operand orders were confirmed in independent sources. Operand types, step counts "
-        "by device type, and details of applied instructions rest on general knowledge and have not been checked "
+        "by device type, and details of applied instructions are based on general knowledge and have not been checked "
         "against a Mitsubishi manual."
     )
     return (

@@ -51,8 +51,8 @@ _LIFT_DOWN: Final = Text(
     "臂在下限位时开关 lift_down 的指示灯、安装位置和接线",
 )
 _SLIDE_TO_ROW: Final = Text(
-    "Coil slide_inward (back: slide_outward) on? Slide valve, tubes, throttle; air pressure; rail jammed, magnet let "
-    "go? At the row: LED, position and wire of switches slide_at_pick_1 to slide_at_pick_3",
+    "Coil slide_inward (back: slide_outward) on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic "
+    "coupling lost? At the row: LED, position and wire of switches slide_at_pick_1 to slide_at_pick_3",
     "线圈 slide_inward（退回时为 slide_outward）是否得电；滑块电磁阀、气管、节流阀；气压；导轨卡滞或磁耦脱开；"
     "在取苗位时开关 slide_at_pick_1 至 slide_at_pick_3 的指示灯、安装位置和接线",
 )
@@ -145,7 +145,7 @@ ALARMS: Final = {
     "off home": AlarmText(
         Text("{side} arm moved off the home position without a command", "{side}臂自行离开原位"),
         Text(
-            "Moved by hand? Leak at valve, check valve or tube of the lift or slide; switches lift_down, "
+            "Moved manually? Leak at valve, check valve or tube of the lift or slide; switches lift_down, "
             "slide_at_feed, claws_converged: LED and wire",
             "是否被人推动；升降或滑块的电磁阀、单向阀、气管漏气；开关 lift_down、slide_at_feed、claws_converged "
             "的指示灯和接线",
@@ -155,7 +155,7 @@ ALARMS: Final = {
     "unbidden": AlarmText(
         Text("{side} arm: a switch changed without a command", "{side}臂：无指令时开关状态改变"),
         Text(
-            "Did the arm move? If so: moved by hand, or leak at valve, check valve or tube. If not: position, LED and "
+            "Did the arm move? If so: moved manually, or leak at valve, check valve or tube. If not: position, LED and "
             "wire of the switch that changed",
             "臂是否移动过；已移动：被人推动，或电磁阀、单向阀、气管漏气；未移动：状态改变的开关的安装位置、指示灯和接线",
         ),
@@ -197,7 +197,7 @@ ALARMS: Final = {
         Text("{side} row counts cups, the other row does not", "{side}行有苗杯计数，另一行没有"),
         Text(
             "Both counters: LED of cup_pulse as cups pass, distance to the flags, wire; chain of the other row "
-            "broken or flags missing? Counter bouncing while the tractor stands still?",
+            "broken or flags missing? Counter bouncing while the tractor is at rest?",
             "两个计数器：苗杯经过时 cup_pulse 的指示灯、与感应片的距离、接线；另一行链条断裂或感应片丢失；"
             "停车时计数器是否误计数",
         ),
@@ -208,7 +208,7 @@ ALARMS: Final = {
     "close claws": AlarmText(
         Text("{side} claws not closed: position or outputs lost", "{side}夹爪未闭合：位置或输出丢失"),
         _CLAWS_CLOSE,
-        comment="{side} claws not closed: place or outputs lost",
+        comment="{side} claws not closed: position or outputs lost",
     ),
     "lift from row": AlarmText(Text("{side} arm not up after clamping", "{side}臂夹苗后未升到上限位"), _LIFT_UP),
     "slide to feed": AlarmText(
@@ -223,12 +223,12 @@ ALARMS: Final = {
     "open claws": AlarmText(
         Text("{side} claws not opened: position or outputs lost", "{side}夹爪未张开：位置或输出丢失"),
         _CLAWS_OPEN,
-        comment="{side} claws not opened: place or outputs lost",
+        comment="{side} claws not opened: position or outputs lost",
     ),
     "raise empty": AlarmText(
         Text("{side} arm not up after the release", "{side}臂投苗后未升到上限位"),
         _LIFT_UP,
-        comment="{side} arm not up after the throw",
+        comment="{side} arm not up after the release",
     ),
     "converge": AlarmText(Text("{side} claws not converged", "{side}夹爪未聚合到位"), _CONVERGE),
     "lower empty": AlarmText(Text("{side} arm not down after converging", "{side}臂聚合后未降到下限位"), _LIFT_DOWN),
@@ -255,7 +255,7 @@ ALARMS: Final = {
     "home: out low": AlarmText(
         Text("Homing: {side} slide did not reach feed with the arm down", "回原点：{side}滑块低位未到达投苗位"),
         _SLIDE_TO_FEED,
-        comment="Homing: {side} slide did not reach feed, arm low",
+        comment="Homing: {side} slide did not reach feed with the arm down",
     ),
     "home: raise at feed": AlarmText(
         Text("Homing: {side} arm not up at feed", "回原点：{side}臂在投苗位未升到上限位"), _LIFT_UP
@@ -270,7 +270,7 @@ ALARMS: Final = {
     "home: raise to converge": AlarmText(
         Text("Homing: {side} arm not up before converging", "回原点：{side}臂聚合前未升到上限位"),
         _LIFT_UP,
-        comment="Homing: {side} arm not up to converge",
+        comment="Homing: {side} arm not up before converging",
     ),
     "home: converge": AlarmText(Text("Homing: {side} claws not converged", "回原点：{side}夹爪未聚合到位"), _CONVERGE),
     "home: lower": AlarmText(Text("Homing: {side} arm not down", "回原点：{side}臂未降到下限位"), _LIFT_DOWN),

@@ -31,7 +31,7 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
     steps = [
         Step(
             "decide",
-            waits_for="an answer of the operator",
+            waits_for="an answer from the operator",
             go=[
                 To("put back", when=~a.ask & a.row_in_progress & a.down & ~a.at_feed),
                 To("lower to put back", when=all_of(~a.ask, a.on_row, a.at_wanted_row, a.row_in_progress, ~a.clamped)),

@@ -62,82 +62,92 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         *_one_of_a_pair(want),
         (
             "motion allowed",
-            "nothing moves in an emergency stop or in a state of rest",
+            "no motion during an emergency stop or in a state that does not permit motion",
             ARM_OUTPUTS,
             machine.motion & ~x.emergency_stop,
         ),
-        ("no fault of the arm", "a jammed actuator is not driven on", ARM_OUTPUTS, ~a.fault | machine.jogging),
+        (
+            "no fault of the arm",
+            "a jammed actuator must not be driven further",
+            ARM_OUTPUTS,
+            ~a.fault | machine.jogging,
+        ),
         (
             "belt at rest",
-            "slide and lift are at rest while the claws spread or converge",
+            "slide and lift must be at rest while the claws spread or converge",
             (*SLIDE, *LIFT),
             ~want["spread"] & ~want["converge"],
         ),
         (
             "inward ready",
-            "going in low with claws closed or spread tears the seedlings",
+            "closed or spread claws would tear the seedlings on the way in",
             ("slide_inward",),
             all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged),
         ),
         (
             "tray in place",
-            "the arm goes in only over a tray at rest",
+            "the arm may move in only over a tray at rest",
             ("slide_inward",),
             all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.ask, ~tray.want_run, ~tray.want_creep),
         ),
         (
             "stop at the row",
-            "the wanted row is the inner end of the motion; beyond it are seedlings",
+            "the slide must stop at the next row; there are seedlings beyond it",
             ("slide_inward",),
             ~a.passed & any_of(*a.row_is.values()),
         ),
         (
             "centre is free",
-            "the arms' fingers overlap inward of pick 2",
+            "the fingers of the arms would overlap inward of pick 2",
             ("slide_inward",),
             any_of(~a.row_is[3], sp.arms_may_meet.differs(0), ~other.in_centre & (other.at_feed | other.cycling)),
         ),
         (
             "outward clear",
-            "a load goes out only up, an empty arm up or low with open claws",
+            "a loaded arm may move out only if it is up, an empty arm if it is up, or down with open claws",
             ("slide_outward",),
             a.up | all_of(a.down, ~a.loaded, ~a.claws_closed),
         ),
         (
             "lift clear",
-            "over the tray the lift goes up clamped or open, never half closed",
+            "over the tray the claws must be clamped or open when the lift rises, never half closed",
             ("lift_retract",),
             any_of(a.at_feed, ~a.claws_closed, a.clamped),
         ),
         (
             "down at feed only",
-            "elsewhere the arm would go down into the tray, but for the row it has just closed on",
+            "away from feed the arm would move down into the tray, except at the row it has just closed on",
             ("lift_extend",),
             a.at_feed | all_of(home["lower to put back"], a.on_row, a.at_wanted_row, ~a.down),
         ),
-        ("spread up at feed", "spread claws fit only over the cups", ("spread",), all_of(a.up, a.at_feed)),
+        (
+            "spread up at feed",
+            "there is room for spread claws only over the cups",
+            ("spread",),
+            all_of(a.up, a.at_feed),
+        ),
         (
             "converge empty at feed",
-            "a load would be torn; the cups must be below",
+            "converging would tear a load, and is permitted only over the cups",
             ("converge",),
             all_of(a.at_feed, ~a.loaded),
         ),
         (
             "spread as far as it goes",
-            "the motor would work against its end stop",
+            "the motor would run against its end stop",
             ("spread",),
             ~a.sensed_spread | a.distrusted["belt"],
         ),
         (
             "converge as far as it goes",
-            "the motor would work against its end stop",
+            "the motor would run against its end stop",
             ("converge",),
             ~a.sensed_converged | a.distrusted["belt"],
         ),
-        ("clamp at a place", "claws close only at a row or at feed", ("claws_close",), clamping_place),
+        ("clamp at a place", "claws may close only at the next row or at feed", ("claws_close",), clamping_place),
         (
             "open at a place",
-            "a load opens only over the cups or at the row it came from",
+            "a load may be released only over the cups or at the row it came from",
             ("claws_open",),
             ~a.loaded | opening_place,
         ),
@@ -146,7 +156,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
 
 
 def _one_of_a_pair(want: Mapping[str, Bit]) -> list[tuple[str, str, tuple[str, ...], Expr]]:
-    reason = "two coils of one valve or motor must not work against each other"
+    reason = "two opposing coils of a valve or motor must not be on together"
     pairs = [order for pair in (SLIDE, LIFT, BELT, CLAWS) for order in (pair, pair[::-1])]
     return [(f"not with {two.replace('_', ' ')}", reason, (one,), ~want[two]) for one, two in pairs]
 
@@ -161,12 +171,14 @@ def tray_rules(tags: Tags) -> list[Rule]:
         Rule(
             1,
             "motion allowed",
-            "nothing moves in an emergency stop or in a state of rest",
+            "no motion during an emergency stop or in a state that does not permit motion",
             both,
             machine.motion & ~x.emergency_stop,
         ),
-        Rule(2, "arms at feed", "a tray would shear an arm that is in it", both, at_feed & ~inward),
-        Rule(3, "no fault of the feeder", "a jammed tray is not driven on", both, ~tray.fault | machine.jogging),
+        Rule(2, "arms at feed", "a moving tray would shear an arm that is in it", both, at_feed & ~inward),
+        Rule(
+            3, "no fault of the feeder", "a jammed tray must not be driven further", both, ~tray.fault | machine.jogging
+        ),
     ]
 
 

@@ -95,12 +95,12 @@ class System:
 
     def __init__(self) -> None:
         m = Area("M", 0, 9)
-        self.link_lost = m.bit("link lost", "no good exchange with the field within the limit")
-        self.scan_fault = m.bit("scan fault", "a scan was over its limit or failed")
+        self.link_lost = m.bit("link lost", "no valid exchange with the field I/O within the limit")
+        self.scan_fault = m.bit("scan fault", "a scan exceeded its limit or failed")
         self.memory_lost = m.bit("memory lost", "retentive memory could not be restored")
-        self.outputs_held = m.bit("outputs held", "coils are held back until the memory they act on is stored")
+        self.outputs_held = m.bit("outputs held", "outputs are delayed until retentive memory is stored")
         self.store_fault = m.bit("store fault", "retentive memory cannot be stored")
-        self.panel_silent = m.bit("panel silent", "the operator panel has been silent beyond its limit")
+        self.panel_silent = m.bit("panel silent", "no telegram from the operator panel within the limit")
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
@@ -139,28 +139,30 @@ class SetPoints:
             self.limits[word] = (lowest, highest)
             return word
 
-        self.trays_target = add("trays target", 0, 0, 1000, "trays to empty before Complete; 0 = endless")
-        self.step_sequence = add("step sequence", 1, 1, 3, "step mode moves: 1 left arm, 2 right arm, 3 tray feeder")
-        self.descend_at_count = add("descend at count", 0, 0, CUPS, "cups counted before the arm goes down over them")
-        self.converge_at = add("converge at", 0, 0, 1, "0 = converge down, 1 = go up first")
+        self.trays_target = add("trays target", 0, 0, 1000, "number of trays to empty before Complete; 0 = no limit")
+        self.step_sequence = add("step sequence", 1, 1, 3, "stepped sequence: 1 left arm, 2 right arm, 3 tray feeder")
+        self.descend_at_count = add("descend at count", 0, 0, CUPS, "cup count from which the arm may lower")
+        self.converge_at = add("converge at", 0, 0, 1, "0 = converge at the lower limit, 1 = raise first")
         self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2")
         self.at_start.append(self.arms_may_meet)
         self.release_delay = add(
-            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "from the releasing cup to opening"
+            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "delay from the cup pulse to the open coil"
         )
-        self.no_cups = add("no cups x100 ms", 40, 10, 6000, "waiting without a cup until Suspended: 3 cup times")
-        self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cups")
+        self.no_cups = add("no cups x100 ms", 40, 10, 6000, "time without a cup until Suspended: 3 cup intervals")
+        self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
         self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
         self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
         self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
-        self.pause_at_feed = add(
-            "pause at feed x10 ms", 50, 0, 500, "from arriving at feed to spreading (paper: 0.5 s)"
-        )
-        self.tray_index = add("tray index x10 ms", 10, 1, 200, "run at full speed into the gap before creeping")
+        self.pause_at_feed = add("pause at feed x10 ms", 50, 0, 500, "pause at feed before spreading (paper: 0.5 s)")
+        self.tray_index = add("tray index x10 ms", 10, 1, 200, "time at full speed into the gap before creeping")
         self.slide_least = add(
-            "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "no slide gets from a row to feed, or back, sooner"
+            "slide least x10 ms",
+            SLIDE_LEAST_X10_MS,
+            10,
+            500,
+            "shortest travel time between feed and a row",
         )
-        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creeping without a tray's front edge until Suspended")
+        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creeping time without a front edge until Suspended")
 
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""
@@ -192,62 +194,60 @@ class MachineTags:
         m = Area("M", 10, 99)
         d = Area("D", 100, 109)
         self.state = d.word("state", "PackML state number")
-        self.state_before = d.word("state before", "PackML state number of the scan before")
+        self.state_before = d.word("state before", "PackML state number in the previous scan")
         self.trays_done = Word("D", 560, "trays done", "trays emptied since the count was cleared")
         self.mode = Word("D", 562, "mode", "mode number: 1 continuous, 3 manual, 4 one cycle, 5 step, 6 zero return")
-        self.reason = d.word("reason", "why Suspended or Held, by number")
-        self.refused = d.word("refused", "number of the command refused last")
-        self.refusal = d.word("refusal", "number of the reason why it was refused")
-        self.refusals = d.word("refusals", "commands refused since power-up; another one, another number")
-        self.jog = d.word("jog", "number of the output that is held by hand; 0 = none")
-        self.first_out = d.word("first out", "annunciator that stopped work first; 0 = none")
-        self.batch_complete = Bit(
-            "M", 1056, "batch complete", "the wanted trays were done; the next homing clears them"
-        )
-        self.start_pressed = m.bit("start pressed", "X0 pressed, this scan")
-        self.reset_pressed = m.bit("reset pressed", "reset button pressed, this scan")
-        self.stop_pressed = m.bit("stop pressed", "X24 pressed or stop command, this scan")
-        self.home_requested = m.bit("home requested", "reset and home: X0 or command, this scan")
-        self.start_requested = m.bit("start requested", "start: X0 or command, this scan")
-        self.clear_requested = m.bit("clear requested", "clear after an emergency stop, this scan")
-        self.unhold_requested = m.bit("unhold requested", "go on after a hold, this scan")
-        self.hold_requested = m.bit("hold requested", "hold by the operator or because the panel is silent")
-        self.panel_lost = m.bit("panel lost", "the panel has gone silent, this scan")
-        self.held_by_operator = m.bit("held by operator", "the hold was ordered")
-        self.held_by_panel = m.bit("held by panel", "the hold came with the panel's silence")
-        self.suspended_by_operator = m.bit("suspended by operator", "suspended by command until unsuspended")
-        self.complete_ordered = m.bit("complete ordered", "no new row is begun; then Complete")
-        self.ordered = m.bit("ordered", "a command or a button is pressed, this scan")
+        self.reason = d.word("reason", "number of the reason for Suspended or Held")
+        self.refused = d.word("refused", "number of the last refused command")
+        self.refusal = d.word("refusal", "number of the reason for the last refusal")
+        self.refusals = d.word("refusals", "number of commands refused since power-up")
+        self.jog = d.word("jog", "number of the jogged output; 0 = none")
+        self.first_out = d.word("first out", "number of the annunciator that stopped work first; 0 = none")
+        self.batch_complete = Bit("M", 1056, "batch complete", "target reached; the next homing clears the tray count")
+        self.start_pressed = m.bit("start pressed", "X0 pressed in this scan")
+        self.reset_pressed = m.bit("reset pressed", "reset button pressed in this scan")
+        self.stop_pressed = m.bit("stop pressed", "X24 pressed or stop command in this scan")
+        self.home_requested = m.bit("home requested", "request to reset and home (X0 or command) in this scan")
+        self.start_requested = m.bit("start requested", "request to start (X0 or command) in this scan")
+        self.clear_requested = m.bit("clear requested", "request to clear after an emergency stop in this scan")
+        self.unhold_requested = m.bit("unhold requested", "request to resume after a hold in this scan")
+        self.hold_requested = m.bit("hold requested", "request to hold, by the operator or by the panel timeout")
+        self.panel_lost = m.bit("panel lost", "the panel timeout expired in this scan")
+        self.held_by_operator = m.bit("held by operator", "the operator requested the hold")
+        self.held_by_panel = m.bit("held by panel", "the panel timeout caused the hold")
+        self.suspended_by_operator = m.bit("suspended by operator", "suspended by command")
+        self.complete_ordered = m.bit("complete ordered", "complete command given: no new row is started")
+        self.ordered = m.bit("ordered", "a command or button was pressed in this scan")
         self.manual = m.bit("manual", "mode is manual")
-        self.stepping = m.bit("stepping", "step mode at work: each transfer wants a press")
-        self.stops_at_once = m.bit("stops at once", "the mode finishes no cycle before it stops")
-        self.jogging = m.bit("jogging", "manual mode at work: outputs follow the jog register")
-        self.jog_renewed = m.bit("jog renewed", "a jog command, this scan")
+        self.stepping = m.bit("stepping", "step mode is active: each transfer requires a press")
+        self.stops_at_once = m.bit("stops at once", "a stop does not complete the cycle (manual, step mode)")
+        self.jogging = m.bit("jogging", "manual mode is active: outputs follow the jog register")
+        self.jog_renewed = m.bit("jog renewed", "a jog command was given in this scan")
         self.step_armed = {
-            name: m.bit(f"step armed, {name}", f"a press for the next transfer of the {name}") for name in STEPPED
+            name: m.bit(f"step armed, {name}", f"a press permits the next transfer of the {name}") for name in STEPPED
         }
         self.abort = m.bit("abort", "emergency stop, or a fault of link, scan or store")
         self.clear_armed = m.bit("clear armed", "X24 has been pressed since the emergency stop")
         self.motion = m.bit("motion allowed", "the state allows motion")
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
-        self.places_anew = m.bit("places anew", "power-up or begin of homing: places are made of what is sensed now")
+        self.places_anew = m.bit("places anew", "power-up or start of homing: places are determined again")
         self.entered_starting = m.bit("entered Starting", "first scan of Starting or Unholding")
-        self.running = m.bit("running", "Execute, Suspended and between them")
+        self.running = m.bit("running", "Execute, Suspended or a transition between them")
         self.executing = m.bit("executing", "state is Execute")
-        self.suspend = m.bit("suspend", "no tray or no cups")
+        self.suspend = m.bit("suspend", "no tray, no cups, or suspended by the operator")
         self.stopping = m.bit("stopping", "state is Stopping")
         self.holding = m.bit("holding", "state is Holding")
-        self.target_reached = m.bit("target reached", "the wanted number of trays is empty")
+        self.target_reached = m.bit("target reached", "the target number of trays has been emptied")
         self.fault = m.bit("fault", "an alarm that stops work is set")
-        self.horn = m.bit("horn", "alarm not yet acknowledged")
-        self.alarm_reset = m.bit("alarm reset", "alarms whose cause has gone are reset, this scan")
-        self.new_alarm = m.bit("new alarm", "the first alarm that stops work came on, this scan")
-        self.t_stop_stuck = Timer(107, "stop stuck", "X24 on for longer than anybody presses it")
+        self.horn = m.bit("horn", "an alarm has not been acknowledged")
+        self.alarm_reset = m.bit("alarm reset", "alarms whose cause has ended are reset in this scan")
+        self.new_alarm = m.bit("new alarm", "the first alarm that stops work occurred in this scan")
+        self.t_stop_stuck = Timer(107, "stop stuck", "X24 on for longer than a normal press")
         self.jogs = {output: self.jog.equals(1 + n) for n, output in enumerate(JOGGED)}
         self.t_jog_lease = Timer(224, "jog lease", "the jog command has not been renewed")
-        self.t_step_press = Timer(225, "step press", "a press of the step button has waited for its transfer")
-        self.stop_held = Timer(100, "stop held", "X24 held after an emergency stop: clear")
+        self.t_step_press = Timer(225, "step press", "a step press has not been used by a transfer in time")
+        self.stop_held = Timer(100, "stop held", "X24 held long enough to clear an emergency stop")
 
 
 class ArmTags:
@@ -273,103 +273,112 @@ class ArmTags:
         self.sensed_converged = x[f"{side}.claws_converged"]
         self.cup_sensor = x[f"{side}.cup_pulse"]
 
-        self.down = m.bit("down", "lift at its lower limit: sensed alone, and it had the time to get there")
-        self.up = m.bit("up", "lift at its upper limit, likewise")
-        self.at_feed = m.bit("at feed", "slide at feed, likewise")
-        self.at_pick = {row: m.bit(f"at pick {row}", f"slide at pick {row}, likewise") for row in ROWS}
-        self.is_spread = m.bit("is spread", "claws spread, likewise")
-        self.is_converged = m.bit("is converged", "claws converged, likewise")
-        self.was_down = m.bit("was down", "the lift's lower limit was its last end")
-        self.was_up = m.bit("was up", "the lift's upper limit was its last end")
-        self.was_at_feed = m.bit("was at feed", "feed was the slide's last place")
-        self.was_at_pick = {row: m.bit(f"was at pick {row}", f"pick {row} was its last place") for row in ROWS}
-        self.was_spread = m.bit("was spread", "spread was the claws' last end")
-        self.was_converged = m.bit("was converged", "converged was the claws' last end")
-        self.lift_travelled = m.bit("lift travelled", "it had the time to get to its other end")
-        self.slide_travelled = m.bit("slide travelled", "it had the time to get between feed and a row")
-        self.slide_hopped = m.bit("slide hopped", "it had the time to get from one row to the next")
-        self.belt_travelled = m.bit("belt travelled", "it had the time to get to its other end")
-        self.placed = {name: m.bit(f"{name} placed", "it is at a place that is believed") for name in DEVICES}
-        self.doubt = {name: m.bit(f"{name} in doubt", "a switch is on that is not believed") for name in DEVICES}
-        self.passed = m.bit("passed row", "the slide has come to the next row, or beyond, since it left feed")
-        self.begins_rest = m.bit("begins rest", "lift, slide and belt have had no coil on for a while, this scan")
-        self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
-        self.rests_up = m.bit("rests up", "the lift was up when it came to rest")
-        self.rests_at_feed = m.bit("rests at feed", "the slide was at feed when it came to rest")
-        self.rests_spread = m.bit("rests spread", "the claws were spread when they came to rest")
-        self.rests_converged = m.bit("rests converged", "the claws were converged when they came to rest")
+        self.down = m.bit("down", "confirmed position: lift at its lower limit")
+        self.up = m.bit("up", "confirmed position: lift at its upper limit")
+        self.at_feed = m.bit("at feed", "confirmed position: slide at feed")
+        self.at_pick = {row: m.bit(f"at pick {row}", f"confirmed position: slide at pick {row}") for row in ROWS}
+        self.is_spread = m.bit("is spread", "confirmed position: claws spread")
+        self.is_converged = m.bit("is converged", "confirmed position: claws converged")
+        self.was_down = m.bit("was down", "last confirmed position of the lift: lower limit")
+        self.was_up = m.bit("was up", "last confirmed position of the lift: upper limit")
+        self.was_at_feed = m.bit("was at feed", "last confirmed position of the slide: feed")
+        self.was_at_pick = {
+            row: m.bit(f"was at pick {row}", f"last confirmed position of the slide: pick {row}") for row in ROWS
+        }
+        self.was_spread = m.bit("was spread", "last confirmed position of the claws: spread")
+        self.was_converged = m.bit("was converged", "last confirmed position of the claws: converged")
+        self.lift_travelled = m.bit("lift travelled", "the shortest travel time to the other end has elapsed")
+        self.slide_travelled = m.bit("slide travelled", "the shortest travel time between feed and a row has elapsed")
+        self.slide_hopped = m.bit("slide hopped", "the shortest travel time between two rows has elapsed")
+        self.belt_travelled = m.bit("belt travelled", "the shortest travel time to the other end has elapsed")
+        self.placed = {name: m.bit(f"{name} placed", f"the {name} is at a confirmed position") for name in DEVICES}
+        self.doubt = {
+            name: m.bit(f"{name} in doubt", "a switch of the device is on but not trusted") for name in DEVICES
+        }
+        self.passed = m.bit("passed row", "the slide has reached or passed the next row since it left feed")
+        self.begins_rest = m.bit("begins rest", "the rest time of lift, slide and belt elapsed in this scan")
+        self.rests_down = m.bit("rests down", "the lift was down at the start of the rest")
+        self.rests_up = m.bit("rests up", "the lift was up at the start of the rest")
+        self.rests_at_feed = m.bit("rests at feed", "the slide was at feed at the start of the rest")
+        self.rests_spread = m.bit("rests spread", "the claws were spread at the start of the rest")
+        self.rests_converged = m.bit("rests converged", "the claws were converged at the start of the rest")
         self.want = {name: m.bit(f"want {name}", f"request: {name.replace('_', ' ')}") for name in ARM_OUTPUTS}
         self.cup_edge = m.bit("cup edge", "rising edge of the cup sensor")
-        self.cup = m.bit("cup", "a cup has been counted, this scan")
-        self.count_good = m.bit("count good", "twelve empty cups stand under the claws")
-        self.release_edge = m.bit("release edge", "cup on which a waiting arm releases, this scan")
-        self.count_valid = m.bit("count valid", "twelve cups or a release have been seen since power-up")
-        self.cups_confirmed = m.bit("cups confirmed", "the operator says the cups are empty")
-        self.no_cups = m.bit("no cups", "waiting over the cups, and none come")
-        self.row_running = m.bit("row running", "seedlings are being thrown: further cups are gaps")
-        self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next to take") for row in ROWS}
+        self.cup = m.bit("cup", "a cup was counted in this scan")
+        self.count_good = m.bit("count good", "twelve empty cups are under the claws")
+        self.release_edge = m.bit("release edge", "a cup on which a waiting arm releases was counted in this scan")
+        self.count_valid = m.bit("count valid", "twelve cups or a release have been counted since power-up")
+        self.cups_confirmed = m.bit("cups confirmed", "the operator has confirmed that the cups are empty")
+        self.no_cups = m.bit("no cups", "the arm is waiting over the cups, but no cup passes")
+        self.row_running = m.bit("row running", "a row has been released: cups beyond twelve count as missed")
+        self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next row to pick") for row in ROWS}
         self.row_full = m.bit("row full", "the next row is full")
-        self.row_in_progress = m.bit("row in progress", "clamped, not yet lifted out of its row")
+        self.row_in_progress = m.bit("row in progress", "a row is clamped but not yet lifted")
         self.row_in_doubt = m.bit("row in doubt", "power was lost between clamping and lifting")
-        self.at_wanted_row = m.bit("at wanted row", "slide on the switch of the next row")
+        self.at_wanted_row = m.bit("at wanted row", "the slide is at the next row")
         self.permit = m.bit("cycle permit", "a new cycle may start")
-        self.park = m.bit("park", "a loaded arm goes up and stays")
-        self.in_centre = m.bit("in centre", "the arm has the space inward of pick 2")
-        self.thrown = m.bit("thrown", "a row has been thrown, this scan")
-        self.retried = m.bit("retried", "the slide was brought back to its row once")
-        self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is over")
+        self.park = m.bit("park", "a loaded arm must move up and wait there")
+        self.in_centre = m.bit("in centre", "the arm occupies the space inward of pick 2")
+        self.thrown = m.bit("thrown", "a row was thrown in this scan")
+        self.retried = m.bit("retried", "the slide has been returned to its row once")
+        self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is complete")
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
-        self.hears_answers = m.bit("hears answers", "the arm stands, and what is said of its load is heard")
-        self.ask_cups = m.bit("ask cups", "question to the operator: are the cups empty? Or twelve of them must pass")
-        self.ungranted = m.bit("ungranted", "an output is wanted and refused, this scan")
-        self.unbidden = m.bit("unbidden", "a switch has changed while the arm was at rest")
-        self.blocked_by = Word("D", 110 + index, f"{side}.blocked by", "number of the interlock that refuses an output")
-        self.discard = m.bit("discard", "the load is to be opened over the cups while homing")
-        self.active = m.bit("active", "a step of the cycle is on")
-        self.cycling = m.bit("cycling", "a cycle is under way: the arm is away from home on purpose")
-        self.at_rest = m.bit("at rest", "no motion of a cycle is under way")
-        self.homed = m.bit("homed", "homing of the arm is done")
-        self.fault = m.bit("fault", "an alarm of this arm is set")
-        self.off_home = m.bit("off home", "the arm should stand at home, and does not")
+        self.hears_answers = m.bit("hears answers", "the arm is at rest; answers about its load are accepted")
+        self.ask_cups = m.bit("ask cups", "question to the operator: are the cups under the claws empty?")
+        self.ungranted = m.bit("ungranted", "an output is requested but blocked in this scan")
+        self.unbidden = m.bit("unbidden", "a switch changed while the arm was at rest")
+        self.blocked_by = Word(
+            "D", 110 + index, f"{side}.blocked by", "number of the rule that blocks an output; 0 = none"
+        )
+        self.discard = m.bit("discard", "the next homing releases the load over the cups")
+        self.active = m.bit("active", "a step of the cycle is active")
+        self.cycling = m.bit("cycling", "a cycle is in progress")
+        self.at_rest = m.bit("at rest", "no motion of a cycle is in progress")
+        self.homed = m.bit("homed", "homing of the arm is complete")
+        self.fault = m.bit("fault", "an alarm of this arm is active")
+        self.off_home = m.bit("off home", "the arm is not at its home position although it should be")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
 
         self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
-        self.claws_closed = retentive_m.bit("claws closed", "last claw command was close")
-        self.claws_known = retentive_m.bit("claws known", "the claw command is remembered")
-        self.clamped = retentive_m.bit("clamped", "claws closed for their dwell")
-        self.on_row = retentive_m.bit(
-            "on row", "the claws have closed at a row, and the slide has not been driven since"
-        )
+        self.claws_closed = retentive_m.bit("claws closed", "the last claw command was close")
+        self.claws_known = retentive_m.bit("claws known", "the last claw command is known")
+        self.clamped = retentive_m.bit("clamped", "the claws have been closed for their dwell")
+        self.on_row = retentive_m.bit("on row", "claws closed at a row, slide not driven since")
         self.distrusted = {
             name: retentive_m.bit(
-                f"{name} switch lied", "no switch of it is believed until it was driven against its end"
+                f"{name} switch lied", "no switch of the device is trusted until it has been driven to its end"
             )
             for name in DEVICES
         }
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
-        self.missed_cups = retentive_d.word("missed cups", "cups that passed empty beyond twelve")
+        self.missed_cups = retentive_d.word("missed cups", "cups beyond twelve that passed empty")
         self.cycles = retentive_d.word("cycles", "rows thrown")
 
         self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
-        self.t_pulse = t10.timer("pulse interval", "shortest time between two cups")
-        self.t_settle = t10.timer("settle", "slide at rest on its row")
+        self.t_pulse = t10.timer("pulse interval", "shortest time between two cup pulses")
+        self.t_settle = t10.timer("settle", "time for which the slide has been at its row")
         self.t_closing = t10.timer("claws closing", "the closing coil has been on for its dwell")
         self.t_opening = t10.timer("claws opening", "the opening coil has been on for its dwell")
-        self.t_pause = t10.timer("pause at feed", "before spreading")
-        self.t_release_delay = t10.timer("release delay", "cup pulse to opening")
-        self.t_lift_way = t10.timer("lift way", "the lift is between its ends")
-        self.t_slide_way = t10.timer("slide way", "the slide is between feed and a row")
-        self.t_slide_hop = t10.timer("slide hop", "the slide is between two rows")
-        self.t_belt_way = t10.timer("belt way", "the claws are between their ends")
-        self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
-        self.t_press = Timer(226 + index, f"{side}.press to feed", "the slide's outer chamber fills")
+        self.t_pause = t10.timer("pause at feed", "pause before spreading")
+        self.t_release_delay = t10.timer("release delay", "delay from the cup pulse to the open coil")
+        self.t_lift_way = t10.timer("lift way", "travel time of the lift between its ends")
+        self.t_slide_way = t10.timer("slide way", "travel time of the slide between feed and a row")
+        self.t_slide_hop = t10.timer("slide hop", "travel time of the slide between two rows")
+        self.t_belt_way = t10.timer("belt way", "travel time of the claws between their ends")
+        self.t_no_cups = Timer(101 + index, f"{side}.no cups", "time without a cup pulse while waiting")
+        self.t_press = Timer(226 + index, f"{side}.press to feed", "time to fill the outer chamber of the slide")
         pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
-        self.t_pressed = {name: pressed.timer(f"{name} pressed", "driven against its end") for name in DEVICES}
+        self.t_pressed = {
+            name: pressed.timer(f"{name} pressed", "driven to its end for the time of a full stroke")
+            for name in DEVICES
+        }
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
-        self.t_rest = t100.timer("rest", "lift, slide and belt have no coil on")
-        self.t_doubt = {name: t100.timer(f"{name} in doubt", "a switch is on that cannot be") for name in DEVICES}
-        self.t_unbidden = t100.timer("unbidden", "a switch has changed by itself")
-        self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted without one of the other row")
+        self.t_rest = t100.timer("rest", "no coil of lift, slide and belt is on")
+        self.t_doubt = {
+            name: t100.timer(f"{name} in doubt", "a switch of the device is not trusted") for name in DEVICES
+        }
+        self.t_unbidden = t100.timer("unbidden", "a switch changed while the arm was at rest")
+        self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted since the last cup of the other row")
 
 
 class TrayTags:
@@ -385,25 +394,25 @@ class TrayTags:
         self.phase = Word("D", 561, "tray.phase", "0 unknown, 1 in place, 2 moving out, 3 coming")
         self.want_run = m.bit("want run", "request: conveyor at full speed")
         self.want_creep = m.bit("want creep", "request: conveyor in short pulses")
-        self.needed = m.bit("needed", "the tray is empty or missing, and more are wanted")
+        self.needed = m.bit("needed", "no full tray is in place and another one is required")
         self.permit = m.bit("permit", "the feeder may move")
-        self.emptied = m.bit("emptied", "the last row has been taken, this scan")
-        self.ask = m.bit("ask tray", "question to the operator: which tray stands there?")
-        self.ready = m.bit("ready", "the feeder has done what it can")
+        self.emptied = m.bit("emptied", "the last row was picked in this scan")
+        self.ask = m.bit("ask tray", "question to the operator: which tray is at the pick position?")
+        self.ready = m.bit("ready", "a tray is in place, no tray was found, or the target is reached")
         self.at_rest = m.bit("at rest", "no tray is being moved")
-        self.missing = m.bit("missing", "no tray came")
-        self.ungranted = m.bit("ungranted", "the belt is wanted and refused, this scan")
-        self.blocked_by = Word("D", 112, "tray.blocked by", "number of the interlock that refuses the belt")
-        self.fault = m.bit("fault", "an alarm of the feeder is set")
-        self.met = m.bit("met", "a tray under the front edge sensor that was not met creeping, this scan")
-        self.t_index = t10.timer("index", "full speed into the gap")
-        self.t_settle = t10.timer("settle", "tray at rest")
-        self.t_on = t10.timer("creep on", "creep: run")
-        self.t_off = t10.timer("creep off", "creep: pause")
-        self.t_met = Timer(234, "tray.met", "front edge sensor on in the gap behind a tray")
-        self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
-        self.t_lost = Timer(106, "tray.lost", "front edge sensor off while the tray should stand")
-        self.t_jam = Timer(104, "tray.jam", "front edge sensor does not go off")
+        self.missing = m.bit("missing", "no tray arrived")
+        self.ungranted = m.bit("ungranted", "the belt is requested but blocked in this scan")
+        self.blocked_by = Word("D", 112, "tray.blocked by", "number of the rule that blocks the belt; 0 = none")
+        self.fault = m.bit("fault", "an alarm of the feeder is active")
+        self.met = m.bit("met", "a tray was detected while the feeder was not creeping, in this scan")
+        self.t_index = t10.timer("index", "time at full speed into the gap")
+        self.t_settle = t10.timer("settle", "time for the tray to come to rest")
+        self.t_on = t10.timer("creep on", "run time of a creep pulse")
+        self.t_off = t10.timer("creep off", "pause after a creep pulse")
+        self.t_met = Timer(234, "tray.met", "front edge sensor on during the index")
+        self.t_no_tray = Timer(103, "tray.no tray", "time of creeping without a tray")
+        self.t_lost = Timer(106, "tray.lost", "front edge sensor off although a tray should be in place")
+        self.t_jam = Timer(104, "tray.jam", "front edge sensor stays on while the tray moves out")
 
 
 @dataclass(frozen=True)

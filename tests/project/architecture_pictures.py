@@ -196,7 +196,7 @@ def scan() -> str:
             ("phase", "commands and set-points since the last scan"),
             ("phase", "input filter, X image"),
             *(("box", title) for title in both_sides([block.title for block in program.blocks])),
-            ("phase", "END: reset the steps that were left"),
+            ("phase", "END: reset the source steps of transfers"),
             ("phase", "retentive memory: submit changes"),
             ("phase", "delay outputs that depend on unstored memory"),
             ("phase", "link: write Y"),
@@ -219,7 +219,7 @@ def called(name: str) -> list[str]:
 
 def plant_step() -> str:
     """Return the picture of one step of the plant."""
-    steps: list[tuple[str, str]] = [("phase", "coils from the Y image; none without the safety relay")]
+    steps: list[tuple[str, str]] = [("phase", "coils from the Y image; all off without the safety relay")]
     for name in called("advance"):
         if name == "step_arm":
             steps += [("box", f"each arm: {part}") for part in called(name)]

@@ -181,12 +181,12 @@ def _arm_tags(machine: Transplanter, side: Side) -> Iterator[Tag]:
         f"{side}.cycle.ms",
         first + 2,
         2,
-        "time of the last cycle, from leaving the feed position to the return home",
+        "duration of the last cycle, from leaving the feed position to the return home",
         unit="ms",
     )
     yield _status(f"{side}.cycle.waiting_ms", first + 4, 2, "waiting time for cups in the last cycle", unit="ms")
     causes = ", ".join(f"{number} {cause}" for number, cause in enumerate(status.GAP_CAUSES))
-    yield _status(f"{side}.cycle.gap_cause", first + 6, 1, f"cause of the cups missed in it: {causes}")
+    yield _status(f"{side}.cycle.gap_cause", first + 6, 1, f"cause of the cups missed in the last cycle: {causes}")
     yield _status(f"{side}.cycle.seen", first + 7, 1, "cycle counter: changes with each completed cycle")
 
 
@@ -200,17 +200,23 @@ def _status_tags() -> Iterator[Tag]:
         yield _status(f"controller.scan_time.{bucket}", status.R_DURATIONS + 2 * bucket, 2, f"scans that took {name}")
     for bucket, name in enumerate(status.bucket_names()):
         yield _status(
-            f"controller.late.{bucket}", status.R_LATENESS + 2 * bucket, 2, f"scans that started late by {name}"
+            f"controller.late.{bucket}", status.R_LATENESS + 2 * bucket, 2, f"scans with a start delay of {name}"
         )
     states = ", ".join(f"{number} {state}" for number, state in enumerate(status.ALARM_STATES))
     for row in range(status.ALARM_ROWS):
         first = status.R_ALARMS + status.ALARM_WORDS * row
-        yield _status(f"alarm.{row}.number", first, 1, "annunciator in this row of the list; 0 = none")
+        yield _status(f"alarm.{row}.number", first, 1, "number of the annunciator in this row of the list; 0 = none")
         yield _status(f"alarm.{row}.state", first + 1, 1, states)
-        yield _status(f"alarm.{row}.first_out", first + 2, 1, "1 = first-out alarm: it stopped the machine")
-        yield _status(f"alarm.{row}.came_ms", first + 4, 2, "time it became active, controller time", unit="ms")
+        yield _status(f"alarm.{row}.first_out", first + 2, 1, "1 = first-out alarm, the alarm that stopped work first")
         yield _status(
-            f"alarm.{row}.shelved_until_ms", first + 6, 2, "end of the shelving period; 0 = not shelved", unit="ms"
+            f"alarm.{row}.came_ms", first + 4, 2, "controller time at which the alarm became active", unit="ms"
+        )
+        yield _status(
+            f"alarm.{row}.shelved_until_ms",
+            first + 6,
+            2,
+            "controller time at which shelving ends; 0 = not shelved",
+            unit="ms",
         )
     yield _status(
         "alarm.action",
@@ -222,7 +228,11 @@ def _status_tags() -> Iterator[Tag]:
         limits=(status.ACKNOWLEDGE, status.UNSHELVE),
     )
     yield _status(
-        "alarm.action_number", status.R_ALARM_ACTION + 1, 1, "annunciator; 0 = all (acknowledge)", access="write"
+        "alarm.action_number",
+        status.R_ALARM_ACTION + 1,
+        1,
+        "number of the annunciator; 0 = all (acknowledge only)",
+        access="write",
     )
     yield _status("alarm.action_minutes", status.R_ALARM_ACTION + 2, 1, "shelving period", access="write", unit="min")
     yield _status(

@@ -189,8 +189,8 @@ def grip_over(
 
 @pytest.mark.parametrize(("mirrored", "column", "missed"), [(False, 0, [8, 9, 10, 11]), (True, 5, [0, 1, 2, 3])])
 def test_the_skew_of_a_tray_adds_to_the_offset_of_the_claws(mirrored: bool, column: int, missed: list[int]) -> None:
-    """10 mrad offsets each cell by 0.43 mm more than the one before. With claws 4 mm off, strips that reach 5 mm miss
-    the cells more than 2.3 cells beyond the middle, counted from the side of the arm."""
+    """A skew of 10 mrad offsets each cell by 0.43 mm more than the previous one. With claws 4 mm off, strips that reach
+    5 mm miss the cells more than 2.3 cells beyond the middle, counted from the side of the arm."""
     row = Row()
     row.seedlings.make_typical()
     grip = grip_over(row, turned_rad=0.010, mirrored=mirrored, strip_reach_m=0.005)
@@ -205,7 +205,7 @@ def test_the_skew_of_a_tray_adds_to_the_offset_of_the_claws(mirrored: bool, colu
 
 
 def test_stems_harmed_by_the_claws_are_lost_when_the_claws_open() -> None:
-    """Clamped and released without a lift: a stem too weak for the force and one too weak for the time are lost."""
+    """If claws close and open without a lift, stems too weak for the force or for the holding time are lost."""
     row = Row()
     row.seedlings.make_typical()
     plants = row.seedlings.column(0, 0)

@@ -29,7 +29,7 @@ def end_deg(*, is_open: bool) -> float:
 
 @pytest.mark.parametrize("is_open", [False, True])
 def test_placed_claws_remain_in_position_under_pressure(is_open: bool) -> None:
-    """0.40 MPa * 0.39 N m / 0.5 MPa / 40 mm = 7.8 N, whether clamping or opening."""
+    """The finger force is 0.40 MPa * 0.39 N m / 0.5 MPa / 40 mm = 7.8 N in either direction."""
     rig, claws = make_claws(is_open=is_open)
     for for_ms in (0, 1, 60_000):
         rig.run(for_ms)
@@ -39,7 +39,7 @@ def test_placed_claws_remain_in_position_under_pressure(is_open: bool) -> None:
 
 
 def test_a_finger_clamps_with_its_catalogue_moment() -> None:
-    """0.39 N m at 0.5 MPa, 40 mm from the joint, gives 9.75 N; at 0.30 MPa it is proportionally less, 5.85 N."""
+    """A moment of 0.39 N m at 0.5 MPa gives 9.75 N at 40 mm from the joint; at 0.30 MPa the force is 5.85 N."""
     for pressure_mpa, force_n in ((0.50, 9.75), (0.30, 5.85)):
         rig, claws = make_claws(is_open=True, claw_pressure_mpa=pressure_mpa)
         rig.run(2_000, "left.claws_close")
@@ -95,7 +95,7 @@ def test_claws_keep_their_state_without_power(is_open: bool) -> None:
 
 
 def test_a_pulse_of_the_coil_is_enough_if_it_is_as_long_as_the_delay() -> None:
-    """15 ms in the valve and 5.5 ms in the tube: the pilot switches in the twenty-first millisecond."""
+    """After 15 ms in the valve and 5.5 ms in the tube, the pilot switches in the twenty-first millisecond."""
     for pulse_ms, angle_deg in ((20, CLOSED_DEG), (21, OPEN_DEG)):
         rig, claws = make_claws(is_open=False)
         rig.run(pulse_ms, "left.claws_open")

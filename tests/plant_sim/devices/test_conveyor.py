@@ -54,7 +54,7 @@ def test_the_belt_ramps_up_and_down_and_stops_within_5_mm() -> None:
 
 
 def test_the_beam_detects_tray_gap_tray_and_then_nothing() -> None:
-    """2 mm of play and 300 mm at 0.2 m/s, plus 25 ms of ramp; then 540 mm tray, 45 mm gap, 540 mm tray; to one step."""
+    """The first edge takes 302 mm and 25 ms of ramp; a 540 mm tray, a 45 mm gap and a tray follow, to one step."""
     rig, conveyor = make_conveyor()
     edges_s: list[float] = []
     levels = []
@@ -76,7 +76,7 @@ def test_the_gap_equals_the_parameter(gap_m: float) -> None:
 
 
 def test_the_magazine_waits_for_room() -> None:
-    """2 mm of play, then the first tray moves 300 + 285 mm before the second fits: 2.96 s, evaluated every 10 ms."""
+    """The second tray fits after 2 mm of play and 300 + 285 mm of travel: 2.96 s, evaluated every 10 ms."""
     rig, conveyor = make_conveyor()
     rig.run(2_950, *FORWARD)
     assert list(conveyor.front_m) == [0]
@@ -99,7 +99,7 @@ def test_a_withheld_tray_is_placed_at_the_magazine_once_released() -> None:
 
 
 def test_a_tray_leaves_at_the_far_end() -> None:
-    """Its rear edge must pass 1 m: 300 + 1540 mm of travel, 9.225 s."""
+    """The rear edge must pass 1 m, which takes 300 + 1540 mm of travel and 9.225 s."""
     rig, conveyor = make_conveyor(1)
     rig.run(9_220, *FORWARD)
     assert list(conveyor.front_m) == [0]
@@ -142,7 +142,7 @@ def test_without_the_forward_bit_the_belt_runs_backward() -> None:
 
 
 def test_a_tray_driven_backward_stops_against_the_magazine_and_steps_are_lost() -> None:
-    """It is 95 mm out and is back after just over 0.5 s; for the rest of the 5 s the motor is driven but blocked."""
+    """The tray returns over 95 mm in just over 0.5 s; for the rest of the 5 s the motor is driven but blocked."""
     rig, conveyor = make_conveyor()
     rig.run(500, *FORWARD)
     rig.run(5_000, "tray_run")

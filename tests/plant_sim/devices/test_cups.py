@@ -87,7 +87,7 @@ def test_the_phase_of_the_cups_differs_by_row_and_follows_the_seed() -> None:
 
 
 def test_a_closing_contact_bounces_and_settles() -> None:
-    """Within 3 ms: closed, open, closed, open, closed; sampled every millisecond, one to three changes are visible."""
+    """A contact that closes and opens twice within 3 ms shows one to three changes when sampled every millisecond."""
     rig, cups = make_cups()
     changes = rig.changes(cups.pulse, 10_000)
     ups = [(at_ms, on) for at_ms, on in changes if on]

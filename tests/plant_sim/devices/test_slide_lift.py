@@ -1,4 +1,4 @@
-"""Pneumatic motion of slide and lift: start, speed, ends and stops, compared with figures derived by hand.
+"""Pneumatic motion of slide and lift: start, speed, ends and stops, compared with manually derived figures.
 
 Areas: slide pi/4 * 0.025^2 = 490.87 mm2; lift pi/4 * 0.050^2 = 1963.5 mm2 full, less pi/4 * 0.020^2 at the
 rod 1649.3 mm2. Meter-out speed, C * 1e5 / area: slide 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; lift down
@@ -40,7 +40,7 @@ class TestValve:
 
     @pytest.mark.parametrize(("coil", "end"), [("left.slide_inward", 1.0), ("left.slide_outward", -1.0)])
     def test_it_switches_19_ms_after_its_coil_comes_on_and_24_ms_after_it_goes_off(self, coil: str, end: float) -> None:
-        """15 + 4.2 ms or 20 + 4.2 ms, then the spool takes 4 ms from the middle to an end; a step is 1 ms."""
+        """The delay is 15 + 4.2 ms or 20 + 4.2 ms; the spool then takes 4 ms from the middle to an end."""
         rig = make_rig(x_m=0.3)
         seen = []
         for for_ms, tags in ((19, [coil]), (1, [coil]), (3, [coil]), (24, []), (1, []), (3, [])):
@@ -137,7 +137,7 @@ class TestSpeed:
         assert speed_m_s(make_rig(values), 0.25, 0.40, "slide_inward") == pytest.approx(SLIDE_M_S, rel=0.02)
 
     def test_the_throttle_does(self) -> None:
-        """0.4e-9 * 1e5 / 490.87e-6 = 0.0815 m/s."""
+        """A narrower throttle gives 0.4e-9 * 1e5 / 490.87e-6 = 0.0815 m/s."""
         rig = make_rig({"slide.throttle_conductance_m3_s_pa": 0.4e-9})
         assert speed_m_s(rig, 0.25, 0.40, "slide_inward") == pytest.approx(0.0815, rel=0.02)
 
@@ -145,7 +145,7 @@ class TestSpeed:
         ("y_m", "coil", "at_m_s"), [(0.0, "lift_extend", 0.2122), (0.150, "lift_retract", -0.2088)]
     )
     def test_the_lift_runs_at_about_200_mm_s(self, y_m: float, coil: str, at_m_s: float) -> None:
-        """Its stroke is too short for a steady speed; its throttle, half as wide as the tube, is not fully choked.
+        """The stroke is too short for a steady speed, and the flow in the throttle is not fully choked.
 
         Measured over the middle of the stroke: 0.232 m/s down, while still oscillating, and 0.195 m/s up.
         """
@@ -233,7 +233,7 @@ class TestEnds:
         ("y_m", "coil", "first_ms", "last_ms"), [(0.0, "lift_extend", 650, 700), (0.150, "lift_retract", 840, 890)]
     )
     def test_the_lift_arrives_in_time(self, y_m: float, coil: str, first_ms: int, last_ms: int) -> None:
-        """145 mm at 0.21 m/s take 690 ms.
+        """A stroke of 145 mm at 0.21 m/s takes 690 ms.
 
         Measured with this rig: 677 ms down, helped by the weight; 864 ms up, delayed by the air to be exhausted.
         """
@@ -302,7 +302,7 @@ class TestFaults:
 
     @pytest.mark.parametrize(("main_pa", "decouples"), [(0.740e6, False), (0.760e6, True)])
     def test_the_magnets_of_a_blocked_slide_decouple_above_740_kpa(self, main_pa: float, decouples: bool) -> None:
-        """363 N / 490.87 mm2 = 739.5 kPa across the piston, and 10 kPa to open the check valve."""
+        """The limit is 363 N / 490.87 mm2 = 739.5 kPa across the piston plus 10 kPa to open the check valve."""
         rig = make_rig(
             {"supply.pressure_pa": main_pa, "supply.compressor_on_pa": 0.85e6, "supply.compressor_off_pa": 0.95e6},
             x_m=0.3,

@@ -38,7 +38,7 @@ def test_the_slide_moves_less_than_2_mm_after_its_check_valves_have_closed(x_m: 
 
 @pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
 def test_the_slide_stops_about_6_mm_after_its_coil(x_m: float, coil: str) -> None:
-    """At 0.15 m/s: 24.2 ms for the valve, 2 ms until its spool opens the exhaust, then the venting of the driving tube.
+    """The delay is 24.2 ms in the valve, 2 ms until its spool opens the exhaust, and the time to vent the driving tube.
 
     The brake engages when the pressure is 300 kPa gauge there. The tube, 18.2 cm3, is vented through valve and tube,
     0.76e-8 m3/(s Pa), from 594 to 401 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 401) = 7.8 to 9.4 ms. These

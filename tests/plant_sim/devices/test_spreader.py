@@ -30,7 +30,7 @@ def test_at_steady_speed_motor_force_and_friction_balance() -> None:
 
 
 def test_it_accelerates_with_a_time_constant_of_13_ms() -> None:
-    """0.2 * (1 - exp(-t / 13.3 ms)): 63 % after 13.3 ms; a step of 1 ms leads by up to 4 %."""
+    """The speed is 0.2 m/s * (1 - exp(-t / 13.3 ms)), 63 % after 13.3 ms; steps of 1 ms give up to 4 % more."""
     rig, spreader = make_spreader()
     for at_ms in (5, 10, 20, 40, 80):
         rig.run(at_ms - rig.plant.time_ms, "left.spread")
@@ -39,7 +39,7 @@ def test_it_accelerates_with_a_time_constant_of_13_ms() -> None:
 
 @pytest.mark.parametrize(("coil", "travel_m"), [("left.spread", 0.0), ("left.converge", FULL_M)])
 def test_it_reaches_its_end_in_948_ms_and_switches_15_ms_before(coil: str, travel_m: float) -> None:
-    """(187 + 2.67) mm / 0.2 m/s = 948.3 ms; the switch 3 mm before the end turns on at 933.3 ms."""
+    """The travel takes (187 + 2.67) mm / 0.2 m/s = 948.3 ms; the switch 3 mm before the end turns on at 933.3 ms."""
     rig, spreader = make_spreader(travel_m)
     switch = spreader.spread_switch if coil == "left.spread" else spreader.converged_switch
     ways_m = rig.trace(lambda: abs(spreader.travel_m - travel_m), 1_200, coil)
@@ -51,7 +51,7 @@ def test_it_reaches_its_end_in_948_ms_and_switches_15_ms_before(coil: str, trave
 
 
 def test_it_coasts_1_9_mm_when_its_motor_is_short_circuited() -> None:
-    """60 N / 2100 N s/m = 28.6 mm/s: it stops after 13.3 ms * ln(1 + 200 / 28.6) = 27.7 ms.
+    """The spreader stops after 13.3 ms * ln(1 + 200 / 28.6) = 27.7 ms, where 60 N / 2100 N s/m = 28.6 mm/s.
 
     It travels 13.3 ms * 200 mm/s - 27.7 ms * 28.6 mm/s = 1.88 mm; in steps of 1 ms a little less.
     """
@@ -77,7 +77,7 @@ def test_both_directions_brake_it_as_well_as_none() -> None:
 
 
 def test_it_reverses_at_once() -> None:
-    """Its inertia carries it on by at most 2.67 mm."""
+    """Owing to its inertia, the spreader overshoots by at most 2.67 mm before it reverses."""
     rig, spreader = make_spreader()
     rig.run(500, "left.spread")
     turned_m = spreader.travel_m
@@ -99,7 +99,7 @@ def test_a_switch_turns_off_one_hysteresis_later() -> None:
 
 
 def test_a_jammed_spreader_stops_and_continues_when_released() -> None:
-    """At standstill 24 V / 5.25 ohm * 105 N/A = 480 N: the belt, which slips at 600 N, does not slip."""
+    """At standstill the motor force is 24 V / 5.25 ohm * 105 N/A = 480 N; the belt slips only at 600 N."""
     rig, spreader = make_spreader(0.05)
     spreader.jammed = True
     rig.run(500, "left.spread")
@@ -146,7 +146,7 @@ def test_placing_clips_to_the_travel_and_sets_the_speed_to_0() -> None:
 
 
 def test_the_motor_stalls_when_the_claws_are_against_their_end_stop() -> None:
-    """Its 480 N at standstill are less than the 600 N at which the belt slips."""
+    """The stall force of 480 N is less than the 600 N at which the belt slips."""
     rig = Rig()
     rig.run(2_000, "left.spread")
     state = rig.left.spreader.state

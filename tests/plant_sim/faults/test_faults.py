@@ -60,7 +60,7 @@ def test_faults_a_millisecond_apart_take_effect_a_millisecond_apart() -> None:
 
 
 def test_consecutive_faults_of_the_same_value() -> None:
-    """Each of two consecutive faults acts during its own period; then the original value is restored."""
+    """Each of two consecutive faults is active during its own period; then the original value is restored."""
     rig = activated("stuck_off:left.lift_down@10ms..20ms", "stuck_on:left.lift_down@20ms..30ms")
     stuck = []
     for _ in range(4):
@@ -300,7 +300,7 @@ def test_claws_lose_their_air_past_the_check_valve_of_their_reservoir() -> None:
     assert clamp_n("leaking_check_valve:claw_reservoir=1e-8") < 0.6 * sound_n
 
 
-# --- what moves ---------------------------------------------------------------------------------
+# --- moving parts ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

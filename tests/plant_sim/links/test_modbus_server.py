@@ -53,7 +53,7 @@ def test_thirty_requests_in_one_segment_are_answered_in_order(client: Client) ->
 
 
 def test_requests_that_exceed_the_receive_buffer(rig: Rig, client: Client) -> None:
-    """More data than the receive buffer holds, split at arbitrary points."""
+    """Requests longer than the receive buffer in total, split at arbitrary points, are all answered."""
     client.send(b"".join(frame(READ_ALL_INPUTS, transaction=n) for n in range(2_000)))
     assert [client.receive()[0] for _ in range(2_000)] == list(range(2_000))
 
@@ -172,9 +172,9 @@ def test_a_single_coil_takes_0000_and_ff00_only(rig: Rig, client: Client, value:
         pytest.param("0f 0000 0000 00", id="quantity 0"),
         pytest.param("0f 0000 0012 02 ffff", id="byte count too small"),
         pytest.param("0f 0000 0012 04 ffffffff", id="byte count too large"),
-        pytest.param("0f 0000 0012 03 ffff", id="fewer bytes than it says"),
-        pytest.param("0f 0000 0012 03 ffffffff", id="more bytes than it says"),
-        pytest.param("0f 0000 0012 02 ffffff", id="the right bytes, and a wrong number of them"),
+        pytest.param("0f 0000 0012 03 ffff", id="fewer bytes than declared"),
+        pytest.param("0f 0000 0012 03 ffffffff", id="more bytes than declared"),
+        pytest.param("0f 0000 0012 02 ffffff", id="the right number of bytes, wrongly declared"),
         pytest.param("0f 0000 0012", id="cut off"),
         pytest.param("0f 0000 07b1 f7" + "00" * 247, id="quantity 1969"),
     ],

@@ -61,7 +61,7 @@ class Rig:
         self.plant.step(for_ms, self.outputs(*tags))
 
     def run_until(self, reached: Callable[[], bool], *tags: str, within_ms: int = 20_000, every_ms: int = 5) -> int:
-        """Energise coils until a condition holds; return the elapsed time, ms."""
+        """Energise coils until a condition is met; return the elapsed time, ms."""
         start_ms = self.plant.time_ms
         image = self.outputs(*tags)
         while not reached():
@@ -136,7 +136,7 @@ class Rig:
         self.run(100)
 
     def pick(self, number: int, side: str = "left") -> None:
-        """Pick a row: from empty at feed, down and open, to loaded at feed, down and spread over the cups."""
+        """Pick a row, from the empty arm at feed, down and open, to the loaded arm at feed, down and spread."""
         self.go_to_pick(number, side)
         self.close(side)
         self.raise_arm(side)
@@ -145,7 +145,7 @@ class Rig:
         self.lower_arm(side)
 
     def wait_for_cups(self, side: str = "left", *, off_m: float = 0.0) -> None:
-        """Wait until claws opened now would drop their plugs with this offset from the centre of empty cups."""
+        """Wait until plugs released now would land at this offset from the centre of empty cups."""
         cups = self.plant.arms[side].cups
         pitch_m = self.machine.cups.pitch_m
 

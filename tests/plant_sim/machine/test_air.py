@@ -16,7 +16,7 @@ def places_m(rig: Rig) -> tuple[float, ...]:
 
 
 def test_the_emergency_stop_removes_coil_power_and_air_regardless_of_the_outputs() -> None:
-    """Largest stopping distances: slide 7 mm (test_slide_stop.py), lift 16, spreader 1.9, belt 5 plus a 0.2 mm step."""
+    """Stopping distances are at most 7 mm (slide), 16 mm (lift), 1.9 mm (spreader) and 5 mm plus 0.2 mm (belt)."""
     rig = Rig(trays=2)
     rig.left.place(y_m=0.075)
     rig.run(600, *EVERYTHING)
@@ -37,7 +37,7 @@ def test_the_emergency_stop_removes_coil_power_and_air_regardless_of_the_outputs
 
 
 def test_the_emergency_stop_vents_the_manifold_and_not_the_claws() -> None:
-    """0.3 L vented through 5e-8 m3/(s Pa): 601 kPa falls to 1/e in 50 to 60 ms; the claws have their own reservoir.
+    """The manifold of 0.3 L falls from 601 kPa to 1/e in 50 to 60 ms through 5e-8 m3/(s Pa); the claw supply holds.
 
     After 60 ms the pressure is 601 kPa / exp(1.0 to 1.2) = 181 to 221 kPa, 80 to 120 kPa gauge.
     """
@@ -81,7 +81,7 @@ def test_nothing_moves_when_air_returns() -> None:
 
 
 def test_air_returns_softly() -> None:
-    """0.2e-8 m3/(s Pa) from 0.6 MPa passes 0.12e-2 m3/s ANR: 0.3 L rises by 2 bar in 0.5 s; then fully open."""
+    """From 0.6 MPa, 0.2e-8 m3/(s Pa) passes 0.12e-2 m3/s ANR: 0.3 L rises by 2 bar in 0.5 s; then the valve opens."""
     rig = Rig(trays=0)
     rig.plant.box.emergency_stop = True
     rig.run(3_000)
@@ -97,7 +97,7 @@ def test_air_returns_softly() -> None:
 
 
 def test_the_pressure_switch_has_hysteresis() -> None:
-    """It turns on at 0.40 MPa and off below 0.38 MPa."""
+    """The pressure switch turns on at 0.40 MPa and off below 0.38 MPa."""
     rig = Rig(trays=0)
     supply = rig.plant.supply
     assert supply.pressure_ok.read()

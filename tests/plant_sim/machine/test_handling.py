@@ -54,7 +54,7 @@ LOST_AT = dict(zip(WEAK, [Location.LOST_PICK] * 5 + [Location.LOST_CARRY] + [Loc
 
 
 def test_every_seedling_of_a_row_fails_at_the_stage_of_its_weakness() -> None:
-    """Each is 9 standard deviations from typical in one property; 6 in drift, as with 9 a plug reaches the next cup."""
+    """Each deviates by 9 standard deviations in one property, or 6 in drift; with 9 a plug reaches the next cup."""
     rig = rig_with_tray()
     for plant, traits in zip(rig.column(0), WEAK.values(), strict=False):
         plant.traits = traits
@@ -460,13 +460,13 @@ def test_an_event_carries_its_time() -> None:
     time_ms, kind, text = rig.plant.events[0]
     freed_ms = 1000 * float(rig.left._state["freed_s"])
     assert 115 <= freed_ms - start_ms <= 125
-    assert 0 <= time_ms - freed_ms < 10  # detected at the next evaluation, every 10 ms
+    assert 0 <= time_ms - freed_ms < 10  # seedling events are evaluated every 10 ms
     assert kind == "dropped"
     assert text == "left arm: 12 seedlings dropped beside the cups"
 
 
 def test_a_late_row_misses_the_cups_that_pass() -> None:
-    """Twelve cups are filled, those that pass while the arm fetches the next row stay empty, then twelve are filled."""
+    """Twelve cups are filled, the cups that pass during the next pick stay empty, and then twelve are filled."""
     rig = rig_with_tray()
     pitch_m = 0.060
     rig.pick(1)

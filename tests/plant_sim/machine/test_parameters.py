@@ -46,7 +46,7 @@ def test_the_machine_matches_the_papers() -> None:
 
 
 def test_speeds_are_conductance_times_reference_pressure_over_the_exhaust_area() -> None:
-    """0.735e-9 * 1e5 / 490.87e-6 = 0.1497; 3.5e-9 * 1e5 / 1649.3e-6 = 0.2122; 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088."""
+    """The speeds follow from 0.735e-9 * 1e5 / 490.87e-6, 3.5e-9 * 1e5 / 1649.3e-6 and 4.1e-9 * 1e5 / 1963.5e-6, m/s."""
     machine = load_machine()
     speeds_m_s = (machine.slide.speed_m_s, machine.lift.extend_m_s, machine.lift.retract_m_s)
     assert speeds_m_s == pytest.approx((0.1497, 0.2122, 0.2088), abs=0.0001)

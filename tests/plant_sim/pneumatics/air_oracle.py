@@ -117,7 +117,7 @@ def shape(ratio: float, critical: float) -> tuple[float, float]:
 def tendency(
     up: Chamber, down: Chamber, up_pa: float, conductance: float, critical: float
 ) -> tuple[float, float, float]:
-    """Flow through a restriction (ISO 6358), kg/s, and its slopes over the upstream and downstream pressures."""
+    """Return the flow through a restriction (ISO 6358), kg/s, and its slopes over both pressures."""
     gain = conductance * REFERENCE_KG_M3 * math.sqrt(REFERENCE_K / up.temperature_k)
     down_pa = down.pressure_pa
     ratio = down_pa / up_pa
@@ -374,7 +374,7 @@ class Cylinder:
         self.piston_m, self.piston_m_s = _stop(piston_m, piston_m_s, -over_m, params.stroke_m + over_m)
 
     def _resists_n(self, params: Any) -> float:
-        """Seal friction and brake; the brake engages if neither tube releases it."""
+        """Return seal friction plus brake force; the brake engages if neither tube releases it."""
         lifts_pa = max(self.plus.tube.pressure_pa, self.minus.tube.pressure_pa) - ATMOSPHERE_PA
         brake_n: float = params.brake_n if lifts_pa < params.brake_bites_pa else 0.0
         return brake_n + dry_n(params.friction, self.speed_m_s)
@@ -388,14 +388,14 @@ class Cylinder:
             self.decoupled = 0
 
     def _bumper(self, params: Any, step_s: float) -> tuple[float, float]:
-        """Bumper force at the start of the step, and its decrease with speed."""
+        """Return the bumper force at the start of the step, and its decrease with speed."""
         for way, depth_m in (
             (1, params.bumper_m - self.position_m),
             (-1, self.position_m - (params.stroke_m - params.bumper_m)),
         ):
             if depth_m >= 0 and params.bumper_n_m > 0:
                 rubber_n, lost_n = params.bumper_n_m * depth_m, params.bumper_n_s_m * way * self.speed_m_s
-                damping = params.bumper_n_s_m if rubber_n > lost_n else 0.0  # rubber never pulls
+                damping = params.bumper_n_s_m if rubber_n > lost_n else 0.0  # a bumper never pulls
                 return way * rubber_n, damping + step_s * params.bumper_n_m
         return 0.0, 0.0
 
@@ -462,7 +462,7 @@ class Supply:
 
 
 def _regulate(a: Chamber, b: Chamber, wanted_pa: float, conductance: float, params: Any, step_s: float) -> None:
-    """Open in proportion to the missing pressure, limited to the choked flow that supplies it within a step."""
+    """Open the regulator in proportion to the missing pressure, limited to the flow that supplies it within a step."""
     lacking_pa = wanted_pa - b.pressure_pa
     if lacking_pa > 0:
         opening = conductance * min(1.0, lacking_pa / params.band_pa)

@@ -50,7 +50,7 @@ class Bench:
         supply_params: Record `SUPPLY_PARAMS`.
         cylinders: Records `CYLINDER`.
         all_params: Records `CYLINDER_PARAMS`.
-        ideal: True if the manifold pressure is constant whatever the consumption.
+        ideal: True if the manifold pressure is constant regardless of consumption.
     """
 
     def __init__(self, cylinders: int, *, ideal: bool, step_s: float = 0.001) -> None:

@@ -152,7 +152,7 @@ def test_overrun_between_closed_checks(speed_m_s: float, friction_n: float, over
 
 
 def test_the_fastest_overrun_rebounds() -> None:
-    """0.4 m/s against 25 N: 19.8 mm at its peak, 12.5 mm finally, +-5 %. Source: docs/sources/plant.md 1.9."""
+    """At 0.4 m/s against 25 N, the peak is 19.8 mm and the final value 12.5 mm, +-5 %. Source: plant.md 1.9."""
     position_m = trapped(0.4, 25.0).run(2.0).cylinders["position_m"][:, 0]
     assert 1000 * (position_m.max() - 0.3) == pytest.approx(19.8, rel=0.05)
     assert 1000 * (position_m[-1] - 0.3) == pytest.approx(12.5, rel=0.05)
@@ -219,7 +219,7 @@ def test_skipping_parts_at_rest_has_no_significant_effect() -> None:
     for line in ("plus", "minus"):
         pressures_pa = [trace.cylinders[line]["chamber"]["pressure_pa"] for trace in (all_steps, some_steps)]
         assert np.abs(pressures_pa[0] - pressures_pa[1]).max() < 1e3
-    assert apart_m.max() > 0.0  # otherwise nothing was skipped, and the test would be void
+    assert apart_m.max() > 0.0  # otherwise nothing was skipped, and the test would check nothing
 
 
 def quasi_static(bench: Bench, from_pa: float, to_pa: float, for_s: float) -> Any:

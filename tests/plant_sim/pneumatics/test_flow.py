@@ -71,7 +71,7 @@ def test_warm_air_flows_less() -> None:
 
 
 def test_restrictions_in_series() -> None:
-    """1.2 and 0.6 in series give 0.537, plant.md 2 V4 rounds to 0.54; a closed restriction passes nothing."""
+    """Conductances of 1.2 and 0.6 in series give 0.537 (plant.md 2 V4: 0.54); a closed restriction passes nothing."""
     assert in_series(1.2, 0.6) == pytest.approx(0.5367, abs=5e-5)
     assert in_series(0.6, 1.2) == pytest.approx(in_series(1.2, 0.6), rel=1e-14)
     assert in_series(0.0, 1.0) == in_series(1.0, 0.0) == 0.0
@@ -89,7 +89,7 @@ def test_the_flow_falls_with_the_downstream_pressure_and_returns_its_slopes(
 ) -> None:
     """The slopes match difference quotients of 1 Pa in either direction, to 1 % of the choked slope.
 
-    Not within 2 Pa of a kink, where left and right slope differ.
+    Points within 2 Pa of a kink are excluded because the left and right slopes differ there.
     """
     down_pa = ratio * up_pa
     kg_s, grows, falls = flow(up_pa, down_pa, 1e-8, critical, kelvin)
@@ -180,9 +180,9 @@ def test_the_final_temperature_of_adiabatic_venting() -> None:
 
 
 def test_the_time_to_fill_while_choked() -> None:
-    """1 L isothermal from 1 to 3 bar abs out of 12 bar, C = 1e-9: dp/dt = C rho0 R T0 p_main, so 1.671 s, +-2 steps.
+    """A volume of 1 L fills from 1 to 3 bar abs out of 12 bar in 1.671 s, +-2 steps: dp/dt = C rho0 R T0 p_main.
 
-    Choked throughout, as 3/12 is below b = 0.3.
+    The flow is choked throughout because 3/12 is below b = 0.3.
     """
     gas = make_gas(1.0, 1e-9)
     chambers = make_chambers(gas, (1.0, 12e5), (1e-3, 1e5))

@@ -41,7 +41,7 @@ def test_air_mass_is_conserved(seed: int, thermal: bool, faulty: bool) -> None:
         assert bench.air_kg() == pytest.approx(before_kg, rel=1e-9)
         for line in ("plus", "minus"):
             assert (trace.cylinders[line]["chamber"]["mass_kg"] > 0).all()
-    assert taken_kg > 0.2 * before_kg  # the compressor ran: much air was exchanged
+    assert taken_kg > 0.2 * before_kg  # the compressor has run, so much air was exchanged
 
 
 def test_a_stroke_consumes_the_air_of_its_volumes() -> None:
@@ -68,7 +68,7 @@ def test_a_stroke_consumes_the_air_of_its_volumes() -> None:
 
 
 def test_the_regulator_holds_its_pressure_without_flow_and_droops_with_flow() -> None:
-    """It holds 0.500 MPa to 0.1 % at rest; with all cylinders drawing it droops by at most its band and valve drop."""
+    """The pressure is 0.500 MPa to 0.1 % at rest; at full consumption it droops by at most its band and valve drop."""
     bench = settled_bench()
     assert float(gauge_pa(bench.supply[0]["header"])) == pytest.approx(0.5e6, rel=1e-3)
     header_pa = gauge_pa(bench.run(0.5, [PLUS, MINUS, MINUS]).supply["header"])
@@ -77,7 +77,7 @@ def test_the_regulator_holds_its_pressure_without_flow_and_droops_with_flow() ->
 
 
 def test_the_compressor_runs_between_its_limits() -> None:
-    """It starts below 0.65 MPa, stops above 0.75 MPa, and delivers 4 L/s ANR, 4.74 g/s, while it runs."""
+    """The compressor starts below 0.65 MPa, stops above 0.75 MPa, and delivers 4 L/s ANR, 4.74 g/s, while running."""
     bench = settled_bench()
     coils = np.repeat(np.array([[PLUS] * 3, [MINUS] * 3] * 15), 4000, axis=0)
     supply = bench.run(120.0, coils, every=10).supply
@@ -92,7 +92,7 @@ def test_the_compressor_runs_between_its_limits() -> None:
 
 
 def test_emergency_stop_vents_the_manifold_and_not_the_claws() -> None:
-    """Relay off: the manifold falls below 10 kPa within 0.2 s, no slower than choked flow; the claws'
+    """With the relay off, the manifold falls below 10 kPa within 0.2 s, no slower than choked flow; the claws'
     manifold stays within 2 % for a minute, and their fingers do not move.
     """
     bench = settled_bench()

@@ -1,4 +1,4 @@
-"""Routes to every step of every sequence, and helpers to return to production afterwards.
+"""Routes to every step of every sequence, and helpers that resume production afterwards.
 
 The steps are the declared steps of the program. A step without a special route is reached by a plain run; a step that
 is not reached fails the tests that use it.
@@ -134,7 +134,7 @@ def route_to(stop: Stop) -> Route:
 
 
 def run_row_1(twin: Twin, side: Side) -> None:
-    """Home, start, and run until the arm has thrown row 1, after the row it is assumed to hold at first."""
+    """Home, start, and run until the arm has thrown row 1; its first throw is empty."""
     twin.home()
     twin.start()
     cycles = tags_of(twin, side).cycles

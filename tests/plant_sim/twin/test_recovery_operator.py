@@ -58,7 +58,7 @@ def test_a_jam_repaired_under_pressure_does_not_jump() -> None:
 
 
 def test_the_operator_waits_for_the_pressure() -> None:
-    """With a regulator turned down, recovery continues only after the pressure is restored."""
+    """If the regulator pressure was too low, recovery continues only after the pressure is restored."""
     twin = at_work({"trays_target": 1})
     low = parse_fault("low_supply:supply=0.1MPa")
     twin.plant.faults.add(low)

@@ -21,7 +21,7 @@ from plant_sim.twin.monitors import guard
 MACHINE = load_machine()
 Device = Conveyor | Cylinder | Spreader
 TRAY_MS = 90_000
-"""Time limit of a tray at 45 cups/min, ms: six rows per pair of sides, 16 s each, and the tray change."""
+"""Time limit of a tray at 45 cups/min, ms: three throws of each arm 16 s apart and the tray change, with a margin."""
 
 
 def other_side(side: Side) -> Side:
@@ -56,7 +56,7 @@ def at_work(
     io_map: IoMap | None = None,
     mode: Mode = Mode.CONTINUOUS,
 ) -> Twin:
-    """Return a machine in Execute; both arms still count as holding the row that is assumed at a first start."""
+    """Return a machine in Execute; both arms still count as loaded, as after the first power-up."""
     twin = switched_on(set_points, seed=seed, trays=trays, parameters=parameters, io_map=io_map, mode=mode)
     twin.home()
     twin.start()

@@ -143,7 +143,7 @@ _WAITS: Final = {
         "cups": "苗杯",
         "twelve empty cups": "十二个空苗杯",
         "reset and start": "复位和启动",
-        "an answer of the operator": "操作员回答",
+        "an answer from the operator": "操作员回答",
         "start": "启动",
         "the tray to be empty, arms at feed": "苗盘取空且两臂在投苗位",
         "a tray in the magazine, then start": "苗盘仓补盘，然后启动",

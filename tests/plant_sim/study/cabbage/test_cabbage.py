@@ -176,7 +176,7 @@ def test_the_plots(studies: dict[str, Study]) -> None:
 
 
 def test_the_optimum_of_the_paper_is_marked_at_its_setting(studies: dict[str, Study]) -> None:
-    """[K] states 2.9 and 2.83 % for its setting; the predictions of the refitted models have a different marker."""
+    """The markers differ for the 2.9 and 2.83 % stated in [K] and for the predictions of the refitted models."""
     for study in studies.values():
         (picture,) = (part for part in study.parts if isinstance(part, Picture) and part.name == "pareto-front")
         drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in picture.figure.axes[0].lines}

@@ -146,7 +146,7 @@ def test_a_very_small_scatter_is_not_rounding_error() -> None:
 
 
 def test_rounding_error_is_not_reported_as_lack_of_fit() -> None:
-    """If there are two runs per point and the model passes through their means, the whole residual is pure error."""
+    """If there are two runs per point and the model passes through their means, the entire residual is pure error."""
     design = np.repeat(central_composite(2, axial=1.4, centres=1), 2, axis=0)
     scatter = np.tile([0.1, -0.1], len(design) // 2)
     lack = fit(design, 95 + 2 * design[:, 0] + scatter, ["X1"]).row("lack of fit")

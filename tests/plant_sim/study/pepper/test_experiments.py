@@ -157,7 +157,7 @@ def test_trials_at_a_setting_are_pooled_seedling_by_seedling() -> None:
 
 
 def test_a_trial_that_does_not_complete_is_left_out() -> None:
-    """Its seedlings count neither as planted nor in the total."""
+    """The seedlings of such a trial count neither as planted nor in the total."""
     crop = CropSpec(10.0, 51.0, 0.40)
     broken = trial(8, 8, 8, of=36, seed=77, reason="jammed")
     whole = [trial(2, 3, 4, of=144), trial(5, 6, 7, of=36)]
@@ -333,7 +333,7 @@ def test_courses_of_the_paper_confirm_its_statements(factor: str) -> None:
 @pytest.mark.parametrize("factor", list(HOLD))
 @pytest.mark.parametrize("seedlings", [1, 12, 25])
 def test_statements_are_undecided_with_few_seedlings(factor: str, seedlings: int) -> None:
-    """The curves are the same, but 1 % of one or two dozen seedlings is less than one seedling."""
+    """For the same curves, 1 % of one or two dozen seedlings is less than one seedling."""
     assert set(verdicts(factor, HOLD[factor], seedlings)) == {"undecided"}
 
 
@@ -449,7 +449,7 @@ def test_rsm_runs_table_4_and_the_verification(no_chance: Expected) -> None:
 
 
 def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper(no_chance: Expected) -> None:
-    """It agrees within 1 mm, 2 d and 0.03 MPa at about equal success; coefficients are within 1 point of equation 5."""
+    """The optima agree within 1 mm, 2 d and 0.03 MPa, the coefficients within 1 point; success is about equal."""
     study = rsm_study(OPTIONS)
     record = json.loads(study.json())
     twin, paper = record["optimum"], record["paper_optimum"]

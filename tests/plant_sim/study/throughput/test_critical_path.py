@@ -67,7 +67,7 @@ def test_the_path_of_an_early_arm_is_the_carousel() -> None:
 
 
 def test_a_late_arm_waits_for_the_next_cup_only() -> None:
-    """The carousel accounts for less than one cup interval, the motions of the arm for the rest."""
+    """The carousel accounts for less than one cup interval and the motions of the arm for the rest."""
     cups_ms = tuple(range(50, 701, 50))  # twelfth at 600, release on the fourteenth
     timeline = line([("open claws", 200), ("lower over cups", 660), ("wait for cups", 700)], left_cups_ms=cups_ms)
     assert left_path(timeline, 700) == [

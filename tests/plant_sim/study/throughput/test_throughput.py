@@ -169,7 +169,7 @@ def test_the_limit_is_between_the_last_frequency_without_gap_and_the_first_with_
 
 
 def test_the_recommendation_agrees_with_the_trials() -> None:
-    """It is not above the limit, includes a margin of 10 %, and is for the given plant spacing."""
+    """The recommendation is not above the limit, includes a margin of 10 %, and uses the given plant spacing."""
     record = json.loads(study().json())
     top, safe = record["advice"]["highest"], record["advice"]["with_margin"]
     assert top["frequency_per_min"] <= record["limits_per_min"]["without_gap"]
@@ -261,7 +261,7 @@ def test_the_command_contains_frequencies_and_a_given_spacing() -> None:
 
 
 def test_the_report_states_the_assumption_of_its_intervals() -> None:
-    """It lists the scatter between trials beside the pooled success."""
+    """The report lists the scatter between trials beside the pooled success."""
     trials = next(part for part in study().parts if isinstance(part, Table) and part.name == "trials")
     assert trials.heading[2:6] == ("S, %", "from", "to", "SD between trials")
     assert trials.rows[0][5] is None
