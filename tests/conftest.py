@@ -1,4 +1,4 @@
-"""Set-up of the test run: compilation of the plant, and the default sample of tests that exist for both arms."""
+"""Set-up of the test run: compilation of plant and program, and the default sample of tests that exist for both arms."""
 
 from pathlib import Path
 from typing import Final
@@ -6,10 +6,8 @@ from zlib import crc32
 
 import pytest
 
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.tags import SIDES
-from plant_sim.machine.parameters import load_machine
-from plant_sim.machine.plant import Plant
+from plant_sim.twin.lock_step import Twin
 from tests.paths import ROOT
 
 SAMPLED: Final = tuple(
@@ -25,10 +23,9 @@ SAMPLED: Final = tuple(
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the plant, or load its cached machine code, in the process that starts the workers."""
+    """Compile plant and program, or load their cached machine code, in the process that starts the workers."""
     if not hasattr(config, "workerinput"):
-        plant = Plant(load_io_map(DEFAULT_IO_MAP), load_machine(), seed=1)
-        assert plant.x
+        assert Twin().plant.x
 
 
 @pytest.hookimpl(tryfirst=True)

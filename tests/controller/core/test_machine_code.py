@@ -16,8 +16,8 @@ from controller.core.machine_code import MachineCode, MachineExecution
 from controller.core.program import Block, Program
 from controller.core.rungs import OnDelay, Out, Rung, Set
 from controller.core.scan import Plc
-from controller.core.sequence import Sequence
-from tests.controller.core.core_rig import levels, m, program_of, x, y
+from controller.core.sequence import Sequence, Step, To
+from tests.controller.core.core_rig import levels, m, program_of, s, x, y
 from tests.controller.export.fx_equality import STEPS, Differs, Pair, stories
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.verify.test_scan import COMMAND, SET_POINT, SET_POINT_DEFAULT, STIMULI, Scanned, programs
@@ -86,6 +86,21 @@ def test_arbitrary_programs_have_equal_devices_after_every_scan(
 @given(programs(), STIMULI)
 def test_thousands_of_arbitrary_programs(items: list[Rung | Sequence], story: list[Scanned]) -> None:
     check_arbitrary_program(items, story)
+
+
+def test_a_step_that_is_left_and_entered_in_the_same_scan_remains_active() -> None:
+    """A transfer to a step cancels the reset of that step at END."""
+    back_and_forth = [
+        Step("one", go=[To("two", x(0))], waits_for="X0"),
+        Step("two", go=[To("one", x(0))], waits_for="X0"),
+    ]
+    program = program_of(Set(s(20), when=x(1)), Sequence("any", 20, back_and_forth))
+    plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
+    for now_ms, on in ((0, (1,)), (10, (0,)), (20, (0,)), (30, ())):
+        for plc in plcs:
+            plc.scan(now_ms, levels(*on))
+        assert differences(*plcs) == []
+    assert [plcs[1].memory.S[20], plcs[1].memory.S[21]] == [True, False]
 
 
 # ---- program of the machine -------------------------------------------------------------------------------------
