@@ -1,4 +1,4 @@
-"""Set-up of the test run: compilation of plant and program, and the default sample of tests that exist for both arms."""
+"""Set-up of the test run: compilation of plant and program, and the default sample of tests on both arms."""
 
 from pathlib import Path
 from typing import Final
