@@ -25,6 +25,7 @@ IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 PATIENT_S = 5.0
 """Timeout for expected answers, s; long, so that a slow computer does not fail a test."""
+INPUTS = len(IO_MAP.inputs)
 ALL_OFF = [False] * IO_MAP.output_count
 
 
@@ -39,7 +40,7 @@ def scattered(io_map: IoMap) -> IoMap:
 
 
 def test_the_delivered_map_needs_one_transfer_per_direction() -> None:
-    assert group_into_runs(IO_MAP.inputs) == (Run(0, tuple(range(22))),)
+    assert group_into_runs(IO_MAP.inputs) == (Run(0, tuple(range(INPUTS))),)
     assert group_into_runs(IO_MAP.outputs) == (Run(0, tuple(range(18))),)
 
 
@@ -130,7 +131,7 @@ def test_the_frames_on_the_wire() -> None:
     with ScriptedServer(good_reply) as server:
         link = ModbusTcpLink("127.0.0.1", server.port, IO_MAP, unit=7, timeout_s=PATIENT_S)
         link.open()
-        assert link.read_inputs() == [True] * 22
+        assert link.read_inputs() == [True] * INPUTS
         link.write_outputs([True, False, True] + [False] * 14 + [True])
         link.close()
     read, write = server.requests
@@ -163,7 +164,7 @@ def test_an_invalid_answer_is_reported(answer: Callable[[bytes], bytes], reason:
     with ScriptedServer(answer) as server:
         link = link_to(server.port)
         link.open()
-        where = rf"^field I/O at 127\.0\.0\.1:{server.port}: read of 22 inputs from offset 0: "
+        where = rf"^field I/O at 127\.0\.0\.1:{server.port}: read of {INPUTS} inputs from offset 0: "
         with pytest.raises(LinkError, match=where + ".*" + reason) as caught:
             link.read_inputs()
         assert "\n" not in str(caught.value)
@@ -207,7 +208,7 @@ def test_a_server_that_closes_the_connection() -> None:
     with ScriptedServer(lambda q: None, hangs_up=True) as server:
         link = link_to(server.port)
         link.open()
-        with pytest.raises(LinkError, match="read of 22 inputs from offset 0: connection lost"):
+        with pytest.raises(LinkError, match=f"read of {INPUTS} inputs from offset 0: connection lost"):
             link.read_inputs()
         with pytest.raises(LinkError, match="not open"):
             link.write_outputs(ALL_OFF)
@@ -226,7 +227,7 @@ def test_a_corrupted_answer_gives_an_image_or_a_link_error() -> None:
                 link = link_to(server.port)
                 link.open()
                 try:
-                    assert len(link.read_inputs()) == 22
+                    assert len(link.read_inputs()) == INPUTS
                     outcomes["image"] += 1
                 except LinkError:
                     outcomes["error"] += 1
@@ -249,5 +250,5 @@ def test_the_link_can_be_reopened_after_a_restart_of_the_server() -> None:
         with pytest.raises(LinkError, match="not open"):
             link.read_inputs()
         link.open()
-        assert len(link.read_inputs()) == 22
+        assert len(link.read_inputs()) == INPUTS
         link.close()
