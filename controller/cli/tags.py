@@ -19,7 +19,7 @@ served by the plant: [plant-tags.csv](reference/plant-tags.csv).
 
 Addresses count from 0; many panels count from 1, or write coils as 0xxxx, discrete inputs as 1xxxx, holding registers
 as 4xxxx. A coil can also be read as a discrete input, a holding register as an input register. 32 bits: low word first.
-Commands are presses: write 1.
+A command is given by writing 1.
 """
 
 
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         paths = write_tags(machine, options.out)
     except OSError as error:
-        raise InputError(f"--out {options.out}: {error.strerror}; name a folder that can be written") from error
+        raise InputError(f"--out {options.out}: {error.strerror}; choose a writable folder") from error
     print("\n".join(map(str, paths)))
     return 0
 

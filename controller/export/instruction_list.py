@@ -181,7 +181,7 @@ class _ListWriter:
         for block in self._program.blocks:
             self._block(block)
         self._list.append(Instruction("END"))
-        comments = {f"M{done}": "first values are written"} | self._comments()
+        comments = {f"M{done}": "initial values have been written"} | self._comments()
         return Ladder(tuple(self._list), self._titles, comments, self._program.name)
 
     def _comments(self) -> dict[str, str]:

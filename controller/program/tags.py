@@ -34,7 +34,7 @@ NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
 """Phases of the tray: unknown or none, at the pick position, leaving it, approaching it."""
 
 RELEASE_DELAY_X10_MS: Final = 6
-"""Delay from the releasing cup pulse to the open coil. The pulse comes 15 mm before the cup is under the claw, 333 ms
+"""Delay from the releasing cup pulse to the open coil. The pulse occurs 15 mm before the cup is under the claw, 333 ms
 at 45 plants/(min row). After the coil comes on, valve, air and fingers take 126 ms (simulated at 0.40 MPa) and the fall
 of 80 mm takes 128 ms. The input filter and half a scan add 15 ms: 333 - 254 - 15 = 64 ms, rounded down to whole units
 of the timer (machine.yaml)."""
@@ -95,12 +95,12 @@ class System:
 
     def __init__(self) -> None:
         m = Area("M", 0, 9)
-        self.link_lost = m.bit("link lost", "no good exchange with the field within the limit")
-        self.scan_fault = m.bit("scan fault", "a scan was over its limit or failed")
+        self.link_lost = m.bit("link lost", "no successful exchange with the field I/O within the timeout")
+        self.scan_fault = m.bit("scan fault", "a scan exceeded its time limit or failed")
         self.memory_lost = m.bit("memory lost", "retentive memory could not be restored")
-        self.outputs_held = m.bit("outputs held", "coils are held back until the memory they act on is stored")
+        self.outputs_held = m.bit("outputs held", "outputs are delayed until retentive memory is stored")
         self.store_fault = m.bit("store fault", "retentive memory cannot be stored")
-        self.panel_silent = m.bit("panel silent", "the operator panel has been silent beyond its limit")
+        self.panel_silent = m.bit("panel silent", "no message from the operator panel within its timeout")
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
@@ -139,28 +139,40 @@ class SetPoints:
             self.limits[word] = (lowest, highest)
             return word
 
-        self.trays_target = add("trays target", 0, 0, 1000, "trays to empty before Complete; 0 = endless")
-        self.step_sequence = add("step sequence", 1, 1, 3, "step mode moves: 1 left arm, 2 right arm, 3 tray feeder")
-        self.descend_at_count = add("descend at count", 0, 0, CUPS, "cups counted before the arm goes down over them")
-        self.converge_at = add("converge at", 0, 0, 1, "0 = converge down, 1 = go up first")
-        self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2")
+        self.trays_target = add("trays target", 0, 0, 1000, "number of trays to empty before Complete; 0 = no limit")
+        self.step_sequence = add(
+            "step sequence", 1, 1, 3, "sequence to step in step mode: 1 left arm, 2 right arm, 3 tray feeder"
+        )
+        self.descend_at_count = add(
+            "descend at count", 0, 0, CUPS, "cup count at which the arm moves down over the cups"
+        )
+        self.converge_at = add("converge at", 0, 0, 1, "0 = converge with the arm down, 1 = move up first")
+        self.arms_may_meet = add(
+            "arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2 at the same time"
+        )
         self.at_start.append(self.arms_may_meet)
         self.release_delay = add(
-            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "from the releasing cup to opening"
+            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "delay from the releasing cup pulse to opening"
         )
-        self.no_cups = add("no cups x100 ms", 40, 10, 6000, "waiting without a cup until Suspended: 3 cup times")
-        self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cups")
+        self.no_cups = add(
+            "no cups x100 ms",
+            40,
+            10,
+            6000,
+            "waiting time without a cup pulse until Suspended; default: 3 cup intervals",
+        )
+        self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
         self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
         self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
         self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
         self.pause_at_feed = add(
-            "pause at feed x10 ms", 50, 0, 500, "from arriving at feed to spreading (paper: 0.5 s)"
+            "pause at feed x10 ms", 50, 0, 500, "delay from arrival at feed to spreading (paper: 0.5 s)"
         )
-        self.tray_index = add("tray index x10 ms", 10, 1, 200, "run at full speed into the gap before creeping")
+        self.tray_index = add("tray index x10 ms", 10, 1, 200, "time at full speed into the gap before creeping")
         self.slide_least = add(
-            "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "no slide gets from a row to feed, or back, sooner"
+            "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "shortest plausible travel time between a row and feed"
         )
-        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creeping without a tray's front edge until Suspended")
+        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge until Suspended")
 
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""
@@ -173,15 +185,15 @@ class SetPoints:
             SetPointError: The set-point is unknown, or the value is not an integer or out of range.
         """
         if name not in self.names():
-            raise SetPointError(f"no set-point {name!r}; known: {', '.join(self.names())}")
+            raise SetPointError(f"unknown set-point {name!r}; known: {', '.join(self.names())}")
         word: Word = getattr(self, name)
         lowest, highest = self.limits[word]
         if not text.isdecimal():
-            raise SetPointError(f"give a whole number, {lowest} to {highest}")
+            raise SetPointError(f"must be an integer, {lowest} to {highest}")
         if len(text) > LONGEST_NUMBER:
-            raise SetPointError(f"give {lowest} to {highest}")
+            raise SetPointError(f"must be {lowest} to {highest}")
         if not lowest <= int(text) <= highest:
-            raise SetPointError(f"give {lowest} to {highest}")
+            raise SetPointError(f"must be {lowest} to {highest}")
         return word, int(text)
 
 
@@ -192,17 +204,17 @@ class MachineTags:
         m = Area("M", 10, 99)
         d = Area("D", 100, 109)
         self.state = d.word("state", "PackML state number")
-        self.state_before = d.word("state before", "PackML state number of the scan before")
-        self.trays_done = Word("D", 560, "trays done", "trays emptied since the count was cleared")
+        self.state_before = d.word("state before", "PackML state number in the previous scan")
+        self.trays_done = Word("D", 560, "trays done", "trays emptied since the last reset of the counts")
         self.mode = Word("D", 562, "mode", "mode number: 1 continuous, 3 manual, 4 one cycle, 5 step, 6 zero return")
-        self.reason = d.word("reason", "why Suspended or Held, by number")
-        self.refused = d.word("refused", "number of the command refused last")
-        self.refusal = d.word("refusal", "number of the reason why it was refused")
-        self.refusals = d.word("refusals", "commands refused since power-up; another one, another number")
-        self.jog = d.word("jog", "number of the output that is held by hand; 0 = none")
-        self.first_out = d.word("first out", "annunciator that stopped work first; 0 = none")
+        self.reason = d.word("reason", "number of the reason for Suspended or Held")
+        self.refused = d.word("refused", "number of the last refused command")
+        self.refusal = d.word("refusal", "number of the reason for the last refusal")
+        self.refusals = d.word("refusals", "number of refused commands since power-up")
+        self.jog = d.word("jog", "number of the jogged output; 0 = none")
+        self.first_out = d.word("first out", "number of the first annunciator that stopped work; 0 = none")
         self.batch_complete = Bit(
-            "M", 1056, "batch complete", "the wanted trays were done; the next homing clears them"
+            "M", 1056, "batch complete", "target number of trays reached; the next homing clears the count"
         )
         self.start_pressed = m.bit("start pressed", "X0 pressed, this scan")
         self.reset_pressed = m.bit("reset pressed", "reset button pressed, this scan")
@@ -210,44 +222,46 @@ class MachineTags:
         self.home_requested = m.bit("home requested", "reset and home: X0 or command, this scan")
         self.start_requested = m.bit("start requested", "start: X0 or command, this scan")
         self.clear_requested = m.bit("clear requested", "clear after an emergency stop, this scan")
-        self.unhold_requested = m.bit("unhold requested", "go on after a hold, this scan")
-        self.hold_requested = m.bit("hold requested", "hold by the operator or because the panel is silent")
-        self.panel_lost = m.bit("panel lost", "the panel has gone silent, this scan")
-        self.held_by_operator = m.bit("held by operator", "the hold was ordered")
-        self.held_by_panel = m.bit("held by panel", "the hold came with the panel's silence")
-        self.suspended_by_operator = m.bit("suspended by operator", "suspended by command until unsuspended")
-        self.complete_ordered = m.bit("complete ordered", "no new row is begun; then Complete")
-        self.ordered = m.bit("ordered", "a command or a button is pressed, this scan")
+        self.unhold_requested = m.bit("unhold requested", "resume after a hold, this scan")
+        self.hold_requested = m.bit("hold requested", "hold by the operator or after a panel timeout")
+        self.panel_lost = m.bit("panel lost", "panel timeout expired, this scan")
+        self.held_by_operator = m.bit("held by operator", "held by the hold command")
+        self.held_by_panel = m.bit("held by panel", "held by a panel timeout")
+        self.suspended_by_operator = m.bit("suspended by operator", "suspended by command until the unsuspend command")
+        self.complete_ordered = m.bit("complete ordered", "no new row is started; then Complete")
+        self.ordered = m.bit("ordered", "command given or button pressed, this scan")
         self.manual = m.bit("manual", "mode is manual")
-        self.stepping = m.bit("stepping", "step mode at work: each transfer wants a press")
-        self.stops_at_once = m.bit("stops at once", "the mode finishes no cycle before it stops")
-        self.jogging = m.bit("jogging", "manual mode at work: outputs follow the jog register")
-        self.jog_renewed = m.bit("jog renewed", "a jog command, this scan")
+        self.stepping = m.bit("stepping", "step mode active: each transfer requires a press")
+        self.stops_at_once = m.bit("stops at once", "the mode stops without finishing the cycle")
+        self.jogging = m.bit("jogging", "manual mode active: outputs follow the jog register")
+        self.jog_renewed = m.bit("jog renewed", "jog command accepted, this scan")
         self.step_armed = {
-            name: m.bit(f"step armed, {name}", f"a press for the next transfer of the {name}") for name in STEPPED
+            name: m.bit(f"step armed, {name}", f"the next transfer of the {name} is permitted") for name in STEPPED
         }
         self.abort = m.bit("abort", "emergency stop, or a fault of link, scan or store")
-        self.clear_armed = m.bit("clear armed", "X24 has been pressed since the emergency stop")
+        self.clear_armed = m.bit("clear armed", "X24 pressed since the emergency stop")
         self.motion = m.bit("motion allowed", "the state allows motion")
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
-        self.places_anew = m.bit("places anew", "power-up or begin of homing: places are made of what is sensed now")
+        self.places_anew = m.bit(
+            "places anew", "power-up or start of homing: places are derived from the present switch states"
+        )
         self.entered_starting = m.bit("entered Starting", "first scan of Starting or Unholding")
-        self.running = m.bit("running", "Execute, Suspended and between them")
+        self.running = m.bit("running", "state is Starting, Execute, Suspending, Suspended, Unsuspending or Unholding")
         self.executing = m.bit("executing", "state is Execute")
-        self.suspend = m.bit("suspend", "no tray or no cups")
+        self.suspend = m.bit("suspend", "no tray, no cups, or suspend command")
         self.stopping = m.bit("stopping", "state is Stopping")
         self.holding = m.bit("holding", "state is Holding")
-        self.target_reached = m.bit("target reached", "the wanted number of trays is empty")
+        self.target_reached = m.bit("target reached", "the target number of trays has been emptied")
         self.fault = m.bit("fault", "an alarm that stops work is set")
         self.horn = m.bit("horn", "alarm not yet acknowledged")
-        self.alarm_reset = m.bit("alarm reset", "alarms whose cause has gone are reset, this scan")
-        self.new_alarm = m.bit("new alarm", "the first alarm that stops work came on, this scan")
-        self.t_stop_stuck = Timer(107, "stop stuck", "X24 on for longer than anybody presses it")
+        self.alarm_reset = m.bit("alarm reset", "alarms whose cause has cleared are reset, this scan")
+        self.new_alarm = m.bit("new alarm", "first alarm that stops work was set, this scan")
+        self.t_stop_stuck = Timer(107, "stop stuck", "X24 on longer than an intended press")
         self.jogs = {output: self.jog.equals(1 + n) for n, output in enumerate(JOGGED)}
-        self.t_jog_lease = Timer(224, "jog lease", "the jog command has not been renewed")
-        self.t_step_press = Timer(225, "step press", "a press of the step button has waited for its transfer")
-        self.stop_held = Timer(100, "stop held", "X24 held after an emergency stop: clear")
+        self.t_jog_lease = Timer(224, "jog lease", "time since the last jog command")
+        self.t_step_press = Timer(225, "step press", "time since the press in step mode")
+        self.stop_held = Timer(100, "stop held", "time X24 is held after an emergency stop, to clear")
 
 
 class ArmTags:
@@ -273,26 +287,32 @@ class ArmTags:
         self.sensed_converged = x[f"{side}.claws_converged"]
         self.cup_sensor = x[f"{side}.cup_pulse"]
 
-        self.down = m.bit("down", "lift at its lower limit: sensed alone, and it had the time to get there")
-        self.up = m.bit("up", "lift at its upper limit, likewise")
-        self.at_feed = m.bit("at feed", "slide at feed, likewise")
-        self.at_pick = {row: m.bit(f"at pick {row}", f"slide at pick {row}, likewise") for row in ROWS}
-        self.is_spread = m.bit("is spread", "claws spread, likewise")
-        self.is_converged = m.bit("is converged", "claws converged, likewise")
-        self.was_down = m.bit("was down", "the lift's lower limit was its last end")
-        self.was_up = m.bit("was up", "the lift's upper limit was its last end")
-        self.was_at_feed = m.bit("was at feed", "feed was the slide's last place")
-        self.was_at_pick = {row: m.bit(f"was at pick {row}", f"pick {row} was its last place") for row in ROWS}
-        self.was_spread = m.bit("was spread", "spread was the claws' last end")
-        self.was_converged = m.bit("was converged", "converged was the claws' last end")
-        self.lift_travelled = m.bit("lift travelled", "it had the time to get to its other end")
-        self.slide_travelled = m.bit("slide travelled", "it had the time to get between feed and a row")
-        self.slide_hopped = m.bit("slide hopped", "it had the time to get from one row to the next")
-        self.belt_travelled = m.bit("belt travelled", "it had the time to get to its other end")
-        self.placed = {name: m.bit(f"{name} placed", "it is at a place that is believed") for name in DEVICES}
-        self.doubt = {name: m.bit(f"{name} in doubt", "a switch is on that is not believed") for name in DEVICES}
-        self.passed = m.bit("passed row", "the slide has come to the next row, or beyond, since it left feed")
-        self.begins_rest = m.bit("begins rest", "lift, slide and belt have had no coil on for a while, this scan")
+        self.down = m.bit("down", "lift at its lower limit, confirmed by a plausible switch")
+        self.up = m.bit("up", "lift at its upper limit, confirmed by a plausible switch")
+        self.at_feed = m.bit("at feed", "slide at feed, confirmed by a plausible switch")
+        self.at_pick = {
+            row: m.bit(f"at pick {row}", f"slide at pick {row}, confirmed by a plausible switch") for row in ROWS
+        }
+        self.is_spread = m.bit("is spread", "claws spread, confirmed by a plausible switch")
+        self.is_converged = m.bit("is converged", "claws converged, confirmed by a plausible switch")
+        self.was_down = m.bit("was down", "last confirmed place of the lift: lower limit")
+        self.was_up = m.bit("was up", "last confirmed place of the lift: upper limit")
+        self.was_at_feed = m.bit("was at feed", "last confirmed place of the slide: feed")
+        self.was_at_pick = {
+            row: m.bit(f"was at pick {row}", f"last confirmed place of the slide: pick {row}") for row in ROWS
+        }
+        self.was_spread = m.bit("was spread", "last confirmed place of the claws: spread")
+        self.was_converged = m.bit("was converged", "last confirmed place of the claws: converged")
+        self.lift_travelled = m.bit("lift travelled", "shortest travel time to the other end has elapsed")
+        self.slide_travelled = m.bit("slide travelled", "shortest travel time between feed and a row has elapsed")
+        self.slide_hopped = m.bit("slide hopped", "shortest travel time between two rows has elapsed")
+        self.belt_travelled = m.bit("belt travelled", "shortest travel time to the other end has elapsed")
+        self.placed = {name: m.bit(f"{name} placed", f"a place of the {name} is confirmed") for name in DEVICES}
+        self.doubt = {name: m.bit(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
+        self.passed = m.bit("passed row", "the slide has reached or passed the next row since it left feed")
+        self.begins_rest = m.bit(
+            "begins rest", "rest time without a coil of lift, slide or belt has elapsed, this scan"
+        )
         self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
         self.rests_up = m.bit("rests up", "the lift was up when it came to rest")
         self.rests_at_feed = m.bit("rests at feed", "the slide was at feed when it came to rest")
@@ -300,76 +320,82 @@ class ArmTags:
         self.rests_converged = m.bit("rests converged", "the claws were converged when they came to rest")
         self.want = {name: m.bit(f"want {name}", f"request: {name.replace('_', ' ')}") for name in ARM_OUTPUTS}
         self.cup_edge = m.bit("cup edge", "rising edge of the cup sensor")
-        self.cup = m.bit("cup", "a cup has been counted, this scan")
-        self.count_good = m.bit("count good", "twelve empty cups stand under the claws")
+        self.cup = m.bit("cup", "cup counted, this scan")
+        self.count_good = m.bit("count good", "twelve empty cups are under the claws")
         self.release_edge = m.bit("release edge", "cup on which a waiting arm releases, this scan")
-        self.count_valid = m.bit("count valid", "twelve cups or a release have been seen since power-up")
-        self.cups_confirmed = m.bit("cups confirmed", "the operator says the cups are empty")
-        self.no_cups = m.bit("no cups", "waiting over the cups, and none come")
-        self.row_running = m.bit("row running", "seedlings are being thrown: further cups are gaps")
-        self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next to take") for row in ROWS}
+        self.count_valid = m.bit("count valid", "twelve cups counted or a row released since power-up")
+        self.cups_confirmed = m.bit("cups confirmed", "the operator has confirmed that the cups are empty")
+        self.no_cups = m.bit("no cups", "waiting for cups, and no cup within the limit")
+        self.row_running = m.bit("row running", "a row has been released: cups that pass beyond twelve are missed")
+        self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next row to pick") for row in ROWS}
         self.row_full = m.bit("row full", "the next row is full")
         self.row_in_progress = m.bit("row in progress", "clamped, not yet lifted out of its row")
         self.row_in_doubt = m.bit("row in doubt", "power was lost between clamping and lifting")
-        self.at_wanted_row = m.bit("at wanted row", "slide on the switch of the next row")
+        self.at_wanted_row = m.bit("at wanted row", "slide at the next row")
         self.permit = m.bit("cycle permit", "a new cycle may start")
-        self.park = m.bit("park", "a loaded arm goes up and stays")
-        self.in_centre = m.bit("in centre", "the arm has the space inward of pick 2")
-        self.thrown = m.bit("thrown", "a row has been thrown, this scan")
-        self.retried = m.bit("retried", "the slide was brought back to its row once")
-        self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is over")
+        self.park = m.bit("park", "a loaded arm moves up and stays there")
+        self.in_centre = m.bit("in centre", "the arm occupies the space inward of pick 2")
+        self.thrown = m.bit("thrown", "row released over the cups, this scan")
+        self.retried = m.bit("retried", "the slide has returned to its row once")
+        self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is complete")
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
-        self.hears_answers = m.bit("hears answers", "the arm stands, and what is said of its load is heard")
-        self.ask_cups = m.bit("ask cups", "question to the operator: are the cups empty? Or twelve of them must pass")
-        self.ungranted = m.bit("ungranted", "an output is wanted and refused, this scan")
+        self.hears_answers = m.bit("hears answers", "the arm is at rest, so answers about its load are accepted")
+        self.ask_cups = m.bit(
+            "ask cups", "question to the operator: are the cups empty? If unanswered, twelve cups must pass"
+        )
+        self.ungranted = m.bit("ungranted", "a requested output is blocked by an interlock, this scan")
         self.unbidden = m.bit("unbidden", "a switch has changed while the arm was at rest")
-        self.blocked_by = Word("D", 110 + index, f"{side}.blocked by", "number of the interlock that refuses an output")
-        self.discard = m.bit("discard", "the load is to be opened over the cups while homing")
+        self.blocked_by = Word(
+            "D", 110 + index, f"{side}.blocked by", "number of the interlock that blocks an output; 0 = none"
+        )
+        self.discard = m.bit("discard", "the load is discarded over the cups during homing")
         self.active = m.bit("active", "a step of the cycle is on")
-        self.cycling = m.bit("cycling", "a cycle is under way: the arm is away from home on purpose")
-        self.at_rest = m.bit("at rest", "no motion of a cycle is under way")
-        self.homed = m.bit("homed", "homing of the arm is done")
+        self.cycling = m.bit("cycling", "a cycle is in progress")
+        self.at_rest = m.bit("at rest", "no motion of a cycle is in progress")
+        self.homed = m.bit("homed", "homing of the arm is complete")
         self.fault = m.bit("fault", "an alarm of this arm is set")
-        self.off_home = m.bit("off home", "the arm should stand at home, and does not")
+        self.off_home = m.bit("off home", "the arm should be at home but is not")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
 
         self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
-        self.claws_closed = retentive_m.bit("claws closed", "last claw command was close")
-        self.claws_known = retentive_m.bit("claws known", "the claw command is remembered")
-        self.clamped = retentive_m.bit("clamped", "claws closed for their dwell")
+        self.claws_closed = retentive_m.bit("claws closed", "the last claw command was close")
+        self.claws_known = retentive_m.bit("claws known", "the last claw command is known")
+        self.clamped = retentive_m.bit("clamped", "claws closed for their dwell time")
         self.on_row = retentive_m.bit(
             "on row", "the claws have closed at a row, and the slide has not been driven since"
         )
         self.distrusted = {
             name: retentive_m.bit(
-                f"{name} switch lied", "no switch of it is believed until it was driven against its end"
+                f"{name} switch lied", f"no switch of the {name} is trusted until it has been driven against its end"
             )
             for name in DEVICES
         }
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
-        self.missed_cups = retentive_d.word("missed cups", "cups that passed empty beyond twelve")
-        self.cycles = retentive_d.word("cycles", "rows thrown")
+        self.missed_cups = retentive_d.word("missed cups", "cups missed since the last reset of the counts")
+        self.cycles = retentive_d.word("cycles", "rows released over the cups")
 
         self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
-        self.t_pulse = t10.timer("pulse interval", "shortest time between two cups")
-        self.t_settle = t10.timer("settle", "slide at rest on its row")
-        self.t_closing = t10.timer("claws closing", "the closing coil has been on for its dwell")
-        self.t_opening = t10.timer("claws opening", "the opening coil has been on for its dwell")
-        self.t_pause = t10.timer("pause at feed", "before spreading")
-        self.t_release_delay = t10.timer("release delay", "cup pulse to opening")
-        self.t_lift_way = t10.timer("lift way", "the lift is between its ends")
-        self.t_slide_way = t10.timer("slide way", "the slide is between feed and a row")
-        self.t_slide_hop = t10.timer("slide hop", "the slide is between two rows")
-        self.t_belt_way = t10.timer("belt way", "the claws are between their ends")
+        self.t_pulse = t10.timer("pulse interval", "shortest time between two cup pulses")
+        self.t_settle = t10.timer("settle", "slide at rest at its row")
+        self.t_closing = t10.timer("claws closing", "closing dwell of the claws")
+        self.t_opening = t10.timer("claws opening", "opening dwell of the claws")
+        self.t_pause = t10.timer("pause at feed", "delay before spreading")
+        self.t_release_delay = t10.timer("release delay", "delay from the cup pulse to opening")
+        self.t_lift_way = t10.timer("lift way", "lift between its ends")
+        self.t_slide_way = t10.timer("slide way", "slide between feed and a row")
+        self.t_slide_hop = t10.timer("slide hop", "slide between two rows")
+        self.t_belt_way = t10.timer("belt way", "claws between their ends")
         self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
-        self.t_press = Timer(226 + index, f"{side}.press to feed", "the slide's outer chamber fills")
+        self.t_press = Timer(226 + index, f"{side}.press to feed", "outer chamber of the slide fills")
         pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
-        self.t_pressed = {name: pressed.timer(f"{name} pressed", "driven against its end") for name in DEVICES}
+        self.t_pressed = {name: pressed.timer(f"{name} pressed", f"{name} driven against its end") for name in DEVICES}
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
-        self.t_rest = t100.timer("rest", "lift, slide and belt have no coil on")
-        self.t_doubt = {name: t100.timer(f"{name} in doubt", "a switch is on that cannot be") for name in DEVICES}
-        self.t_unbidden = t100.timer("unbidden", "a switch has changed by itself")
-        self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted without one of the other row")
+        self.t_rest = t100.timer("rest", "no coil of lift, slide or belt is on")
+        self.t_doubt = {
+            name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES
+        }
+        self.t_unbidden = t100.timer("unbidden", "a switch has changed while the arm was at rest")
+        self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted since the last cup of the other row")
 
 
 class TrayTags:
@@ -382,28 +408,30 @@ class TrayTags:
         self.edge = x.tray_front_edge
         self.driven = {name: _driven(io_map[name]) for name in ("tray_run", "tray_forward")}
         self.first_step = 180
-        self.phase = Word("D", 561, "tray.phase", "0 unknown, 1 in place, 2 moving out, 3 coming")
+        self.phase = Word("D", 561, "tray.phase", "0 unknown or none, 1 in place, 2 moving out, 3 coming in")
         self.want_run = m.bit("want run", "request: conveyor at full speed")
         self.want_creep = m.bit("want creep", "request: conveyor in short pulses")
-        self.needed = m.bit("needed", "the tray is empty or missing, and more are wanted")
+        self.needed = m.bit("needed", "the tray is empty or missing, and another one is required")
         self.permit = m.bit("permit", "the feeder may move")
         self.emptied = m.bit("emptied", "the last row has been taken, this scan")
-        self.ask = m.bit("ask tray", "question to the operator: which tray stands there?")
-        self.ready = m.bit("ready", "the feeder has done what it can")
+        self.ask = m.bit("ask tray", "question to the operator: which tray is at the pick position?")
+        self.ready = m.bit("ready", "feeding is complete, or no tray is available")
         self.at_rest = m.bit("at rest", "no tray is being moved")
-        self.missing = m.bit("missing", "no tray came")
-        self.ungranted = m.bit("ungranted", "the belt is wanted and refused, this scan")
-        self.blocked_by = Word("D", 112, "tray.blocked by", "number of the interlock that refuses the belt")
+        self.missing = m.bit("missing", "no tray arrived")
+        self.ungranted = m.bit("ungranted", "a requested conveyor output is blocked by an interlock, this scan")
+        self.blocked_by = Word(
+            "D", 112, "tray.blocked by", "number of the interlock that blocks the conveyor; 0 = none"
+        )
         self.fault = m.bit("fault", "an alarm of the feeder is set")
-        self.met = m.bit("met", "a tray under the front edge sensor that was not met creeping, this scan")
-        self.t_index = t10.timer("index", "full speed into the gap")
+        self.met = m.bit("met", "a tray reached the front edge sensor while the belt was not creeping, this scan")
+        self.t_index = t10.timer("index", "full speed into the gap behind a tray")
         self.t_settle = t10.timer("settle", "tray at rest")
-        self.t_on = t10.timer("creep on", "creep: run")
-        self.t_off = t10.timer("creep off", "creep: pause")
+        self.t_on = t10.timer("creep on", "creep: run time of a pulse")
+        self.t_off = t10.timer("creep off", "creep: pause after a pulse")
         self.t_met = Timer(234, "tray.met", "front edge sensor on in the gap behind a tray")
         self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
-        self.t_lost = Timer(106, "tray.lost", "front edge sensor off while the tray should stand")
-        self.t_jam = Timer(104, "tray.jam", "front edge sensor does not go off")
+        self.t_lost = Timer(106, "tray.lost", "front edge sensor off while a tray should be in place")
+        self.t_jam = Timer(104, "tray.jam", "front edge sensor still on while a tray moves out")
 
 
 @dataclass(frozen=True)

@@ -144,6 +144,6 @@ def _counter_example(model: Model, solution: z3.ModelRef, before: SymbolicMemory
     yield f"from: {on(values(solution, before))}"
     for number, frame in enumerate(frames, start=1):
         outside = on(values(solution, {c: frame.start[c] for c in model.inputs}))
-        yield f"scan {number}, from outside: {outside or 'nothing'}"
+        yield f"scan {number}, external inputs: {outside or 'none'}"
         changed = {c: t for c, t in frame.after.items() if c not in model.inputs}
         yield f"after scan {number}: {on(values(solution, changed))}"

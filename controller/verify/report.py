@@ -32,8 +32,8 @@ class Result(StrEnum):
     """Result of a goal."""
 
     PROVED = "proved"
-    CONDITIONAL = "rests on what is not proved"
-    BROKEN = "broken"
+    CONDITIONAL = "depends on an unproved goal"
+    BROKEN = "violated"
     UNPROVED = "not proved"
     POSSIBLE = "possible"
     IMPOSSIBLE = "impossible"
@@ -158,7 +158,7 @@ class _Question:
 
 def _questions(model: Model) -> Iterator[_Question]:
     exits = Exits(model)
-    yield _Question(CONSISTENT, "not contradictory", Result.POSSIBLE, Result.IMPOSSIBLE, exits.consistent)
+    yield _Question(CONSISTENT, "consistent", Result.POSSIBLE, Result.IMPOSSIBLE, exits.consistent)
     for bit in exits.steps():
         ask = partial(exits.step, bit)
         yield _Question(f"{bit} {bit.name}".rstrip(), "step can be left", Result.POSSIBLE, Result.IMPOSSIBLE, ask)

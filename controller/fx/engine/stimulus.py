@@ -123,7 +123,7 @@ def device_of(name: str) -> WatchedDevice:
     kind = CURRENT_VALUES.get(prefix)
     device = parse_operand(kind + name[2:] if kind else name)
     if not isinstance(device, DeviceOperand) or device.index:
-        raise OperandError(f"{shown(name)} is not a single device; write one as X0, D100, T0 or TN0")
+        raise OperandError(f"{shown(name)} is not a single device; write one such as X0, D100, T0 or TN0")
     return WatchedDevice(prefix if kind else device.kind, device.number)
 
 

@@ -194,7 +194,7 @@ def _word_error(device: DeviceOperand, *, wide: bool) -> str | None:
     if device.kind in "XYMS":
         return None
     if _is_32_bit_counter(device):
-        return None if wide else f"{device} holds 32 bits; use the 32-bit form (D...) or one of C0 to C199"
+        return None if wide else f"{device} has 32 bits; use the 32-bit form (D...) or one of C0 to C199"
     if wide and device.kind == "V":
         return f"{device} is the high half of a 32-bit number; write Z{device.number}, which includes both halves"
     if wide and device.kind != "Z":
