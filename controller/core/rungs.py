@@ -108,7 +108,7 @@ class OnDelay:
             counts, rest = divmod(self.preset, self.timer.base_ms)
             if rest or not 0 < counts <= WORD_MAX:
                 raise RungError(
-                    f"OUT {self.timer}: {self.preset} ms is not a multiple of {self.timer.base_ms} ms in range"
+                    f"OUT {self.timer}: {self.preset} ms is out of range or not a multiple of {self.timer.base_ms} ms"
                 )
 
     @property
@@ -175,7 +175,7 @@ class Annunciate:
 
     def __post_init__(self) -> None:
         if self.target.kind != "S" or self.target.number not in ANNUNCIATORS:
-            raise RungError(f"ANS {self.target}: an annunciator must be S900-S999")
+            raise RungError(f"ANS {self.target}: the target must be an annunciator, S900-S999")
         counts, rest = divmod(self.preset, MS_100)
         if self.timer.number not in MS_100_TIMERS or rest or not 0 < counts <= WORD_MAX:
             raise RungError(

@@ -67,7 +67,7 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
 def acting(program: Program) -> Program:
     """Return the part of a program that influences Y, without registers used only for information.
 
-    Sequences are always complete.
+    A sequence is either included completely or omitted.
     """
     needed: set[tuple[str, int]] = set()
     selected: set[int] = set()

@@ -59,7 +59,7 @@ class WalBusyError(OSError):
 
 
 class HistoryFile:
-    """Open history file; only one process at a time can write it.
+    """Open history file; only one process at a time can write to it.
 
     Rows committed by `append` survive a crash of the process and a power failure, because every commit is
     synchronized to disk (`synchronous = FULL`).

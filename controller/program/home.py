@@ -23,8 +23,8 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
        before the claws had gripped, because half-closed claws must not lift a row.
     3. A loaded arm away from feed moves fully up, then out.
     4. An empty arm away from feed moves out low if it is down, otherwise up and then out.
-    5. A loaded arm at feed moves up and stays ready.
-    6. An empty arm at feed opens, moves up, converges and moves down.
+    5. A loaded arm at feed moves up and remains ready.
+    6. An empty arm at feed opens its claws, moves up, converges and moves down.
     7. If the case cannot be determined, the step waits for the operator.
     """
     a = tags.arms[side]

@@ -59,7 +59,7 @@ class Exits:
         return ProgressResult(holds=None if answer == z3.unknown else True)
 
     def step(self, bit: Bit) -> ProgressResult:
-        """Return how a step can be left: by one of its transfers, or, if it declares none, by a reset."""
+        """Check that a step can be left: by one of its transfers or, if it declares none, by a reset."""
         cell = cell_of(bit)
         left = [self._before[cell], z3.Not(self._frame.after[cell])]
         undecided = False

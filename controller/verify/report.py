@@ -116,7 +116,7 @@ def prove(
 
     Args:
         specification: Specification to prove.
-        clock: Monotonic clock, s. Measures the computing times and limits the search for traces.
+        clock: Monotonic clock, s. It measures the computing times and limits the search for traces.
         only: Names of goals, steps and ways out; goals that they depend on are included. None = all.
         short: Whether to omit traces and progress checks and run the induction only.
         scans: Maximum length of a trace, scans.

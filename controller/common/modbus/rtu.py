@@ -134,7 +134,7 @@ class RtuServer:
             self._gap = self._loop.call_later(GAP_S, self._discard_incomplete)
 
     def _disconnect(self, error: OSError) -> None:
-        """Close a disconnected serial line; its failing descriptor would keep the event loop busy."""
+        """Close a disconnected serial line, because its failing descriptor would keep the event loop busy."""
         _log.warning(
             "serial line %s is disconnected (%s); reconnect it and restart the controller", self._line.path, error
         )

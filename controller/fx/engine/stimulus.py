@@ -209,6 +209,6 @@ class _StimulusFile(StrictModel):
 
 
 def changes_until(stimulus: Stimulus, after_ms: int, until_ms: int) -> Values:
-    """Return the device values set after one time, up to and including another; later changes override earlier ones."""
+    """Return the device values set after `after_ms` and up to `until_ms`; later changes override earlier ones."""
     due = (values.items() for at_ms, values in stimulus.inputs if after_ms < at_ms <= until_ms)
     return dict(chain.from_iterable(due))

@@ -1,7 +1,7 @@
-"""Operand rules of an FX2N: ranges of devices, numbers and groups, and the rules of single instructions.
+"""Operand rules of an FX2N: ranges of devices, numbers and groups, and rules of individual instructions.
 
 The ranges of devices follow fx2n.md 1.5, whose verification marks apply here too. The following are from memory, not
-verified: limits of numbers, rules of single instructions, no index in basic instructions, Z as the name of a 32-bit
+verified: limits of numbers, rules of individual instructions, no index in basic instructions, Z as the name of a 32-bit
 number in index registers, and C200 to C255 in 32-bit forms only.
 """
 
