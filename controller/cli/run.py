@@ -60,8 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--panel-limit-ms",
         type=int,
         default=None,
-        help="timeout of the operator panel, ms: if no line (an empty one suffices) arrives on standard input for this "
-        "time, the machine completes the cycle and holds; active after the first line (default: no timeout)",
+        help="timeout of the operator panel, ms: if no Modbus request and no line on standard input (an empty one "
+        "suffices) arrives for this time, the machine completes the cycle and holds; active after the first one "
+        "(default: no timeout)",
     )
     parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
     parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")

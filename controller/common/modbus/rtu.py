@@ -68,7 +68,8 @@ class SerialLine:
         valid_baud = baud.isdecimal() and int(baud) > 0
         if not (path and valid_baud and valid_frame and unit.isdecimal() and 1 <= int(unit) <= 247):
             raise SerialError(
-                f"serial line {text!r}: must be DEVICE:BAUD:FRAME:UNIT, for example /dev/ttyUSB0:19200:8E1:1"
+                f"serial line {text!r}: must be DEVICE:BAUD:FRAME:UNIT with frame 8N1, 8E1 or 8O1, "
+                "for example /dev/ttyUSB0:19200:8E1:1"
             )
         return cls(path, int(baud), frame[1], int(frame[2]), int(unit))
 
