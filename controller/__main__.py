@@ -1,4 +1,4 @@
-"""``python -m controller``."""
+"""Entry point of ``python -m controller``."""
 
 import sys
 

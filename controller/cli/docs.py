@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         paths = write_reference(machine, options.out)
     except OSError as error:
-        raise InputError(f"--out {options.out}: {error.strerror}; name a folder that can be written") from error
+        raise InputError(f"--out {options.out}: {error.strerror}; choose a writable folder") from error
     print("\n".join(map(str, paths)))
     return 0
 
@@ -130,12 +130,12 @@ def command_table(machine: Transplanter) -> str:
         for word, first in machine.tags.sp.defaults
     ]
     return (
-        f"# Commands and set-points\n\n{GENERATED}\n\n## Commands\n\nA press lasts one scan. A refused "
-        f"command has no effect; {control.refused} then contains its number, {control.refusal} the number of the "
-        f"reason, and {control.refusals} counts the refusals.\n\n"
+        f"# Commands and set-points\n\n{GENERATED}\n\n## Commands\n\nA command is active for one scan. A "
+        f"refused command has no effect; {control.refused} contains its number, {control.refusal} the number of the "
+        f"reason, and {control.refusals} the number of refusals.\n\n"
         f"{table(('number', 'device', 'command', 'PackML', 'function', 'refused because'), commands)}\n"
-        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Modes\n\nStored in {control.mode}; retained "
-        f"through a power failure.\n\n{table(('number', 'mode', '模式'), modes)}\n## Set-points\n\n"
+        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Modes\n\nStored in {control.mode} "
+        f"and retained through a loss of power.\n\n{table(('number', 'mode', '模式'), modes)}\n## Set-points\n\n"
         f"{table(('device', 'set-point', 'default', 'range', 'meaning'), defaults)}"
     )
 
@@ -157,7 +157,7 @@ def state_tables(machine: Transplanter) -> str:
 def interlock_tables(machine: Transplanter) -> str:
     """Return the interlock rules of both arms and the tray, and the proved requirements."""
     parts = [
-        f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and all its rules are satisfied.\n"
+        f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and all of its rules allow it.\n"
     ]
     groups: dict[str, list[Rule]] = {f"{side} arm": rules for side, rules in machine.rules.items()}
     for name, rules in {**groups, "tray": machine.tray_rules}.items():
@@ -165,7 +165,7 @@ def interlock_tables(machine: Transplanter) -> str:
         parts.append(f"## {name}\n\n{table(('', 'rule', 'reason', 'outputs', 'allowed while'), rows)}")
     never = [(each.name, each.reason, readable(each.never)) for each in specification(machine).requirements]
     parts.append(
-        "## Proved requirements\n\n`python -m controller prove` shows that none of these conditions is true after any "
+        "## Proved requirements\n\n`python -m controller prove` proves that none of these conditions is true after any "
         "scan.\n\n"
         f"{table(('requirement', 'reason', 'never'), never)}"
     )

@@ -42,13 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--summary",
         action="store_true",
-        help="instead of a table: trays, cycles, missed cups and alarms per run and day",
+        help="show trays, cycles, missed cups and alarms per run and day instead of a table",
     )
     add(
         "--since",
         default=None,
         metavar="TIME",
-        help="start of the period: local time as 2026-05-01T07:30, or a time ago as 90s, 30m, 2h, 3d",
+        help="start of the period: local time such as 2026-05-01T07:30, or time before now such as 90s, 30m, 2h, 3d",
     )
     add("--until", default=None, metavar="TIME", help="end of the period, exclusive")
     add(
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=None,
         metavar="N",
-        help=f"only the newest N rows (default: all; {LAST_AS_TEXT} as text without a period)",
+        help=f"only the newest N rows (default: all; {LAST_AS_TEXT} if printed as text without a period)",
     )
     add("--format", choices=FORMATS, default="text", help="output format")
     add(
@@ -92,11 +92,11 @@ def history_text(options: argparse.Namespace, *, now_ms: int) -> str:
     """
     selection = _selection(options, now_ms)
     if options.summary and options.format not in {"text", "json"}:
-        raise HistoryError(f"--format {options.format}: a summary is text or json")
+        raise HistoryError(f"--format {options.format}: must be text or json with --summary")
     if options.summary and options.table is not None:
-        raise HistoryError(f"--table {options.table}: a summary is of all tables; leave one of them out")
+        raise HistoryError(f"--table {options.table}: cannot be combined with --summary, which includes all tables")
     if options.format == "parquet" and options.out is None:
-        raise HistoryError("--format parquet: name a file with --out")
+        raise HistoryError("--format parquet: requires --out")
     if options.out is not None:
         _check_out(options.out, options.file)
     with open_history(options.file) as db:
@@ -111,12 +111,10 @@ def history_text(options: argparse.Namespace, *, now_ms: int) -> str:
 
 def _selection(options: argparse.Namespace, now_ms: int) -> RowSelection:
     if options.last is not None and not 1 <= options.last < 2**63:
-        raise HistoryError(f"--last {options.last}: give 1 or more")
+        raise HistoryError(f"--last {options.last}: must be 1 or more")
     since, until = _instant_ms("--since", options.since, now_ms), _instant_ms("--until", options.until, now_ms)
     if since is not None and until is not None and since >= until:
-        raise HistoryError(
-            f"--since {options.since} --until {options.until}: leaves no time between; give a later --until"
-        )
+        raise HistoryError(f"--since {options.since} --until {options.until}: --until must be later than --since")
     unbounded = options.last is None and since is None and until is None
     short = unbounded and options.format == "text" and options.out is None
     return RowSelection(since, until, LAST_AS_TEXT if short else options.last)
@@ -133,19 +131,19 @@ def _instant_ms(option: str, text: str | None, now_ms: int) -> int | None:
         return round(datetime.fromisoformat(text).timestamp() * 1000)
     except (ValueError, OverflowError, OSError):
         raise HistoryError(
-            f"{option} {text}: give local time as 2026-05-01T07:30, or a time ago as 90s, 30m, 2h, 3d"
+            f"{option} {text}: must be local time such as 2026-05-01T07:30, or a time before now such as 90s, 2h or 3d"
         ) from None
 
 
 def _check_out(out: Path, history: Path) -> None:
-    """Raise `HistoryError` if the output file belongs to the history or is not a regular file."""
+    """Raise `HistoryError` if the output file is part of the history or is not a regular file."""
     if out.exists() and not out.is_file():
-        raise HistoryError(f"--out {out}: is no file; name one")
+        raise HistoryError(f"--out {out}: not a regular file")
     history_files = {
         history.absolute().resolve().with_name(history.name + suffix) for suffix in ("", "-wal", "-shm", ".lock")
     }
     if out.absolute().resolve() in history_files:
-        raise HistoryError(f"--out {out}: belongs to the history; name another file")
+        raise HistoryError(f"--out {out}: is part of the history; choose another file")
 
 
 def _write_summary(totals: Sequence[DayTotal], form: str, file: IO[str]) -> None:
@@ -179,5 +177,5 @@ def _write_file(out: Path, write: Callable[[Path], None]) -> str:
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
-        raise HistoryError(f"--out {out}: {error.strerror or error}; name a file that can be written") from error
+        raise HistoryError(f"--out {out}: {error.strerror or error}; choose a writable file") from error
     return str(out)

@@ -45,13 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--stepper",
         choices=("run-bit", "plsy"),
         default="run-bit",
-        help="conveyor: Y0 as the run bit of a drive with its own ramp, or as pulses",
+        help="conveyor output Y0: run bit for a drive with its own ramp, or pulse train",
     )
     add_io_map(export_)
-    check_ = commands.add_parser("check", help="list suspicious places in a program")
+    check_ = commands.add_parser("check", help="report probable errors in a program")
     check_.set_defaults(action=_check)
     check_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
-    run_ = commands.add_parser("run", help="run a program on a stimulus and trace devices scan by scan")
+    run_ = commands.add_parser("run", help="run a program with a stimulus and trace devices scan by scan")
     run_.set_defaults(action=_run)
     run_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
     run_.add_argument("--stimulus", type=Path, required=True, help="input changes over time, YAML")
@@ -75,13 +75,13 @@ def run(options: argparse.Namespace) -> int:
     except BrokenPipeError:  # raised by standard output, not by a file
         raise
     except OSError as error:
-        raise InputError(f"{error.filename}: {error.strerror}; name another place") from error
+        raise InputError(f"{error.filename}: {error.strerror}; choose another path") from error
     return code
 
 
 def _export(options: argparse.Namespace) -> int:
     if options.format == "st" and options.stepper == "plsy":
-        raise LadderError("--stepper plsy: only an FX2N has PLSY; leave it out, or choose the format il or gx-csv")
+        raise LadderError("--stepper plsy: Structured Text has no PLSY; omit it, or choose --format il or gx-csv")
     program = acting(machine_of(options).program)
     ladder = export(program, stepper_output(program) if options.stepper == "plsy" else None)
     used = usage(ladder)
@@ -98,7 +98,7 @@ def _export(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     ladder = load_ladder(options.file)
-    parts_of(ladder)  # raises if the program cannot be run; that is an error, not a finding
+    parts_of(ladder)  # raises if the program cannot be run, which is an error and not a finding
     findings = check(ladder)
     for each in findings:
         print(f"{ladder.source}:{each.line}: {each.severity}: {each.text}")
@@ -123,7 +123,7 @@ def _draw(options: argparse.Namespace) -> int:
     try:
         pictures = draw(load_ladder(options.file))
     except RecursionError:
-        raise LadderError(f"{options.file}: a rung is nested too deeply to be drawn; divide it with relays") from None
+        raise LadderError(f"{options.file}: a rung is nested too deeply to be drawn; split it with relays") from None
     options.out.mkdir(parents=True, exist_ok=True)
     for name, text in pictures.items():
         (options.out / name).write_text(text, encoding="utf-8")

@@ -20,7 +20,7 @@ def machine_of(options: argparse.Namespace, *, without: Collection[str] = ()) ->
 
     Args:
         options: Parsed options, including ``io_map``.
-        without: Interlock rules to leave out.
+        without: Interlock rules to omit.
 
     Raises:
         IoMapError: The I/O map is invalid.

@@ -13,8 +13,8 @@ COMMAND_LINE = CommandLine(
     commands={
         "run": ("controller.cli.run", "run the machine's program on a field link (default)"),
         "prove": ("controller.cli.prove", "prove that no scan violates a safety requirement, for any inputs"),
-        "replay": ("controller.cli.replay", "run a trace of 'prove --traces' on the PLC and show the result"),
-        "ladder": ("controller.cli.ladder", "FX2N: export the machine's program; check, run, draw any program"),
+        "replay": ("controller.cli.replay", "run a trace written by 'prove --traces' on the PLC and show the result"),
+        "ladder": ("controller.cli.ladder", "FX2N: export the machine's program; check, run or draw any program"),
         "history": ("controller.cli.history", "show or export the recorded alarms, events, cycles and audit trail"),
         "panel": ("controller.cli.panel", "serve the operator's page, as a Modbus client of a running controller"),
         "tags": ("controller.cli.tags", "write the list of Modbus tags for panel builders"),

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--telemetry",
         default=None,
         metavar="HOST:PORT",
-        help="second Modbus server, for values the controller does not have",
+        help="second Modbus server for values that the controller does not provide",
     )
     parser.add_argument(
         "--telemetry-tags", type=Path, default=None, metavar="FILE.csv", help="tags of the second Modbus server"
@@ -50,16 +50,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--history",
         type=Path,
         default=Path("var/history.sqlite"),
-        help="history written by the controller; the file need not exist yet",
+        help="history written by the controller; the file may be missing",
     )
     parser.add_argument("--host", default="127.0.0.1", help="address of the web server")
-    parser.add_argument("--port", type=int, default=8080, help="port of the web server; 0 = a free one")
+    parser.add_argument("--port", type=int, default=8080, help="port of the web server; 0 = any free port")
     parser.add_argument(
         "--name",
         action="append",
         default=[],
         dest="names",
-        help="further host name by which browsers reach the panel; may be repeated",
+        help="additional host name of the panel in browsers; may be repeated",
     )
     parser.add_argument("--users", type=Path, default=Path("var/panel-users.json"), help="password file")
     add_io_map(parser)
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
     users = Users(options.users)
     tags = None if options.telemetry_tags is None else load_tags(options.telemetry_tags)
     if (options.telemetry is None) != (tags is None):
-        raise InputError("--telemetry and --telemetry-tags belong together; give both or neither")
+        raise InputError("--telemetry and --telemetry-tags must be used together")
     clock = MonotonicClock()
     connect = _connection("--controller", options.controller)
     telemetry = None
@@ -140,7 +140,7 @@ async def _serve(sources: Sources, users: Users, listener: socket.socket, option
 
 def _listening(host: str, port: int) -> socket.socket:
     if not 0 <= port <= 65_535:
-        raise InputError(f"--port {port}: give 0 to 65535")
+        raise InputError(f"--port {port}: must be 0 to 65535")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         return socket.create_server((host, port), family=family)
@@ -152,14 +152,16 @@ def _check_reach(options: argparse.Namespace) -> None:
     if is_loopback("127.0.0.1" if options.host == "localhost" else options.host):
         return
     if not options.allow_remote:
-        raise InputError(f"--host {options.host}: other computers could reach the panel; --allow-remote permits them")
+        raise InputError(
+            f"--host {options.host}: other computers could reach the panel; use --allow-remote to permit this"
+        )
     if options.certificate is None:
-        sys.stderr.write("warning: no TLS: passwords are sent unencrypted; give --certificate and --key\n")
+        sys.stderr.write("warning: no TLS: passwords are sent unencrypted; use --certificate and --key\n")
 
 
 def _check_tls(options: argparse.Namespace) -> None:
     if (options.certificate is None) != (options.key is None):
-        raise InputError("--certificate and --key belong together; give both or neither")
+        raise InputError("--certificate and --key must be used together")
     if options.certificate is None:
         return
     try:
@@ -167,7 +169,7 @@ def _check_tls(options: argparse.Namespace) -> None:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(options.certificate, options.key, password="")
     except OSError as error:
         raise InputError(
-            f"--certificate {options.certificate}, --key {options.key}: {error}; give PEM files that belong together"
+            f"--certificate {options.certificate}, --key {options.key}: {error}; specify a matching pair of PEM files"
         ) from error
 
 
@@ -176,5 +178,5 @@ def _connection(option: str, where: str) -> Callable[[], ModbusConnection]:
     host, _, port = where.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isascii() or not port.isdecimal() or not 1 <= int(port[:6]) <= 65_535:
-        raise InputError(f"{option} {where}: give HOST:PORT, as 127.0.0.1:5021")
+        raise InputError(f"{option} {where}: must be HOST:PORT, for example 127.0.0.1:5021")
     return lambda: ModbusConnection(host, int(port))

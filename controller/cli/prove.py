@@ -22,13 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--goal", action="append", default=None, metavar="NAME", help="prove only this goal; may be repeated"
     )
-    parser.add_argument("--short", action="store_true", help="leave out traces, steps and ways out")
+    parser.add_argument("--short", action="store_true", help="omit traces, steps and ways out")
     parser.add_argument(
         "--without",
         action="append",
         default=[],
         metavar="RULE",
-        help="leave out an interlock rule to see what it prevents, e.g. 'left: down at feed only'",
+        help="omit an interlock rule to show what it prevents, e.g. 'left: down at feed only'; may be repeated",
     )
     parser.add_argument("--json", action="store_true", help="print the report as JSON, including traces")
     parser.add_argument("--traces", type=Path, default=None, help="folder for the traces of violated requirements")
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     except ModelError as error:
         raise InputError(f"--goal: {error}") from error
     except OSError as error:
-        raise InputError(f"--traces {options.traces}: {error.strerror}; name a folder that can be written") from error
+        raise InputError(f"--traces {options.traces}: {error.strerror}; choose a writable folder") from error
     print(text)
     return 0 if good else 1
 

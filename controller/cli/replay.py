@@ -20,7 +20,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("trace", type=Path, help="trace file")
     add_io_map(parser)
     parser.add_argument(
-        "--without", action="append", default=[], metavar="RULE", help="interlock rule left out by the proof"
+        "--without",
+        action="append",
+        default=[],
+        metavar="RULE",
+        help="interlock rule omitted in the proof; may be repeated",
     )
 
 
@@ -32,9 +36,9 @@ def run(options: argparse.Namespace) -> int:
     except ModelError as error:
         raise InputError(str(error)) from error
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{options.trace}: {error}; name a trace that 'prove --traces' has written") from error
+        raise InputError(f"{options.trace}: {error}; specify a trace written by 'prove --traces'") from error
     print("\n".join(lines))
-    print("the requirement holds" if holds else "the requirement is broken")
+    print("the requirement holds" if holds else "the requirement is violated")
     return 0 if holds else 1
 
 
@@ -59,9 +63,11 @@ def replay_command(specification: Specification, path: Path) -> tuple[Iterable[s
     model = Model(specification)
     goal = next((goal for goal in model.goals if goal.name == trace.goal), None)
     if goal is None:
-        raise ModelError(f"{path}: the program has no goal {trace.goal!r}; give the rules that were left out")
+        raise ModelError(f"{path}: the program has no goal {trace.goal!r}; specify the omitted rules with --without")
     try:
         broken = breaks(model.program, trace, goal)
     except (ValueError, IndexError) as error:
-        raise ModelError(f"{path}: {error}; give the rules that were left out, or write the trace again") from error
+        raise ModelError(
+            f"{path}: {error}; specify the omitted rules with --without, or regenerate the trace"
+        ) from error
     return trace.lines(model.program, goal.holds), not broken

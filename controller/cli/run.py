@@ -60,10 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--panel-limit-ms",
         type=int,
         default=None,
-        help="watchdog of the panel (lines on standard input, also empty ones), ms: after this time without a line the "
-        "cycle is completed and the machine held; starts with the first line (default: no watchdog)",
+        help="timeout of the operator panel, ms: if no Modbus request and no line on standard input (an empty one "
+        "suffices) arrives for this time, the machine completes the cycle and holds; active after the first one "
+        "(default: no timeout)",
     )
-    parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="file of the retentive memory")
+    parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
     parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
     parser.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
     parser.add_argument(
@@ -82,21 +83,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-console", action="store_true", help="do not read orders (one per line) from standard input"
     )
     parser.add_argument(
-        "--history", type=Path, default=None, help="history file (default: history.sqlite beside --retain)"
+        "--history", type=Path, default=None, help="history file (default: history.sqlite in the folder of --retain)"
     )
-    parser.add_argument("--no-history", action="store_true", help="record no history")
+    parser.add_argument("--no-history", action="store_true", help="do not record a history")
     parser.add_argument(
         "--simulated-time",
         action="store_true",
-        help="for a plant in lock step: each scan is one period after the last, independent of the wall clock; a panel "
-        "can pause it and change its speed. Never use it for a machine",
+        help="for a plant in lock step: each scan advances the time by one period, independent of the wall clock; a "
+        "panel can pause the time and change its speed. Never use this for a real machine",
     )
     parser.add_argument(
         "--pace",
         type=int,
         default=100,
         metavar="PERCENT",
-        help="initial speed of simulated time, 0 = paused, 65535 = as fast as possible",
+        help="initial speed of simulated time: 0 = paused, 100 = real time, 65535 = as fast as possible",
     )
     _add_hmi(parser)
 
@@ -145,8 +146,8 @@ def run(options: argparse.Namespace) -> int:
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
     print(
-        f"stopped, outputs {'written safe' if figures.outputs_safe else 'NOT written: the field did not answer'}; "
-        f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} over it, "
+        f"stopped, outputs {'written safe' if figures.outputs_safe else 'NOT written: no response from the field'}; "
+        f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
         f"longest {figures.longest_ms} ms",
         file=sys.stderr,
     )
@@ -159,7 +160,7 @@ def _add_hmi(parser: argparse.ArgumentParser) -> None:
     hmi.add_argument("--no-hmi", action="store_true", help="do not start this server")
     hmi.add_argument("--hmi-host", default="127.0.0.1", help="address to listen on")
     hmi.add_argument(
-        "--hmi-port", type=int, default=DEFAULT_PORT, help="TCP port; 0 = a free one, reported by an event"
+        "--hmi-port", type=int, default=DEFAULT_PORT, help="TCP port; 0 = any free port, reported by an event"
     )
     hmi.add_argument("--hmi-allow-remote", action="store_true", help="permit an address that other computers can reach")
     hmi.add_argument("--hmi-certificate", default=None, metavar="FILE", help="certificate (PEM) for TLS")
@@ -168,7 +169,7 @@ def _add_hmi(parser: argparse.ArgumentParser) -> None:
         "--hmi-clients",
         default=None,
         metavar="FILE",
-        help="certificate authorities (PEM) for client certificates (default: none required)",
+        help="certificate authorities (PEM) of the required client certificates (default: none required)",
     )
     hmi.add_argument(
         "--hmi-serial", default=None, metavar="DEVICE:BAUD:8E1:UNIT", help="also serve Modbus RTU on a serial line"
@@ -176,7 +177,7 @@ def _add_hmi(parser: argparse.ArgumentParser) -> None:
     hmi.add_argument(
         "--allow-forcing",
         action="store_true",
-        help="permit a panel to force inputs while the machine is at rest in manual mode; nothing moves then",
+        help="permit a panel to force inputs while the machine is Stopped in manual mode; motion is then inhibited",
     )
 
 
@@ -190,13 +191,15 @@ def _check_numbers(options: argparse.Namespace) -> None:
         ("--hmi-port", options.hmi_port, 0, 65_535),
     ):
         if not least <= value <= most:
-            raise InputError(f"{name} {value}: give {least} to {most}")
+            raise InputError(f"{name} {value}: must be {least} to {most}")
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
-        raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: give 100 to 600000")
+        raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
     wait_ms = options.timeout_ms + options.scan_ms
     # In simulated time, a response takes no time.
     if options.link_limit_ms <= wait_ms and not options.simulated_time:
-        raise InputError(f"--link-limit-ms {options.link_limit_ms}: give more than a time-out and a scan, {wait_ms} ms")
+        raise InputError(
+            f"--link-limit-ms {options.link_limit_ms}: must be more than --timeout-ms plus --scan-ms, {wait_ms} ms"
+        )
 
 
 @contextmanager
@@ -214,7 +217,7 @@ def _memory(machine: Transplanter, plc: Plc, options: argparse.Namespace) -> Ite
         try:
             store.save(plc.retained())
         except OSError as error:
-            raise InputError(f"--retain {options.retain}: {error.strerror}; name a file that can be written") from error
+            raise InputError(f"--retain {options.retain}: {error.strerror}; choose a writable file") from error
         yield store
     finally:
         lock.release()
@@ -307,7 +310,7 @@ def _server(
 
 
 def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
-    """Restore the memory of the last run. A damaged file is set aside and reported, also to the program."""
+    """Restore the memory of the last run. A damaged file is renamed and reported, and the program is notified."""
     try:
         values = store.load()
         if values is not None:
@@ -317,8 +320,8 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
         try:
             aside = store.set_aside()
         except OSError as refused:
-            raise InputError(f"--retain {store.path}: {refused.strerror}; name a file that can be written") from refused
-        print(f"{prefix}{error}; moved to {aside}", file=sys.stderr)
+            raise InputError(f"--retain {store.path}: {refused.strerror}; choose a writable file") from refused
+        print(f"{prefix}{error}; renamed to {aside}", file=sys.stderr)
         plc.write(machine.tags.system.memory_lost, 1)
 
 
@@ -342,11 +345,11 @@ def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: thre
             link.read_inputs()
         except OSError as error:
             if tries % round(REMIND_S / RETRY_S) == 0:
-                print(f"{error}; trying again", file=sys.stderr, flush=True)
+                print(f"{error}; retrying", file=sys.stderr, flush=True)
             tries += 1
             stop.wait(RETRY_S)
         else:
-            print(f"field I/O at {options.host}:{options.port} answers", file=sys.stderr, flush=True)
+            print(f"field I/O at {options.host}:{options.port} responds", file=sys.stderr, flush=True)
             return True
     return False
 

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         paths = write_tags(machine, options.out)
     except OSError as error:
-        raise InputError(f"--out {options.out}: {error.strerror}; name a folder that can be written") from error
+        raise InputError(f"--out {options.out}: {error.strerror}; choose a writable folder") from error
     print("\n".join(map(str, paths)))
     return 0
 

@@ -27,16 +27,16 @@ def lock_file(path: Path) -> BaseFileLock:
         FileLockError: The path is a folder or cannot be written, or another process holds the lock.
     """
     if path.is_dir():
-        raise FileLockError("is a folder; name a file")
-    if not path.parent.parent.is_dir():  # probably mistyped: the retained data would not be found
-        raise FileLockError(f"there is no folder {path.parent.parent}; make it, or name another file")
+        raise FileLockError("is a folder, not a file")
+    if not path.parent.parent.is_dir():  # probably a typing error
+        raise FileLockError(f"folder {path.parent.parent} does not exist; create it or choose another file")
     # History and retentive memory are not always closed by the thread that opened them.
     lock = FileLock(path.with_name(path.name + ".lock"), timeout=0, thread_local=False)
     try:
         path.parent.mkdir(exist_ok=True)
         lock.acquire()
     except Timeout:
-        raise FileLockError("another controller is using it; stop that one or name another file") from None
+        raise FileLockError("in use by another controller; stop that controller or choose another file") from None
     except OSError as error:
-        raise FileLockError(f"{error.strerror}; name a file that can be written") from error
+        raise FileLockError(f"{error.strerror}; choose a writable file") from error
     return lock

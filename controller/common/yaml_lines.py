@@ -88,14 +88,14 @@ def read_yaml(
         data = path.read_bytes()
     except OSError as error:
         reason = error.strerror or type(error).__name__
-        raise error_type(f"{path}: cannot be read ({reason}); name a YAML file") from None
+        raise error_type(f"{path}: cannot be read ({reason}); specify a YAML file") from None
     try:
         root = _compose(data.decode(), loader)
     except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
         line, problem = _description(error, data)
         raise error_type(f"{path}:{line}: file: {problem}") from None
     if root is None:
-        raise error_type(f"{path}:1: file: is empty; write its sections")
+        raise error_type(f"{path}:1: file: is empty; write the required sections")
     if not isinstance(root, yaml.MappingNode):
         line = line_of(root)
         raise error_type(f"{path}:{line}: file: does not begin with a section; write its name and a colon")

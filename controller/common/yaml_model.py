@@ -19,7 +19,7 @@ _REMEDIES = {
     "bool": "write true or false",
     "int": "write an integer",
     "float": "write a number",
-    "string": "write a text",
+    "string": "write text",
     "list": "write a list",
     "dict": "write a mapping: a key, a colon and a value per line",
     "model": "write a mapping: a key, a colon and a value per line",

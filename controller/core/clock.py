@@ -15,7 +15,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """System clock that starts at 0 when created and never goes back."""
+    """Monotonic system clock that starts at 0 when created."""
 
     def __init__(self) -> None:
         self._start_ns = time.monotonic_ns()

@@ -57,7 +57,7 @@ class Bit(Expr):
     def __post_init__(self) -> None:
         check_device(self.kind, self.number)
         if self.kind == "D":
-            raise TypeError(f"{self}: a data register is a word; compare it")
+            raise TypeError(f"{self}: a data register is a word; use a comparison")
 
     def __str__(self) -> str:
         return device_name(self.kind, self.number)

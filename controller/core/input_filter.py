@@ -31,7 +31,7 @@ class InputFilter:
             ValueError: The time is outside the FX2N's range of 0 to 60 ms.
         """
         if not 0 <= filter_ms <= 60:
-            raise ValueError(f"input filter {filter_ms} ms: out of range; an FX2N filters 0 to 60 ms")
+            raise ValueError(f"input filter {filter_ms} ms: must be 0 to 60 ms, the range of an FX2N")
         self._image = image
         self.filter_ms = filter_ms
         self._since_ms: dict[int, int] = {}

@@ -130,7 +130,7 @@ def _contact_and_value(device: Bit | Word) -> tuple[Bit | Word, ...]:
 
 
 def requests(sequences: Rows[Sequence]) -> dict[Bit, list[Expr]]:
-    """Return, for each request, the conditions of all steps in these sequences that hold it."""
+    """Return the conditions of all steps that hold a request, by request."""
     conditions: dict[Bit, list[Expr]] = {}
     for sequence in sequences:
         for request in dict.fromkeys(request for _, step in sequence for request in step.hold):

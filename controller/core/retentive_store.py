@@ -13,7 +13,7 @@ FORMAT = "transplanter-retentive-1"
 
 
 class DamagedStoreError(ValueError):
-    """Raised for a store that exists but is damaged; none of it is used. The message is one line with the remedy."""
+    """Raised for a damaged store, whose values are not used; the message is one line with the remedy."""
 
 
 class RetentiveStore(Protocol):

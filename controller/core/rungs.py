@@ -25,7 +25,7 @@ class Out:
 
     def __post_init__(self) -> None:
         if self.target.kind not in "YMS":
-            raise RungError(f"OUT {self.target}: a coil is Y, M or S")
+            raise RungError(f"OUT {self.target}: the coil must be Y, M or S")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Set:
 
     def __post_init__(self) -> None:
         if self.target.kind not in "YMS":
-            raise RungError(f"SET {self.target}: a coil is Y, M or S")
+            raise RungError(f"SET {self.target}: the coil must be Y, M or S")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Rst:
 
     def __post_init__(self) -> None:
         if isinstance(self.target, Bit) and self.target.kind not in "YMS":
-            raise RungError(f"RST {self.target}: a coil is Y, M or S")
+            raise RungError(f"RST {self.target}: the coil must be Y, M or S")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Pulse:
 
     def __post_init__(self) -> None:
         if self.target.kind not in "YM":
-            raise RungError(f"PLS {self.target}: the target is Y or M")
+            raise RungError(f"PLS {self.target}: the target must be Y or M")
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class PulseFalling:
 
     def __post_init__(self) -> None:
         if self.target.kind not in "YM":
-            raise RungError(f"PLF {self.target}: the target is Y or M")
+            raise RungError(f"PLF {self.target}: the target must be Y or M")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class OnDelay:
             counts, rest = divmod(self.preset, self.timer.base_ms)
             if rest or not 0 < counts <= WORD_MAX:
                 raise RungError(
-                    f"OUT {self.timer}: {self.preset} ms is not a multiple of {self.timer.base_ms} ms in range"
+                    f"OUT {self.timer}: {self.preset} ms is out of range or not a multiple of {self.timer.base_ms} ms"
                 )
 
     @property
@@ -144,7 +144,7 @@ class Mov:
 
     def __post_init__(self) -> None:
         if self.target.kind != "D":
-            raise RungError(f"MOV to {self.target}: the target is a D")
+            raise RungError(f"MOV to {self.target}: the target must be a data register")
         if isinstance(self.source, int) and not WORD_MIN <= self.source <= WORD_MAX:
             raise RungError(f"MOV {self.source} to {self.target}: out of range {WORD_MIN}..{WORD_MAX} of a word")
 
@@ -158,7 +158,7 @@ class Inc:
 
     def __post_init__(self) -> None:
         if self.target.kind != "D":
-            raise RungError(f"INC {self.target}: the target is a D")
+            raise RungError(f"INC {self.target}: the target must be a data register")
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ class Annunciate:
 
     def __post_init__(self) -> None:
         if self.target.kind != "S" or self.target.number not in ANNUNCIATORS:
-            raise RungError(f"ANS {self.target}: an annunciator is S900-S999")
+            raise RungError(f"ANS {self.target}: the target must be an annunciator, S900-S999")
         counts, rest = divmod(self.preset, MS_100)
         if self.timer.number not in MS_100_TIMERS or rest or not 0 < counts <= WORD_MAX:
             raise RungError(

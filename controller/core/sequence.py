@@ -71,7 +71,7 @@ class Timeout:
 class Step:
     """One row of a sequence.
 
-    A step that holds a request moves something and must have a time limit (watch) or a fixed time (dwell).
+    A step that holds a request causes motion and must have a time limit (watch) or a fixed time (dwell).
     A step that holds no request waits and must have a fixed time or a description of the awaited event (waits_for).
 
     Attributes:
@@ -94,7 +94,7 @@ class Step:
 
     def __post_init__(self) -> None:
         if self.hold and not (self.watch or self.dwell):
-            raise SequenceError(f"step {self.title!r} moves something but has neither a time limit nor a fixed time")
+            raise SequenceError(f"step {self.title!r} causes motion but has neither a time limit nor a fixed time")
         if not self.hold and not (self.dwell or self.waits_for):
             raise SequenceError(f"step {self.title!r} holds no request and does not state what it waits for")
 

@@ -23,7 +23,7 @@ class CycleEdges:
 
     As in the production log, a cycle starts in the scan that sets its first step. Its list starts with the levels of
     the previous scan, at time 0, followed by the edges. Edges of one scan are in the order of execution: inputs, steps,
-    outputs. Only inputs and outputs of the arm are recorded, including its cup counter, as raw levels of the terminals.
+    outputs. Only inputs and outputs of the arm are recorded, including its cup sensor, as raw levels of the terminals.
     """
 
     def __init__(self, machine: Transplanter) -> None:

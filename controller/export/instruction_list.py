@@ -67,7 +67,7 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
 def acting(program: Program) -> Program:
     """Return the part of a program that influences Y, without registers used only for information.
 
-    Sequences are always complete.
+    A sequence is either included completely or omitted.
     """
     needed: set[tuple[str, int]] = set()
     selected: set[int] = set()
@@ -181,7 +181,7 @@ class _ListWriter:
         for block in self._program.blocks:
             self._block(block)
         self._list.append(Instruction("END"))
-        comments = {f"M{done}": "first values are written"} | self._comments()
+        comments = {f"M{done}": "initial values have been written"} | self._comments()
         return Ladder(tuple(self._list), self._titles, comments, self._program.name)
 
     def _comments(self) -> dict[str, str]:

@@ -144,7 +144,7 @@ class Variables:
 
     def sections(self) -> Iterator[str]:
         """Yield the declarations, section by section."""
-        yield "VAR_INPUT\n    now_ms : LINT; (* time of the scan in ms; never going back *)\nEND_VAR"
+        yield "VAR_INPUT\n    now_ms : LINT; (* scan time in ms; must never decrease *)\nEND_VAR"
         for retain in (False, True):
             for located in (True, False):
                 lines = [

@@ -59,7 +59,7 @@ class WalBusyError(OSError):
 
 
 class HistoryFile:
-    """Open history file; only one process at a time can write it.
+    """Open history file; only one process at a time can write to it.
 
     Rows committed by `append` survive a crash of the process and a power failure, because every commit is
     synchronized to disk (`synchronous = FULL`).
@@ -72,7 +72,7 @@ class HistoryFile:
         """Open or create the file for a new run; the first row appended must belong to the table `runs`.
 
         Args:
-            path: Path of the file. A damaged file is moved to ``<name>.damaged-N`` and logged in one line.
+            path: Path of the file. A damaged file is renamed to ``<name>.damaged-N`` and reported in one log line.
             limit_bytes: Maximum size of the file and its write-ahead log, bytes.
 
         Raises:
@@ -80,7 +80,7 @@ class HistoryFile:
                 written.
         """
         if limit_bytes < MIN_LIMIT_BYTES:
-            raise HistoryError(f"limit of the history {limit_bytes} bytes: give at least {MIN_LIMIT_BYTES}")
+            raise HistoryError(f"size limit {limit_bytes} bytes: must be at least {MIN_LIMIT_BYTES}")
         self.batch_bytes = limit_bytes // 64
         try:
             self._lock = lock_file(path)
@@ -97,7 +97,7 @@ class HistoryFile:
             self._set_limits(path, limit_bytes)
         except (sqlite3.Error, WalBusyError) as error:
             self.close()
-            raise HistoryError(f"{path}: {error}; free disk space or name another file") from error
+            raise HistoryError(f"{path}: {error}; free disk space or choose another file") from error
 
     def append(self, rows: Sequence[HistoryRow]) -> None:
         """Commit all rows or none; delete the oldest rows if necessary.
@@ -148,7 +148,7 @@ class HistoryFile:
         if self._wal_bytes() > self._max_wal_bytes:
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             if self._wal_bytes() > self._max_wal_bytes:
-                raise WalBusyError("a reader blocks the write-ahead log; end the program that reads the history")
+                raise WalBusyError("a reader blocks the write-ahead log; close the program that reads the history")
 
     def _wal_bytes(self) -> int:
         try:
@@ -190,10 +190,10 @@ def _open(path: Path) -> sqlite3.Connection:
         except sqlite3.OperationalError:
             raise
         except sqlite3.DatabaseError as error:
-            _log.warning("%s: %s; moved to %s, and a new history is created", path, error, _set_aside(path))
+            _log.warning("%s: %s; renamed to %s, and a new history is created", path, error, _set_aside(path))
             return _open_checked(path)
     except (sqlite3.Error, OSError) as error:
-        raise HistoryError(f"{path}: {error}; name a file that can be written") from error
+        raise HistoryError(f"{path}: {error}; choose a writable file") from error
 
 
 def _open_checked(path: Path) -> sqlite3.Connection:

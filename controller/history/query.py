@@ -58,11 +58,11 @@ def open_history(path: Path) -> Iterator[sqlite3.Connection]:
     db = None
     try:
         if not path.is_file():
-            raise HistoryError(f"{path}: no such file; name the history of a controller")
+            raise HistoryError(f"{path}: no such file; specify a history written by a controller")
         db = _connect(path)
         yield db
     except (sqlite3.Error, OSError) as error:
-        raise HistoryError(f"{path}: {error}; name a file written by a controller") from error
+        raise HistoryError(f"{path}: {error}; specify a file written by a controller") from error
     finally:
         if db is not None:
             db.close()

@@ -81,11 +81,11 @@ def check_schema(db: sqlite3.Connection, path: Path) -> None:
     """
     version = number(db, "PRAGMA user_version")
     if number(db, "PRAGMA application_id") != APPLICATION or version < 1:
-        raise HistoryError(f"{path}: is not a history; name a file written by a controller")
+        raise HistoryError(f"{path}: is not a history; specify a file written by a controller")
     if version > SCHEMA:
         raise HistoryError(
-            f"{path}: schema {version} is newer than schema {SCHEMA} of this program; use the program that wrote the "
-            "file, or name another file"
+            f"{path}: schema {version} is newer than schema {SCHEMA} of this program; use the program version that "
+            "wrote the file, or choose another file"
         )
 
 

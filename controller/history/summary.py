@@ -86,7 +86,7 @@ class DayTotal:
     def lines(self) -> list[str]:
         """Return the totals as lines of text."""
         mean = "" if self.mean_cycle_ms is None else f", mean {self.mean_cycle_ms / 1000:.2f} s"
-        rate = "" if self.alarms_per_hour is None else f", {self.alarms_per_hour:.2f} an hour"
+        rate = "" if self.alarms_per_hour is None else f", {self.alarms_per_hour:.2f} per hour"
         count = sum(alarm.count for alarm in self.alarms.values())
         return [
             f"{self.day}  run {self.run}, {printable(self.program)} {printable(self.version)}",

@@ -45,7 +45,7 @@ CLOSE_S: Final = 5.0
 LONGEST_TEXT: Final = 1_000
 """Maximum length of an external text, characters."""
 LOST: Final = Text(
-    "{count} records are lost: the history could not be written ({why})",
+    "{count} records lost: the history could not be written ({why})",
     "丢失 {count} 条记录：历史文件无法写入（{why}）",
 )
 SLOW: Final = Text("the disk is too slow", "磁盘太慢")

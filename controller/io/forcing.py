@@ -70,7 +70,7 @@ class Forcing:
         if number not in self._numbers:
             raise ForcingError(f"X{number:o} is not wired")
         if level is not None and not evaluate(self._permitted, self._plc.memory):
-            raise ForcingError("inputs can be forced only in Stopped in manual mode")
+            raise ForcingError("inputs can be forced only while the machine is Stopped in manual mode")
         with self._lock:
             if level is None:
                 self._levels.pop(number, None)

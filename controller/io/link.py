@@ -83,7 +83,7 @@ class LinkWatchdog:
             ValueError: The timeout is not positive.
         """
         if limit_ms <= 0:
-            raise ValueError(f"limit_ms is {limit_ms}: a link watchdog needs at least 1 ms")
+            raise ValueError(f"limit_ms must be at least 1, not {limit_ms}")
         self._limit_ms = limit_ms
         self._last_fed_ms: int | None = None
         self._expired = False

@@ -123,7 +123,7 @@ class ModbusTcpLink:
             ValueError: The image has the wrong length.
         """
         if len(image) != self._output_count:
-            raise ValueError(f"Y image has {len(image)} levels, the map {self._output_count}")
+            raise ValueError(f"Y image has {len(image)} levels; the I/O map requires {self._output_count}")
         for run in self._output_runs:
             levels = [image[number] for number in run.numbers]
             operation = f"write of {len(levels)} outputs from offset {run.first_offset}"

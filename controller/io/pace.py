@@ -70,5 +70,5 @@ class Pace:
 
 def _checked(percent: int) -> int:
     if percent != FLAT_OUT and not PAUSED <= percent <= FASTEST:
-        raise PaceError(f"pace {percent} %: give 0 (paused) to {FASTEST}, or {FLAT_OUT} for unlimited")
+        raise PaceError(f"pace {percent} %: must be 0 (paused) to {FASTEST}, or {FLAT_OUT} (unlimited)")
     return percent

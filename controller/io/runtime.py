@@ -159,7 +159,9 @@ class Runtime:
         set_points = self.machine.tags.sp
         changes = [set_points.checked(name, value) for name, value in values.items()]
         if any(word in set_points.at_start for word, _ in changes):
-            raise SetPointError("it is a machine parameter; give it at the start with --set")
+            raise SetPointError(
+                "a machine parameter cannot change while the controller runs; set it at start-up with --set"
+            )
         self._orders.append(changes)
         self.panel_heartbeat()
 

@@ -1,7 +1,7 @@
 """Reader of the I/O map ``io_map.yaml``, which assigns every wire of the machine to a terminal.
 
-An invalid file is rejected with one line that contains the file, the line, the tag, the problem and the
-remedy. The addresses of the paper are not mandatory: a wire may be assigned to another terminal, but every
+An invalid file is rejected with a one-line message that contains the file, the line, the tag, the problem
+and the remedy. The addresses of the paper are not mandatory: a wire may be assigned to another terminal, but every
 tag that the program requires must have one.
 """
 

@@ -109,7 +109,6 @@ ALARMS: Final = {
             "Controller log; CPU load of other programs; computer in sleep mode? If it recurs: restart the controller",
             "控制器日志；是否有其他程序占用计算机，是否进入过休眠；再次出现时重启控制器",
         ),
-        comment="Scan over its limit or failed; outputs off",
     ),
     "store_fault": AlarmText(
         Text("Retentive memory cannot be stored", "保持数据无法保存"),
@@ -140,7 +139,7 @@ ALARMS: Final = {
             "slide_at_pick_1 to slide_at_pick_3",
             "滑块过快：节流阀、气压；滑块制动器或单向阀；开关 slide_at_pick_1 至 slide_at_pick_3 的安装位置",
         ),
-        comment="{side} slide went off the pick position after arriving",
+        comment="{side} slide left the pick position after arriving",
     ),
     "off home": AlarmText(
         Text("{side} arm moved off the home position without a command", "{side}臂自行离开原位"),
@@ -150,7 +149,7 @@ ALARMS: Final = {
             "是否被人推动；升降或滑块的电磁阀、单向阀、气管漏气；开关 lift_down、slide_at_feed、claws_converged "
             "的指示灯和接线",
         ),
-        comment="{side} arm went off home by itself",
+        comment="{side} arm left home without a command",
     ),
     "unbidden": AlarmText(
         Text("{side} arm: a switch changed without a command", "{side}臂：无指令时开关状态改变"),
@@ -201,14 +200,12 @@ ALARMS: Final = {
             "两个计数器：苗杯经过时 cup_pulse 的指示灯、与感应片的距离、接线；另一行链条断裂或感应片丢失；"
             "停车时计数器是否误计数",
         ),
-        comment="{side} cups are counted, but none of the other row",
     ),
     "approach row": AlarmText(Text("{side} slide did not reach the row", "{side}滑块未到达取苗位"), _SLIDE_TO_ROW),
     "return to row": AlarmText(Text("{side} slide did not return to the row", "{side}滑块未退回取苗位"), _SLIDE_TO_ROW),
     "close claws": AlarmText(
         Text("{side} claws not closed: position or outputs lost", "{side}夹爪未闭合：位置或输出丢失"),
         _CLAWS_CLOSE,
-        comment="{side} claws not closed: position or outputs lost",
     ),
     "lift from row": AlarmText(Text("{side} arm not up after clamping", "{side}臂夹苗后未升到上限位"), _LIFT_UP),
     "slide to feed": AlarmText(
@@ -223,12 +220,10 @@ ALARMS: Final = {
     "open claws": AlarmText(
         Text("{side} claws not opened: position or outputs lost", "{side}夹爪未张开：位置或输出丢失"),
         _CLAWS_OPEN,
-        comment="{side} claws not opened: position or outputs lost",
     ),
     "raise empty": AlarmText(
         Text("{side} arm not up after the release", "{side}臂投苗后未升到上限位"),
         _LIFT_UP,
-        comment="{side} arm not up after the release",
     ),
     "converge": AlarmText(Text("{side} claws not converged", "{side}夹爪未聚合到位"), _CONVERGE),
     "lower empty": AlarmText(Text("{side} arm not down after converging", "{side}臂聚合后未降到下限位"), _LIFT_DOWN),
@@ -289,7 +284,6 @@ ALARMS: Final = {
             "Tray removed or pushed? Sensor tray_front_edge: alignment, dirt, LED, wire",
             "苗盘是否被取走或推动；传感器 tray_front_edge：对准、脏污、指示灯、接线",
         ),
-        comment="Tray at the pick position has gone",
     ),
     "magazine_empty": AlarmText(
         Text("Tray magazine empty", "苗盘仓已空"),
@@ -304,7 +298,6 @@ ALARMS: Final = {
             "Stop button released? Contact block, wire and terminal of stop (normally closed: on while released)",
             "停止按钮是否释放；stop 的触点、接线和端子（常闭：释放时接通）",
         ),
-        comment="Stop button or its wire open: nothing can start",
     ),
     "hmi_silent": AlarmText(
         Text("Operator panel not responding: holding after the current cycle", "操作面板无响应：完成当前循环后保持"),
@@ -312,7 +305,6 @@ ALARMS: Final = {
             "Panel powered on? Network cable and address of the panel; CPU load of the panel computer",
             "面板是否通电；面板的网线和地址；面板计算机的负载",
         ),
-        comment="Operator panel silent: the cycle is finished, then hold",
     ),
 }
 """Alarm texts, by key."""
@@ -330,7 +322,7 @@ ALARM_STATES: Final = {
 
 ALARM_REFUSALS: Final = {
     "unknown": Text(
-        "unknown alarm S{number}; give a number of the alarm list", "没有报警 S{number}，请使用报警表中的编号"
+        "unknown alarm S{number}; use a number in the alarm list", "没有报警 S{number}，请使用报警表中的编号"
     ),
     "safety": Text(
         "S{number} is a safety alarm and cannot be shelved; remove its cause and reset",

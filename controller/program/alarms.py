@@ -48,7 +48,7 @@ too early, for longer than input filters and cables can explain."""
 UNBIDDEN_MS: Final = 500
 """Delay of the alarm for an arm at rest that leaves or reaches a switch, ms; longer than switch bounce."""
 LONE_CUPS: Final = 6
-"""Number of cups counted in one row but none in the other that raises an alarm. The same ground wheel drives both
+"""Number of cups counted in one row, without any in the other, that raises an alarm. The same ground wheel drives both
 carousels."""
 
 ARM_ALARM_NUMBERS: Final[dict[str, tuple[int, int]]] = {
@@ -186,7 +186,7 @@ class Annunciators:
             number: Permanent S number.
             side: Arm that it belongs to; None for the machine.
             severity: Severity of the alarm.
-            stops_work: True if the alarm holds the machine. Default: all alarms but warnings.
+            stops_work: True if the alarm holds the machine. Default: True except for warnings.
             text: Message and checks. Default: the entry of this key in `alarm_texts.ALARMS`.
             cause: Condition that is true while the cause persists.
 

@@ -1,6 +1,6 @@
 """Transplanting cycle of one arm and its bookkeeping, declared once for both sides.
 
-The throw (the papers' term) is the release of the seedlings over the cups.
+"Throw" is the term of the papers for the release of the seedlings over the cups.
 """
 
 from __future__ import annotations

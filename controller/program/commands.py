@@ -44,47 +44,47 @@ class Commands:
     def __init__(self) -> None:
         self._area = Area("M", 400, 469, "command")
         self._table: list[Command] = []
-        self.reset = self._add("reset", "reset the alarms; home unless the mode is manual", 1)
+        self.reset = self._add("reset", "reset alarms; home unless in manual mode", 1)
         self.start = self._add("start", "start; in Suspended, search for a tray again", 2)
-        self.stop = self._add("stop", "complete the current cycles, then Stopped", 3)
-        self.hold = self._add("hold", "move the arms to feed, then Held", 4)
+        self.stop = self._add("stop", "finish the running cycle, move home, then Stopped", 3)
+        self.hold = self._add("hold", "continue the running cycle as far as feed, then hold", 4)
         self.unhold = self._add("unhold", "resume after a hold", 5)
-        self.suspend = self._add("suspend", "start no new row until unsuspend", 6)
-        self.unsuspend = self._add("unsuspend", "resume after suspend", 7)
-        self.abort = self._add("abort", "switch all outputs off; does not replace the emergency stop", 8)
-        self.clear = self._add("clear", "leave Aborted after the emergency stop has been released", 9)
-        self.complete = self._add("complete", "start no new row, throw the seedlings held, then Complete", 10)
+        self.suspend = self._add("suspend", "start no new row until the unsuspend command", 6)
+        self.unsuspend = self._add("unsuspend", "resume after a suspend command", 7)
+        self.abort = self._add(
+            "abort", "all outputs off, as in an emergency stop; not a substitute for the emergency stop", 8
+        )
+        self.clear = self._add("clear", "leave Aborted after the emergency stop is released", 9)
+        self.complete = self._add("complete", "start no new row, release the loaded rows, then Complete", 10)
         self.modes: dict[Mode, Bit] = {
             mode: self._add(
                 f"mode_{mode.name.lower()}", f"change the mode to {mode.name.lower().replace('_', ' ')}", group="mode"
             )
             for mode in Mode
         }
-        self.step = self._add("step", "step mode: permit the next transfer of the selected sequence")
+        self.step = self._add("step", "step mode: execute the next transfer of the selected sequence")
         self.acknowledge = self._add("acknowledge", "silence the horn")
         self.cups_empty = self._add("cups_empty", "answer: the cups under the claws are empty", group=ANSWER)
-        self.tray_same = self._add("tray_same", "answer: the same tray is at the pick position", group="answer")
+        self.tray_same = self._add("tray_same", "answer: the stored tray is at the pick position", group="answer")
         self.tray_full = self._add("tray_full", "answer: a full tray is at the pick position", group=ANSWER)
         self.tray_none = self._add(
             "tray_none", "answer: no usable tray; convey it out and feed the next one", group=ANSWER
         )
-        self.count_reset = self._add("count_reset", "clear the counts of trays, cycles and missed cups", group="count")
+        self.count_reset = self._add("count_reset", "reset the counts of trays, cycles and missed cups", group="count")
         self.loaded_yes: dict[str, Bit] = {}
         self.loaded_no: dict[str, Bit] = {}
         self.discard: dict[str, Bit] = {}
         for side in ("left", "right"):
             self.loaded_yes[side] = self._add(f"{side}_loaded_yes", "answer: the arm holds seedlings", group="answer")
             self.loaded_no[side] = self._add(
-                f"{side}_loaded_no", "answer: the arm holds no seedlings; its row is still full", group="answer"
+                f"{side}_loaded_no", "answer: the arm holds no seedlings; its row is full", group="answer"
             )
-            self.discard[side] = self._add(
-                f"{side}_discard", "release the load over the cups in the next homing", group="discard"
-            )
+            self.discard[side] = self._add(f"{side}_discard", "discard the load over the cups", group="discard")
         self.jog_release = self._add("jog_release", "end jogging", group="jog")
         self.jog: dict[str, Bit] = {
             output: self._add(
                 f"jog_{output.replace('.', '_')}",
-                f"manual: switch {output.replace('.', ' ').replace('_', ' ')} on; renew within {JOG_LEASE_MS} ms",
+                f"manual mode: jog {output.replace('.', ' ').replace('_', ' ')}; renew within {JOG_LEASE_MS} ms",
                 group="jog",
             )
             for output in JOGGED
@@ -108,7 +108,7 @@ class Commands:
             if command.name == name:
                 return command.bit
         known = ", ".join(command.name for command in self._table)
-        raise KeyError(f"no command {name!r}; known: {known}")
+        raise KeyError(f"unknown command {name!r}; known: {known}")
 
     def numbered(self, number: int) -> Command:
         """Return the command with this number."""

@@ -12,19 +12,19 @@ from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, Side, Ta
 FIRST_STEP_OFFSET = 40
 PRESS_MS = 600
 """Time to fill the outer chamber of the slide through its valve and tube, ms. After low air pressure or a jam this
-chamber may be empty; the first stroke inward would then meet no back pressure."""
+chamber may be empty; the first stroke inward would then have no back pressure."""
 
 
 def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
     """Return the homing sequence; its first step selects one of seven cases.
 
     1. Unknown claws count as closed and loaded, see `arm.conditioning`.
-    2. A row in progress is put back and stays full if the arm is still down, or if the arm has risen by itself before
-       the claws had gripped, because half-closed claws must not lift a row.
+    2. A row in progress is put back and stays full if the arm is still down, or if the arm rose without a command
+       before the claws had gripped, because half-closed claws must not lift a row.
     3. A loaded arm away from feed moves fully up, then out.
     4. An empty arm away from feed moves out low if it is down, otherwise up and then out.
-    5. A loaded arm at feed moves up and stays ready.
-    6. An empty arm at feed opens, moves up, converges and moves down.
+    5. A loaded arm at feed moves up and remains ready.
+    6. An empty arm at feed opens its claws, moves up, converges and moves down.
     7. If the case cannot be determined, the step waits for the operator.
     """
     a = tags.arms[side]

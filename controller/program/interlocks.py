@@ -62,16 +62,11 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         *_one_of_a_pair(want),
         (
             "motion allowed",
-            "no motion during an emergency stop or in a state that does not permit motion",
+            "no motion during an emergency stop or in a state that does not allow it",
             ARM_OUTPUTS,
             machine.motion & ~x.emergency_stop,
         ),
-        (
-            "no fault of the arm",
-            "a jammed actuator must not be driven further",
-            ARM_OUTPUTS,
-            ~a.fault | machine.jogging,
-        ),
+        ("no fault of the arm", "a jammed actuator is no longer driven", ARM_OUTPUTS, ~a.fault | machine.jogging),
         (
             "belt at rest",
             "slide and lift must be at rest while the claws spread or converge",
@@ -80,43 +75,43 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "inward ready",
-            "closed or spread claws would tear the seedlings on the way in",
+            "moving in with the claws closed or spread tears the seedlings",
             ("slide_inward",),
             all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged),
         ),
         (
             "tray in place",
-            "the arm may move in only over a tray at rest",
+            "the arm moves in only over a tray at rest",
             ("slide_inward",),
             all_of(tray.phase.equals(IN_PLACE), tray.edge, ~tray.ask, ~tray.want_run, ~tray.want_creep),
         ),
         (
             "stop at the row",
-            "the slide must stop at the next row; there are seedlings beyond it",
+            "the next row is the inner end of the motion; there are seedlings beyond it",
             ("slide_inward",),
             ~a.passed & any_of(*a.row_is.values()),
         ),
         (
             "centre is free",
-            "the fingers of the arms would overlap inward of pick 2",
+            "the fingers of both arms overlap inward of pick 2",
             ("slide_inward",),
             any_of(~a.row_is[3], sp.arms_may_meet.differs(0), ~other.in_centre & (other.at_feed | other.cycling)),
         ),
         (
             "outward clear",
-            "a loaded arm may move out only if it is up, an empty arm if it is up, or down with open claws",
+            "a loaded arm moves out only when up, an empty arm when up, or down with open claws",
             ("slide_outward",),
             a.up | all_of(a.down, ~a.loaded, ~a.claws_closed),
         ),
         (
             "lift clear",
-            "over the tray the claws must be clamped or open when the lift rises, never half closed",
+            "over the tray the lift moves up only with the claws clamped or open",
             ("lift_retract",),
             any_of(a.at_feed, ~a.claws_closed, a.clamped),
         ),
         (
             "down at feed only",
-            "away from feed the arm would move down into the tray, except at the row it has just closed on",
+            "elsewhere the arm would move down into the tray, except at the row it has just gripped",
             ("lift_extend",),
             a.at_feed | all_of(home["lower to put back"], a.on_row, a.at_wanted_row, ~a.down),
         ),
@@ -128,7 +123,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "converge empty at feed",
-            "converging would tear a load, and is permitted only over the cups",
+            "a load would be torn, and the cups must be below",
             ("converge",),
             all_of(a.at_feed, ~a.loaded),
         ),
@@ -147,7 +142,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ("clamp at a place", "claws may close only at the next row or at feed", ("claws_close",), clamping_place),
         (
             "open at a place",
-            "a load may be released only over the cups or at the row it came from",
+            "a load is released only over the cups or at its own row",
             ("claws_open",),
             ~a.loaded | opening_place,
         ),
@@ -171,14 +166,12 @@ def tray_rules(tags: Tags) -> list[Rule]:
         Rule(
             1,
             "motion allowed",
-            "no motion during an emergency stop or in a state that does not permit motion",
+            "no motion during an emergency stop or in a state that does not allow it",
             both,
             machine.motion & ~x.emergency_stop,
         ),
-        Rule(2, "arms at feed", "a moving tray would shear an arm that is in it", both, at_feed & ~inward),
-        Rule(
-            3, "no fault of the feeder", "a jammed tray must not be driven further", both, ~tray.fault | machine.jogging
-        ),
+        Rule(2, "arms at feed", "a moving tray would damage an arm in it", both, at_feed & ~inward),
+        Rule(3, "no fault of the feeder", "a jammed tray is no longer driven", both, ~tray.fault | machine.jogging),
     ]
 
 

@@ -46,8 +46,8 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
 
     Args:
         io_map: I/O map; optional points are used if they are wired.
-        without: Interlock rules to leave out, for example "left: down at feed only", to study their effect. Never use
-            this on a real machine.
+        without: Interlock rules to omit, for example "left: down at feed only", to study their effect. Never use this
+            on a real machine.
 
     Returns:
         Program and its parts.
@@ -109,7 +109,7 @@ def _leave_out(rules: list[tuple[str, list[Rule]]], without: Collection[str]) ->
     known = [f"{group}: {rule.name}" for group, table in rules for rule in table]
     unknown = sorted(set(without) - set(known))
     if unknown:
-        raise RuleError(f"no interlock rule {unknown[0]!r}; known: {', '.join(known)}")
+        raise RuleError(f"unknown interlock rule {unknown[0]!r}; known: {', '.join(known)}")
     for group, table in rules:
         table[:] = [rule for rule in table if f"{group}: {rule.name}" not in without]
 

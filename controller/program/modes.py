@@ -15,7 +15,7 @@ from controller.program.tags import FIRST_SCAN, STEPPED, Tags
 CLEAR_HOLD_MS = 3_000
 """Time for which X24 must be held to clear an emergency stop, ms."""
 STEP_PRESS_MS = 2_000
-"""Timeout of a step mode press whose transfer is still waiting (for example, for a cup), ms; prevents late motion."""
+"""Time after which an unused press in step mode expires, ms, so that motion does not start unexpectedly late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +43,13 @@ def state_table(tags: Tags) -> list[StateChange]:
     rest = at_rest & tray.at_rest
     s = State
     return [
-        StateChange((s.STOPPED, s.HELD, s.COMPLETE), s.RESETTING, machine.home_requested, "reset and home"),
+        StateChange((s.STOPPED, s.HELD, s.COMPLETE), s.RESETTING, machine.home_requested, "reset and homing"),
         StateChange((s.RESETTING,), s.IDLE, manual | (homed & tray.ready & ~asking), "homed, or mode is manual"),
         StateChange(
             (s.RESETTING,),
             s.HOLDING,
             all_of(~manual, asking | machine.fault, settled),
-            "question or alarm",
+            "blocked by a question or an alarm",
         ),
         StateChange((s.IDLE,), s.STARTING, machine.start_requested, "start"),
         StateChange((s.STARTING,), s.EXECUTE, TRUE, "started"),
@@ -57,7 +57,12 @@ def state_table(tags: Tags) -> list[StateChange]:
         StateChange((s.UNHOLDING,), s.EXECUTE, TRUE, "resumed"),
         StateChange((s.EXECUTE,), s.SUSPENDING, machine.suspend, "no tray, no cups, or suspend command"),
         StateChange((s.SUSPENDING,), s.SUSPENDED, TRUE, "suspended"),
-        StateChange((s.SUSPENDED,), s.UNSUSPENDING, ~machine.suspend, "tray and cups available"),
+        StateChange(
+            (s.SUSPENDED,),
+            s.UNSUSPENDING,
+            ~machine.suspend,
+            "tray and cups available, and not suspended by the operator",
+        ),
         StateChange((s.UNSUSPENDING,), s.EXECUTE, TRUE, "resumed"),
         StateChange((s.EXECUTE,), s.COMPLETING, all_of(~manual, at_rest, empty, done), "work complete"),
         StateChange((s.COMPLETING,), s.COMPLETE, rest, "arms home"),
@@ -65,7 +70,7 @@ def state_table(tags: Tags) -> list[StateChange]:
             (*RUNNING, s.COMPLETING),
             s.HOLDING,
             (machine.fault & ~manual) | machine.hold_requested,
-            "alarm, or hold requested",
+            "alarm, hold command or panel timeout",
         ),
         StateChange((s.HOLDING,), s.HELD, at_once | rest, "arms at feed"),
         StateChange(STOPPABLE, s.STOPPING, machine.stop_pressed, "stop"),

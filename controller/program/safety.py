@@ -24,16 +24,14 @@ class ArmMonitor:
     def __init__(self, tags: Tags, side: Side) -> None:
         m = Area("M", 470 + 9 * SIDES.index(side), 478 + 9 * SIDES.index(side), f"{side} monitor")
         self._tags, self._side = tags, side
-        self.open = m.bit("open", "the claws have been opened for their dwell since they closed")
-        self.gripped = m.bit(
-            "gripped", "the claws have been closed for their dwell since they began to open, or their state is unknown"
-        )
-        self.holds = m.bit("holds", "the claws have closed at a row since they opened, or their state is unknown")
+        self.open = m.bit("open", "the claws have opened for their dwell time since they last closed")
+        self.gripped = m.bit("gripped", "the claws have closed for their dwell time since they last opened, or unknown")
+        self.holds = m.bit("holds", "the claws have closed at a row since they last opened, or unknown")
         self.unmoved = m.bit("unmoved", "the slide has not been driven since the claws closed at a row")
-        self.released = m.bit("released", "a cup that may receive the load has been counted")
+        self.released = m.bit("released", "a cup for the release of the load has been counted")
         self.discarded = m.bit("discarded", "the operator has discarded the load")
-        self.arrived = m.bit("arrived", "a switch at or beyond the next row has been on since the feed switch was on")
-        self.in_centre = m.bit("in centre", "the arm has moved in for row 3 and its return has not been detected")
+        self.arrived = m.bit("arrived", "a switch at or beyond the next row has been on since the slide left feed")
+        self.in_centre = m.bit("in centre", "the arm has moved in to row 3 and its return has not been detected")
 
     @property
     def remembered(self) -> tuple[Bit, ...]:
@@ -73,9 +71,9 @@ class MachineMonitor:
         m = Area("M", 488, 499, "monitor")
         self._tags = tags
         self.moved = m.bit("moved", "the last scan allowed motion")
-        self.pressed = m.bit("pressed", "a button or command that may start motion was given in this scan")
+        self.pressed = m.bit("pressed", "a button or command that can start motion was given, this scan")
         self.restarted = m.bit("restarted", "a coil came on from rest without a button or command")
-        self.jogged = m.bit("jogged", "an output was jogged in the last scan")
+        self.jogged = m.bit("jogged", "the last scan jogged an output")
         self.jog_unbidden = m.bit("jog unbidden", "an output is jogged without a command")
 
     def rungs(self) -> list[Rung]:
@@ -134,17 +132,17 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             f"{one} with {two}": ("two opposing coils of a valve or motor must not be on together", y[one] & y[two])
             for one, two in (SLIDE, LIFT, BELT, CLAWS)
         },
-        "inward, not down": ("the arm would move through or over the tray", inward & ~down),
-        "inward, claws not open": ("closed claws would tear the seedlings", inward & ~monitor.open),
-        "inward, not converged": ("spread claws would not fit between the seedlings", inward & ~a.sensed_converged),
+        "inward, not down": ("the arm would collide with the tray or pass over it", inward & ~down),
+        "inward, claws not open": ("closed claws tear the seedlings", inward & ~monitor.open),
+        "inward, not converged": ("spread claws do not fit between the seedlings", inward & ~a.sensed_converged),
         "inward, no tray at rest": (
-            "the arm may move in only over a tray at rest",
+            "the arm moves in only over a tray at rest",
             inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE)),
         ),
         "inward, past the row": ("there are seedlings beyond the next row", inward & monitor.arrived),
         "inward, which tray?": ("a tray with an open question may be misplaced", inward & tray.ask),
         "inward, into the other arm": (
-            "the fingers of both arms do not fit in the centre",
+            "the fingers of both arms do not fit in the centre together",
             all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre),
         ),
         "close nowhere": (
@@ -152,16 +150,19 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             closes & ~feed & ~(down & _at_next_row(a)),
         ),
         "up, half closed": (
-            "over the tray the claws must be gripping or open when the lift rises, never half closed",
+            "over the tray the lift moves up only with the claws clamped or open",
             all_of(raises, ~feed, ~monitor.open, ~monitor.gripped),
         ),
-        "outward with a load, not up": ("a load hangs down into the tray", all_of(outward, monitor.holds, ~up)),
+        "outward with a load, not up": (
+            "the load would be dragged through the tray",
+            all_of(outward, monitor.holds, ~up),
+        ),
         "outward low, claws not open": (
             "closed claws would tear the seedlings",
             all_of(outward, ~up, ~(down & monitor.open)),
         ),
         "down away from feed": (
-            "the arm would move down into the tray, except at the row it has just closed on",
+            "the arm would move down into the tray, except at the row it has just gripped",
             lowers & ~feed & ~monitor.unmoved,
         ),
         "spread, not up at feed": ("there is room for spread claws only over the cups", spreads & ~(up & feed)),
@@ -213,17 +214,17 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
             "outputs must be off after such a fault",
             moves & (tags.system.scan_fault | tags.system.store_fault),
         ),
-        "moves at rest": ("no motion in a state that does not permit motion", moves & ~machine.motion),
+        "moves at rest": ("no motion in a state that does not allow it", moves & ~machine.motion),
         "moves in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
         "restarts by itself": ("after a stop, motion requires a new command", monitor.restarted),
         "jog not renewed": (
             "releasing a jog command must stop the motion",
             machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0)),
         ),
-        "jog by itself": ("an output may be jogged only by command", monitor.jog_unbidden),
-        "tray, arm away from feed": ("a moving tray would shear an arm that is in it", (run | forward) & away),
-        "tray, arm goes in": ("the arm may move in only over a tray at rest", (run | forward) & entering),
-        "tray, wrong way": ("the belt may run in one direction only", run & ~forward),
+        "jog by itself": ("an output is jogged only by command", monitor.jog_unbidden),
+        "tray, arm away from feed": ("a moving tray would damage an arm in it", (run | forward) & away),
+        "tray, arm goes in": ("the arm moves in only over a tray at rest", (run | forward) & entering),
+        "tray, wrong way": ("the belt has one direction", run & ~forward),
         "tray with a fault": (
             "a jammed tray may be driven only in manual mode",
             all_of(tray_fault, ~machine.manual, run | forward),

@@ -34,7 +34,7 @@ NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
 """Phases of the tray: unknown or none, at the pick position, leaving it, approaching it."""
 
 RELEASE_DELAY_X10_MS: Final = 6
-"""Delay from the releasing cup pulse to the open coil. The pulse comes 15 mm before the cup is under the claw, 333 ms
+"""Delay from the releasing cup pulse to the open coil. The pulse occurs 15 mm before the cup is under the claw, 333 ms
 at 45 plants/(min row). After the coil comes on, valve, air and fingers take 126 ms (simulated at 0.40 MPa) and the fall
 of 80 mm takes 128 ms. The input filter and half a scan add 15 ms: 333 - 254 - 15 = 64 ms, rounded down to whole units
 of the timer (machine.yaml)."""
@@ -95,12 +95,12 @@ class System:
 
     def __init__(self) -> None:
         m = Area("M", 0, 9)
-        self.link_lost = m.bit("link lost", "no valid exchange with the field I/O within the limit")
-        self.scan_fault = m.bit("scan fault", "a scan exceeded its limit or failed")
+        self.link_lost = m.bit("link lost", "no successful exchange with the field I/O within the timeout")
+        self.scan_fault = m.bit("scan fault", "a scan exceeded its time limit or failed")
         self.memory_lost = m.bit("memory lost", "retentive memory could not be restored")
         self.outputs_held = m.bit("outputs held", "outputs are delayed until retentive memory is stored")
         self.store_fault = m.bit("store fault", "retentive memory cannot be stored")
-        self.panel_silent = m.bit("panel silent", "no telegram from the operator panel within the limit")
+        self.panel_silent = m.bit("panel silent", "no message from the operator panel within its timeout")
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
@@ -140,29 +140,39 @@ class SetPoints:
             return word
 
         self.trays_target = add("trays target", 0, 0, 1000, "number of trays to empty before Complete; 0 = no limit")
-        self.step_sequence = add("step sequence", 1, 1, 3, "stepped sequence: 1 left arm, 2 right arm, 3 tray feeder")
-        self.descend_at_count = add("descend at count", 0, 0, CUPS, "cup count from which the arm may lower")
-        self.converge_at = add("converge at", 0, 0, 1, "0 = converge at the lower limit, 1 = raise first")
-        self.arms_may_meet = add("arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2")
+        self.step_sequence = add(
+            "step sequence", 1, 1, 3, "sequence to step in step mode: 1 left arm, 2 right arm, 3 tray feeder"
+        )
+        self.descend_at_count = add(
+            "descend at count", 0, 0, CUPS, "cup count at which the arm moves down over the cups"
+        )
+        self.converge_at = add("converge at", 0, 0, 1, "0 = converge with the arm down, 1 = move up first")
+        self.arms_may_meet = add(
+            "arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2 at the same time"
+        )
         self.at_start.append(self.arms_may_meet)
         self.release_delay = add(
-            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "delay from the cup pulse to the open coil"
+            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "delay from the releasing cup pulse to opening"
         )
-        self.no_cups = add("no cups x100 ms", 40, 10, 6000, "time without a cup until Suspended: 3 cup intervals")
+        self.no_cups = add(
+            "no cups x100 ms",
+            40,
+            10,
+            6000,
+            "waiting time without a cup pulse until Suspended; default: 3 cup intervals",
+        )
         self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
         self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
         self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
         self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
-        self.pause_at_feed = add("pause at feed x10 ms", 50, 0, 500, "pause at feed before spreading (paper: 0.5 s)")
+        self.pause_at_feed = add(
+            "pause at feed x10 ms", 50, 0, 500, "delay from arrival at feed to spreading (paper: 0.5 s)"
+        )
         self.tray_index = add("tray index x10 ms", 10, 1, 200, "time at full speed into the gap before creeping")
         self.slide_least = add(
-            "slide least x10 ms",
-            SLIDE_LEAST_X10_MS,
-            10,
-            500,
-            "shortest travel time between feed and a row",
+            "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "shortest plausible travel time between a row and feed"
         )
-        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creeping time without a front edge until Suspended")
+        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge until Suspended")
 
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""
@@ -175,15 +185,15 @@ class SetPoints:
             SetPointError: The set-point is unknown, or the value is not an integer or out of range.
         """
         if name not in self.names():
-            raise SetPointError(f"no set-point {name!r}; known: {', '.join(self.names())}")
+            raise SetPointError(f"unknown set-point {name!r}; known: {', '.join(self.names())}")
         word: Word = getattr(self, name)
         lowest, highest = self.limits[word]
         if not text.isdecimal():
-            raise SetPointError(f"give a whole number, {lowest} to {highest}")
+            raise SetPointError(f"must be an integer, {lowest} to {highest}")
         if len(text) > LONGEST_NUMBER:
-            raise SetPointError(f"give {lowest} to {highest}")
+            raise SetPointError(f"must be {lowest} to {highest}")
         if not lowest <= int(text) <= highest:
-            raise SetPointError(f"give {lowest} to {highest}")
+            raise SetPointError(f"must be {lowest} to {highest}")
         return word, int(text)
 
 
@@ -195,59 +205,63 @@ class MachineTags:
         d = Area("D", 100, 109)
         self.state = d.word("state", "PackML state number")
         self.state_before = d.word("state before", "PackML state number in the previous scan")
-        self.trays_done = Word("D", 560, "trays done", "trays emptied since the count was cleared")
+        self.trays_done = Word("D", 560, "trays done", "trays emptied since the last reset of the counts")
         self.mode = Word("D", 562, "mode", "mode number: 1 continuous, 3 manual, 4 one cycle, 5 step, 6 zero return")
         self.reason = d.word("reason", "number of the reason for Suspended or Held")
         self.refused = d.word("refused", "number of the last refused command")
         self.refusal = d.word("refusal", "number of the reason for the last refusal")
-        self.refusals = d.word("refusals", "number of commands refused since power-up")
+        self.refusals = d.word("refusals", "number of refused commands since power-up")
         self.jog = d.word("jog", "number of the jogged output; 0 = none")
-        self.first_out = d.word("first out", "number of the annunciator that stopped work first; 0 = none")
-        self.batch_complete = Bit("M", 1056, "batch complete", "target reached; the next homing clears the tray count")
-        self.start_pressed = m.bit("start pressed", "X0 pressed in this scan")
-        self.reset_pressed = m.bit("reset pressed", "reset button pressed in this scan")
-        self.stop_pressed = m.bit("stop pressed", "X24 pressed or stop command in this scan")
-        self.home_requested = m.bit("home requested", "request to reset and home (X0 or command) in this scan")
-        self.start_requested = m.bit("start requested", "request to start (X0 or command) in this scan")
-        self.clear_requested = m.bit("clear requested", "request to clear after an emergency stop in this scan")
-        self.unhold_requested = m.bit("unhold requested", "request to resume after a hold in this scan")
-        self.hold_requested = m.bit("hold requested", "request to hold, by the operator or by the panel timeout")
-        self.panel_lost = m.bit("panel lost", "the panel timeout expired in this scan")
-        self.held_by_operator = m.bit("held by operator", "the operator requested the hold")
-        self.held_by_panel = m.bit("held by panel", "the panel timeout caused the hold")
-        self.suspended_by_operator = m.bit("suspended by operator", "suspended by command")
-        self.complete_ordered = m.bit("complete ordered", "complete command given: no new row is started")
-        self.ordered = m.bit("ordered", "a command or button was pressed in this scan")
+        self.first_out = d.word("first out", "number of the first annunciator that stopped work; 0 = none")
+        self.batch_complete = Bit(
+            "M", 1056, "batch complete", "target number of trays reached; the next homing clears the count"
+        )
+        self.start_pressed = m.bit("start pressed", "X0 pressed, this scan")
+        self.reset_pressed = m.bit("reset pressed", "reset button pressed, this scan")
+        self.stop_pressed = m.bit("stop pressed", "X24 pressed or stop command, this scan")
+        self.home_requested = m.bit("home requested", "reset and home: X0 or command, this scan")
+        self.start_requested = m.bit("start requested", "start: X0 or command, this scan")
+        self.clear_requested = m.bit("clear requested", "clear after an emergency stop, this scan")
+        self.unhold_requested = m.bit("unhold requested", "resume after a hold, this scan")
+        self.hold_requested = m.bit("hold requested", "hold by the operator or after a panel timeout")
+        self.panel_lost = m.bit("panel lost", "panel timeout expired, this scan")
+        self.held_by_operator = m.bit("held by operator", "held by the hold command")
+        self.held_by_panel = m.bit("held by panel", "held by a panel timeout")
+        self.suspended_by_operator = m.bit("suspended by operator", "suspended by command until the unsuspend command")
+        self.complete_ordered = m.bit("complete ordered", "no new row is started; then Complete")
+        self.ordered = m.bit("ordered", "command given or button pressed, this scan")
         self.manual = m.bit("manual", "mode is manual")
-        self.stepping = m.bit("stepping", "step mode is active: each transfer requires a press")
-        self.stops_at_once = m.bit("stops at once", "a stop does not complete the cycle (manual, step mode)")
-        self.jogging = m.bit("jogging", "manual mode is active: outputs follow the jog register")
-        self.jog_renewed = m.bit("jog renewed", "a jog command was given in this scan")
+        self.stepping = m.bit("stepping", "step mode active: each transfer requires a press")
+        self.stops_at_once = m.bit("stops at once", "the mode stops without finishing the cycle")
+        self.jogging = m.bit("jogging", "manual mode active: outputs follow the jog register")
+        self.jog_renewed = m.bit("jog renewed", "jog command accepted, this scan")
         self.step_armed = {
-            name: m.bit(f"step armed, {name}", f"a press permits the next transfer of the {name}") for name in STEPPED
+            name: m.bit(f"step armed, {name}", f"the next transfer of the {name} is permitted") for name in STEPPED
         }
         self.abort = m.bit("abort", "emergency stop, or a fault of link, scan or store")
-        self.clear_armed = m.bit("clear armed", "X24 has been pressed since the emergency stop")
+        self.clear_armed = m.bit("clear armed", "X24 pressed since the emergency stop")
         self.motion = m.bit("motion allowed", "the state allows motion")
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
-        self.places_anew = m.bit("places anew", "power-up or start of homing: places are determined again")
+        self.places_anew = m.bit(
+            "places anew", "power-up or start of homing: places are derived from the present switch states"
+        )
         self.entered_starting = m.bit("entered Starting", "first scan of Starting or Unholding")
-        self.running = m.bit("running", "Execute, Suspended or a transition between them")
+        self.running = m.bit("running", "state is Starting, Execute, Suspending, Suspended, Unsuspending or Unholding")
         self.executing = m.bit("executing", "state is Execute")
-        self.suspend = m.bit("suspend", "no tray, no cups, or suspended by the operator")
+        self.suspend = m.bit("suspend", "no tray, no cups, or suspend command")
         self.stopping = m.bit("stopping", "state is Stopping")
         self.holding = m.bit("holding", "state is Holding")
         self.target_reached = m.bit("target reached", "the target number of trays has been emptied")
         self.fault = m.bit("fault", "an alarm that stops work is set")
-        self.horn = m.bit("horn", "an alarm has not been acknowledged")
-        self.alarm_reset = m.bit("alarm reset", "alarms whose cause has ended are reset in this scan")
-        self.new_alarm = m.bit("new alarm", "the first alarm that stops work occurred in this scan")
-        self.t_stop_stuck = Timer(107, "stop stuck", "X24 on for longer than a normal press")
+        self.horn = m.bit("horn", "alarm not yet acknowledged")
+        self.alarm_reset = m.bit("alarm reset", "alarms whose cause has cleared are reset, this scan")
+        self.new_alarm = m.bit("new alarm", "first alarm that stops work was set, this scan")
+        self.t_stop_stuck = Timer(107, "stop stuck", "X24 on longer than an intended press")
         self.jogs = {output: self.jog.equals(1 + n) for n, output in enumerate(JOGGED)}
-        self.t_jog_lease = Timer(224, "jog lease", "the jog command has not been renewed")
-        self.t_step_press = Timer(225, "step press", "a step press has not been used by a transfer in time")
-        self.stop_held = Timer(100, "stop held", "X24 held long enough to clear an emergency stop")
+        self.t_jog_lease = Timer(224, "jog lease", "time since the last jog command")
+        self.t_step_press = Timer(225, "step press", "time since the press in step mode")
+        self.stop_held = Timer(100, "stop held", "time X24 is held after an emergency stop, to clear")
 
 
 class ArmTags:
@@ -273,111 +287,114 @@ class ArmTags:
         self.sensed_converged = x[f"{side}.claws_converged"]
         self.cup_sensor = x[f"{side}.cup_pulse"]
 
-        self.down = m.bit("down", "confirmed position: lift at its lower limit")
-        self.up = m.bit("up", "confirmed position: lift at its upper limit")
-        self.at_feed = m.bit("at feed", "confirmed position: slide at feed")
-        self.at_pick = {row: m.bit(f"at pick {row}", f"confirmed position: slide at pick {row}") for row in ROWS}
-        self.is_spread = m.bit("is spread", "confirmed position: claws spread")
-        self.is_converged = m.bit("is converged", "confirmed position: claws converged")
-        self.was_down = m.bit("was down", "last confirmed position of the lift: lower limit")
-        self.was_up = m.bit("was up", "last confirmed position of the lift: upper limit")
-        self.was_at_feed = m.bit("was at feed", "last confirmed position of the slide: feed")
+        self.down = m.bit("down", "lift at its lower limit, confirmed by a plausible switch")
+        self.up = m.bit("up", "lift at its upper limit, confirmed by a plausible switch")
+        self.at_feed = m.bit("at feed", "slide at feed, confirmed by a plausible switch")
+        self.at_pick = {
+            row: m.bit(f"at pick {row}", f"slide at pick {row}, confirmed by a plausible switch") for row in ROWS
+        }
+        self.is_spread = m.bit("is spread", "claws spread, confirmed by a plausible switch")
+        self.is_converged = m.bit("is converged", "claws converged, confirmed by a plausible switch")
+        self.was_down = m.bit("was down", "last confirmed place of the lift: lower limit")
+        self.was_up = m.bit("was up", "last confirmed place of the lift: upper limit")
+        self.was_at_feed = m.bit("was at feed", "last confirmed place of the slide: feed")
         self.was_at_pick = {
-            row: m.bit(f"was at pick {row}", f"last confirmed position of the slide: pick {row}") for row in ROWS
+            row: m.bit(f"was at pick {row}", f"last confirmed place of the slide: pick {row}") for row in ROWS
         }
-        self.was_spread = m.bit("was spread", "last confirmed position of the claws: spread")
-        self.was_converged = m.bit("was converged", "last confirmed position of the claws: converged")
-        self.lift_travelled = m.bit("lift travelled", "the shortest travel time to the other end has elapsed")
-        self.slide_travelled = m.bit("slide travelled", "the shortest travel time between feed and a row has elapsed")
-        self.slide_hopped = m.bit("slide hopped", "the shortest travel time between two rows has elapsed")
-        self.belt_travelled = m.bit("belt travelled", "the shortest travel time to the other end has elapsed")
-        self.placed = {name: m.bit(f"{name} placed", f"the {name} is at a confirmed position") for name in DEVICES}
-        self.doubt = {
-            name: m.bit(f"{name} in doubt", "a switch of the device is on but not trusted") for name in DEVICES
-        }
+        self.was_spread = m.bit("was spread", "last confirmed place of the claws: spread")
+        self.was_converged = m.bit("was converged", "last confirmed place of the claws: converged")
+        self.lift_travelled = m.bit("lift travelled", "shortest travel time to the other end has elapsed")
+        self.slide_travelled = m.bit("slide travelled", "shortest travel time between feed and a row has elapsed")
+        self.slide_hopped = m.bit("slide hopped", "shortest travel time between two rows has elapsed")
+        self.belt_travelled = m.bit("belt travelled", "shortest travel time to the other end has elapsed")
+        self.placed = {name: m.bit(f"{name} placed", f"a place of the {name} is confirmed") for name in DEVICES}
+        self.doubt = {name: m.bit(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
         self.passed = m.bit("passed row", "the slide has reached or passed the next row since it left feed")
-        self.begins_rest = m.bit("begins rest", "the rest time of lift, slide and belt elapsed in this scan")
-        self.rests_down = m.bit("rests down", "the lift was down at the start of the rest")
-        self.rests_up = m.bit("rests up", "the lift was up at the start of the rest")
-        self.rests_at_feed = m.bit("rests at feed", "the slide was at feed at the start of the rest")
-        self.rests_spread = m.bit("rests spread", "the claws were spread at the start of the rest")
-        self.rests_converged = m.bit("rests converged", "the claws were converged at the start of the rest")
+        self.begins_rest = m.bit(
+            "begins rest", "rest time without a coil of lift, slide or belt has elapsed, this scan"
+        )
+        self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
+        self.rests_up = m.bit("rests up", "the lift was up when it came to rest")
+        self.rests_at_feed = m.bit("rests at feed", "the slide was at feed when it came to rest")
+        self.rests_spread = m.bit("rests spread", "the claws were spread when they came to rest")
+        self.rests_converged = m.bit("rests converged", "the claws were converged when they came to rest")
         self.want = {name: m.bit(f"want {name}", f"request: {name.replace('_', ' ')}") for name in ARM_OUTPUTS}
         self.cup_edge = m.bit("cup edge", "rising edge of the cup sensor")
-        self.cup = m.bit("cup", "a cup was counted in this scan")
+        self.cup = m.bit("cup", "cup counted, this scan")
         self.count_good = m.bit("count good", "twelve empty cups are under the claws")
-        self.release_edge = m.bit("release edge", "a cup on which a waiting arm releases was counted in this scan")
-        self.count_valid = m.bit("count valid", "twelve cups or a release have been counted since power-up")
+        self.release_edge = m.bit("release edge", "cup on which a waiting arm releases, this scan")
+        self.count_valid = m.bit("count valid", "twelve cups counted or a row released since power-up")
         self.cups_confirmed = m.bit("cups confirmed", "the operator has confirmed that the cups are empty")
-        self.no_cups = m.bit("no cups", "the arm is waiting over the cups, but no cup passes")
-        self.row_running = m.bit("row running", "a row has been released: cups beyond twelve count as missed")
+        self.no_cups = m.bit("no cups", "waiting for cups, and no cup within the limit")
+        self.row_running = m.bit("row running", "a row has been released: cups that pass beyond twelve are missed")
         self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next row to pick") for row in ROWS}
         self.row_full = m.bit("row full", "the next row is full")
         self.row_in_progress = m.bit("row in progress", "a row is clamped but not yet lifted")
         self.row_in_doubt = m.bit("row in doubt", "power was lost between clamping and lifting")
-        self.at_wanted_row = m.bit("at wanted row", "the slide is at the next row")
+        self.at_wanted_row = m.bit("at wanted row", "slide at the next row")
         self.permit = m.bit("cycle permit", "a new cycle may start")
-        self.park = m.bit("park", "a loaded arm must move up and wait there")
+        self.park = m.bit("park", "a loaded arm moves up and stays there")
         self.in_centre = m.bit("in centre", "the arm occupies the space inward of pick 2")
-        self.thrown = m.bit("thrown", "a row was thrown in this scan")
-        self.retried = m.bit("retried", "the slide has been returned to its row once")
+        self.thrown = m.bit("thrown", "row released over the cups, this scan")
+        self.retried = m.bit("retried", "the slide has returned to its row once")
         self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is complete")
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
-        self.hears_answers = m.bit("hears answers", "the arm is at rest; answers about its load are accepted")
-        self.ask_cups = m.bit("ask cups", "question to the operator: are the cups under the claws empty?")
-        self.ungranted = m.bit("ungranted", "an output is requested but blocked in this scan")
-        self.unbidden = m.bit("unbidden", "a switch changed while the arm was at rest")
-        self.blocked_by = Word(
-            "D", 110 + index, f"{side}.blocked by", "number of the rule that blocks an output; 0 = none"
+        self.hears_answers = m.bit("hears answers", "the arm is at rest, so answers about its load are accepted")
+        self.ask_cups = m.bit(
+            "ask cups", "question to the operator: are the cups empty? If unanswered, twelve cups must pass"
         )
-        self.discard = m.bit("discard", "the next homing releases the load over the cups")
-        self.active = m.bit("active", "a step of the cycle is active")
+        self.ungranted = m.bit("ungranted", "a requested output is blocked by an interlock, this scan")
+        self.unbidden = m.bit("unbidden", "a switch has changed while the arm was at rest")
+        self.blocked_by = Word(
+            "D", 110 + index, f"{side}.blocked by", "number of the interlock that blocks an output; 0 = none"
+        )
+        self.discard = m.bit("discard", "the load is discarded over the cups during homing")
+        self.active = m.bit("active", "a step of the cycle is on")
         self.cycling = m.bit("cycling", "a cycle is in progress")
         self.at_rest = m.bit("at rest", "no motion of a cycle is in progress")
         self.homed = m.bit("homed", "homing of the arm is complete")
-        self.fault = m.bit("fault", "an alarm of this arm is active")
-        self.off_home = m.bit("off home", "the arm is not at its home position although it should be")
+        self.fault = m.bit("fault", "an alarm of this arm is set")
+        self.off_home = m.bit("off home", "the arm should be at home but is not")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
 
         self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
         self.claws_closed = retentive_m.bit("claws closed", "the last claw command was close")
         self.claws_known = retentive_m.bit("claws known", "the last claw command is known")
-        self.clamped = retentive_m.bit("clamped", "the claws have been closed for their dwell")
-        self.on_row = retentive_m.bit("on row", "claws closed at a row, slide not driven since")
+        self.clamped = retentive_m.bit("clamped", "claws closed for their dwell time")
+        self.on_row = retentive_m.bit(
+            "on row", "the claws have closed at a row, and the slide has not been driven since"
+        )
         self.distrusted = {
             name: retentive_m.bit(
-                f"{name} switch lied", "no switch of the device is trusted until it has been driven to its end"
+                f"{name} switch lied", f"no switch of the {name} is trusted until it has been driven against its end"
             )
             for name in DEVICES
         }
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
-        self.missed_cups = retentive_d.word("missed cups", "cups beyond twelve that passed empty")
-        self.cycles = retentive_d.word("cycles", "rows thrown")
+        self.missed_cups = retentive_d.word("missed cups", "cups missed since the last reset of the counts")
+        self.cycles = retentive_d.word("cycles", "rows released over the cups")
 
         self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
         self.t_pulse = t10.timer("pulse interval", "shortest time between two cup pulses")
-        self.t_settle = t10.timer("settle", "time for which the slide has been at its row")
-        self.t_closing = t10.timer("claws closing", "the closing coil has been on for its dwell")
-        self.t_opening = t10.timer("claws opening", "the opening coil has been on for its dwell")
-        self.t_pause = t10.timer("pause at feed", "pause before spreading")
-        self.t_release_delay = t10.timer("release delay", "delay from the cup pulse to the open coil")
-        self.t_lift_way = t10.timer("lift way", "travel time of the lift between its ends")
-        self.t_slide_way = t10.timer("slide way", "travel time of the slide between feed and a row")
-        self.t_slide_hop = t10.timer("slide hop", "travel time of the slide between two rows")
-        self.t_belt_way = t10.timer("belt way", "travel time of the claws between their ends")
-        self.t_no_cups = Timer(101 + index, f"{side}.no cups", "time without a cup pulse while waiting")
-        self.t_press = Timer(226 + index, f"{side}.press to feed", "time to fill the outer chamber of the slide")
+        self.t_settle = t10.timer("settle", "slide at rest at its row")
+        self.t_closing = t10.timer("claws closing", "closing dwell of the claws")
+        self.t_opening = t10.timer("claws opening", "opening dwell of the claws")
+        self.t_pause = t10.timer("pause at feed", "delay before spreading")
+        self.t_release_delay = t10.timer("release delay", "delay from the cup pulse to opening")
+        self.t_lift_way = t10.timer("lift way", "lift between its ends")
+        self.t_slide_way = t10.timer("slide way", "slide between feed and a row")
+        self.t_slide_hop = t10.timer("slide hop", "slide between two rows")
+        self.t_belt_way = t10.timer("belt way", "claws between their ends")
+        self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
+        self.t_press = Timer(226 + index, f"{side}.press to feed", "outer chamber of the slide fills")
         pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
-        self.t_pressed = {
-            name: pressed.timer(f"{name} pressed", "driven to its end for the time of a full stroke")
-            for name in DEVICES
-        }
+        self.t_pressed = {name: pressed.timer(f"{name} pressed", f"{name} driven against its end") for name in DEVICES}
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
-        self.t_rest = t100.timer("rest", "no coil of lift, slide and belt is on")
+        self.t_rest = t100.timer("rest", "no coil of lift, slide or belt is on")
         self.t_doubt = {
-            name: t100.timer(f"{name} in doubt", "a switch of the device is not trusted") for name in DEVICES
+            name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES
         }
-        self.t_unbidden = t100.timer("unbidden", "a switch changed while the arm was at rest")
+        self.t_unbidden = t100.timer("unbidden", "a switch has changed while the arm was at rest")
         self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted since the last cup of the other row")
 
 
@@ -391,28 +408,30 @@ class TrayTags:
         self.edge = x.tray_front_edge
         self.driven = {name: _driven(io_map[name]) for name in ("tray_run", "tray_forward")}
         self.first_step = 180
-        self.phase = Word("D", 561, "tray.phase", "0 unknown, 1 in place, 2 moving out, 3 coming")
+        self.phase = Word("D", 561, "tray.phase", "0 unknown or none, 1 in place, 2 moving out, 3 coming in")
         self.want_run = m.bit("want run", "request: conveyor at full speed")
         self.want_creep = m.bit("want creep", "request: conveyor in short pulses")
-        self.needed = m.bit("needed", "no full tray is in place and another one is required")
+        self.needed = m.bit("needed", "the tray is empty or missing, and another one is required")
         self.permit = m.bit("permit", "the feeder may move")
-        self.emptied = m.bit("emptied", "the last row was picked in this scan")
+        self.emptied = m.bit("emptied", "the last row has been taken, this scan")
         self.ask = m.bit("ask tray", "question to the operator: which tray is at the pick position?")
-        self.ready = m.bit("ready", "a tray is in place, no tray was found, or the target is reached")
+        self.ready = m.bit("ready", "feeding is complete, or no tray is available")
         self.at_rest = m.bit("at rest", "no tray is being moved")
         self.missing = m.bit("missing", "no tray arrived")
-        self.ungranted = m.bit("ungranted", "the belt is requested but blocked in this scan")
-        self.blocked_by = Word("D", 112, "tray.blocked by", "number of the rule that blocks the belt; 0 = none")
-        self.fault = m.bit("fault", "an alarm of the feeder is active")
-        self.met = m.bit("met", "a tray was detected while the feeder was not creeping, in this scan")
-        self.t_index = t10.timer("index", "time at full speed into the gap")
-        self.t_settle = t10.timer("settle", "time for the tray to come to rest")
-        self.t_on = t10.timer("creep on", "run time of a creep pulse")
-        self.t_off = t10.timer("creep off", "pause after a creep pulse")
-        self.t_met = Timer(234, "tray.met", "front edge sensor on during the index")
-        self.t_no_tray = Timer(103, "tray.no tray", "time of creeping without a tray")
-        self.t_lost = Timer(106, "tray.lost", "front edge sensor off although a tray should be in place")
-        self.t_jam = Timer(104, "tray.jam", "front edge sensor stays on while the tray moves out")
+        self.ungranted = m.bit("ungranted", "a requested conveyor output is blocked by an interlock, this scan")
+        self.blocked_by = Word(
+            "D", 112, "tray.blocked by", "number of the interlock that blocks the conveyor; 0 = none"
+        )
+        self.fault = m.bit("fault", "an alarm of the feeder is set")
+        self.met = m.bit("met", "a tray reached the front edge sensor while the belt was not creeping, this scan")
+        self.t_index = t10.timer("index", "full speed into the gap behind a tray")
+        self.t_settle = t10.timer("settle", "tray at rest")
+        self.t_on = t10.timer("creep on", "creep: run time of a pulse")
+        self.t_off = t10.timer("creep off", "creep: pause after a pulse")
+        self.t_met = Timer(234, "tray.met", "front edge sensor on in the gap behind a tray")
+        self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
+        self.t_lost = Timer(106, "tray.lost", "front edge sensor off while a tray should be in place")
+        self.t_jam = Timer(104, "tray.jam", "front edge sensor still on while a tray moves out")
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from controller.program.tags import (
 
 MET_MS: Final = 200
 """Delay of the alarm for a tray detected during the index, ms; longer than sensor bounce. The gap behind a tray is
-longer than the index, so either the tray has not left or the next one came too early."""
+longer than the index, so either the tray has not left or the next one arrived too early."""
 CREEP_RUN_MS: Final = 20
 CREEP_PAUSE_MS: Final = 30
 """Pause after each creep pulse, ms, in which the belt stops. With a 10 ms scan one pulse moves the belt of the twin by

@@ -108,7 +108,7 @@ def parse_cell(name: str) -> Cell:
     match = re.fullmatch(r"([XY](?=[0-7]+$)|(?![XY])[A-Z]+)(\d+)", name)
     kind = _KINDS.get(match[1], match[1]) if match else ""
     if match is None or kind not in Memory.__slots__:
-        raise ModelError(f"{name!r}: no such device; write it as X10, M8, D512 or TN246")
+        raise ModelError(f"{name!r}: unknown device; use a name such as X10, M8, D512 or TN246")
     cell = Cell(kind, int(match[2], 8 if kind in "XY" else 10))
     if cell.number >= SIZES.get(kind[0], cell.number + 1):
         raise ModelError(f"{name!r}: out of range for an FX2N")

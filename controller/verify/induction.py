@@ -168,7 +168,7 @@ def describe_failure(model: Model, failure: Failure) -> list[str]:
     lines = [f"{failure.goal.name!r} is violated by {failure.moment}:"]
     for title, cells, memory in (
         ("cause, before the scan", failure.causes, failure.start),
-        ("cause, from outside", failure.input_causes, failure.start),
+        ("cause, external inputs", failure.input_causes, failure.start),
         ("other values before the scan", others, failure.before),
         ("after the scan", [c for c in leaves_of(failure.goal.holds) if failure.after[c] != c.default], failure.after),
     ):

@@ -59,7 +59,7 @@ class Exits:
         return ProgressResult(holds=None if answer == z3.unknown else True)
 
     def step(self, bit: Bit) -> ProgressResult:
-        """Return how a step can be left: by one of its transfers, or, if it declares none, by a reset."""
+        """Check that a step can be left: by one of its transfers or, if it declares none, by a reset."""
         cell = cell_of(bit)
         left = [self._before[cell], z3.Not(self._frame.after[cell])]
         undecided = False
@@ -144,6 +144,6 @@ def _counter_example(model: Model, solution: z3.ModelRef, before: SymbolicMemory
     yield f"from: {on(values(solution, before))}"
     for number, frame in enumerate(frames, start=1):
         outside = on(values(solution, {c: frame.start[c] for c in model.inputs}))
-        yield f"scan {number}, from outside: {outside or 'nothing'}"
+        yield f"scan {number}, external inputs: {outside or 'none'}"
         changed = {c: t for c, t in frame.after.items() if c not in model.inputs}
         yield f"after scan {number}: {on(values(solution, changed))}"

@@ -32,8 +32,8 @@ class Result(StrEnum):
     """Result of a goal."""
 
     PROVED = "proved"
-    CONDITIONAL = "rests on what is not proved"
-    BROKEN = "broken"
+    CONDITIONAL = "depends on an unproved goal"
+    BROKEN = "violated"
     UNPROVED = "not proved"
     POSSIBLE = "possible"
     IMPOSSIBLE = "impossible"
@@ -116,7 +116,7 @@ def prove(
 
     Args:
         specification: Specification to prove.
-        clock: Monotonic clock, s. Measures the computing times and limits the search for traces.
+        clock: Monotonic clock, s. It measures the computing times and limits the search for traces.
         only: Names of goals, steps and ways out; goals that they depend on are included. None = all.
         short: Whether to omit traces and progress checks and run the induction only.
         scans: Maximum length of a trace, scans.
@@ -158,7 +158,7 @@ class _Question:
 
 def _questions(model: Model) -> Iterator[_Question]:
     exits = Exits(model)
-    yield _Question(CONSISTENT, "not contradictory", Result.POSSIBLE, Result.IMPOSSIBLE, exits.consistent)
+    yield _Question(CONSISTENT, "consistent", Result.POSSIBLE, Result.IMPOSSIBLE, exits.consistent)
     for bit in exits.steps():
         ask = partial(exits.step, bit)
         yield _Question(f"{bit} {bit.name}".rstrip(), "step can be left", Result.POSSIBLE, Result.IMPOSSIBLE, ask)

@@ -30,7 +30,7 @@ def switch(solver: z3.Solver, fact: z3.BoolRef, name: str = "switch") -> z3.Bool
 
 
 def goal_switches(solver: z3.Solver, model: Model, memory: SymbolicMemory) -> dict[str, z3.BoolRef]:
-    """Return, by goal name, a switch for the fact that the goal holds in this memory."""
+    """Return, by goal name, a switch that asserts the goal in this memory."""
     return {goal.name: switch(solver, condition(goal.holds, memory), goal.name) for goal in model.goals}
 
 

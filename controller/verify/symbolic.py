@@ -176,7 +176,7 @@ class _Run:
     def _move(self, source: Word | int, target: Cell, driven: z3.BoolRef) -> None:
         moved = operand_of(source, self.memory)
         if not isinstance(moved, int) and moved.size() > target.width:
-            raise ModelError(f"MOV {source} to {target}: 32 bits do not fit a register; compare {source} instead")
+            raise ModelError(f"MOV {source} to {target}: 32 bits do not fit into a register; compare {source} instead")
         value = target.constant(moved) if isinstance(moved, int) else moved
         self.memory[target] = z3.If(driven, value, self.memory[target])
 

@@ -15,7 +15,7 @@ from controller.core.expr import Timer, Word
 from controller.verify.cells import STOPPED, Cell, SymbolicMemory, operand_of, widened
 
 LONG: Final = WORD_MAX + 1
-"""Count above every preset; timers that have run for longer behave in the same way."""
+"""Count that exceeds every preset; timers that have run longer behave identically."""
 
 
 class Timing(Protocol):

@@ -206,7 +206,7 @@ class _TracePrinter:
 
 
 def true_part(expr: Expr, memory: Memory) -> Expr:
-    """Return the part of a true condition that makes it true; of parallel contacts, the first one that is on.
+    """Return the part that makes a condition true; for parallel contacts, the first one that is on.
 
     Examples:
         >>> from controller.core.expr import Bit

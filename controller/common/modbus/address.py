@@ -20,11 +20,11 @@ def checked_host(host: str, *, allow_remote: bool, option: str) -> str:
     try:
         address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
     except ValueError as error:
-        raise ValueError(f"host {host!r}: give an IP address or localhost") from error
+        raise ValueError(f"host {host!r}: must be an IP address or localhost") from error
     if not address.is_loopback and not allow_remote:
         raise ValueError(
             f"host {host}: Modbus has no password, so only connections from this computer (127.0.0.1) are permitted; "
-            f"{option} permits others"
+            f"use {option} to permit others"
         )
     return str(address)
 
@@ -38,5 +38,5 @@ def listening_remedy(error: OSError, *, host: str = "--host", port: str = "--por
         port: Command-line option for the port.
     """
     if error.errno == errno.EADDRNOTAVAIL:
-        return f"give an address of this computer as {host}"
+        return f"{host} must be an address of this computer"
     return f"choose another {port}"

@@ -68,7 +68,8 @@ class SerialLine:
         valid_baud = baud.isdecimal() and int(baud) > 0
         if not (path and valid_baud and valid_frame and unit.isdecimal() and 1 <= int(unit) <= 247):
             raise SerialError(
-                f"serial line {text!r}: give DEVICE:BAUD:8N1, 8E1 or 8O1:UNIT, for example /dev/ttyUSB0:19200:8E1:1"
+                f"serial line {text!r}: must be DEVICE:BAUD:FRAME:UNIT with frame 8N1, 8E1 or 8O1, "
+                "for example /dev/ttyUSB0:19200:8E1:1"
             )
         return cls(path, int(baud), frame[1], int(frame[2]), int(unit))
 
@@ -134,9 +135,9 @@ class RtuServer:
             self._gap = self._loop.call_later(GAP_S, self._discard_incomplete)
 
     def _disconnect(self, error: OSError) -> None:
-        """Close a disconnected serial line; its failing descriptor would keep the event loop busy."""
+        """Close a disconnected serial line, because its failing descriptor would keep the event loop busy."""
         _log.warning(
-            "serial line %s is disconnected (%s); restart to serve the panels on it again", self._line.path, error
+            "serial line %s is disconnected (%s); reconnect it and restart the controller", self._line.path, error
         )
         self._buffer.clear()
         self.stop()

@@ -80,7 +80,7 @@ def _offset(cpu: Cpu, index: str) -> Reader:
 
 
 def _finder(cpu: Cpu, number: int, index: str, spans: _Spans) -> Callable[[int], int]:
-    """Return a function that takes a device count and returns the first device; all must lie in one of the spans."""
+    """Return a function that takes a device count and returns the first device; all must be within one span."""
     offset = _offset(cpu, index)
 
     def find(count: int) -> int:

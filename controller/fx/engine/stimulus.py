@@ -123,7 +123,7 @@ def device_of(name: str) -> WatchedDevice:
     kind = CURRENT_VALUES.get(prefix)
     device = parse_operand(kind + name[2:] if kind else name)
     if not isinstance(device, DeviceOperand) or device.index:
-        raise OperandError(f"{shown(name)} is not a single device; write one as X0, D100, T0 or TN0")
+        raise OperandError(f"{shown(name)} is not a single device; write one such as X0, D100, T0 or TN0")
     return WatchedDevice(prefix if kind else device.kind, device.number)
 
 
@@ -209,6 +209,6 @@ class _StimulusFile(StrictModel):
 
 
 def changes_until(stimulus: Stimulus, after_ms: int, until_ms: int) -> Values:
-    """Return the device values set after one time, up to and including another; later changes override earlier ones."""
+    """Return the device values set after `after_ms` and up to `until_ms`; later changes override earlier ones."""
     due = (values.items() for at_ms, values in stimulus.inputs if after_ms < at_ms <= until_ms)
     return dict(chain.from_iterable(due))

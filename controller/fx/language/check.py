@@ -96,7 +96,7 @@ def _exceeded_limits(ladder: Ladder) -> Iterator[Finding]:
     """Yield a finding for each limit of an FX2N that the program exceeds."""
     total = usage(ladder).steps
     if total > MOST_STEPS:
-        text = f"the program has {total} steps; an FX2N takes {MOST_STEPS}, shorten it"
+        text = f"the program has {total} steps, but an FX2N has only {MOST_STEPS}; shorten it"
         yield Finding("error", ladder.instructions[-1].line, text)
     for instruction in ladder.instructions:
         for operand in instruction.operands:
@@ -179,7 +179,7 @@ def _unused_labels(ladder: Ladder) -> Iterator[Finding]:
     named = {i.operands[0] for i in ladder.instructions if i.name.removesuffix("P") in ("CJ", "CALL")}
     for instruction in ladder.instructions:
         if instruction.name == "P" and instruction.operands[0] not in named:
-            yield Finding("warning", instruction.line, f"nothing jumps to {instruction}; delete the label")
+            yield Finding("warning", instruction.line, f"label {instruction} is never used; delete it")
 
 
 def _repeated_steps(ladder: Ladder) -> Iterator[Finding]:

@@ -88,7 +88,7 @@ class _CsvReader:
         if blank:
             self.findings.add(line, BLANK + 1, shown, "there is text in the blank column; delete it")
         if step and not _NUMBER.fullmatch(step):
-            self.findings.add(line, STEP + 1, shown, f"{printable(step)} is not a step number; write a whole number")
+            self.findings.add(line, STEP + 1, shown, f"{printable(step)} is not a step number; write an integer")
         elif name:
             self.step(line, step, shown)
         if name:

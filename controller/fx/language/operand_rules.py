@@ -1,7 +1,7 @@
-"""Operand rules of an FX2N: ranges of devices, numbers and groups, and the rules of single instructions.
+"""Operand rules of an FX2N: ranges of devices, numbers and groups, and rules of individual instructions.
 
 The ranges of devices follow fx2n.md 1.5, whose verification marks apply here too. The following are from memory, not
-verified: limits of numbers, rules of single instructions, no index in basic instructions, Z as the name of a 32-bit
+verified: limits of numbers, rules of individual instructions, no index in basic instructions, Z as the name of a 32-bit
 number in index registers, and C200 to C255 in 32-bit forms only.
 """
 
@@ -194,7 +194,7 @@ def _word_error(device: DeviceOperand, *, wide: bool) -> str | None:
     if device.kind in "XYMS":
         return None
     if _is_32_bit_counter(device):
-        return None if wide else f"{device} holds 32 bits; use the 32-bit form (D...) or one of C0 to C199"
+        return None if wide else f"{device} has 32 bits; use the 32-bit form (D...) or one of C0 to C199"
     if wide and device.kind == "V":
         return f"{device} is the high half of a 32-bit number; write Z{device.number}, which includes both halves"
     if wide and device.kind != "Z":

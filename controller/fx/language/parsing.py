@@ -118,7 +118,7 @@ def parse_operand(text: str) -> Operand:
     for name, pattern in _FX3_OPERANDS.items():
         if pattern.fullmatch(upper):
             raise OperandError(f"{printable(text)} is {name}, which only an FX3 has; use D, K or H")
-    raise OperandError(f"{printable(text)} is not an operand; write a device as X0 or D100Z0, K or H, KnM0, P0 or N0")
+    raise OperandError(f"{printable(text)} is not an operand; write one such as X0, D100Z0, K5, H1F, K4M0, P0 or N0")
 
 
 def _operand(name: str, part: dict[str, str | None]) -> Operand:
@@ -153,7 +153,7 @@ def _index(text: str | None) -> str:
 def _device(part: dict[str, str | None], index: str) -> DeviceOperand:
     kind, digits = part["kind"] or "", part["number"] or "0"
     if kind in "XY" and not set(digits) <= set("01234567"):
-        raise OperandError(f"{kind}{digits} has a digit 8 or 9; {kind} is octal: after {kind}7 comes {kind}10")
+        raise OperandError(f"{kind}{digits} has a digit 8 or 9, but {kind} is octal; {kind}7 is followed by {kind}10")
     number = int(digits, 8 if kind in "XY" else 10)
     require_in_range(kind, number)
     return DeviceOperand(kind, number, index)
@@ -213,7 +213,7 @@ def parse_instruction(
     spelled = mnemonic(name.text)
     form = FORMS.get(spelled)
     if form is None or not form.kind.supported:
-        unsupported = f"this engine does not execute {spelled} of the FX2N; replace it"
+        unsupported = f"this engine does not support {spelled}; replace it"
         message = _unknown_mnemonic(spelled) if form is None else unsupported
         findings.add(name.line, name.column, shown, message)
         return None
@@ -241,7 +241,7 @@ def _label(name: Token, operands: Sequence[Token], findings: TextErrors, note: s
     if operands:
         message, at = "there is text after the label; write the label on a separate line", operands[0]
     elif name.text[0] in "iI":
-        message = "this engine does not execute interrupts of the FX2N; read the input in the scan"
+        message = "this engine does not support interrupts; read the input in the scan"
     else:
         try:
             pointer = parse_operand(name.text.rstrip(":"))
@@ -264,7 +264,7 @@ def _unknown_mnemonic(name: str) -> str:
     if remedy := _REMEDIES.get(name):
         return f"an FX2N has no {name}; write {remedy}"
     near = get_close_matches(name[:16], FORMS, n=1, cutoff=0.5)
-    advice = f"did you mean {near[0]}?" if near else "write one as LD, OUT or MOV"
+    advice = f"did you mean {near[0]}?" if near else "write one such as LD, OUT or MOV"
     return f"{printable(name, 16)} is not an instruction; {advice}"
 
 

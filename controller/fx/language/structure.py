@@ -152,7 +152,7 @@ class _StructureCheck:
         if len(self.blocks) > 1:
             self.report(f"{len(self.blocks)} blocks are open; join them with ANB or ORB before")
         elif not self.blocks and not self.on_step:
-            self.report("it has no contact; put a contact in front of it, LD M8000 for always on")
+            self.report("there is no contact before the output; add one, or LD M8000 for always on")
         self.blocks[:] = [] if self.on_step and not self.blocks else ["bus"]
         self.driven = True
 
@@ -198,7 +198,7 @@ class _StructureCheck:
                 self.next_loop()
             case Instruction("SRET"):
                 if not self.main_end:
-                    self.report("it is in the main program; write FEND before the subroutines")
+                    self.report("not allowed in the main program; write FEND before the subroutines")
             case Instruction("FEND" | "END"):
                 self.close_all()
                 self.main_end = True
@@ -298,7 +298,7 @@ def check_structure(program: Sequence[Placed], findings: TextErrors) -> None:
         checker.process(placed)
         if placed.instruction.name == "END":
             if n + 1 < len(program):
-                checker.report("it is after END and would never run; move it before END", program[n + 1])
+                checker.report("not executed after END; move it before END", program[n + 1])
             break
     else:
         last = program[-1] if program else Placed(Instruction("END", line=1), 1)

@@ -49,12 +49,12 @@ def test_a_set_point_is_changed() -> None:
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("dance", "no command 'dance'; known: reset"),
+        ("dance", "unknown command 'dance'; known: reset"),
         ("reset now", "unknown order 'reset now'; give a command of the table"),
-        ("set", "no command 'set'"),
-        ("set step_sequence", "set step_sequence: give a whole number"),
-        ("set step_sequence=4", "set step_sequence=4: give 1 to 3"),
-        ("set speed=1", "set speed=1: no set-point 'speed'; known: trays_target"),
+        ("set", "unknown command 'set'"),
+        ("set step_sequence", "set step_sequence: must be an integer"),
+        ("set step_sequence=4", "set step_sequence=4: must be 1 to 3"),
+        ("set speed=1", "set speed=1: unknown set-point 'speed'; known: trays_target"),
         ("acknowledge all", "'all' is not a whole number"),
         ("acknowledge 899", "899"),
         ("shelve 900 5", "shelve 900 5: "),

@@ -29,19 +29,19 @@ def refused(tmp_path: Path, *given: str) -> str:
 def test_invalid_options_are_rejected(tmp_path: Path) -> None:
     tags = tmp_path / "tags.csv"
     tags.write_text("name,table,address\na,input,1\n")
-    assert "--allow-remote permits" in refused(tmp_path, "--host", "192.0.2.1")
-    assert "belong together" in refused(tmp_path, "--certificate", "a.pem")
+    assert "use --allow-remote" in refused(tmp_path, "--host", "192.0.2.1")
+    assert "must be used together" in refused(tmp_path, "--certificate", "a.pem")
     assert "PEM files" in refused(tmp_path, "--certificate", str(tags), "--key", str(tags))
-    assert "give both or neither" in refused(tmp_path, "--telemetry", "127.0.0.1:5020")
-    assert "give both or neither" in refused(tmp_path, "--telemetry-tags", str(tags))
+    assert "must be used together" in refused(tmp_path, "--telemetry", "127.0.0.1:5020")
+    assert "must be used together" in refused(tmp_path, "--telemetry-tags", str(tags))
     assert "name a CSV file" in refused(tmp_path, "--telemetry-tags", str(tmp_path / "none.csv"))
     for where in ("5021", "host:", "host:0", "host:65536", "host:x"):
-        assert refused(tmp_path, "--controller", where).startswith(f"--controller {where}: give HOST:PORT")
+        assert refused(tmp_path, "--controller", where).startswith(f"--controller {where}: must be HOST:PORT")
     assert "0 to 65535" in refused(tmp_path, "--port", "65536")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert "choose another --port" in refused(tmp_path, "--port", str(port))
-    assert "an address of this computer as --host" in refused(tmp_path, "--host", "192.0.2.1", "--allow-remote")
+    assert "--host must be an address of this computer" in refused(tmp_path, "--host", "192.0.2.1", "--allow-remote")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -87,12 +87,12 @@ def test_a_violation_is_reported_saved_and_replayed(tmp_path: Path, capsys: pyte
     """If a rule is left out, the violation is printed and its trace saved; with the rule, the replay breaks nothing."""
     assert main(["prove", "--without", RULE, "--goal", GOAL, "--traces", str(tmp_path)]) == 1
     report = capsys.readouterr().out
-    assert f"{GOAL}: broken" in report
+    assert f"{GOAL}: violated" in report
     assert "left.lift_extend on" in report
     [trace] = tmp_path.iterdir()
     assert trace.name == "left-down-away-from-feed.json"
     assert main(["replay", str(trace), "--without", RULE]) == 1
-    assert capsys.readouterr().out.splitlines()[-1] == "the requirement is broken"
+    assert capsys.readouterr().out.splitlines()[-1] == "the requirement is violated"
     assert main(["replay", str(trace)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "the requirement holds"
 
@@ -112,12 +112,12 @@ def scan_of(**fields: object) -> list[dict[str, object]]:
 RETAINED = "power-up with retained values that the invariants allow"
 TRACES: dict[str, tuple[dict[str, object], str]] = {
     "another goal": ({"goal": "no such goal"}, "the program has no goal 'no such goal'"),
-    "another memory": ({"start": RETAINED, "retained": {"D200": 1}}, "give the rules that were left out"),
-    "another edge": ({"forced": {"E999": 1}}, "give the rules that were left out"),
+    "another memory": ({"start": RETAINED, "retained": {"D200": 1}}, "specify the omitted rules"),
+    "another edge": ({"forced": {"E999": 1}}, "specify the omitted rules"),
     "no scan": ({"scans": []}, "not a trace"),
     "no time": ({"scans": scan_of(at_ms="now")}, "not a trace"),
     "no number": ({"scans": scan_of(written={"M400": "on"})}, "not a trace"),
-    "no terminal": ({"scans": scan_of(inputs=["X8"])}, "'X8': no such device"),
+    "no terminal": ({"scans": scan_of(inputs=["X8"])}, "'X8': unknown device"),
     "no device": ({"scans": scan_of(written={"M9999": 1})}, "'M9999': out of range for an FX2N"),
 }
 
@@ -139,10 +139,13 @@ def test_a_trace_that_cannot_be_replayed_is_reported_in_one_line(
     ("arguments", "expected"),
     [
         (["prove", "--short", "--goal", "left: no such goal"], "unknown goal 'left: no such goal'"),
-        (["prove", "--without", "left: no such rule"], "no interlock rule 'left: no such rule'; known: left: not with"),
-        (["prove", "--traces", "pyproject.toml/traces"], "--traces pyproject.toml/traces: Not a directory; name a"),
-        (["replay", "no_such_trace.json"], "no_such_trace.json'; name a trace that 'prove --traces' has written"),
-        (["replay", "tests"], "name a trace that 'prove --traces' has written"),
+        (
+            ["prove", "--without", "left: no such rule"],
+            "unknown interlock rule 'left: no such rule'; known: left: not with",
+        ),
+        (["prove", "--traces", "pyproject.toml/traces"], "--traces pyproject.toml/traces: Not a directory; choose"),
+        (["replay", "no_such_trace.json"], "no_such_trace.json'; specify a trace written by 'prove --traces'"),
+        (["replay", "tests"], "specify a trace written by 'prove --traces'"),
     ],
 )
 def test_invalid_input_is_reported_in_one_line_with_exit_code_2(

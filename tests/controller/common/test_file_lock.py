@@ -20,7 +20,7 @@ def test_the_folder_of_the_file_is_created(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_missing_folder_above_is_rejected(tmp_path: Path) -> None:
     """Otherwise a mistyped path would start the controller with empty memory."""
-    with pytest.raises(FileLockError, match=f"there is no folder {tmp_path}/typo; make it, or name another file"):
+    with pytest.raises(FileLockError, match=f"folder {tmp_path}/typo does not exist; create it or choose another file"):
         lock_file(tmp_path / "typo" / "var" / "retentive.json")
     assert list(tmp_path.iterdir()) == []
 
@@ -28,7 +28,7 @@ def test_a_missing_folder_above_is_rejected(tmp_path: Path) -> None:
 def test_a_locked_file_cannot_be_locked_again(tmp_path: Path) -> None:
     path = tmp_path / "retentive.json"
     lock = lock_file(path)
-    with pytest.raises(FileLockError, match="another controller is using it"):
+    with pytest.raises(FileLockError, match="in use by another controller"):
         lock_file(path)
     lock.release()
     lock_file(path).release()
@@ -44,8 +44,8 @@ def test_a_lock_is_released_by_another_thread(tmp_path: Path) -> None:
 
 
 def test_a_path_that_cannot_be_locked_is_rejected(tmp_path: Path) -> None:
-    with pytest.raises(FileLockError, match="is a folder; name a file"):
+    with pytest.raises(FileLockError, match="is a folder, not a file"):
         lock_file(tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(FileLockError, match="name a file that can be written"):
+    with pytest.raises(FileLockError, match="choose a writable file"):
         lock_file(tmp_path / "file" / "retentive.json")

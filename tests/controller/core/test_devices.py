@@ -116,7 +116,7 @@ def test_counters_are_32_bit_from_c200() -> None:
 
 
 def test_a_data_register_is_not_a_contact_and_a_relay_is_not_a_word() -> None:
-    with pytest.raises(TypeError, match="D7: a data register is a word; compare it"):
+    with pytest.raises(TypeError, match="D7: a data register is a word; use a comparison"):
         Bit("D", 7)
     with pytest.raises(TypeError, match="M7: only D, T and C are words"):
         Word("M", 7)

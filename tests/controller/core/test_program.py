@@ -50,8 +50,8 @@ def program(*inner: Rung | Sequence, outputs: tuple[Rung, ...] = (OUT,)) -> Prog
     [
         (lambda: Sequence("arm", 20, [wait("a", "b"), wait("b", "c")]), "arm: step 'b' goes to 'c', which does not"),
         (lambda: Sequence("arm", 20, [wait("a"), wait("b"), wait("a")]), "arm: two steps have the same title"),
-        (lambda: Step("lift", [], hold=[m(0)]), "step 'lift' moves something but has neither a time limit nor"),
-        (lambda: Step("lift", [], hold=[m(0)], waits_for="the sensor"), "step 'lift' moves something but has neither"),
+        (lambda: Step("lift", [], hold=[m(0)]), "step 'lift' causes motion but has neither a time limit nor"),
+        (lambda: Step("lift", [], hold=[m(0)], waits_for="the sensor"), "step 'lift' causes motion but has neither"),
         (lambda: Step("rest", []), "step 'rest' holds no request and does not state what it waits"),
         (lambda: Dwell(Timer(246), 100), "dwell T246: a retentive timer"),
         (lambda: Dwell(Timer(250), d(512)), "dwell T250: a retentive timer"),
@@ -80,7 +80,7 @@ def test_steps_beyond_the_last_state_are_rejected() -> None:
 
 
 def test_step_times_are_checked_when_the_program_is_constructed() -> None:
-    with pytest.raises(RungError, match="T0: 50 ms is not a multiple of 100 ms"):
+    with pytest.raises(RungError, match="T0: 50 ms is out of range or not a multiple of 100 ms"):
         program(Sequence("arm", 20, [Step("a", [], dwell=Dwell(Timer(0), 50))]))
     with pytest.raises(RungError, match="S900: T200 300 ms"):
         Sequence("arm", 20, [Step("a", [], hold=[m(0)], watch=Timeout(300, s(900), Timer(200)))]).limits()

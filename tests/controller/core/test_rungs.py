@@ -100,7 +100,7 @@ def test_the_preset_register_is_read_in_every_scan() -> None:
 
 @pytest.mark.parametrize("delay_ms", [0, -100, 150, 100 * 32768])
 def test_a_delay_must_be_a_multiple_of_the_base_within_the_word_range(delay_ms: int) -> None:
-    with pytest.raises(RungError, match=f"OUT T0: {delay_ms} ms is not a multiple of 100 ms in range"):
+    with pytest.raises(RungError, match=f"OUT T0: {delay_ms} ms is out of range or not a multiple of 100 ms"):
         OnDelay(Timer(0), delay_ms)
     assert OnDelay(Timer(0), 100 * 32767).counts == 32767
 

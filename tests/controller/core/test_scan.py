@@ -229,7 +229,7 @@ def test_a_pulse_shorter_than_the_filter_time_is_suppressed(
 
 @pytest.mark.parametrize("filter_ms", [-1, 61, 1000])
 def test_a_filter_time_out_of_range_is_rejected(filter_ms: int) -> None:
-    with pytest.raises(ValueError, match=f"input filter {filter_ms} ms: out of range; an FX2N filters 0 to 60 ms"):
+    with pytest.raises(ValueError, match=f"input filter {filter_ms} ms: must be 0 to 60 ms, the range of an FX2N"):
         Plc(program_of(), input_filter_ms=filter_ms)
 
 

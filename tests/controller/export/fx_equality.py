@@ -241,7 +241,7 @@ class Mirror(Plc):
 
 
 FIRST_VALUES_WRITTEN = next(
-    int(name[1:]) for name, text in EXPORTED.comments.items() if text.startswith("first values")
+    int(name[1:]) for name, text in EXPORTED.comments.items() if text.startswith("initial values")
 )
 
 

@@ -384,7 +384,7 @@ def test_a_missing_history_is_empty_until_the_file_exists(tmp_path: Path) -> Non
     path = tmp_path / "later" / "a b?#.sqlite"
     reader = HistoryReader(path)
     assert (reader.present, reader.events()) == (False, [])
-    assert reader.problem == f"{path}: no such file; name the history of a controller"
+    assert reader.problem == f"{path}: no such file; specify a history written by a controller"
     assert reader.alarms() == reader.cycles() == reader.audit() == []
     assert reader.last_cycle("left") is None
     with history(path) as writer:

@@ -104,7 +104,7 @@ def test_a_reader_with_an_open_transaction_does_not_make_the_file_grow(tmp_path:
     with open_history(path) as reader:
         reader.execute("BEGIN")
         reader.execute("SELECT count(*) FROM audit").fetchone()
-        with pytest.raises(WalBusyError, match="end the program that reads"):  # noqa: PT012 - some append must raise
+        with pytest.raises(WalBusyError, match="close the program that reads"):  # noqa: PT012 - some append must raise
             for n in range(300):
                 file.append([audit_row(10_000 + n, "x" * 2_000)] * 20)
                 assert size_bytes(path) <= limit_bytes
@@ -146,7 +146,7 @@ def test_a_damaged_file_is_renamed_and_logged_in_one_line(
         assert (tmp_path / f"history.sqlite.damaged-{number}").read_bytes() == damaged
         assert [row["number"] for row in table(path, "events")] == [number]
         assert len(caplog.messages) == number
-        assert f"moved to {path}.damaged-{number}" in caplog.messages[-1]
+        assert f"renamed to {path}.damaged-{number}" in caplog.messages[-1]
         assert "\n" not in caplog.messages[-1]
 
 
@@ -173,10 +173,10 @@ def a_file_above(path: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "expected"),
     [
-        (foreign, "is not a history; name a file written by a controller"),
-        (newer, "schema 2 is newer than schema 1 of this program; use the program that wrote the file"),
-        (a_folder, "is a folder; name a file"),
-        (a_file_above, "name a file that can be written"),
+        (foreign, "is not a history; specify a file written by a controller"),
+        (newer, "schema 2 is newer than schema 1 of this program; use the program version that wrote the file"),
+        (a_folder, "is a folder, not a file"),
+        (a_file_above, "choose a writable file"),
     ],
 )
 def test_an_unusable_file_is_rejected_in_one_line_and_not_changed(
@@ -196,7 +196,7 @@ def test_an_unusable_file_is_rejected_in_one_line_and_not_changed(
 
 
 def test_a_limit_below_the_minimum_is_rejected(tmp_path: Path) -> None:
-    with pytest.raises(HistoryError, match="give at least 4000000"), history(tmp_path / "h", limit_bytes=3_999_999):
+    with pytest.raises(HistoryError, match="must be at least 4000000"), history(tmp_path / "h", limit_bytes=3_999_999):
         pass
 
 
@@ -204,7 +204,7 @@ def test_two_controllers_cannot_share_a_history(tmp_path: Path) -> None:
     path = tmp_path / "history.sqlite"
     with (
         history(path) as writer,
-        pytest.raises(HistoryError, match="another controller is using it"),
+        pytest.raises(HistoryError, match="in use by another controller"),
         history(path),
     ):
         pass

@@ -267,7 +267,7 @@ def test_remote_addresses_require_permission(host: str) -> None:
 
 
 def test_host_name_is_refused_as_address() -> None:
-    with pytest.raises(ServerError, match="give an IP address or localhost"):
+    with pytest.raises(ServerError, match="must be an IP address or localhost"):
         HmiRig(options=HmiOptions("panel.example", 0))
 
 

@@ -171,7 +171,7 @@ def test_set_point_accepts_values_within_its_limits_only(rig: HmiRig, client: Cl
         assert client.ask(struct.pack(">BHH", 6, word.number, value)) == exception(6, ILLEGAL_VALUE)
         rig.twin.scan()
         assert set_point(rig, name) == lowest
-        assert rig.audits[-1][4].startswith("refused: give ")
+        assert rig.audits[-1][4].startswith("refused: must be ")
     assert read_long(client, "R", 14) == 4
 
 

@@ -195,7 +195,7 @@ def test_a_closed_link_raises_and_can_be_reopened(make_rig: RigMaker) -> None:
 
 @pytest.mark.parametrize("length", [0, IO_MAP.output_count - 1, IO_MAP.output_count + 1])
 def test_an_image_of_the_wrong_length_is_an_error_of_the_caller(rig: Rig, length: int) -> None:
-    with pytest.raises(ValueError, match=f"{length} levels, the map 18"):
+    with pytest.raises(ValueError, match=f"{length} levels"):
         rig.link.write_outputs([True] * length)
     assert rig.on_plant(lambda: rig.module.outputs) == ALL_OFF
     rig.link.read_inputs()

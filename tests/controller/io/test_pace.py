@@ -137,7 +137,7 @@ def test_valid_paces(percent: int) -> None:
 
 @pytest.mark.parametrize("percent", [-1, FASTEST + 1, FLAT_OUT - 1, FLAT_OUT + 1])
 def test_invalid_paces(percent: int) -> None:
-    with pytest.raises(PaceError, match=f"pace {percent} %: give 0"):
+    with pytest.raises(PaceError, match=f"pace {percent} %: must be 0"):
         Pace(percent)
     pace = Pace(100)
     with pytest.raises(PaceError):

@@ -213,7 +213,7 @@ def test_valid_serial_settings(text: str, line: SerialLine) -> None:
     ],
 )
 def test_invalid_serial_settings(text: str) -> None:
-    with pytest.raises(SerialError, match="give DEVICE:BAUD:8N1"):
+    with pytest.raises(SerialError, match="must be DEVICE:BAUD:FRAME:UNIT"):
         SerialLine.parsed(text)
 
 

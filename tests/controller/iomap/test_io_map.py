@@ -387,8 +387,8 @@ def test_the_fault_with_the_lowest_line_number_is_reported(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "1: file: is empty; write its sections"),
-        ("# only words\n", "1: file: is empty; write its sections"),
+        ("", "1: file: is empty; write the required sections"),
+        ("# only words\n", "1: file: is empty; write the required sections"),
         ("\n\nstart\n", "3: file: does not begin with a section; write its name and a colon"),
         ("- inputs\n", "1: file: does not begin with a section; write its name and a colon"),
         ("inputs: []\nlamps: []\n", "2: file: unknown section 'lamps'; use one of inputs, outputs, optional"),
@@ -428,7 +428,7 @@ def test_a_missing_file_and_a_folder_are_rejected(tmp_path: Path) -> None:
     for path, reason in [(tmp_path / "none.yaml", "No such file or directory"), (tmp_path, "Is a directory")]:
         with pytest.raises(IoMapError) as caught:
             load_io_map(path)
-        assert str(caught.value) == f"{path}: cannot be read ({reason}); name a YAML file"
+        assert str(caught.value) == f"{path}: cannot be read ({reason}); specify a YAML file"
 
 
 # --- Random damage ------------------------------------------------------------------------------

@@ -193,7 +193,7 @@ def test_a_command_bit_is_on_for_one_scan() -> None:
 
 
 def test_an_unknown_command_is_reported_with_the_known_ones() -> None:
-    with pytest.raises(KeyError, match="no command 'jump'; known: reset, start, stop"):
+    with pytest.raises(KeyError, match="unknown command 'jump'; known: reset, start, stop"):
         MACHINE.tags.commands["jump"]
 
 

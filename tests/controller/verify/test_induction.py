@@ -73,7 +73,7 @@ def test_unreachable_violation_is_not_reported_as_broken() -> None:
     bare = row_of(specification_of(*items, never=m(0)))
     assert (bare.result, bare.trace is not None and bare.trace.start) == (Result.UNPROVED, Start.STATE)
     helped = specification_of(*items, never=m(0), invariants={"one": ~m(1), "two": ~m(2)})
-    assert [row.result for row in report_of(helped).rows if row.kind != "not contradictory"] == [Result.PROVED] * 3
+    assert [row.result for row in report_of(helped).rows if row.kind != "consistent"] == [Result.PROVED] * 3
 
 
 # ---- invariants -----------------------------------------------------------------------------------------------
@@ -246,7 +246,7 @@ def test_description_of_a_failure_separates_causes_from_other_values() -> None:
     assert describe_failure(model, failure) == [
         "'the goal' is violated by a running scan:",
         "  cause, before the scan: E0 edge memory of M5 off, M1 on, M2 on",
-        "  cause, from outside: X3 on",
+        "  cause, external inputs: X3 on",
         "  other values before the scan: M3 on",
         "  after the scan: Y0 on",
     ]

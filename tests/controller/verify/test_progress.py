@@ -108,7 +108,7 @@ def test_failing_way_out_is_described_scan_by_scan() -> None:
     """If another input can block a way out, the counter-example names this input."""
     items = (Set(STUCK, when=x(0)), Rst(STUCK, when=x(1) & ~x(2)))
     row = row_of(latch(*items, out=way({x(1): True})), "clear it")
-    assert row.lines == ("from: M1 on", "scan 1, from outside: X1 on, X2 on", "after scan 1: M1 on, M8000 on")
+    assert row.lines == ("from: M1 on", "scan 1, external inputs: X1 on, X2 on", "after scan 1: M1 on, M8000 on")
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,7 @@ def test_report_is_a_table_followed_by_details() -> None:
         "S20 chain: 0",
         "S21 chain: 1",
     ]
-    assert [text.splitlines()[0] for text in details] == [f"{GOAL}: broken", "S21 chain: 1: impossible"]
+    assert [text.splitlines()[0] for text in details] == [f"{GOAL}: violated", "S21 chain: 1: impossible"]
     assert "reason: it would hurt" in details[0]
 
 

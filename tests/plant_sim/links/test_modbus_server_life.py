@@ -297,7 +297,7 @@ def test_a_remote_address_requires_permission(host: str) -> None:
 
 
 def test_a_host_must_be_an_address() -> None:
-    with pytest.raises(ValueError, match="give an IP address or localhost"):
+    with pytest.raises(ValueError, match="must be an IP address or localhost"):
         PlantServer(make_module(), host="plant.example")
 
 

@@ -85,22 +85,28 @@ def test_help_names_the_options(program: str) -> None:
         (("plant_sim", "serve", "--machine", "no.yaml"), "no.yaml"),
         (("plant_sim", "trial", "--trays", "0"), "--trays 0"),
         (("plant_sim", "serve", "--host", "192.0.2.1"), "192.0.2.1"),
-        (("plant_sim", "serve", "--host", "192.0.2.1", "--allow-remote"), "give an address of this computer as --host"),
+        (("plant_sim", "serve", "--host", "192.0.2.1", "--allow-remote"), "--host must be an address of this computer"),
         (("plant_sim", "serve", "--watchdog-ms", "0"), "watchdog_ms"),
         (("plant_sim", "run", "--fast", "--keep"), "--keep"),
         (("controller", "--set", "tray_target=2"), "trays_target"),
-        (("controller", "--set", "trays_target=two"), "whole number"),
+        (("controller", "--set", "trays_target=two"), "must be an integer"),
         (("controller", "--set", "clamp=0"), "10 to 200"),
         (("controller", "--retain", "."), "is a folder"),
         (("controller", "--retain", "/proc/no/retentive.json"), "/proc/no/retentive.json"),
-        (("controller", "--retain", "no/such/retentive.json"), "there is no folder no; make it, or name another file"),
+        (
+            ("controller", "--retain", "no/such/retentive.json"),
+            "folder no does not exist; create it or choose another file",
+        ),
         (("controller", "--scan-ms", "0"), "--scan-ms"),
-        (("controller", "--hmi-port", "65536"), "--hmi-port 65536: give 0 to 65535"),
-        (("controller", "--unit", "0"), "--unit 0: give 1 to 255"),
-        (("controller", "--unit", "256"), "--unit 256: give 1 to 255"),
+        (("controller", "--hmi-port", "65536"), "--hmi-port 65536: must be 0 to 65535"),
+        (("controller", "--unit", "0"), "--unit 0: must be 1 to 255"),
+        (("controller", "--unit", "256"), "--unit 256: must be 1 to 255"),
         (("controller", "--hmi-host", "192.0.2.1"), "--hmi-allow-remote"),
-        (("controller", "--hmi-host", "panel"), "give an IP address"),
-        (("controller", "--hmi-host", "192.0.2.1", "--hmi-allow-remote"), "address of this computer as --hmi-host"),
+        (("controller", "--hmi-host", "panel"), "must be an IP address"),
+        (
+            ("controller", "--hmi-host", "192.0.2.1", "--hmi-allow-remote"),
+            "--hmi-host must be an address of this computer",
+        ),
         (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
         (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),
         (("controller", "--hmi-port", "0", "--hmi-serial", "/dev/null"), "give another --hmi-serial"),
@@ -110,7 +116,7 @@ def test_help_names_the_options(program: str) -> None:
         (("controller", "panel", "--telemetry", "127.0.0.1:5020"), "--telemetry-tags"),
         (("controller", "--input-filter-ms", "99"), "--input-filter-ms"),
         (("controller", "--panel-limit-ms", "5"), "--panel-limit-ms 5"),
-        (("controller", "--link-limit-ms", "40"), "more than a time-out and a scan, 40 ms"),
+        (("controller", "--link-limit-ms", "40"), "must be more than --timeout-ms plus --scan-ms, 40 ms"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
@@ -250,7 +256,7 @@ def test_commands_are_read_from_standard_input(tmp_path: Path) -> None:
         finally:
             running.kill()
             running.communicate()
-    assert b"no command 'dance'" in errors
+    assert b"unknown command 'dance'" in errors
     assert b"Traceback" not in errors
 
 

@@ -1,6 +1,7 @@
 """IST (FNC 60): operating modes of a machine with a step ladder.
 
-The switches and the roles of S0, S1, S2 are from a digest; everything else is from memory (docs/sources/fx2n.md 1.8).
+The switches and the roles of S0, S1, S2 are from a digest of the manuals; everything else is from memory
+(docs/sources/fx2n.md 1.8).
 """
 
 from __future__ import annotations

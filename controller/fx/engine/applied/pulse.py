@@ -1,11 +1,11 @@
 """Pulse outputs: PLSY PWM PLSR (FNC 57-59).
 
 An FX2N generates these pulses in hardware, independent of the scan. Here the number of pulses is computed exactly from
-the scan times, and Y is the level of the train at the scan time: a train faster than half the scan rate cannot be seen
+the scan times, and Y is the level of the train at the scan time: a train faster than half the scan rate is not visible
 in the Y image, but its count is correct. The sum of the pulses of PLSY and PLSR is in D8140, D8141 for Y0 and in D8142,
-D8143 for Y1 (from memory). M8029 comes on with the last pulse and goes off with the drive. When the drive goes off, the
-pulses stop at once, and the next drive starts from the beginning. All details are from memory. The state of a train
-is stored between scans and rebuilt when the CPU goes to RUN.
+D8143 for Y1. M8029 comes on with the last pulse and goes off with the drive. When the drive goes off, the pulses stop
+at once, and the next drive starts from the beginning. All details are from memory. The state of a train is stored
+between scans and rebuilt when the CPU goes to RUN.
 """
 
 from __future__ import annotations

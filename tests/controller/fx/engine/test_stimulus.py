@@ -66,9 +66,17 @@ def test_required_and_optional_keys(tmp_path: Path) -> None:
             "1: scan_ms: cannot be true; write the scan period in ms, 1 to 60000",
         ),
         ("scans: 3", "scan: 3", "2: scan: unknown key; did you mean scans?"),
-        ("watch: [Y0", "watch: [Y8", "7: watch[1]: Y8 has a digit 8 or 9; Y is octal: after Y7 comes Y10"),
-        ("watch: [Y0", "watch: [K4M0", "7: watch[1]: 'K4M0' is not a single device; write one as X0, D100, T0 or TN0"),
-        ("watch: [Y0", "watch: [D0Z0", "7: watch[1]: 'D0Z0' is not a single device; write one as X0, D100, T0 or TN0"),
+        ("watch: [Y0", "watch: [Y8", "7: watch[1]: Y8 has a digit 8 or 9, but Y is octal; Y7 is followed by Y10"),
+        (
+            "watch: [Y0",
+            "watch: [K4M0",
+            "7: watch[1]: 'K4M0' is not a single device; write one such as X0, D100, T0 or TN0",
+        ),
+        (
+            "watch: [Y0",
+            "watch: [D0Z0",
+            "7: watch[1]: 'D0Z0' is not a single device; write one such as X0, D100, T0 or TN0",
+        ),
         (
             "watch: [Y0, T0, TN0, D0, y000]",
             "watch: Y0",
@@ -124,7 +132,7 @@ def test_all_errors_are_reported_in_file_order(tmp_path: Path) -> None:
     text = "watch: [Q0]\ninitial: {M0: 7}\nscan_ms: x\n"
     assert errors(tmp_path, text) == [
         "s.yaml:1: scans: is missing; write the number of scans to run, 1 to 1000000",
-        "s.yaml:1: watch[1]: Q0 is not an operand; write a device as X0 or D100Z0, K or H, KnM0, P0 or N0",
+        "s.yaml:1: watch[1]: Q0 is not an operand; write one such as X0, D100Z0, K5, H1F, K4M0, P0 or N0",
         "s.yaml:2: initial.M0: 7 is out of range; write a number from 0 to 1",
         "s.yaml:3: scan_ms: cannot be 'x'; write the scan period in ms, 1 to 60000",
     ]

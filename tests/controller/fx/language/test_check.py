@@ -129,7 +129,7 @@ def test_device_after_a_group_does_not_belong_to_it() -> None:
 
 
 def test_unused_labels_and_repeated_steps() -> None:
-    assert only_finding("P5\nLD X0\nOUT Y0\nEND", 1, "nothing jumps to P5", "; ")
+    assert only_finding("P5\nLD X0\nOUT Y0\nEND", 1, "label P5 is never used", "; ")
     twice = "LD M8002\nSET S0\nSTL S0\nOUT Y0\nSTL S0\nOUT Y1\nRET\nEND"
     assert only_finding(twice, 5, "STL S0", "line 3", "; ")
 
@@ -144,7 +144,7 @@ def test_program_exceeding_the_steps_of_an_fx2n() -> None:
     assert "error" not in {finding.severity for finding in check(read_il(full))}
     beyond = check(read_il(full.replace("END", "NOP\nEND")))
     (finding,) = (finding for finding in beyond if finding.severity == "error")
-    assert finding == Finding("error", 8001, "the program has 8001 steps; an FX2N takes 8000, shorten it")
+    assert finding == Finding("error", 8001, "the program has 8001 steps, but an FX2N has only 8000; shorten it")
 
 
 def test_findings_are_in_line_order() -> None:

@@ -282,7 +282,7 @@ BAD: list[tuple[str, int, str]] = [
     ),
     (GOOD + "fixed: {program.no_cups: 20 ms}\n", 11, "fixed.program.no_cups: must be "),
     (GOOD + "fixed: {program.trays_target: 4}\n", 11, "fixed.program.trays_target: is derived from the number of"),
-    ("", 1, "file: is empty; write its sections"),
+    ("", 1, "file: is empty; write the required sections"),
     ("- a\n", 1, "file: does not begin with a section"),
     ("name: [\n", 2, "file: is not YAML"),
 ]
