@@ -50,23 +50,25 @@ def _undetected(note: str, *harm: str, loses: bool = False) -> Expectation:
 
 
 _PASSED_ROW = (
-    "the row has one switch and the slide brakes on it; a slide that misses it or brakes too little overruns the "
-    "standing seedlings before detection is possible. The arm is low, open and converged, and causes no damage"
+    "a row has a single switch, at which the slide brakes; a slide that does not detect the switch or brakes too "
+    "weakly overruns the standing seedlings before detection is possible. The arm is low, its claws are open and "
+    "converged, and it causes no damage"
 )
 _CLAWS = (
     "the claws have no sensor, so neither a failure to close (the row stays in its tray) nor a failure to open (the "
-    "load goes back in) is detected; a reed switch at each end of their cylinder would detect both"
+    "seedlings are carried back to the tray) is detected; a reed switch at each end of their cylinder would detect both"
 )
 _SINKS = (
-    "an arm rises or sinks on its own: on the way, a load is pressed onto the tray before the slide stops, although it "
-    "stops as soon as the switch is lost; over a row, the claws close too high before the switch is lost"
+    "an arm rises or sinks without a command: while the slide moves, the seedlings are pressed onto the tray before "
+    "the slide stops, although it stops as soon as the lift switch turns off; over a row, the claws close too high "
+    "before the switch turns off"
 )
 _CREEPS = (
-    f"{_PASSED_ROW}. A slide at rest has no energised coil to hold it: it creeps over a row, or off it as the claws "
-    "close, or tears clamped stems, before its switch is lost"
+    f"{_PASSED_ROW}. No energised coil holds a slide at rest: before its switch turns off, it creeps over a row, "
+    "creeps away from the row as the claws close, or tears clamped stems"
 )
 _TOLERATED = "the stroke takes longer or shorter but completes in time"
-_ENDS_LATER = "the step takes longer by this time but ends before its timeout"
+_ENDS_LATER = "the step takes longer by this delay but ends before its timeout"
 """Note on a late switch. A belt switch that releases late also makes the return appear too short, which is detected."""
 _TRAY_TOO_FAR = (
     "the tray stops in a wrong position while its only sensor reports it in place; a second sensor at the other "
@@ -74,10 +76,10 @@ _TRAY_TOO_FAR = (
 )
 
 _TRAY_PASSES = (
-    "a sensor that fails while the tray moves lets the tray pass through the machine unseen, and it is reported "
-    "missing; its seedlings are undamaged and can be fed again. A second sensor would detect it. If the sensor is "
-    "repaired with a tray under it, the machine stops once more with a question, because that tray "
-    "was not met in creep speed"
+    "if the sensor fails while the tray moves, the tray passes through the machine undetected and is reported missing; "
+    "its seedlings are undamaged and can be fed again. A second sensor would detect the tray. If the sensor is "
+    "repaired with a tray under it, the machine stops once more and asks about the tray, because that tray "
+    "was not detected at creep speed"
 )
 
 _ROW = _detected("approach row", "return to row", "overrun", "close claws", "slide switches")
@@ -135,9 +137,9 @@ _SWITCH_ON = {
         _ROW_SWITCHES,
         _damaging(
             _detected("slide switches", "overrun"),
-            "a switch that sticks as the slide approaches is accepted, because no other switch contradicts it and it "
-            "is not too early: the arm stops short of the row, picks nothing, and collides with the row on its way "
-            "to the next",
+            "a switch that sticks as the slide approaches is accepted, because no other switch contradicts it and its "
+            "signal is not too early: the arm stops short of the row, picks nothing, and collides with the row on its "
+            "way to the next",
             "arm_through_tray",
             loses=True,
         ),
@@ -159,13 +161,13 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     },
     "broken_wire": {
         **_SWITCH_OFF,
-        "start": _undetected("the button has no effect at its next press; nothing moves"),
+        "start": _undetected("the next press of the button has no effect; nothing moves"),
         "stop": _detected("stop_stuck"),
         "emergency_stop": _detected("emergency_stop"),
     },
     "missed_pulses": {
         "*": _damaging(
-            _detected("cup counts"), "a throw is one cup late: one cup in the row stays empty, and no seedling is lost"
+            _detected("cup counts"), "a throw is one cup late: one cup of the row stays empty, and no seedling is lost"
         ),
     },
     "doubled_pulses": {
@@ -193,7 +195,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "leaking_check_valve": {
         **dict.fromkeys(("slide.plus", "slide.minus"), _CREEPING),
         **dict.fromkeys(("lift.plus", "lift.minus"), _SINKING),
-        "claw_reservoir": _undetected("the reservoir is needed only when the receiver is empty, and it is not"),
+        "claw_reservoir": _undetected("the reservoir is needed only if the receiver is empty, which does not occur"),
     },
     "low_supply": {
         "supply": _damaging(
@@ -202,8 +204,8 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     },
     "low_claw_supply": {
         "supply": _undetected(
-            "the force of the claws is not measured: plugs stay in their cells; a pressure switch behind "
-            "the claw regulator would detect it",
+            "the force of the claws is not measured, and plugs stay in their cells; a pressure switch behind "
+            "the claw regulator would detect the low pressure",
             *_CLAW_HARM,
             loses=True,
         ),

@@ -123,9 +123,9 @@ def _arm_points(side: str, first: int) -> tuple[TelemetryPoint, ...]:
 
     return (
         point(0, "slide_mm", "slide, from feed inward", lambda arm: 1_000 * arm.slide.x_m),
-        point(1, "lift_mm", "lift cylinder, extension (arm down)", lambda arm: 1_000 * arm.lift.y_m),
+        point(1, "lift_mm", "lift cylinder extension (arm down)", lambda arm: 1_000 * arm.lift.y_m),
         point(2, "spreader_mm", "spreader belt, from converged", lambda arm: 1_000 * arm.spreader.travel_m),
-        point(3, "claw_deg", "claw fingers, open is positive", lambda arm: arm.claws.angle_deg),
+        point(3, "claw_deg", "finger angle, positive when open", lambda arm: arm.claws.angle_deg),
     )
 
 
@@ -136,7 +136,7 @@ def _success_pct(module: IoModule) -> float | None:
 
 
 def _clamp_point(side: str, offset: int) -> TelemetryPoint:
-    meaning = f"force of a {side} finger, clamping is positive"
+    meaning = f"force of a {side} finger, positive when clamping"
     return TelemetryPoint(
         f"{side}.clamp_n", offset, 1, 0.1, meaning, lambda module: module.plant.arms[side].claws.clamp_n, signed=True
     )
@@ -149,13 +149,13 @@ TELEMETRY = (
         2,
         1,
         1,
-        "tray that stands right for picking",
+        "number of the tray at the pick position",
         lambda m: m.plant.conveyor.placed_tray,
         may_be_none=True,
     ),
     TelemetryPoint("in_tray", 3, 1, 1, "seedlings in trays", lambda m: m.plant.counts().in_tray),
     TelemetryPoint("in_claw", 4, 1, 1, "seedlings in claws", lambda m: m.plant.counts().in_claw),
-    TelemetryPoint("in_cups", 5, 1, 1, "seedlings thrown into cups", lambda m: m.plant.counts().in_cups),
+    TelemetryPoint("in_cups", 5, 1, 1, "seedlings in cups", lambda m: m.plant.counts().in_cups),
     TelemetryPoint("P", 6, 1, 1, "seedlings lost while picking", lambda m: m.plant.counts().P),
     TelemetryPoint("D", 7, 1, 1, "seedlings lost while carrying", lambda m: m.plant.counts().D),
     TelemetryPoint("T", 8, 1, 1, "seedlings fallen outside the cups", lambda m: m.plant.counts().T),
@@ -167,12 +167,21 @@ TELEMETRY = (
     *_arm_points("left", 12),
     *_arm_points("right", 16),
     TelemetryPoint(
-        "planting_frequency_per_min", 20, 1, 0.1, "cups a minute and row", lambda m: m.plant.planting_frequency_per_min
+        "planting_frequency_per_min",
+        20,
+        1,
+        0.1,
+        "cups per minute and row",
+        lambda m: m.plant.planting_frequency_per_min,
     ),
     TelemetryPoint("watchdog_state", 21, 1, 1, "0 unarmed, 1 armed, 2 tripped", lambda m: m.watchdog_state),
-    TelemetryPoint("last_write_ms", 22, 2, 1, "last write of an output", lambda m: m.last_write_ms, may_be_none=True),
-    TelemetryPoint("tripped_at_ms", 24, 2, 1, "last watchdog trip", lambda m: m.tripped_at_ms, may_be_none=True),
-    TelemetryPoint("y_image", 26, 2, 1, "raw levels, bit n is Y n (octal value), to Y37", _y_bits),
+    TelemetryPoint(
+        "last_write_ms", 22, 2, 1, "time of the last output write", lambda m: m.last_write_ms, may_be_none=True
+    ),
+    TelemetryPoint(
+        "tripped_at_ms", 24, 2, 1, "time of the last watchdog trip", lambda m: m.tripped_at_ms, may_be_none=True
+    ),
+    TelemetryPoint("y_image", 26, 2, 1, "raw levels; bit n is Y n (octal value), up to Y37", _y_bits),
     TelemetryPoint("incidents", 28, 2, 1, "incidents so far", lambda m: len(m.plant.events)),
     _clamp_point("left", 30),
     _clamp_point("right", 31),
@@ -192,7 +201,7 @@ TELEMETRY = (
         34,
         1,
         0.01,
-        "seedlings in cups, of those in cups or lost so far (the paper's S at the end of a trial)",
+        "percentage in cups of the seedlings in cups or lost so far (the paper's S at the end of a trial)",
         _success_pct,
         may_be_none=True,
     ),

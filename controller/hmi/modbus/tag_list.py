@@ -186,7 +186,7 @@ def _arm_tags(machine: Transplanter, side: Side) -> Iterator[Tag]:
     )
     yield _status(f"{side}.cycle.waiting_ms", first + 4, 2, "waiting time for cups in the last cycle", unit="ms")
     causes = ", ".join(f"{number} {cause}" for number, cause in enumerate(status.GAP_CAUSES))
-    yield _status(f"{side}.cycle.gap_cause", first + 6, 1, f"cause of the cups missed in it: {causes}")
+    yield _status(f"{side}.cycle.gap_cause", first + 6, 1, f"cause of the cups missed in the last cycle: {causes}")
     yield _status(f"{side}.cycle.seen", first + 7, 1, "cycle counter: changes with each completed cycle")
 
 

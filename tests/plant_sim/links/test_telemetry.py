@@ -145,4 +145,4 @@ def test_the_documentation_table_has_a_row_for_every_value() -> None:
     heading, *rows = telemetry_table()
     assert [len(row) for row in rows] == [len(heading)] * len(TELEMETRY)
     assert rows[0] == ("0", "2", "time_ms", "1", "plant time")
-    assert rows[14] == ("15", "1", "left.claw_deg", "0.1, signed", "left claw fingers, open is positive")
+    assert rows[14] == ("15", "1", "left.claw_deg", "0.1, signed", "left finger angle, positive when open")
