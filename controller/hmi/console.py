@@ -25,7 +25,7 @@ class OrderError(ValueError):
 
 
 class Console:
-    """Line interpreter; every line, including an empty one, counts as a sign of life from the operator."""
+    """Line interpreter; every line, including an empty one, also counts as a heartbeat of the operator."""
 
     def __init__(self, runtime: Runtime, alarms: AlarmList) -> None:
         """Initialize a console for a runtime and its alarm list."""
@@ -63,7 +63,7 @@ class Console:
             case _, []:
                 self._order(word)
             case _:
-                raise OrderError(f"unknown order {' '.join([word, *rest])!r}; give {_either(FORMS)}")
+                raise OrderError(f"unknown order {' '.join([word, *rest])!r}; expected {_either(FORMS)}")
 
     def _order(self, name: str) -> None:
         try:

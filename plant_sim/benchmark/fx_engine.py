@@ -13,17 +13,17 @@ from controller.fx.language.instruction import DeviceOperand, Ladder
 RUNGS: Final = 200
 ROUNDS: Final = 30
 FX2N_NS: Final = 80.0
-"""Execution time of a contact or coil on the FX2N, ns (docs/sources/fx2n.md 1.3, from memory)."""
+"""Execution time of a contact or coil on the FX2N, ns (docs/sources/fx2n.md 1.3, not verified)."""
 
 
 def seal_ins() -> Ladder:
-    """Return 200 rungs of seal-in: LD X, OR M, ANI X, OUT M."""
+    """Return 200 seal-in rungs: LD X, OR M, ANI X, OUT M."""
     rungs = (f"LD X{2 * n % 256:o}\nOR M{n}\nANI X{(2 * n + 1) % 256:o}\nOUT M{n}\n" for n in range(RUNGS))
     return read_il("".join(rungs) + "END\n")
 
 
 def instruction_ns() -> tuple[float, float]:
-    """Return the CPU time of one instruction of the seal-ins, by the engine and by an interpreter, ns.
+    """Return the CPU time of one instruction of the seal-in rungs, for the engine and for an interpreter, ns.
 
     Each is the best of thirty alternating rounds. The program runs from step 0 to END; the fixed overhead of a scan, a
     few microseconds, is excluded from both.

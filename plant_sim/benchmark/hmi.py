@@ -27,7 +27,7 @@ from plant_sim.twin.lock_step import SCAN_MS
 from plant_sim.twin.operator import Operator
 
 STOLEN_LIMIT_S = 0.01
-"""Limit of the processor time taken by the host in a calm second: one tick of its accounting, s."""
+"""Maximum steal time (processor time taken by the host) of a calm second, s: one tick of its accounting."""
 LATE_GOAL_MS: Final = 2.0
 RATIO_GOAL: Final = 2.0
 LEAST_RATIO: Final = 1.0
@@ -56,8 +56,8 @@ class Punctuality:
     """Lateness statistics of a loop with a period of 10 ms.
 
     Attributes:
-        p99_ms: Upper bound of the histogram bucket with the 99th percentile of the lateness of scans, ms.
-        latest_ms: Upper bound of the bucket with the latest scan, ms.
+        p99_ms: Upper bound of the histogram bucket that contains the 99th percentile of the lateness, ms.
+        latest_ms: Upper bound of the bucket that contains the maximum lateness, ms.
         missed: Number of scans that ended after the next one was due.
     """
 
@@ -73,7 +73,7 @@ class Punctuality:
             LiveError: The histogram is empty.
         """
         if not any(counts):
-            raise LiveError("no scan was counted")
+            raise LiveError("no scans were counted")
         return cls(percentile_ms(list(counts), 99), percentile_ms(list(counts), 100), missed)
 
 
@@ -83,35 +83,35 @@ NOTHING = Punctuality(math.nan, math.nan, 0)
 
 @dataclass(frozen=True)
 class HmiFigures:
-    """Figures of the operator interface.
+    """Figures of the operator interface; `p99` is the 99th percentile of a lateness.
 
     Attributes:
-        bare_p99_ms: Lateness of a bare loop of 10 ms waits on the idle computer, ms, as a measure of its noise.
+        bare_p99_ms: Lateness of a loop that only waits 10 ms, on the idle computer, ms, as a measure of its noise.
         bare_latest_ms: Maximum lateness of the bare loop, ms.
         bare_missed: Waits of the bare loop that ended after the next deadline.
-        quiet_p99_ms: Lateness of the scans of a working machine while no client is connected, ms.
+        quiet_p99_ms: Lateness of the scans of a running machine while no client is connected, ms.
         quiet_latest_ms: Maximum lateness of a scan without clients, ms.
         quiet_missed: Scans without clients that ended after the next was due.
         loaded_p99_ms: Lateness of the scans with eight Modbus clients and a panel with two browsers, ms.
         loaded_latest_ms: Maximum lateness of a scan with clients, ms.
         loaded_missed: Scans with clients that ended after the next was due.
-        calm_p99_ms: Lateness of the scans with clients in seconds without processor time taken by the host of a
-            virtual machine, ms; NaN if there is no such second.
-        calm_latest_ms: Maximum lateness of a scan in these seconds, ms.
-        calm_missed: Scans in these seconds that ended after the next was due.
-        calm_s: Number of these seconds.
-        stolen_pct: Processor time taken by the host during the measurement, % of one processor.
-        beside_p99_ms: Lateness of a bare loop at the same time, ms, as a lower limit for the scans.
+        calm_p99_ms: Lateness of the scans with clients in calm seconds, which have no steal time, ms; NaN if there is
+            no calm second.
+        calm_latest_ms: Maximum lateness of a scan in the calm seconds, ms.
+        calm_missed: Scans in the calm seconds that ended after the next was due.
+        calm_s: Number of calm seconds.
+        stolen_pct: Steal time during the measurement, % of one processor.
+        beside_p99_ms: Lateness of a bare loop at the same time, ms, as a lower limit for that of the scans.
         beside_latest_ms: Maximum lateness of that loop, ms.
         beside_missed: Waits of that loop that ended after the next deadline.
         answers_per_s: Answered requests of the eight clients, 1/s.
         views_per_s: Views sent to the two browsers, 1/s.
-        rate_per_s: Readings of 64 registers from the controller over one connection, 1/s.
-        reference_per_s: Readings from the pymodbus server with a plain datastore, 1/s.
-        many_per_s: Readings from the controller over eight connections, 1/s.
-        reference_many_per_s: Readings from the pymodbus server over eight connections, 1/s.
+        rate_per_s: Read requests for 64 registers answered by the controller over one connection, 1/s.
+        reference_per_s: Read requests answered by the pymodbus server with a plain datastore, 1/s.
+        many_per_s: Read requests answered by the controller over eight connections, 1/s.
+        reference_many_per_s: Read requests answered by the pymodbus server over eight connections, 1/s.
         memory_before_mb: Resident memory of the controller before the mutated frames and the connections, MB.
-        memory_after_mb: Resident memory afterwards, after one more successful request, MB.
+        memory_after_mb: Resident memory of the controller after them and one more successful request, MB.
         frames_answered: Number of complete mutated frames, all answered.
     """
 
@@ -237,11 +237,11 @@ def measure_punctuality(
 
 
 def measure_service(*, frames: int = FRAMES, connections: int = CONNECTIONS) -> dict[str, float]:
-    """Measure readings per second compared with the pymodbus server, and robustness against malformed frames.
+    """Measure read requests per second compared with the pymodbus server, and robustness against malformed frames.
 
     Args:
-        frames: Mutated frames.
-        connections: Connections opened and closed.
+        frames: Number of mutated frames.
+        connections: Number of connections that are opened and closed.
 
     Returns:
         Service figures of `HmiFigures`.
@@ -358,7 +358,7 @@ def _waited(waiting: Process) -> Punctuality:
 
 @dataclass(frozen=True, slots=True)
 class _Second:
-    """Lateness of the scans of one second, and the processor time taken by the host in that second, s."""
+    """Lateness of the scans of one second, and the steal time of that second, s."""
 
     late: list[int]
     missed: int
@@ -366,7 +366,7 @@ class _Second:
 
 
 def _seconds(line: socket.socket, for_s: int) -> list[_Second]:
-    """Return the lateness of the scans in each of the next seconds, from the controller's registers."""
+    """Return the lateness of the scans in each of the next `for_s` seconds, from the controller's registers."""
     seconds = []
     before_late, before_missed = _read_figures(line)
     before_stolen_s = _stolen_s()
@@ -386,7 +386,7 @@ def _sum(seconds: Sequence[_Second]) -> Punctuality:
 
 
 def _stolen_s() -> float:
-    """Return the processor time taken by the host since the start of this virtual machine, s."""
+    """Return the steal time since the start of this virtual machine, s."""
     total = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()
     return int(total[8]) / os.sysconf("SC_CLK_TCK")
 

@@ -1,7 +1,7 @@
 """Load on the operator interface during its measurement: ``python -m plant_sim.benchmark.hmi_load``.
 
 Each process has one role: clients, browsers, a client at full speed, a sender of malformed frames, a reference server,
-or a bare loop of waits. It prints its result as one line of JSON.
+or a bare loop that only waits. It prints its result as one line of JSON.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _SOUND: Final = (
 
 
 class SilentServerError(Exception):
-    """Modbus TCP violation, or no response, of the server under measurement."""
+    """Protocol violation or missing response of the server under measurement."""
 
 
 def request(function_code: int, first: int, count: int) -> bytes:
@@ -119,7 +119,7 @@ async def _read_steadily(reader: asyncio.StreamReader, writer: asyncio.StreamWri
 
 
 def browsers(url: str, count: int, seconds: int) -> None:
-    """Receive the views of a panel over several sockets."""
+    """Receive the views of a panel over several WebSockets."""
     _print({"messages": asyncio.run(_receive_together(url, count, seconds))})
 
 
@@ -231,10 +231,10 @@ def _end(connection: socket.socket) -> None:
         connection.shutdown(socket.SHUT_WR)
         while connection.recv(4_096):
             pass
-    except ConnectionError:  # closed before the server had read everything
+    except ConnectionError:  # the server closed the connection without reading all data
         pass
     except TimeoutError as error:
-        raise SilentServerError("the server does not close a shut-down connection") from error
+        raise SilentServerError("the server did not close the connection after shutdown") from error
     finally:
         connection.close()
 
@@ -276,7 +276,7 @@ def _exactly(connection: socket.socket, count: int) -> bytes:
         except OSError as error:
             raise SilentServerError(f"no answer: {error}") from error
         if not part:
-            raise SilentServerError("the server closed instead of answering")
+            raise SilentServerError("the server closed the connection without answering")
         data += part
     return data
 
@@ -287,7 +287,7 @@ def _print(what: dict[str, object]) -> None:
 
 
 def percentile_ms(counts: list[int], percent: float) -> float:
-    """Return the upper bound of the bucket of a percentile, ms; 1 s for the last, unbounded bucket."""
+    """Return the upper bound of the bucket that contains a percentile, ms; 1 s for the last, unbounded bucket."""
     enough = sum(counts) * percent / 100
     bounds = zip((*BOUNDS_US, 1_000_000), accumulate(counts), strict=True)
     return next(bound_us / 1_000 for bound_us, upto in bounds if upto >= enough)

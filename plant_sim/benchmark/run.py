@@ -72,7 +72,7 @@ class Figures(HmiFigures):
         slower = self.interpreted_ns / self.instruction_ns
         return "\n".join(
             [
-                f"scan of the whole program  {self.scan_us:7.1f} us CPU (goal: at most {SCAN_GOAL_US:.0f})",
+                f"scan of the full program   {self.scan_us:7.1f} us CPU (goal: at most {SCAN_GOAL_US:.0f})",
                 f"  slowest tenth of a trial {self.worst_scan_us:7.1f} us CPU",
                 f"plant, 10 ms in 1 ms steps {self.plant_us:7.1f} us CPU, {self.plant_ratio:.0f} x real time "
                 f"(goal: at least {PLANT_GOAL:.0f})",
@@ -90,7 +90,7 @@ class Figures(HmiFigures):
 
 
 def measure(*, seed: int = 1) -> Figures:
-    """Measure a trial, the PLC and the plant separately on its recorded images, and the operator interface.
+    """Measure a trial, the PLC and the plant alone with the recorded images of the trial, and the operator interface.
 
     Args:
         seed: Seed of the trial.
@@ -128,7 +128,7 @@ def measure(*, seed: int = 1) -> Figures:
 
 
 def _warm_start_s() -> float:
-    """Return the time from process start to the first scan, the better of two runs, s."""
+    """Return the time from the start of a process to its first scan, the shorter of two runs, s."""
     command = [sys.executable, "-c", _WARM_START]
     return min(
         float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)  # noqa: S603 - our own code

@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         paths = write_reference(options.out)
     except OSError as error:
-        raise InputError(f"--out {options.out}: {error.strerror}; name a folder that can be written") from error
+        raise InputError(f"--out {options.out}: {error.strerror}; specify a writable folder") from error
     print("\n".join(map(str, paths)))
     return 0
 
@@ -54,7 +54,7 @@ def plant_modbus_table() -> str:
 
 
 def parameter_table() -> str:
-    """Return all parameters of the machine with unit and source."""
+    """Return the tables of the machine parameters with unit and source."""
     sections = yaml.safe_load(DEFAULT_MACHINE.read_text(encoding="utf-8"))
     parts = [f"# Parameters of the machine\n\n{GENERATED}\n"]
     for section, entries in sections.items():
@@ -68,7 +68,7 @@ def parameter_table() -> str:
 
 
 def fault_reference() -> str:
-    """Return all kinds of faults."""
+    """Return the table of fault kinds."""
     return f"# Faults\n\n{GENERATED}\n\n{_table(fault_table())}"
 
 

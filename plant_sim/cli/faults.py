@@ -28,13 +28,13 @@ MOMENTS = 10
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``faults``."""
     add_machine_arguments(parser)
-    parser.add_argument("--all", action="store_true", help="every fault of the machine")
+    parser.add_argument("--all", action="store_true", help="inject every fault of the machine")
     parser.add_argument(
         "--fault",
         action="append",
         default=[],
         metavar="KIND[:TARGET]",
-        help="only this fault; may be repeated",
+        help="inject only this fault; may be repeated",
     )
     parser.add_argument("--moments", type=int, default=MOMENTS, help="random moments per fault")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="parallel processes")
@@ -122,10 +122,10 @@ def _ignore_interrupts() -> None:
 def _check(options: argparse.Namespace) -> None:
     """Raise `FaultError` if an option is invalid."""
     if options.all == bool(options.fault):
-        raise FaultError("faults: give either --all, or --fault KIND[:TARGET] as --fault jammed:left.slide")
+        raise FaultError("faults: specify either --all or --fault KIND[:TARGET], for example --fault jammed:left.slide")
     for name in ("moments", "jobs"):
         if not 1 <= getattr(options, name) <= 1000:
-            raise FaultError(f"--{name} {getattr(options, name)}: give 1 to 1000")
+            raise FaultError(f"--{name} {getattr(options, name)}: must be 1 to 1000")
 
 
 def _create_folder(folder: Path) -> Path:
@@ -133,7 +133,7 @@ def _create_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FaultError(f"--out {folder}: {error.strerror}; name another folder") from error
+        raise FaultError(f"--out {folder}: {error.strerror}; specify another folder") from error
     if not os.access(folder, os.W_OK):
-        raise FaultError(f"--out {folder}: cannot be written to; name another folder")
+        raise FaultError(f"--out {folder}: not writable; specify another folder")
     return folder

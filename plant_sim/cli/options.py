@@ -20,20 +20,20 @@ def add_machine_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--io-map", type=Path, default=DEFAULT_IO_MAP, help="I/O map of the machine")
     parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="parameters of the machine")
     parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers")
-    parser.add_argument("--trays", type=int, default=2, help="full trays of 72 in the magazine")
+    parser.add_argument("--trays", type=int, default=2, help="number of trays in the magazine, 72 seedlings each")
 
 
 def check_machine_arguments(options: argparse.Namespace) -> None:
     """Raise `InputError` if seed or trays are out of range."""
     if not 1 <= options.trays <= MOST_TRAYS:
-        raise InputError(f"--trays {options.trays}: give 1 to {MOST_TRAYS}")
+        raise InputError(f"--trays {options.trays}: must be 1 to {MOST_TRAYS}")
     check_seed(options)
 
 
 def check_seed(options: argparse.Namespace) -> None:
     """Raise `InputError` if the seed is negative."""
     if (options.seed or 0) < 0:
-        raise InputError(f"--seed {options.seed}: give 0 or more")
+        raise InputError(f"--seed {options.seed}: must be 0 or more")
 
 
 def machine_of(options: argparse.Namespace) -> Machine:

@@ -29,11 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``run``."""
     add_machine_arguments(parser)
     add_network_arguments(parser)
-    parser.add_argument("--fast", action="store_true", help="in lock step in simulated time, without Modbus")
+    parser.add_argument("--fast", action="store_true", help="run in lock step in simulated time, without Modbus")
     parser.add_argument(
         "--real-time",
         action="store_true",
-        help="plant and controller follow the wall clock, as a machine does; no pause, no other speed",
+        help="follow the wall clock, like a real machine; the run cannot be paused or sped up",
     )
     parser.add_argument(
         "--pace",
@@ -42,9 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PERCENT",
         help="initial speed of simulated time; a panel can change it (65535 = as fast as possible)",
     )
-    parser.add_argument("--by-hand", action="store_true", help="press no buttons: start and stop at the panel")
-    parser.add_argument("--hmi-port", type=int, default=5021, help="port for operator panels; 0 = a free one")
-    parser.add_argument("--panel-port", type=int, default=8080, help="port of the web panel; 0 = a free one")
+    parser.add_argument(
+        "--by-hand", action="store_true", help="do not press buttons automatically; start and stop at the panel"
+    )
+    parser.add_argument("--hmi-port", type=int, default=5021, help="port for operator panels; 0 = any free port")
+    parser.add_argument("--panel-port", type=int, default=8080, help="port of the web panel; 0 = any free port")
     parser.add_argument("--no-panel", action="store_true", help="do not start the web panel")
     parser.add_argument("--keep", action="store_true", help="continue to serve after the report, until Ctrl-C")
     parser.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
@@ -56,8 +58,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the trial and print the report.
 
     Returns:
-        0 if the trial completed and every seedling is accounted for, else 1 or the exit code of the process that
-        failed.
+        0 if the trial completed and every seedling is accounted for; the exit code of a failed process; else 1.
 
     Raises:
         InputError: An option or a file is invalid.
@@ -66,14 +67,14 @@ def run(options: argparse.Namespace) -> int:
     check_port(options)
     _check_plant(options)
     if options.fast and options.keep:
-        raise InputError("--keep: there is nothing to serve with --fast; leave one of them out")
+        raise InputError("--keep: cannot be combined with --fast, which serves nothing; omit one of them")
     if options.fast:
         return _fast(options)
     if options.port == 0:
-        raise InputError("--port 0: the controller must know the port; name one")
+        raise InputError("--port 0: the controller must know the port; specify one")
     try:
         return _live(options)
-    except BrokenPipeError:  # a ConnectionError too, but caused by the reader of standard output
+    except BrokenPipeError:  # also a ConnectionError, but caused by closed standard output
         raise
     except (LiveError, ConnectionError) as error:
         print(error, file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Command ``scenario``: run a scenario file and check the result."""
+"""Command ``scenario``: run a scenario and check the result."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--machine", type=Path, default=DEFAULT_MACHINE, help="parameters of the machine; the scenario may change them"
     )
-    parser.add_argument("--seed", type=int, default=None, help="seed that replaces the scenario's")
+    parser.add_argument("--seed", type=int, default=None, help="seed to use instead of the scenario's seed")
     add_record_argument(parser)
 
 

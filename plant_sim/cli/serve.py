@@ -32,10 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_machine_arguments(parser)
     add_network_arguments(parser)
     parser.add_argument(
-        "--watchdog-ms", type=int, default=100, help="output watchdog: outputs go safe after this time without a write"
+        "--watchdog-ms", type=int, default=100, help="time without a write after which outputs go to safe levels"
     )
     parser.add_argument(
-        "--lock-step-ms", type=int, default=None, help="plant time per write of the outputs, instead of real time"
+        "--lock-step-ms",
+        type=int,
+        default=None,
+        help="advance plant time by this time at each output write, instead of in real time",
     )
     parser.add_argument(
         "--allow-remote",
@@ -43,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="permit a --host that other computers can reach; Modbus has no password",
     )
     parser.add_argument(
-        "--planting-frequency", type=float, default=None, help="cups per minute and row; 0 = the tractor is at rest"
+        "--planting-frequency", type=float, default=None, help="cups per minute and row; 0 = tractor stationary"
     )
     add_fault_arguments(parser)
     add_record_argument(parser)
@@ -104,5 +107,5 @@ def _check(options: argparse.Namespace) -> None:
     check_port(options)
     if not 0 <= (options.planting_frequency or 0) <= MAX_PLANTING_FREQUENCY_PER_MIN:
         raise InputError(
-            f"--planting-frequency {options.planting_frequency}: give 0 to {MAX_PLANTING_FREQUENCY_PER_MIN:g}"
+            f"--planting-frequency {options.planting_frequency}: must be 0 to {MAX_PLANTING_FREQUENCY_PER_MIN:g}"
         )

@@ -103,10 +103,10 @@ def _check(options: argparse.Namespace, entry: _StudyEntry) -> None:
     name = options.name
     if (options.file is None) == ("file" in entry.options):
         missing = options.file is None
-        remedy = "name the YAML file of the study" if missing else "leave it out, or write own before it"
+        remedy = "specify the YAML file of the study" if missing else "omit it, or use the study own"
         raise StudyError(f"FILE: {'is missing' if missing else f'has no effect with {name}'}; {remedy}")
     if options.data is not None and options.data not in entry.data:
-        there = f"give {' or '.join(entry.data)}" if entry.data else "leave it out"
+        there = f"use {' or '.join(entry.data)}" if entry.data else "omit it"
         raise StudyError(f"--data {options.data}: is not a data set of {name}; {there}")
     for option in (*_RUN, *_PACE):
         if getattr(options, option) is None:
@@ -114,13 +114,13 @@ def _check(options: argparse.Namespace, entry: _StudyEntry) -> None:
         flag = f"--{option.replace('_', '-')}"
         if option not in entry.options:
             why = "" if entry.options else ", which runs no trials"
-            raise StudyError(f"{flag}: has no effect with {name}{why}; leave it out")
+            raise StudyError(f"{flag}: has no effect with {name}{why}; omit it")
         if options.data is not None:
-            raise StudyError(f"{flag}: has no effect with --data, which runs no trials; leave one of them out")
+            raise StudyError(f"{flag}: has no effect with --data, which runs no trials; omit one of them")
     for option, least in _LEAST.items():
         value = getattr(options, option)
         if value is not None and value < least:
-            raise StudyError(f"--{option} {value}: give {least} or more")
+            raise StudyError(f"--{option} {value}: must be {least} or more")
 
 
 def _spacing_m(text: str) -> float:
@@ -139,7 +139,7 @@ def _frequencies_per_min(text: str) -> tuple[int, ...]:
         low, high, step = map(int, ends.groups())
         if low > high or step < 1:
             raise StudyError(
-                f"--frequencies {text}: contains no frequency; write the lower end first and a step from 1"
+                f"--frequencies {text}: contains no frequencies; write the lower limit first and a step of 1 or more"
             )
         frequencies: Sequence[int] = range(low, high + 1, step)
     elif all(each.strip().isdecimal() for each in text.split(",")):
@@ -147,7 +147,7 @@ def _frequencies_per_min(text: str) -> tuple[int, ...]:
     else:
         raise StudyError(f"--frequencies {text}: is neither a range nor a list; write 20..90/10 or 20,30,45")
     if not all(SLOWEST_PER_MIN <= each <= FASTEST_PER_MIN for each in frequencies):
-        raise StudyError(f"--frequencies {text}: give whole numbers from {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}")
+        raise StudyError(f"--frequencies {text}: must be whole numbers from {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}")
     return tuple(frequencies)
 
 
@@ -222,7 +222,7 @@ def _pepper_rsm(options: argparse.Namespace) -> Study:
 
 def _cabbage_rsm(options: argparse.Namespace) -> Study:
     if options.data is None:
-        raise StudyError("--data: cabbage-rsm has two data sets; give printed or reconciled")
+        raise StudyError("--data: cabbage-rsm has two data sets; specify printed or reconciled")
     from plant_sim.study.cabbage.study import cabbage_study  # noqa: PLC0415
 
     with _busy("analysing the paper's table"):

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=None,
         metavar="N",
-        help="number of seedlings, in as many trays as they need; --trays is ignored",
+        help="number of seedlings, in as many trays as required; --trays is ignored",
     )
     parser.add_argument(
         "--repeat", type=int, default=1, metavar="K", help="number of trials, with consecutive seeds from --seed"
@@ -77,11 +77,11 @@ def run(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> None:
     check_machine_arguments(options)
     if options.seedlings is not None and not 1 <= options.seedlings <= MOST_SEEDLINGS:
-        raise InputError(f"--seedlings {options.seedlings}: give 1 to {MOST_SEEDLINGS}")
+        raise InputError(f"--seedlings {options.seedlings}: must be 1 to {MOST_SEEDLINGS}")
     if not 1 <= options.repeat <= MOST_TRIALS:
-        raise InputError(f"--repeat {options.repeat}: give 1 to {MOST_TRIALS}")
+        raise InputError(f"--repeat {options.repeat}: must be 1 to {MOST_TRIALS}")
     if options.repeat > 1 and options.record is not None:
-        raise InputError("--record: holds one trial; leave --repeat out")
+        raise InputError("--record: a recording contains one trial; omit --repeat")
 
 
 def _trials(options: argparse.Namespace) -> list[TrialReport]:
@@ -103,9 +103,9 @@ def _trials(options: argparse.Namespace) -> list[TrialReport]:
 
 def _ladder_trial(options: argparse.Namespace) -> int:
     if options.fault or options.record is not None:
-        raise InputError("--ladder: faults and recordings are not supported; leave --fault and --record out")
+        raise InputError("--ladder: faults and recordings are not supported; omit --fault and --record")
     if options.csv or options.seedlings is not None or options.repeat > 1:
-        raise InputError("--ladder: runs full trays once; leave --csv, --seedlings and --repeat out")
+        raise InputError("--ladder: runs full trays once; omit --csv, --seedlings and --repeat")
     report = run_ladder_trial(
         load_ladder(options.ladder),
         seed=options.seed,

@@ -10,7 +10,7 @@ class SpecError(ValueError):
     """
 
     def __init__(self, key: str, complaint: str) -> None:
-        """Create the error.
+        """Initialise the error.
 
         Args:
             key: Name of the parameter.
@@ -36,7 +36,7 @@ def require_within(spec: object, low: float, high: float, *keys: str) -> None:
     for key in keys:
         value = getattr(spec, key)
         if not low <= value <= high:
-            raise SpecError(key, f"must lie within {low:g} to {high:g}, not {value:g}")
+            raise SpecError(key, f"must be {low:g} to {high:g}, not {value:g}")
 
 
 def require(holds: bool, key: str, complaint: str) -> None:

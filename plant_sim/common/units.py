@@ -118,8 +118,8 @@ def parse_quantity(text: str, unit: str) -> float:
     factor = factors.get(_tight(written))
     if factor is None:
         known = any(_tight(written) in map(_tight, kind) for kind in _SPELLINGS.values())
-        wrong = f"{written} does not fit" if known else f"unknown unit {written}"
-        raise QuantityError(f"{text!r}: {wrong}; write it in {' or '.join(spellings)}")
+        wrong = f"{written} is a unit of another quantity" if known else f"unknown unit {written}"
+        raise QuantityError(f"{text!r}: {wrong}; use {' or '.join(spellings)}")
     ratio = factor / per_unit
     # a division by an integer rounds once; a product with its inexact inverse rounds twice
     return value * ratio if ratio >= 1.0 else value / (per_unit / factor)
@@ -136,7 +136,7 @@ def parse_ms(text: str) -> int:
     """
     value, written = _split(text)
     if value and not written:
-        raise QuantityError(f"{text!r}: a time needs its unit; write {text.strip()} s or {text.strip()} ms")
+        raise QuantityError(f"{text!r}: a time requires a unit; write {text.strip()} s or {text.strip()} ms")
     exact_ms = parse_quantity(text, "ms")
     time_ms = round(exact_ms)
     if abs(exact_ms - time_ms) > 1e-6 or time_ms < 0:
@@ -167,7 +167,9 @@ def parse_bounds(text: str, unit: str) -> Bounds:
     low = read(first)
     high = read(last) if dots else low
     if low > high:
-        raise QuantityError(f"{text!r}: the lower end is above the upper; write the lower end first, a unit at both")
+        raise QuantityError(
+            f"{text!r}: the lower end is above the upper end; write the lower end first, each end with its unit"
+        )
     return Bounds(low, high, text)
 
 

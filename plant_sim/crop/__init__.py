@@ -1,1 +1,1 @@
-"""Seedlings on their way from the tray into a cup."""
+"""Seedlings, from the tray to the cup."""

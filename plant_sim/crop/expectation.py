@@ -1,4 +1,4 @@
-"""Expected failure rates of a seedling population, computed with the laws that apply to each seedling."""
+"""Expected failure rates of a seedling population, computed with the laws for individual seedlings."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

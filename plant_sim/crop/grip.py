@@ -149,10 +149,10 @@ class Grip:
             self._move(stems, Location.CLAMPED)
         elif stems:
             self._move(stems, Location.LOST_PICK)
-            self._report_incident(Incident.STEMS_CUT, f"claws closed wrongly on {len(stems)} stems")
+            self._report_incident(Incident.STEMS_CUT, f"claws closed on {len(stems)} stems outside the grip position")
 
     def record_force(self, force_n: float) -> None:
-        """Record the finger force on the gripped seedlings, also at rest.
+        """Record the finger force on the gripped seedlings, even if the arm is at rest.
 
         Args:
             force_n: Force of a finger, N.
@@ -160,7 +160,7 @@ class Grip:
         self.history.peak_n = max(self.history.peak_n, force_n)
 
     def regrip(self, pose: Pose) -> None:
-        """Grip the seedlings between fingers that had lost their force and have regained it.
+        """Grip the seedlings between closed fingers whose force has been restored.
 
         Args:
             pose: Pose of the arm.
@@ -187,7 +187,7 @@ class Grip:
         cut = [stem for stem in stems if stem not in gripped]
         if cut:
             self._move(cut, Location.LOST_PICK)
-            self._report_incident(Incident.STEMS_CUT, f"claws closed beside {len(cut)} stems of a tray that lies askew")
+            self._report_incident(Incident.STEMS_CUT, f"claws closed beside {len(cut)} stems of a skewed tray")
         return gripped
 
     def _fits(self, pose: Pose, index: int) -> bool:
@@ -200,7 +200,7 @@ class Grip:
         )
 
     def _pull(self, pose: Pose) -> None:
-        """Pull the plugs out of their cells; seedlings that were moved sideways before are torn."""
+        """Pull the plugs out of their cells; seedlings that are moved sideways before extraction are torn."""
         spec = self._spec
         history = self.history
         shift_m = max(abs(pose.x_m - history.x_m), abs(self._bed.trays_m - history.trays_m))
@@ -222,7 +222,7 @@ class Grip:
         spec = self._spec
         lowest_m = self.history.rise_m + spec.extraction_rise_m - spec.put_back_rise_m
         if pose.rise_m < lowest_m and self._is_over_tray(pose):
-            text = f"{len(self.held)} plugs were driven against the tray"
+            text = f"{len(self.held)} plugs hit the tray"
             self._report_incident(Incident.ARM_THROUGH_TRAY, text)
             self._lose_all(Location.LOST_CARRY)
         elif not self.delivered and pose.x_m <= spec.feed_tolerance_m:
@@ -281,7 +281,7 @@ class Grip:
         return mechanics.is_cut(seedling.traits, peak_n) or mechanics.breaks(seedling.traits, peak_n, held_s)
 
     def _put_back(self, released: list[Seedling], now_s: float) -> None:
-        """Leave seedlings in their cells; those cut, broken or loosened by the claws are lost."""
+        """Return seedlings to their cells; those cut, broken or loosened by the claws are lost."""
         held_s = now_s - self.history.since_s
         for seedling in released:
             harmed = self._loosened or self._is_harmed(seedling, held_s)

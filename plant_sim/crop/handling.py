@@ -52,12 +52,12 @@ class HandlingSpec:
         require(
             self.grip_tolerance_m <= self.reach_m < self.cell_pitch_m / 2,
             "reach_m",
-            "must lie between grip_tolerance_m and half of cell_pitch_m",
+            "must be between grip_tolerance_m and half of cell_pitch_m",
         )
         require(
             self.put_back_rise_m < self.extraction_rise_m <= self.stem_clearance_rise_m,
             "extraction_rise_m",
-            "must lie between put_back_rise_m and stem_clearance_rise_m",
+            "must be between put_back_rise_m and stem_clearance_rise_m",
         )
 
     def fall_s(self, rise_m: float) -> float:

@@ -8,7 +8,7 @@ class Incident(enum.StrEnum):
     """Kinds of incident."""
 
     ARMS_COLLIDE = "arms_collide"
-    """Both arms are inward of pick 2, on a machine that does not permit this."""
+    """Both arms are inward of pick 2 on a machine that does not permit this."""
     ARM_THROUGH_TRAY = "arm_through_tray"
     """An arm that is too low, or a seedling in its claws, collides with standing seedlings or a tray."""
     STEMS_CUT = "stems_cut"

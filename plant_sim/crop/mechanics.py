@@ -143,7 +143,7 @@ class Mechanics:
     __slots__ = ("_age", "_foam", "_foam_mm", "_spec", "_yields")
 
     def __init__(self, spec: SeedlingSpec, *, foam_mm: Number, age_d: Number) -> None:
-        """Evaluate the constants of a crop and its pads.
+        """Compute the constants of a crop and its pads.
 
         Args:
             spec: Properties of seedlings and foam.
@@ -254,7 +254,7 @@ class Mechanics:
         return bool(traits.strength < -self.cut_margin(force_n))
 
     def slips(self, traits: Traits, force_n: float) -> bool:
-        """Return True if a stem slips through the fingers, so that its plug stays; arguments as in `slip_margin`."""
+        """Return True if a stem slips through the fingers and its plug stays; arguments as in `slip_margin`."""
         return bool(traits.grasp < -self.slip_margin(force_n))
 
     def breaks(self, traits: Traits, force_n: float, held_s: float) -> bool:

@@ -1,4 +1,4 @@
-"""A row of cups: falling plugs, occupied cups, and cups that move on to the soil."""
+"""Row of cups: falling plugs, occupied cups, and cups that have passed the claws."""
 
 import math
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ class _Fall:
 
 
 class PlantingRow:
-    """Contents of the cups of one row. Cup n is at the chain travel minus n pitches.
+    """Contents of the cups of one row; cup n is at the chain travel minus n pitches.
 
-    A cup past the last claw is no longer tracked; its seedling remains counted as in a cup.
+    A cup past the last claw is no longer tracked; its seedling still counts as in a cup.
 
     Attributes:
         falling: True while a plug is in the air.
-        missed_cups: Cups that left empty between the first and the last filled cup.
+        missed_cups: Cups that passed empty between the first and the last filled cup.
         off_m: Offset of the cups from the claws at the last landing, m.
     """
 
@@ -79,8 +79,8 @@ class PlantingRow:
             seedling: The seedling.
             position_m: Position along the row, m from claw 0.
             lands_s: Time of landing, s.
-            drift_m: Offset of the landing along the row, m.
-            across_m: Offset of the landing across the row, m.
+            drift_m: Offset of the landing position along the row, m.
+            across_m: Offset of the landing position across the row, m.
         """
         self._seedlings.move(seedling, Location.FALLING)
         self._falls.append(_Fall(seedling, position_m, lands_s, drift_m, across_m))
@@ -115,7 +115,7 @@ class PlantingRow:
         location = Location.LOST_THROW
         if math.hypot(way_m - cup * self._pitch_m, fall.across_m) <= self._catch_m:
             if cup in self._contents:
-                text = f"{self._side} cup {cup} got a second plug"
+                text = f"{self._side} cup {cup} received a second plug"
                 self._report(Incident.DOUBLE, text)
             else:
                 self._contents[cup] = fall.seedling

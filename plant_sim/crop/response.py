@@ -93,7 +93,7 @@ class CropSpec:
         """True if the settings are outside the points to which eq. 5 was fitted.
 
         A point is inside if no coded factor exceeds the axial level and its distance from the centre does not exceed
-        that of the factorial corners. This definition is ours; the paper does not define a region.
+        that of the factorial corners. This definition is an assumption; the paper does not define a region.
         """
         coded = coded_factors(self.foam_thickness_mm, self.seedling_age_d, self.claw_pressure_mpa)
         rounding = 1e-9

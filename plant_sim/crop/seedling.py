@@ -31,7 +31,7 @@ class Location(enum.IntEnum):
 
 
 class Seedling:
-    """One seedling; only its `Seedlings` changes its location.
+    """One seedling; its location is changed by `Seedlings.move` only.
 
     Attributes:
         tray: Number of its tray.

@@ -80,7 +80,7 @@ class Sweep:
             if not converged or (not gentle and (came or not was_low)):
                 self._run_into(index, "swept through", damage=True)
             elif not was_low:
-                self._run_into(index, "came down on", damage=False)
+                self._run_into(index, "moved down onto", damage=False)
         self._check_tray_motion(pose, index)
         if gentle:
             self._gentle_x_m = pose.x_m
@@ -113,14 +113,14 @@ class Sweep:
             return
         self._tray_has_moved = True
         stems = [] if index is None else self._bed.standing(self._reach.column(index))
-        self._collide(f"the tray moved while the {self._reach.side} arm was low in it", stems)
+        self._collide(f"the tray moved while the {self._reach.side} arm was lowered into it", stems)
 
     def _run_into(self, index: int, how: str, *, damage: bool) -> None:
         stems = self._bed.standing(self._reach.column(index))
         if stems:
             text = (
-                f"the low {self._reach.side} arm {how} column {index + 1} from its side, "
-                f"{len(stems)} seedlings standing"
+                f"the lowered {self._reach.side} arm {how} column {index + 1} from its side, "
+                f"with {len(stems)} standing seedlings"
             )
             self._collide(text, stems if damage else [])
 

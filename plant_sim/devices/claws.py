@@ -11,7 +11,7 @@ from plant_sim.pneumatics.meter_out import piston_area_m2
 
 @dataclass(frozen=True, slots=True)
 class ClawsSpec:
-    """Parameters of the claws: twelve MHC2 per arm, finger angle positive when open.
+    """Parameters of the claws: twelve MHC2 grippers per arm, finger angle positive when open.
 
     Attributes:
         bore_m: Bore of one gripper, m.
@@ -25,7 +25,7 @@ class ClawsSpec:
         open_deg: Finger angle at the open end, degrees.
         grips_below_deg: Angle up to which a stem is gripped, degrees.
         frees_above_deg: Angle from which a stem is free, degrees.
-        holds_above_n: Minimum force with which closed fingers hold, N; below it seedlings slip out.
+        holds_above_n: Minimum force at which closed fingers hold seedlings, N; at a lower force they slip out.
     """
 
     bore_m: float
@@ -55,12 +55,12 @@ class ClawsSpec:
         require(
             self.closed_deg < self.grips_below_deg,
             "grips_below_deg",
-            "must lie above the closed end, otherwise nothing can be gripped",
+            "must be above the closed end, otherwise nothing can be gripped",
         )
         require(
             self.grips_below_deg < self.frees_above_deg < self.open_deg,
             "frees_above_deg",
-            "must lie between grips_below_deg and the open end",
+            "must be between grips_below_deg and the open end",
         )
 
     @property
@@ -75,7 +75,7 @@ class Claws(Cylinder):
     Attributes:
         grips_below_m: Position up to which a stem is gripped, m.
         frees_above_m: Position from which a stem is free, m.
-        holds_above_pa: Minimum pressure across the pistons with which closed fingers hold, Pa.
+        holds_above_pa: Minimum pressure across the pistons at which closed fingers hold seedlings, Pa.
     """
 
     __slots__ = ("_deg_m", "_port", "_pressure_pa", "_spec", "frees_above_m", "grips_below_m", "holds_above_pa")
@@ -90,7 +90,7 @@ class Claws(Cylinder):
         *,
         pressure_pa: float,
     ) -> None:
-        """Initialise the claws, open.
+        """Initialise the claws in the open position.
 
         Args:
             spec: Parameters of the claws.

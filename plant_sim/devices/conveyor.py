@@ -17,7 +17,7 @@ _CAPACITY = 8
 
 _ABSENT_M = -1e9
 _AT_REST_M_S = 1e-9
-"""Speed treated as standstill.
+"""Speed below which the belt is treated as stationary, m/s.
 
 If motor force and friction were in balance, the belt would only come to rest asymptotically.
 """
@@ -34,8 +34,9 @@ CONVEYOR = np.dtype(
         ("magazine_empty", SENSOR),
     ]
 )
-"""State: travel commanded by the drive, travel of the belt with its pushers, and travel of the trays; `seats_m` is the
-distance of the front edge of each tray before the point that was at the beam at the start, m.
+"""State: travel commanded by the drive, travel of the belt with its pushers, and travel of the trays.
+
+`seats_m` is the distance of the front edge of each tray past the beam, less the travel of the trays, m.
 """
 
 CONVEYOR_PARAMS = np.dtype(
@@ -69,7 +70,7 @@ class ConveyorSpec:
 
     Attributes:
         speed_m_s: Belt speed, m/s.
-        acceleration_m_s2: Ramp of the drive, up and down, m/s2.
+        acceleration_m_s2: Acceleration and deceleration of the drive, m/s2.
         torque_nm: Torque at which the motor loses steps at standstill, N m.
         half_torque_m_s: Belt speed at which this torque has decreased to half, m/s.
         step_deg: Full step of the motor, degrees.
@@ -130,14 +131,14 @@ class ConveyorSpec:
         require_within(self, 0.1, 10.0, "outlet_past_beam_m")
         room = int((self.outlet_past_beam_m + self.magazine_before_beam_m) / (self.tray_length_m + self.gap_m)) + 2
         require(
-            room <= _CAPACITY, "outlet_past_beam_m", f"makes room for {room} trays on the belt; at most {_CAPACITY}"
+            room <= _CAPACITY, "outlet_past_beam_m", f"allows {room} trays on the belt; must allow at most {_CAPACITY}"
         )
         needed_n = self.moved_kg * self.acceleration_m_s2 + self.friction_n
         at_speed_n = self.holds_n / (1 + (self.speed_m_s / self.half_torque_m_s) ** 2)
         require(
             needed_n < at_speed_n,
             "torque_nm",
-            f"gives {at_speed_n:.4g} N at full speed and {needed_n:.4g} N are needed: every start would lose steps",
+            f"gives {at_speed_n:.4g} N at full speed, but {needed_n:.4g} N are required to avoid lost steps",
         )
 
     @property
@@ -258,7 +259,7 @@ class Conveyor(View):
     )
 
     def __init__(self, spec: ConveyorSpec, state: Any, params: Any, *, trays: int) -> None:
-        """Initialise the conveyor at rest with the first tray placed, no tray at the pick position.
+        """Initialise the conveyor at rest with the first tray placed and no tray at the pick position.
 
         Args:
             spec: Parameters of the conveyor.

@@ -13,7 +13,7 @@ from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, record_edge,
 from plant_sim.devices.view import View
 
 _FLAGS = 256
-"""Number of flags with random offsets; the sequence then repeats."""
+"""Number of sensor flags with random offsets, after which the sequence repeats."""
 
 CUPS = np.dtype([("chain_m", "f8"), ("speed_m_s", "f8"), ("pulse", SENSOR)])
 """State: chain travel, chain speed, cup counter."""
@@ -32,7 +32,10 @@ CUPS_PARAMS = np.dtype(
         ("pulse", SENSOR_PARAMS),
     ]
 )
-"""Parameters. `off` is the offset of a flag in pitches; `kind` is `SOUND`, `MISSED` or `DOUBLED`."""
+"""Parameters.
+
+`off` is the offset of a flag in pitches; `kind` is `SOUND`, `MISSED` or `DOUBLED`.
+"""
 
 SOUND, MISSED, DOUBLED = 0, 1, 2
 
@@ -181,7 +184,7 @@ class Cups(View):
 
     @property
     def planting_frequency_per_min(self) -> float:
-        """Cups per minute at the present set-point of the tractor speed, 0 for standstill; may be set at any time."""
+        """Cups per minute at the present set-point of the tractor speed, 0 at standstill; may be set at any time."""
         return self._frequency_per_min
 
     @planting_frequency_per_min.setter
@@ -202,7 +205,7 @@ class Cups(View):
         self.pulse.detect(_flag(self.state, self.params) >= 0.0)
 
     def set_flag_kinds(self, kind: int, share: float) -> None:
-        """Let a fraction of the flags be missed or counted twice, or restore all of them.
+        """Set a fraction of the flags to be missed or counted twice, or restore all flags.
 
         Args:
             kind: `SOUND`, `MISSED` or `DOUBLED`.

@@ -12,7 +12,7 @@ _GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class LiftSpec:
-    """Parameters of a lift: SC 50x150.
+    """Parameters of a lift, a cylinder SC 50x150.
 
     Attributes:
         bore_m: Bore, m.
@@ -97,7 +97,7 @@ class Lift(Cylinder):
         pressure_pa: float,
         bounce_s: float,
     ) -> None:
-        """Initialise the lift at rest, arm down.
+        """Initialise the lift at rest with the arm down.
 
         Args:
             spec: Parameters of the lift.

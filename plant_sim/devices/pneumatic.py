@@ -86,7 +86,7 @@ class CheckValveSpec:
 
 @dataclass(frozen=True, slots=True)
 class PortSpec:
-    """Path from a valve to the cylinder, equal at both ports.
+    """Path from a valve to the cylinder, identical at both ports.
 
     Attributes:
         valve_conductance_m3_s_pa: Sonic conductance of the valve, m3/(s Pa).
@@ -96,7 +96,7 @@ class PortSpec:
         tubes: Number of parallel tubes.
         fitting_conductance_m3_s_pa: Sonic conductance of speed controller (free flow), check valve and port,
             m3/(s Pa).
-        fitting_critical_ratio: Critical pressure ratio of these and of the throttle.
+        fitting_critical_ratio: Critical pressure ratio of these components and of the throttle.
         dead_volume_m3: Chamber volume at the end of the stroke, m3.
     """
 
@@ -141,7 +141,7 @@ class FrictionSpec:
     Attributes:
         coulomb_n: Friction in motion, N.
         static_n: Breakaway friction, N.
-        stribeck_m_s: Speed at which half of the difference has decayed, m/s.
+        stribeck_m_s: Speed at which half of the difference between the two has decayed, m/s.
         viscous_n_s_m: Viscous coefficient, N s/m.
     """
 

@@ -125,7 +125,7 @@ class Sensor:
 
     @property
     def stuck(self) -> bool | None:
-        """Level at which the output is stuck, None while the sensor is sound."""
+        """Level at which the output is stuck; None if it is not stuck."""
         forced = int(self._params["forced"])
         return None if forced < 0 else forced == 1
 

@@ -10,7 +10,7 @@ from plant_sim.pneumatics.meter_out import meter_out_speed_m_s, piston_area_m2
 
 @dataclass(frozen=True, slots=True)
 class SlideSpec:
-    """Parameters of a slide: CY1S, magnetically coupled, equal area on both sides.
+    """Parameters of a slide, a magnetically coupled cylinder CY1S with equal areas on both sides.
 
     Attributes:
         bore_m: Bore, m.
@@ -113,7 +113,7 @@ class Slide(Cylinder):
         pressure_pa: float,
         bounce_s: float,
     ) -> None:
-        """Initialise the slide at rest, at feed.
+        """Initialise the slide at rest in the feed position.
 
         Args:
             spec: Parameters of the slide.

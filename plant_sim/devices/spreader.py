@@ -38,7 +38,7 @@ class SpreaderSpec:
 
     Attributes:
         travel_m: Belt travel of the front claw from converged to spread, m.
-        voltage_v: Supply of the motor, V; with neither direction on, a relay short-circuits the motor to brake it.
+        voltage_v: Supply voltage of the motor, V; if neither direction is on, a relay short-circuits it as a brake.
         resistance_ohm: Armature resistance, ohm.
         emf_v_s_m: Back-EMF at a belt speed of 1 m/s, V s/m; also the motor force per current, N/A.
         motor_kg: Inertia of motor and gear at the belt, kg.
@@ -148,7 +148,7 @@ class Spreader(View):
     __slots__ = ("converged_switch", "spread_switch")
 
     def __init__(self, spec: SpreaderSpec, state: Any, params: Any, *, bounce_s: float) -> None:
-        """Initialise the spreader at rest, converged.
+        """Initialise the spreader at rest in the converged position.
 
         Args:
             spec: Parameters of the spreader.

@@ -42,7 +42,7 @@ class SupplySpec:
         vent_conductance_m3_s_pa: Sonic conductance of the exhaust of the dump valve, m3/(s Pa).
         check_conductance_m3_s_pa: Sonic conductance of the check valve of the claw reservoir, m3/(s Pa).
         check_crack_pa: Cracking pressure of this check valve, Pa.
-        critical_ratio: Critical pressure ratio of all of these.
+        critical_ratio: Critical pressure ratio of all these components.
         pressure_ok_pa: Pressure at which the pressure switch turns on, Pa.
         pressure_ok_gap_pa: Hysteresis of the pressure switch, Pa.
     """
@@ -129,7 +129,7 @@ class Supply:
     __slots__ = ("_params", "_state", "pressure_ok")
 
     def __init__(self, spec: SupplySpec, state: Any, params: Any, gas: Any, *, claw_pressure_pa: float) -> None:
-        """Initialise the supply, charged.
+        """Initialise the supply in the charged state.
 
         Args:
             spec: Parameters of the supply.

@@ -29,7 +29,7 @@ SIZES: dict[str, tuple[float, ...]] = {
     "skewed_tray": (0.008,),  # beyond the tolerance of the claws
     "missing_cells": (7.0,),  # one in ten
 }
-"""Severities of each kind, in its unit; two where one is not enough, a tolerable and an intolerable one."""
+"""Severities of each kind, in its unit: one, or a tolerable and an intolerable one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Subject:
         return f"{self.kind}:{self.part}{'' if self.size is None else f'={self.size:g}'}"
 
     def faults(self, count: int, *, seed: int, from_ms: int, to_ms: int) -> list[Fault]:
-        """Return faults at random times, alternating between the arms, or one fault per target if set before the run.
+        """Return faults at random times that alternate between the arms; for a permanent kind, one fault per target.
 
         Args:
             count: Number of faults.

@@ -39,7 +39,7 @@ class Signal(NamedTuple):
 
     @property
     def is_in_time(self) -> bool:
-        """True if the signal came within the timeout of its step plus two scans."""
+        """True if the signal occurred within the timeout of its step plus two scans."""
         return not self.step or self.in_step_ms <= self.limit_ms + 2 * SCAN_MS
 
 
@@ -53,11 +53,11 @@ class FirstSignal:
     """Observer of the first signal after the start of a fault.
 
     Attributes:
-        signal: First signal; None so far.
+        signal: First signal; None if there has been none.
     """
 
     def __init__(self, twin: Twin, from_ms: int) -> None:
-        """Observe a twin from the time `from_ms` on."""
+        """Initialise an observer of a twin that ignores signals before `from_ms`."""
         self.signal: Signal | None = None
         self._from_ms = from_ms
         self._entered_ms: dict[int, int] = {}

@@ -52,8 +52,8 @@ COLUMNS = (
     "findings",
 )
 LEGEND = (
-    "After the fault: least, median and longest time. In its step: longest time that the timed-out step had been",
-    "active, and its timeout. Lost: seedlings lost or left behind beyond those of the undisturbed trial.",
+    "After the fault: minimum, median and maximum time. In its step: maximum time for which the timed-out step had",
+    "been active, and its timeout. Lost: seedlings lost or left behind in excess of those of the undisturbed trial.",
 )
 
 
@@ -85,7 +85,7 @@ class MatrixRow:
 
     @property
     def is_detected(self) -> bool:
-        """True if any case gave a signal."""
+        """True if a signal occurred in any case."""
         return any(outcome.signal for outcome in self.outcomes)
 
     def cells(self) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ OBSERVATION_MS = 6_000
 SUSPENDED_MS = 10_000
 """Time limit for a Suspended machine to resume, ms."""
 ROUNDS = 3
-"""Recovery attempts of the operator."""
+"""Maximum number of recovery attempts by the operator."""
 
 RESTS = (State.HELD, State.ABORTED, State.STOPPED, State.SUSPENDED)
 """States in which the machine has stopped and waits for an operator."""
@@ -45,7 +45,7 @@ class Outcome:
         away: Arms that had no alarm and were not at feed when the machine was Held.
         rounds: Number of recoveries by the operator.
         counts: Final location of the seedlings.
-        lost: Seedlings lost or left behind beyond those of an undisturbed run.
+        lost: Seedlings lost or left behind in excess of those of an undisturbed run.
         passed: True if a tray passed through the machine undetected, and the operator ended the trial without it.
         reason: Reason for an incomplete trial or for wrong counts of trays or rows; empty if there is none.
     """

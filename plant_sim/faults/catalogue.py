@@ -107,7 +107,7 @@ _KINDS = (
     FaultKind(
         "slow_valve",
         _CYLINDER,
-        "its valve switches later, on and off",
+        "its valve switches on and off later",
         parts.cylinders,
         ("valve.on_delay_s", "valve.off_delay_s"),
         _add_size,
@@ -137,7 +137,7 @@ _KINDS = (
     FaultKind(
         "leaking_check_valve",
         "check valve",
-        "when closed, it passes air out of this end",
+        "it leaks when closed: air leaves this end",
         parts.check_valves,
         ("slip_m3_s_pa",),
         _set_to_size,
@@ -178,7 +178,7 @@ _KINDS = (
     FaultKind(
         "jammed",
         "moving part",
-        "it is locked in place; its drive continues",
+        "it is locked in place; its drive keeps operating",
         parts.moving_parts,
         ("blocked",),
         _true,
@@ -187,7 +187,7 @@ _KINDS = (
     FaultKind(
         "dropping_arm",
         "lift",
-        "both its check valves leak: with both coils off the arm sinks",
+        "both its check valves leak: the arm sinks while both coils are off",
         parts.lifts,
         ("plus.slip_m3_s_pa", "minus.slip_m3_s_pa"),
         _set_to_size,
@@ -228,14 +228,14 @@ _KINDS = (
     FaultKind(
         "skewed_tray",
         "magazine",
-        "trays placed meanwhile are skewed: the corner at the beam leads",
+        "trays placed during the fault are skewed: the corner at the beam leads",
         parts.magazine,
         ("skew_m",),
         _set_to_size,
         "magazine",
         Size("m", -0.05, 0.05, "lead of the corner", "8 mm"),
     ),
-    FaultKind("missing_tray", "magazine", "it places no tray", parts.magazine, ("withheld",), _true, "magazine"),
+    FaultKind("missing_tray", "magazine", "it does not place trays", parts.magazine, ("withheld",), _true, "magazine"),
     FaultKind(
         "missing_cells",
         "tray",

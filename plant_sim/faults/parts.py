@@ -75,7 +75,7 @@ class Tray:
 
 
 def delayable_sensors(machine: FaultableMachine) -> Mapping[str, Sensor]:
-    """Return the sensors with a moving or variable target, by I/O tag."""
+    """Return the sensors whose edges can be delayed, by I/O tag."""
     return {tag: sensor for tag, sensor in machine.sensors.items() if tag != "magazine_empty"}
 
 

@@ -1,4 +1,4 @@
-"""Fault schedule: faults start and end at their exact millisecond."""
+"""Fault schedule: faults start and end at the exact millisecond."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from plant_sim.faults.kind import FaultableMachine, FaultError, read_value, writ
 
 
 class _ActiveFault(NamedTuple):
-    """An active fault with the original values that it changed."""
+    """Active fault with the original values of its part."""
 
     fault: Fault
     part: Any
@@ -19,7 +19,7 @@ class _ActiveFault(NamedTuple):
 class FaultSchedule:
     """Fault schedule of a machine.
 
-    The code that advances plant time must stop at `next_ms` and call `advance` there.
+    The code that advances plant time must stop at `next_ms` and call `advance` at that time.
 
     Attributes:
         next_ms: Time of the next start or end of a fault, ms; None if there is none.
@@ -73,9 +73,9 @@ class FaultSchedule:
         active = [each for each in self._active if each.fault.name == name]
         if not pending and not active:
             known = ", ".join(fault.name for fault in (*self.active, *self._pending)) or "none"
-            raise FaultError(f"{name}: not active or scheduled; there is {known}")
+            raise FaultError(f"{name}: neither active nor scheduled; present faults: {known}")
         if any(FAULTS[each.fault.kind].permanent for each in active):
-            raise FaultError(f"{name}: is fixed before the run and cannot be cleared")
+            raise FaultError(f"{name}: is permanent and cannot be cleared")
         for fault in pending:
             self._pending.remove(fault)
         for each in active:
@@ -101,9 +101,9 @@ class FaultSchedule:
         now_ms = self._machine.time_ms
         FAULTS[fault.kind].part(self._machine, fault.target)
         if fault.end_ms is not None and fault.end_ms <= now_ms:
-            raise FaultError(f"{fault}: has ended at {now_ms} ms; use a later end")
+            raise FaultError(f"{fault}: ends before the present time, {now_ms} ms; specify a later end")
         if FAULTS[fault.kind].permanent and now_ms > 0:
-            raise FaultError(f"{fault}: is fixed before the run; add it at plant time 0")
+            raise FaultError(f"{fault}: must be set before the run; add it at plant time 0")
         for other in (*self.active, *self._pending):
             if fault.overlaps(other):
                 raise FaultError(f"{fault}: changes the same value as {other}; end one before the other starts")

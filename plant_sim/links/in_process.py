@@ -48,7 +48,7 @@ class InProcessLink:
         """
         expected = self._module.io_map.output_count
         if len(image) != expected:
-            raise ValueError(f"Y image has {len(image)} levels, the map {expected}")
+            raise ValueError(f"Y image has {len(image)} levels; the I/O map has {expected}")
         self._require_open()
         try:
             self._module.write_outputs(0, image)

@@ -110,7 +110,7 @@ class IoModule:
             self.write({first + index: level for index, level in enumerate(levels)})
 
     def write(self, levels: Mapping[int, bool]) -> None:
-        """Write several outputs; either all of them are written or none.
+        """Write several outputs, either all or none of them.
 
         Args:
             levels: Raw level by Y number; numbers without a terminal are ignored.
@@ -120,7 +120,7 @@ class IoModule:
             ValueError: An output is beyond the Y image.
         """
         if levels and not 0 <= min(levels) <= max(levels) < len(self._outputs):
-            raise ValueError(f"outputs {sorted(levels)} exceed the {len(self._outputs)} of the map")
+            raise ValueError(f"outputs {sorted(levels)} exceed the {len(self._outputs)} outputs of the I/O map")
         wired = self._block & levels.keys()
         if self.tripped and any(levels[number] != self._safe[number] for number in wired):
             self._written.clear()

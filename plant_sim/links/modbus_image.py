@@ -23,8 +23,7 @@ T = TypeVar("T")
 class ModbusImage(ModbusDevice):
     """Modbus device with the I/O module, the operator box and the telemetry of a plant.
 
-    Access to an undeclared address is refused with exception 02; such an address never reads as 0. A write
-    that includes one has no effect.
+    Access to an undeclared address is refused with exception 02. A write that includes such an address has no effect.
     """
 
     def __init__(self, module: IoModule, written: Callable[[], None] = lambda: None) -> None:

@@ -116,12 +116,12 @@ class PlantServer:
             self._ended.set_result(None)
 
     async def stop(self) -> None:
-        """Disconnect the clients, set the outputs safe and close the port. No effect if stopped."""
+        """Disconnect the clients, set the outputs to safe levels and close the port. No effect if stopped."""
         if self._listener is None:
             return
         self._listener.close()
         self._frontend.close()
-        self.module.make_safe()  # no client is connected any more
+        self.module.make_safe()  # no client is connected
         if self._time_base is not None:
             self._time_base.cancel()
             await asyncio.wait([self._time_base])
@@ -137,7 +137,7 @@ class PlantServer:
             raise RequestRefusedError(ExcCodes.DEVICE_FAILURE)
 
     async def _follow_clock(self, pacer: Pacer) -> None:
-        """Advance the plant by ticks, each due at an absolute time after the start."""
+        """Advance the plant in ticks, each due at an absolute time after the start."""
         loop = asyncio.get_running_loop()
         start_s = loop.time()
         while True:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 
 class Pacer:
-    """Schedule of ticks by which plant time follows elapsed time. The caller passes in the time.
+    """Schedule of ticks by which plant time follows elapsed time, which the caller specifies.
 
     Delays are caught up, by at most `catch_up_ms` at once. The excess is dropped and counted, so that
-    plant time does not race after the computer was suspended.
+    plant time does not run too fast after the computer was suspended.
 
     >>> pacer = Pacer(tick_ms=5, catch_up_ms=200)
     >>> pacer.ticks_due(4), pacer.ticks_due(5), pacer.ticks_due(17)
@@ -31,7 +31,7 @@ class Pacer:
             ValueError: `tick_ms` is not positive, or exceeds `catch_up_ms`.
         """
         if not 0 < tick_ms <= catch_up_ms:
-            raise ValueError(f"tick_ms {tick_ms} must be positive and within {catch_up_ms}")
+            raise ValueError(f"tick_ms is {tick_ms}: must be 1 to {catch_up_ms} (catch_up_ms)")
         self.tick_ms = tick_ms
         self.dropped_ms = 0
         self._most_ticks = catch_up_ms // tick_ms

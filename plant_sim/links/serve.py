@@ -10,7 +10,7 @@ from plant_sim.links.modbus_server import PlantServer
 
 
 async def serve(server: PlantServer, *, listening: Callable[[int], None]) -> None:
-    """Serve until SIGINT or SIGTERM, then set the outputs safe and disconnect the clients.
+    """Serve until SIGINT or SIGTERM, then set the outputs to safe levels and disconnect the clients.
 
     Args:
         server: A server that has not been started.

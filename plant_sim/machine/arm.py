@@ -19,7 +19,7 @@ from plant_sim.machine.parameters import Machine
 
 
 class ArmPlant:
-    """One side of the machine. The initial state is that after a normal stop: at feed, down, open.
+    """One side of the machine, initially in the state after a normal stop: at feed, arm down, claws open.
 
     Attributes:
         slide: Drive between cups and tray.

@@ -48,7 +48,7 @@ SENSORS = (
 """All sensors in kernel order."""
 
 _BELT = 2 * len(ARM_COILS)
-"""First coil, and first sensor, common to both arms."""
+"""Index of the first coil that is common to both arms."""
 
 _COMMON = 2 * len(ARM_SENSORS)
 
@@ -106,7 +106,7 @@ POSITIONS = (
 """Outputs of `advance` for each arm; the travel of the trays, m, follows those of both arms."""
 
 MACHINE = np.dtype([("arms", ARM, (2,)), ("conveyor", CONVEYOR), ("air", AIR)])
-"""State and parameters of the complete machine."""
+"""State of the complete machine."""
 
 MACHINE_PARAMS = np.dtype(
     [("gas", GAS), ("arms", ARM_PARAMS, (2,)), ("conveyor", CONVEYOR_PARAMS), ("air", AIR_PARAMS)]
@@ -120,8 +120,8 @@ def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps:
     Args:
         machine: One record `MACHINE`.
         params: One record `MACHINE_PARAMS`.
-        coils: True where energised: those of the left and of the right arm as `ARM_COILS`, then run and
-            direction of the conveyor.
+        coils: Coil levels, True if energised: those of the left and right arm in the order of `ARM_COILS`, then run
+            and direction of the conveyor.
         fed: True if the safety relay energises the dump valve.
         first: Number of the first step; the step at plant time 0 is 0.
         steps: Number of steps; their length is in `params`.
@@ -226,7 +226,7 @@ def read_sensors(machine: Any, params: Any, terminals: Any, inverted: Any, image
         machine: One record `MACHINE`.
         params: One record `MACHINE_PARAMS`.
         terminals: X number of every sensor in the order of `SENSORS`; -1 if it is not wired.
-        inverted: True where the wire is inverted.
+        inverted: True for every sensor whose wire is inverted.
         image: Output: raw level by X number.
     """
     m, p = machine[0], params[0]

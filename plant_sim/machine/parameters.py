@@ -42,12 +42,12 @@ _MPA = 1e6
 
 
 class MachineError(InputError):
-    """The parameters are invalid; the text is one line: location, key, problem."""
+    """Invalid machine parameters; the one-line message states the location, the key and the problem."""
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """Parameters of one machine. Every section is a frozen spec, every field a parameter of ``machine.yaml``.
+    """Parameters of one machine: one frozen spec per section of ``machine.yaml``, one field per parameter.
 
     Attributes:
         simulation: Time resolution of the simulation.
@@ -72,7 +72,7 @@ class Machine:
         cups: The rotating cups.
         crop: Seedling age, foam thickness and claw pressure.
         seedling: Properties of seedlings and foam.
-        handling: Distances that decide the outcome of handling.
+        handling: Distances that determine the outcome of handling.
     """
 
     simulation: SimulationSpec
@@ -131,7 +131,7 @@ class Machine:
         )
 
     def _require_soft_air(self) -> None:
-        """Reject a cylinder whose air spring oscillates by too large an angle per step."""
+        """Reject a cylinder whose air spring is too stiff for the time step."""
         main_pa = self.supply.pressure_pa
         for section, area_m2, moved_kg, dead_m3, most_pa in (
             ("slide", self.slide.area_m2, self.slide.piston_kg, self.slide_port.dead_volume_m3, main_pa),
@@ -156,7 +156,7 @@ class Machine:
 
     @property
     def columns_m(self) -> tuple[float, ...]:
-        """Slide positions of the six columns of a tray, nearest first, m; equal on both sides.
+        """Slide positions of the six columns of a tray, nearest first, m; identical on both sides.
 
         Source: docs/sources/machine.md 1, half the row spacing minus 2.5, 1.5, 0.5 cell pitches.
         """
@@ -260,7 +260,7 @@ def load_machine(path: Path = DEFAULT_MACHINE) -> Machine:
     """Read and validate the parameters of a machine.
 
     Args:
-        path: Parameter file; by default that of the package.
+        path: Parameter file; by default the one in the package.
 
     Raises:
         MachineError: The file cannot be read or is invalid.
@@ -283,7 +283,7 @@ class _ParameterEntry(StrictModel):
     """A parameter entry of the file."""
 
     value: Value = Field(description="write a number (powers of ten as 1.0e-9), true or false")
-    unit: str = Field(description="write the unit of the name's suffix, or - for none, in quotes")
+    unit: str = Field(description="write the unit that matches the name suffix, or - for none, in quotes")
     source: Literal["paper", "catalogue", "computed", "assumed"] = Field(
         description="write paper, catalogue, computed or assumed"
     )
@@ -299,7 +299,7 @@ def _plain(node: yaml.Node) -> object:
 
 
 def _with_merged_fields(entries: object) -> object:
-    """Return the entries of a section, with the fields that they take from others by the YAML key ``<<``."""
+    """Return the entries of a section, with the fields merged from other entries by the YAML key ``<<``."""
     if not isinstance(entries, dict):
         return entries
     merged = dict(entries)

@@ -60,7 +60,7 @@ class Plant:
         sensors: All sensors by I/O tag, wired or not; the buttons are in `box`.
         indicators: States of the wired horn and lamps by tag.
         events: All incidents so far.
-        extrapolates: True if the crop settings are outside the trials of the paper.
+        extrapolates: True if the crop settings are outside the range tested in the paper.
         state: State of the machine, one record `MACHINE`.
         params: Parameters of the machine, one record `MACHINE_PARAMS`; faults change it.
         wired: Tags of the wired inputs.
@@ -192,7 +192,7 @@ class Plant:
         if for_ms < 0:
             raise ValueError(f"for_ms is {for_ms}: must be 0 or more")
         if len(y) < self._output_count:
-            raise ValueError(f"Y image has {len(y)} levels, the map {self._output_count}")
+            raise ValueError(f"Y image has {len(y)} levels; the I/O map has {self._output_count}")
         if y is not self._y and list(y) != self._y:
             self._latch_outputs(y)
         end_ms = self.time_ms + for_ms
@@ -257,7 +257,7 @@ class Plant:
         }
 
     def _wire(self, io_map: IoMap) -> None:
-        """Connect terminals to sensors, buttons, coils and indicators; resolved once, so that a scan is cheap."""
+        """Connect terminals to sensors, buttons, coils and indicators once, so that a scan is fast."""
         for point in io_map.inputs:
             if point.tag not in self.sensors and point.tag not in _BUTTON_TAGS:
                 raise ValueError(f"{io_map.path}:{point.line}: {point.tag}: the machine has no such sensor or button")

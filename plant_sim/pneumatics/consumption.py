@@ -30,7 +30,7 @@ class Sizing:
         tube_inner_mm: Inner diameter of the tubes, mm.
         tube_length_mm: Length of tube filled by a stroke, mm.
         pressure_mpa: Gauge pressure, MPa.
-        strokes_per_min: Single strokes of all cylinders of this kind together, 1/min.
+        strokes_per_min: Total single strokes of all cylinders of this kind, 1/min.
     """
 
     name: str

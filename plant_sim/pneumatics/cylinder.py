@@ -166,8 +166,8 @@ def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
 def _move_coupled(c: Any, params: Any, push_n: float, step_s: float) -> None:
     """Move piston and load, coupled by a magnet that yields like a spring and decouples above its force.
 
-    Spring and damper are implicit, so their stiffness does not limit the step. The load sticks if the force required
-    to hold it does not exceed its friction.
+    Spring and damper are integrated implicitly, so their stiffness does not limit the time step. The load sticks if the
+    force required to hold it does not exceed its friction.
     """
     lag_m = c.piston_m - c.position_m
     if c.decoupled != 0:
@@ -224,7 +224,7 @@ def _bumper(c: Any, params: Any, step_s: float) -> tuple[float, float]:
     if into_m < 0.0:
         return 0.0, 0.0
     give = step_s * params.bumper_n_m
-    if sign * c.speed_m_s * params.bumper_n_s_m < params.bumper_n_m * into_m:  # rubber pushes but never pulls
+    if sign * c.speed_m_s * params.bumper_n_s_m < params.bumper_n_m * into_m:  # the bumper pushes but never pulls
         give += params.bumper_n_s_m
     return sign * params.bumper_n_m * into_m, give
 

@@ -23,7 +23,7 @@ ATMOSPHERE_PA = 101_325.0
 """Ambient pressure, Pa."""
 
 LAMINAR_RATIO = 0.99
-"""Pressure ratio from which the flow is laminar. Source: docs/sources/plant.md 1.1 for steps of 1 ms."""
+"""Pressure ratio above which the flow is laminar. Source: docs/sources/plant.md 1.1 for steps of 1 ms."""
 
 
 @compiled

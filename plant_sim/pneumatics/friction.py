@@ -8,7 +8,7 @@ import numpy as np
 from plant_sim.common.compiled import compiled
 
 FRICTION = np.dtype([("coulomb_n", "f8"), ("static_n", "f8"), ("stribeck_m_s", "f8"), ("viscous_n_s_m", "f8")])
-"""Coulomb and static friction, N; speed at which half of the difference has decayed, m/s; viscous friction, N s/m."""
+"""Coulomb and static friction, N; speed at which half of their difference has decayed, m/s; viscous friction, N s/m."""
 
 
 @compiled

@@ -119,8 +119,8 @@ def _step_flows(
 ) -> float:
     """Pass air through the valve and the fitting for one step; return the mass drawn from the source, kg.
 
-    Both flows are linearly implicit in all three pressures together. If they were solved one after the other, the tube
-    pressure would be off by the change that one of the flows causes in a step.
+    Both flows are linearly implicit in all three pressures. If they were solved one after the other, the tube pressure
+    would be wrong by the change that one of the flows causes in a step.
     """
     tube, chamber = n.tube, n.chamber
     in_kg_s, in_grows, in_falls = flow_and_slopes(source, tube, 0.0, valve_m3_s_pa, valve_critical)

@@ -22,9 +22,11 @@ SUPPLY = np.dtype(
         ("taken_in_kg", "f8"),
     ]
 )
-"""State. receiver -> regulator -> header -> dump valve -> manifold (slides and lifts), and receiver -> check valve ->
-claw reservoir -> claw regulator -> claw manifold. `outside` is the ambient air; only its mass changes, by the exhausted
-air less the compressor intake. `fed_s` is the time for which the relay has energised the dump valve.
+"""State.
+
+The air flows receiver -> regulator -> header -> dump valve -> manifold (slides and lifts), and receiver -> check valve
+-> claw reservoir -> claw regulator -> claw manifold. `outside` is the ambient air; only its mass changes, by the
+exhausted air less the compressor intake. `fed_s` is the time for which the relay has energised the dump valve.
 """
 
 SUPPLY_PARAMS = np.dtype(

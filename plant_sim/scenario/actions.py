@@ -64,7 +64,7 @@ def _command(text: str, _for_ms: int, context: CheckContext) -> Effect:
 def _planting_frequency(text: str, _for_ms: int, _context: CheckContext) -> Effect:
     per_min = parse_quantity(text, _FREQUENCY_UNIT)
     if per_min < 0:
-        raise ValueError(f"{text!r}: must not be negative; give 0 or more")
+        raise ValueError(f"{text!r}: must be 0 or more")
     return lambda twin: setattr(twin.plant, "planting_frequency_per_min", per_min)
 
 
@@ -81,7 +81,7 @@ def _power_cycle(text: str, _for_ms: int, _context: CheckContext) -> Effect:
 def _fault(text: str, for_ms: int, context: CheckContext) -> Effect:
     fault = _named(text, context)
     if "@" in text:
-        raise ValueError(f"{text!r}: starts with the action; remove the times, and give the duration with for:")
+        raise ValueError(f"{text!r}: the action starts the fault; remove the times, and specify the duration with for:")
 
     def strike(twin: Twin) -> None:
         now_ms = twin.plant.time_ms
@@ -102,7 +102,7 @@ def _named(text: str, context: CheckContext) -> Fault:
     """Return a fault that can start during the run."""
     fault = parse_fault(text)
     if FAULTS[fault.kind].permanent:
-        raise ValueError(f"{fault.name}: must be set before the run; put it under faults")
+        raise ValueError(f"{fault.name}: must be set before the run; list it under faults")
     FAULTS[fault.kind].part(context.plant, fault.target)
     return fault
 
@@ -111,10 +111,10 @@ VERBS = {
     "press": ActionKind("press and release a button", _press, 100),
     "hold": ActionKind("press a button and keep it pressed", _hold),
     "release": ActionKind("release a button", _release),
-    "command": ActionKind("press a command of the command table", _command),
-    "planting_frequency": ActionKind("change the speed of the tractor; 0: standstill", _planting_frequency),
-    "power_cycle": ActionKind("switch the controller off for a time", _power_cycle),
-    "fault": ActionKind("start a fault; for: its duration, permanent without it", _fault, 0),
-    "mend": ActionKind("end a fault, given by kind and target", _mend),
+    "command": ActionKind("issue a command of the command table", _command),
+    "planting_frequency": ActionKind("change the tractor speed; 0 = standstill", _planting_frequency),
+    "power_cycle": ActionKind("switch the controller off for a duration", _power_cycle),
+    "fault": ActionKind("start a fault; for = its duration (default: permanent)", _fault, 0),
+    "mend": ActionKind("end a fault, specified by kind and target", _mend),
 }
 """Kinds of action by their key."""

@@ -69,7 +69,7 @@ def read_checks(file: Section, program: Transplanter) -> tuple[Check, ...]:
     checks += [_bounded(section, name, unit, read) for name, (unit, read) in numbers.items() if name in section]
     checks += _counts(section) + _measured(section)
     if len(checks) == 1 and "incidents" not in section:
-        raise section.error(None, f"contains no expectation; add {', '.join(_KEYS)}")
+        raise section.error(None, f"contains no expectation; add one or more of {', '.join(_KEYS)}")
     return tuple(checks)
 
 
@@ -145,7 +145,7 @@ def _measure(measures: Section, name: str) -> Check:
 
 
 def _bounded(section: Section, name: str, unit: str, read: Callable[[ScenarioRun], float]) -> Check:
-    """Return the check that a number lies within bounds."""
+    """Return the check that a number is within bounds."""
     bounds = section.read(name, lambda text: parse_bounds(text, unit))
     label = name if unit == "-" else f"{name}, {unit}"
     return Check(section.where(name), label, bounds.text, read, bounds.hold)

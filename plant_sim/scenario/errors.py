@@ -1,7 +1,7 @@
-"""Error of the scenarios."""
+"""Error raised by scenarios."""
 
 from controller.common.errors import InputError
 
 
 class ScenarioError(InputError):
-    """A scenario is invalid; the message is one line with file, line, key, error and remedy."""
+    """Invalid scenario; the message is one line with file, line, key, error and remedy."""

@@ -46,7 +46,7 @@ def find_scenario(name: str) -> Path:
         return shipped[name]
     if path.suffix or path.exists():
         return path
-    raise ScenarioError(f"{name}: unknown scenario; {suggestion(name, shipped)} (or give the path of a YAML file)")
+    raise ScenarioError(f"{name}: unknown scenario; {suggestion(name, shipped)} (or specify the path of a YAML file)")
 
 
 def load_scenario(
@@ -58,7 +58,7 @@ def load_scenario(
         path: Scenario file.
         io_map: I/O map; None = the default map.
         machine: Machine parameters that the scenario changes; None = the defaults.
-        seed: Seed that replaces that of the scenario; None = no replacement.
+        seed: Seed to use instead of that of the scenario; None = that of the scenario.
 
     Raises:
         ScenarioError: The file cannot be read, or its content is invalid.
@@ -171,7 +171,7 @@ class _ScenarioReader:
         after_ms = section.read_or("after", parse_ms, 0)
         when = section.read("at", lambda text: self._when(text, after_ms, context.program))
         if when.at_ms is not None and after_ms:
-            raise section.error("after", "does not apply to a time; give the final time in at")
+            raise section.error("after", "does not apply to a time; specify the final time in at")
         return Action(when, f"{verbs[0]}: {what}", do)
 
     def _when(self, text: str, after_ms: int, program: Transplanter) -> When:
@@ -189,7 +189,7 @@ class _ScenarioReader:
             raise self.file.error("until", "is missing; add until: {state: COMPLETE, limit: 300 s} or {time: 60 s}")
         if "time" in section:
             if len(list(section)) > 1:
-                raise section.error("time", "excludes state and limit; remove them")
+                raise section.error("time", "cannot be combined with state and limit; remove them")
             return Until(section.read("time", _later))
         name = section.read("state", one_of("state", State.__members__))
         return Until(section.read("limit", _later), State[name])
@@ -204,7 +204,7 @@ def _later(text: str) -> int:
 
 def _text(text: str) -> str:
     if not text.strip():
-        raise ValueError("is empty; give a value")
+        raise ValueError("must not be empty")
     return text
 
 

@@ -35,7 +35,7 @@ class When:
     after_ms: int = 0
 
     def holds(self, twin: Twin) -> bool:
-        """Return whether the time, state or step is reached."""
+        """Return whether the time, state or step has been reached."""
         if self.at_ms is not None:
             return twin.now_ms >= self.at_ms
         if self.state is not None:
@@ -91,7 +91,7 @@ class Check:
     holds: Callable[[Any], bool]
 
     def complaint(self, run: ScenarioRun) -> str:
-        """Return the failure in one line; empty if the check holds."""
+        """Return the failure in one line; empty if the check passed."""
         actual = self.read(run)
         return "" if self.holds(actual) else f"{self.where}: {self.name} is {_shown(actual)}, expected {self.wanted}"
 
@@ -137,7 +137,7 @@ class ScenarioRun:
     """
 
     def __init__(self, twin: Twin) -> None:
-        """Attach to a twin."""
+        """Initialise an observer of a twin."""
         self.twin = twin
         self.alarms: dict[str, int] = {}
         self.reason = ""
@@ -187,7 +187,7 @@ class ScenarioReport:
 
     @property
     def passed(self) -> bool:
-        """True if the scenario completed and every check holds."""
+        """True if the scenario completed and every check passed."""
         return not self.reason and not self.failures
 
     def record(self) -> dict[str, object]:
@@ -206,7 +206,7 @@ class ScenarioReport:
             f"alarms {alarms or 'none'}",
             f"incidents {', '.join(self.incidents) or 'none'}",
             f"seedlings {seedlings}",
-            f"{self.checks - len(self.failures)} of {self.checks} checks hold",
+            f"{self.checks - len(self.failures)} of {self.checks} checks passed",
         ]
         lines += [f"  {failure}" for failure in self.failures]
         if self.reason:
@@ -224,7 +224,7 @@ def run_scenario(scenario: Scenario, *, prepare: Callable[[Twin], object] | None
 
     Args:
         scenario: The scenario.
-        prepare: Called with the twin before its first scan, for example to record it.
+        prepare: Function called with the twin before its first scan, for example to record it.
     """
     twin = Twin(
         seed=scenario.seed,
@@ -263,7 +263,7 @@ def _play(scenario: Scenario, twin: Twin) -> None:
     """Scan, run the actions at their triggers, and stop at the end.
 
     Raises:
-        NotReachedError: The time limit was reached.
+        NotReachedError: The time limit has expired.
         FaultError: An action adds a fault that is active, or ends one that is not.
     """
     until = scenario.until

@@ -1,4 +1,4 @@
-"""Error of recordings and plots."""
+"""Error raised by recordings and plots."""
 
 from controller.common.errors import InputError
 

@@ -65,7 +65,7 @@ def _selected(recording: Recording, side: str, tags: Sequence[str] | None) -> tu
         return default_tags(recording, side), default_panels(recording)
     names = [name for name in recording.matching(tags) if name != "seedlings"]
     if not names:
-        raise RecordingError(f"{recording.path}: seedlings cannot be plotted; name other tags")
+        raise RecordingError(f"{recording.path}: seedlings cannot be plotted; specify other tags")
     sample = recording.read(names, RecordingWindow(recording.full_window.from_ms, recording.full_window.from_ms))
     lanes = [name for name in names if sample[name].dtype in (np.bool_, np.object_)]
     return lanes, panels_of(recording, [name for name in names if name not in lanes])

@@ -42,9 +42,9 @@ class _Tag(NamedTuple):
 class Recorder:
     """Recorder of a plant to a Parquet file; as a context manager, it also completes the file after an exception.
 
-    A row contains the plant at one instant: `TIME`, every machine value by its dotted name (see `columns_of`),
-    ``x.`` and ``y.`` with the logical state of every wire, the additional tags, the active ``faults``, and
-    ``seedlings``: those moved since the previous row.
+    A row contains the state of the plant at one instant: `TIME`, every machine value by its dotted name (see
+    `columns_of`), ``x.`` and ``y.`` with the logical state of every wire, the additional tags, the active ``faults``,
+    and ``seedlings``: those moved since the previous row.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Recorder:
             self._write(self._writer)
 
     def close(self) -> None:
-        """Write the remaining rows and give the file its final name; a recording that has no samples leaves no file.
+        """Write the remaining rows and give the file its final name; a recording without samples creates no file.
 
         Raises:
             RecordingError: The file cannot be written.

@@ -78,7 +78,7 @@ class Writer:
             raise RecordingError(f"{self.path}: cannot be written ({_reason(error)}); free some disk space") from None
 
     def finish(self) -> None:
-        """Complete the file and give it its final name; a recording that has no rows leaves no file.
+        """Complete the file and give it its final name; a recording without rows creates no file.
 
         Raises:
             RecordingError: The file cannot be written.
@@ -233,7 +233,7 @@ def _open(path: Path) -> pq.ParquetFile:
 
 
 def _reason(error: OSError) -> str:
-    """Return the reason for a system error in one line; Arrow puts it in the first line of a longer text."""
+    """Return the reason for a system error in one line; Arrow states it in the first line of a longer text."""
     return os.strerror(error.errno) if error.errno else str(error).splitlines()[0]
 
 

@@ -22,10 +22,10 @@ COLOURS: Final[Mapping[str, str]] = {
     "alarms": "#AA0044",
     "faults": "#7A5195",
 }
-"""Palette of Okabe and Ito, distinguishable with every kind of colour blindness."""
+"""Palette of Okabe and Ito, whose colours can be distinguished with any type of colour blindness."""
 
 SERIES: Final = ("#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#444444", "#0072B2", "#D55E00", "#999933")
-"""Colours of traces that belong to no arm, in this order."""
+"""Colours of traces that do not belong to an arm, in order of use."""
 
 QUIET: Final = "#666666"
 

@@ -21,10 +21,10 @@ _HEADING, _APART = 1.3, 0.4
 """Height of a group heading, and gap between the kinds of lanes, in lanes."""
 
 _CHARACTER_IN = 0.062
-"""Width of a character of the small text in a lane, in."""
+"""Width of a character of the small text in a lane, inches."""
 
 _NOTE_CHARACTERS, _NOTE_LINE_IN = 170, 0.12
-"""Length of a line, in characters, and line height, in, of the note at the foot."""
+"""Line length, in characters, and line height, in inches, of the note at the foot."""
 
 _TITLES = {"machine": "Machine", "left": "Left arm", "right": "Right arm"}
 
@@ -39,8 +39,8 @@ class Lane:
         label: Label at the axis.
         colour: Colour.
         kind: ``coil``, ``sensor``, ``step`` (one step of a sequence), ``text`` or ``mark`` (an alarm or a fault).
-        spans: Intervals in which it is on, s, or the intervals of the texts.
-        texts: Texts in the spans of a ``text`` or ``mark``.
+        spans: Intervals in which the lane is on, or intervals of the texts, s.
+        texts: Texts in the spans of a ``text`` or ``mark`` lane.
     """
 
     label: str

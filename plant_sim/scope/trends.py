@@ -19,7 +19,7 @@ from plant_sim.scope.style import COLOURS, QUIET, SERIES, Mark, marks_of, second
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN = 11.0, 0.85, 0.5
 _TITLE_IN, _LEGEND_IN, _MARKS_IN = 0.4, 0.15, 0.35
 _CHARACTER_IN = 0.052
-"""Width of a character of a name next to a panel, in."""
+"""Width of a character of a name next to a panel, inches."""
 
 _PANEL_IN, _GAP_IN = 1.22, 0.14
 
@@ -47,7 +47,7 @@ class Curve(NamedTuple):
 
 
 class ReferenceLevel(NamedTuple):
-    """A reference in a panel, in the unit of the column: a band, or a line if both ends are equal."""
+    """Reference in a panel, in the unit of the column: a band, or a line if both ends are equal."""
 
     low: float
     high: float
@@ -79,7 +79,7 @@ _DISPLAY_UNITS = {
     "kg": ("g", 1e3, 0.0),
     "K": ("°C", 1.0, 273.15),
 }
-"""Display of the recorded units: unit on the axis, factor, offset subtracted first."""
+"""Display of the recorded units: unit on the axis, factor, and the offset that is subtracted first."""
 
 
 def default_panels(recording: Recording) -> list[TrendPanel]:

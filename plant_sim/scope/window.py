@@ -36,12 +36,12 @@ def selected_window(recording: Recording, start: str | None, end: str | None, *,
     inside = np.count_nonzero((recording.time_ms >= from_ms) & (recording.time_ms <= to_ms))
     if inside < 2:
         held = f"{recording.path} contains {full_window.from_ms} to {full_window.to_ms} ms"
-        raise RecordingError(f"--from {from_ms} ms --to {to_ms} ms: nothing was recorded there; {held}")
+        raise RecordingError(f"--from {from_ms} ms --to {to_ms} ms: contains fewer than two samples; {held}")
     return RecordingWindow(max(from_ms, full_window.from_ms), min(to_ms, full_window.to_ms))
 
 
 def cycle_window(recording: Recording, side: str, number: int) -> RecordingWindow | None:
-    """Return the window of a full cycle of an arm, from one start inward to the next; None if it does not exist.
+    """Return the window of a full cycle of an arm, from one inward motion to the next; None if it does not exist.
 
     Args:
         recording: The recording.

@@ -1,4 +1,4 @@
-"""Air consumption: Table 1 of the paper, the paper's formula applied to a recorded run, and that run's valve flow."""
+"""Air consumption: Table 1 of the paper, its formula applied to a recorded run, and the valve flow of that run."""
 
 from __future__ import annotations
 
@@ -84,17 +84,17 @@ class AirReport:
             summed("Table 1 of the paper, printed", [drive.table_1_l_min for drive in drives], "d"),
             summed("Table 1, by the formula", [drive.table_1_formula_l_min for drive in drives], "d"),
             summed("this run, by the formula", [drive.formula_l_min for drive in drives], ".1f"),
-            summed("this run, let in by the valves", [drive.integrated_l_min for drive in drives], ".1f"),
+            summed("this run, admitted by the valves", [drive.integrated_l_min for drive in drives], ".1f"),
             row(
-                "formula against valves",
+                "formula relative to valves",
                 [_percent(each) for each in (*(d.difference for d in drives), self.difference)],
             ),
             "",
-            row("single strokes a minute", [f"{drive.strokes_per_min:.1f}" for drive in drives]),
+            row("single strokes per minute", [f"{drive.strokes_per_min:.1f}" for drive in drives]),
             row("mean stroke, mm", [f"{drive.stroke_mm:.0f}" for drive in drives]),
             row("mean pressure, MPa gauge", [f"{drive.pressure_mpa:.3f}" for drive in drives]),
             "",
-            f"Table 1: 24 single strokes a minute at 0.80 MPa, claws 0.75 MPa. This run: {self.minutes:.2f} min.",
+            f"Table 1: 24 single strokes per minute at 0.80 MPa, claws 0.75 MPa. This run: {self.minutes:.2f} min.",
         ]
         return "\n".join(lines)
 
@@ -113,7 +113,7 @@ def air_of(recording: Recording) -> AirReport:
     """
     window = recording.full_window
     if window.from_ms == window.to_ms:
-        raise RecordingError(f"{recording.path}: contains a single instant; record a run")
+        raise RecordingError(f"{recording.path}: contains only one sample; record a run")
     minutes = (window.to_ms - window.from_ms) / 60_000
     return AirReport(minutes, {drive: _drive_air(recording, drive, minutes) for drive in _MANIFOLDS})
 

@@ -45,7 +45,7 @@ def estimate(response: str, trials: Sequence[TrialReport]) -> Estimate:
 
     Seedling counts are pooled over the trials and have the exact binomial interval (Clopper and Pearson), as a
     percentage or, multiplied by the seedlings per trial, as a number. For any other response the interval is
-    that of Student's t, which needs two trials with different values.
+    that of Student's t, which requires two trials with different values.
 
     Args:
         response: Name of a numeric field of the trial report.
@@ -69,6 +69,6 @@ def estimate(response: str, trials: Sequence[TrialReport]) -> Estimate:
 
 
 def numbers(response: str, trials: Sequence[TrialReport]) -> NDArray[np.float64]:
-    """Return the values of a response, without trials that have none."""
+    """Return the values of a response; trials without a value are omitted."""
     values = [getattr(trial, response) for trial in trials]
     return np.array([value for value in values if value is not None], dtype=np.float64)

@@ -73,7 +73,7 @@ def study_parameter(name: str, machine: Machine) -> StudyParameter:
     section, dot, _ = name.partition(".")
     if not dot:
         near = suggestion(name, _names(machine))
-        remedy = near if near.startswith("did") else f"write section.parameter of the machine, or {_PROGRAM}.SET_POINT"
+        remedy = near if near.startswith("did") else f"write section.parameter for the machine, or {_PROGRAM}.SET_POINT"
         raise StudyError(f"{name}: unknown factor; {remedy}")
     if section == _PROGRAM:
         step_ms = _time_base_ms(name)

@@ -94,7 +94,7 @@ class Sheet:
             value = float("nan")
         if not np.isfinite(value):
             where = f"{self.path}, line {self.lines[row]}"
-            raise StudyError(f"{where}: {column} is {text!r}, not a number; enter the number of the paper")
+            raise StudyError(f"{where}: {column} is {text!r}, not a number; enter the number printed in the paper")
         return value
 
 
@@ -107,7 +107,7 @@ def read_sheet(path: Path) -> Sheet:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path}: cannot be read ({error}); install the package again") from None
+        raise StudyError(f"{path}: cannot be read ({error}); reinstall the package") from None
     notes = tuple(line.removeprefix("#").strip() for line in lines if line.startswith("#"))
     cells = [
         (number, tuple(cell.strip() for cell in next(csv.reader([line]))))
@@ -115,7 +115,7 @@ def read_sheet(path: Path) -> Sheet:
         if line.strip() and not line.startswith("#")
     ]
     if not notes or len(cells) < 2:
-        raise StudyError(f"{path}: needs a line '# paper, table', a heading and rows")
+        raise StudyError(f"{path}: requires a line '# paper, table', a heading and rows")
     (_, heading), *rows = cells
     for number, row in rows:
         if len(row) != len(heading):
@@ -249,7 +249,7 @@ def cabbage_experiment(data: CabbageData) -> Experiment:
         StudyError: The data set is unknown, or a correction does not match the printed cell.
     """
     if data not in ("printed", "reconciled"):
-        raise StudyError(f"data {data!r}: unknown data set of the cabbage trial; give printed or reconciled")
+        raise StudyError(f"data {data!r}: unknown data set of the cabbage trial; use printed or reconciled")
     printed = sheet("cabbage-table-2")
     names = ("X1", "X2", "X3", "Y1", "Y2")
     columns = {name: printed.numbers(name) for name in names}
@@ -273,7 +273,7 @@ def correct(
         where = f"correction of run {change.run}, {change.column}"
         indices = np.flatnonzero(runs == change.run)
         if change.column not in columns or len(indices) != 1:
-            raise StudyError(f"{where}: the cell does not exist; give a run and a column of the table")
+            raise StudyError(f"{where}: the cell does not exist; specify a run and a column of the table")
         value = columns[change.column][indices[0]]
         if value != change.printed:
             raise StudyError(f"{where}: the table contains {value:g}, not {change.printed:g}; correct one of them")

@@ -153,11 +153,11 @@ class OverallProgress:
     """Combined progress of several batches of trials."""
 
     def __init__(self, progress: Progress, planned: int) -> None:
-        """Set the planned amount of work.
+        """Initialise with the planned number of trials.
 
         Args:
             progress: Callback with the combined progress.
-            planned: Trials of all batches known in advance; later batches can add more.
+            planned: Number of trials in all batches known in advance; later batches can add more.
         """
         self._progress = progress
         self._planned = planned
@@ -189,7 +189,7 @@ def spread(
         StudyError: The number of processes is invalid, or a process was killed.
     """
     if workers is not None and workers < 1:
-        raise StudyError(f"--workers {workers}: give 1 or more, or omit it for one per core")
+        raise StudyError(f"--workers {workers}: must be 1 or more; omit it for one per core")
     collected: list[Result] = []
     try:
         with closing(_results(jobs, workers)) as results:
@@ -198,7 +198,7 @@ def spread(
                 if progress is not None:
                     progress(len(collected), len(jobs))
     except TerminatedWorkerError:
-        raise StudyError("--workers: a process was killed, possibly out of memory; give a smaller number") from None
+        raise StudyError("--workers: a process was killed, possibly for lack of memory; use a smaller number") from None
     return collected
 
 
@@ -219,15 +219,15 @@ def trial_seed(seed: int, setting: int, trial: int) -> int:
 
 def _check_numbers(settings: int, trials: int, seedlings: int) -> None:
     if settings < 1:
-        raise StudyError("settings: none; give at least one")
+        raise StudyError("settings: none; at least one is required")
     if trials < 1:
-        raise StudyError(f"--trials {trials}: give 1 or more")
+        raise StudyError(f"--trials {trials}: must be 1 or more")
     if not 1 <= seedlings <= MOST_SEEDLINGS:
-        raise StudyError(f"--seedlings {seedlings}: give 1 to {MOST_SEEDLINGS}")
+        raise StudyError(f"--seedlings {seedlings}: must be 1 to {MOST_SEEDLINGS}")
     if settings * trials > MOST_TRIALS:
         raise StudyError(
-            f"--trials {trials}: {settings} settings make {settings * trials} trials, more than "
-            f"{MOST_TRIALS}; give fewer trials or fewer levels"
+            f"--trials {trials}: {settings} settings result in {settings * trials} trials, more than "
+            f"{MOST_TRIALS}; reduce the trials or the levels"
         )
 
 

@@ -1,4 +1,4 @@
-"""Set-points that follow from a machine's dimensions, as set during commissioning."""
+"""Set-points that depend on the dimensions of a machine, as set during commissioning."""
 
 from __future__ import annotations
 

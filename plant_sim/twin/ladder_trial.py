@@ -66,8 +66,8 @@ class LadderReport:
         """Return the report in a few lines."""
         c = self.counts
         lines = [
-            f"{c.total} seedlings: {c.in_cups} in cups, {c.P} not picked, {c.D} lost on the way, {c.T} beside their "
-            f"cups, {c.in_tray} left in trays, {c.in_claw} in claws",
+            f"{c.total} seedlings: {c.in_cups} in cups, {c.P} lost picking, {c.D} lost carrying, {c.T} lost throwing, "
+            f"{c.in_tray} left in trays, {c.in_claw} in claws",
             f"{self.simulated_s:.1f} s simulated, start pressed {self.presses} times",
             *self.incidents,
         ]
@@ -85,7 +85,7 @@ def run_ladder_trial(
 ) -> LadderReport:
     """Run an FX program on the plant until all motion has stopped.
 
-    The operator presses the start button whenever nothing has moved for a while and seedlings remain.
+    The operator presses the start button whenever nothing has moved for `IDLE_LIMIT_MS` and seedlings remain.
 
     Args:
         ladder: The program; it drives the terminals of the I/O map.

@@ -1,8 +1,8 @@
 """Live trial: plant, controller and operator panel as separate processes, connected by Modbus TCP.
 
-By default time is simulated: the plant advances by one scan at each write of the outputs, the controller paces it, and
-a panel can pause it and change its speed. A busy computer slows the trial down without changing its result. In real
-time both follow the wall clock, as on a real machine.
+By default time is simulated: the plant advances by one scan at each write of the outputs, the controller sets the pace,
+and a panel can pause simulated time and change its speed. A busy computer slows the trial down without changing its
+result. In real time both follow the wall clock, as on a real machine.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ START_LIMIT_S = 30.0
 HOMING_LIMIT_S = 60.0
 TRAY_LIMIT_S = 600.0
 LOCK_STEP_TIMEOUT_MS = 5_000
-"""Response timeout in simulated time, generous for a busy computer, ms."""
+"""Response timeout in simulated time, long enough for a busy computer, ms."""
 
 Record = dict[str, Any]
 
@@ -102,7 +102,7 @@ class Process:
             raise LiveError(f"the {self.name} wrote no output for {within_s:.0f} s") from None
 
     def kill(self) -> None:
-        """Kill the process without clean-up, as a power failure would."""
+        """Kill the process without clean-up, as in a power failure."""
         self._process.kill()
 
     def stop(self) -> int:
@@ -194,8 +194,8 @@ class LiveOptions:
     """Options of a live run.
 
     Attributes:
-        hmi_port: Port of the controller's Modbus server; 0 = a free one.
-        panel_port: Port of the panel's page; 0 = a free one, None = no panel.
+        hmi_port: Port of the controller's Modbus server; 0 = any free port.
+        panel_port: Port of the panel's page; 0 = any free port, None = no panel.
         real_time: True to follow the wall clock.
         pace: Speed of simulated time at the start, percent.
         by_hand: True if only the user presses the buttons.
@@ -224,7 +224,7 @@ _BROKEN = (State.HELD, State.ABORTED)
 
 @contextmanager
 def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
-    """Run plant and controller for the duration of a with block; at its end the controller is stopped first.
+    """Run plant and controller for the duration of a `with` block; at its end the controller is stopped first.
 
     Raises:
         ChildError: The plant could not start.
@@ -243,7 +243,7 @@ def live_trial(options: LiveOptions, view: ProgressView) -> Iterator[LiveTrial]:
         if o.panel_port is not None:
             panel = Process("panel", _panel(o, folder, o.panel_port, trial.hmi_port()))
             stack.enter_context(panel)
-            trial.panel = panel.next_line(START_LIMIT_S) or "no panel: see above"
+            trial.panel = panel.next_line(START_LIMIT_S) or "the panel did not start; see the message above"
         yield trial
 
 
@@ -368,7 +368,7 @@ class LiveTrial:
             self._follow(POLL_S)
             self._show()
             if self._progress.state in _BROKEN:
-                alarms = "; ".join(self._progress.alarms.values()) or "a question is open"
+                alarms = "; ".join(self._progress.alarms.values()) or "a question to the operator is open"
                 raise LiveError(f"{what} not reached: {self._progress.state_text}, {alarms}")
 
     def _until_complete(self) -> None:
@@ -382,7 +382,7 @@ class LiveTrial:
         return self._operator.telemetry()["time_ms"] / 1000
 
     def _follow(self, for_s: float) -> None:
-        """Process the controller's events for a while."""
+        """Process the controller's events for a time."""
         until_s = time.perf_counter() + for_s
         while (left_s := until_s - time.perf_counter()) > 0:
             self._interrupts.check()

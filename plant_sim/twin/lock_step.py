@@ -54,7 +54,7 @@ class Twin:
         set_points: Mapping[str, int] | None = None,
         faults: Iterable[Fault] = (),
     ) -> None:
-        """Power up a machine in its as-built position, with the controller in Stopped.
+        """Power up a machine in its initial position, with the controller in Stopped.
 
         Args:
             seed: Seed of the plant's random numbers.
@@ -119,7 +119,7 @@ class Twin:
         self.power_on()
 
     def watch(self, monitor: Callable[[Twin], None]) -> None:
-        """Call a safety monitor after every scan."""
+        """Register a safety monitor that is called after every scan."""
         self._monitors.append(monitor)
 
     def scan(self) -> None:
@@ -134,7 +134,7 @@ class Twin:
         self.clock.advance(SCAN_MS)
 
     def run_for(self, ms: int) -> None:
-        """Run for a time that is rounded down to complete scans."""
+        """Run for a time, rounded down to complete scans."""
         for _ in range(ms // SCAN_MS):
             self.scan()
 
@@ -145,7 +145,7 @@ class Twin:
             Elapsed simulated time, ms.
 
         Raises:
-            NotReachedError: The condition was not met within the time.
+            NotReachedError: The condition was not met within the time limit.
         """
         since_ms = self.now_ms
         while self.now_ms - since_ms < within_ms:
@@ -180,7 +180,7 @@ class Twin:
         self.run_until_state(State.EXECUTE, within_ms=1_000)
 
     def active_steps(self) -> list[str]:
-        """Return 'sequence: step' of every active step."""
+        """Return every active step as 'sequence: step'."""
         active = self.plc.memory.S
         return [name for name, number in self._steps if active[number]]
 
@@ -207,7 +207,7 @@ class Twin:
         return [event for event in self.events if isinstance(event, AlarmEvent)]
 
     def situation(self) -> str:
-        """Return one line for error messages: time, state, steps, outputs, alarms."""
+        """Return the time, state, active steps, outputs and alarms as one line for error messages."""
         return (
             f"at {self.now_ms} ms {self.state.name}, steps {self.active_steps()}, "
             f"outputs {sorted(self.outputs())}, alarms {self.alarms()}"

@@ -20,7 +20,7 @@ from plant_sim.twin.lock_step import Twin
 Check = Callable[[], str | None]
 
 INDICATORS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
-"""Outputs that drive no actuator."""
+"""Outputs that do not drive an actuator."""
 CREEP_M = 0.002
 """Permitted travel of a slide on trapped air before it stops, m."""
 
@@ -69,7 +69,7 @@ def dead_in_emergency_stop(twin: Twin) -> Check:
         if not button.active(twin.plc.memory.X[button.number]):
             return None
         on = [point.tag for point in coils if is_on(twin, point)]
-        return f"in emergency stop {', '.join(on)} on" if on else None
+        return f"{', '.join(on)} on in emergency stop" if on else None
 
     return check
 
@@ -212,6 +212,6 @@ def is_on(twin: Twin, output: Point) -> bool:
 
 
 def centre_from_m(machine: Machine) -> float:
-    """Slide position beyond which an arm is in the centre, m: just inward of pick 2 and its switch."""
+    """Return the slide position beyond which an arm is in the centre, m: just inward of pick 2 and its switch."""
     slide = machine.slide
     return machine.picks_m[1] + slide.switch_band_m + slide.switch_hysteresis_m

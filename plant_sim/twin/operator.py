@@ -33,7 +33,7 @@ class Operator:
 
     def __enter__(self) -> Self:
         if not self._client.connect():  # type: ignore[no-untyped-call]
-            raise ConnectionError(f"no plant at {self._address}")
+            raise ConnectionError(f"plant at {self._address} does not respond")
         return self
 
     def __exit__(
@@ -42,7 +42,7 @@ class Operator:
         self._client.close()  # type: ignore[no-untyped-call]
 
     def press(self, button: str, for_ms: int = PRESS_MS) -> None:
-        """Press and release a button, and wait for the same time again, so that two presses stay distinct.
+        """Press and release a button, and wait for the same time again, so that two presses remain distinct.
 
         The times are in plant time, regardless of the pace.
 
@@ -78,7 +78,7 @@ class Operator:
         deadline_s = time.perf_counter() + STANDSTILL_LIMIT_S
         while self.telemetry()["time_ms"] < until_ms:
             if time.perf_counter() > deadline_s:
-                raise TimeoutError(f"plant at {self._address}: its time does not advance")
+                raise TimeoutError(f"plant at {self._address}: plant time does not advance")
             threading.Event().wait(POLL_S)
 
 

@@ -20,8 +20,8 @@ class ProgressState:
     Attributes:
         elapsed_s: Machine time, s.
         state: Name of the PackML state.
-        tray: Number of emptied trays, and of all trays.
-        rows: Number of transplanted rows, and of all rows.
+        tray: Numbers of emptied trays and of all trays, such as "1/2".
+        rows: Numbers of transplanted rows and of all rows, such as "3/12".
         in_cups: Seedlings in cups.
         lost: Seedlings lost so far.
         seedlings: Total number of seedlings.

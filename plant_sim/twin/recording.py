@@ -22,7 +22,7 @@ def recorded(twin: Twin, path: Path | None, *, seed: int) -> Iterator[None]:
 
     Args:
         twin: The twin, without any other recorder attached.
-        path: Path of the recording; None to disable it.
+        path: Path of the recording; None = no recording.
         seed: Seed of the plant.
 
     Raises:

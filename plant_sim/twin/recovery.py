@@ -91,7 +91,7 @@ def answer_truly(twin: Twin) -> set[str]:
     if "tray" in asked:
         if twin.plant.conveyor.beam.read() and twin.plant.conveyor.placed_tray is None:
             operate_manually(twin, "tray_run", for_ms=400)
-            twin.run_for(200)  # until the belt has stopped
+            twin.run_for(200)  # the belt stops within this time
         twin.command(f"tray_{true_tray(twin)}")
     twin.run_for(200)
     return asked
@@ -131,9 +131,9 @@ def overrides(twin: Twin, *outputs: str) -> list[bool]:
 def repair(twin: Twin, fault: Fault) -> None:
     """Repair a fault as a maintenance technician would, and wait for the air pressure.
 
-    The affected slide or lift is stroked with its manual overrides until its chambers contain their normal air at rest;
-    otherwise the next stroke would be uncontrolled. After a failure of the air supply this applies to all slides and
-    lifts.
+    The affected slide or lift is stroked with its manual overrides until its chambers contain the normal amount of air
+    at rest; otherwise the next stroke would be uncontrolled. After a failure of the air supply this applies to all
+    slides and lifts.
 
     Raises:
         FaultError: The fault is unknown.

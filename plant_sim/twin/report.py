@@ -86,7 +86,7 @@ class TrialReport:
         reason: Reason for an incomplete trial; empty if it completed.
         simulated_s: Machine time from power-up to the end, s.
         wall_s: Wall-clock time of the run, s.
-        extrapolates: True if the crop settings lie outside the paper's trials.
+        extrapolates: True if the crop settings are outside the paper's trials.
     """
 
     seed: int
@@ -174,7 +174,7 @@ def make_report(
         reason: Reason for an incomplete trial; empty if it completed.
         simulated_s: Machine time, s.
         wall_s: Wall-clock time, s.
-        extrapolates: True if the crop settings lie outside the paper's trials.
+        extrapolates: True if the crop settings are outside the paper's trials.
         air_l_min: Air consumption of the valves, L/min ANR; None if unknown.
 
     Returns:

@@ -224,7 +224,7 @@ class HmiServer:
         except ModuleNotFoundError as error:
             raise ServerError(f"--hmi-serial: {install_hint(error)}") from error
         except (OSError, ValueError, OverflowError) as error:
-            raise ServerError(f"serial line {line.path}: {error}; give another --hmi-serial, or omit it") from error
+            raise ServerError(f"serial line {line.path}: {error}; specify another --hmi-serial, or omit it") from error
         return server
 
     async def _report(self) -> None:
@@ -255,7 +255,7 @@ class HmiServer:
 def _tls(options: HmiOptions) -> ssl.SSLContext | None:
     if options.certificate is None:
         if options.key is not None or options.clients is not None:
-            raise ServerError("--hmi-key and --hmi-clients need a certificate; give --hmi-certificate too")
+            raise ServerError("--hmi-key and --hmi-clients require a certificate; add --hmi-certificate")
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -267,5 +267,5 @@ def _tls(options: HmiOptions) -> ssl.SSLContext | None:
             context.verify_mode = ssl.CERT_REQUIRED
     except (OSError, ssl.SSLError) as error:
         files = ", ".join(filter(None, (options.certificate, options.key, options.clients)))
-        raise ServerError(f"HMI certificate ({files}): {error}; give PEM files that belong together") from error
+        raise ServerError(f"HMI certificate ({files}): {error}; specify a matching set of PEM files") from error
     return context

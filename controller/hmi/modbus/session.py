@@ -307,11 +307,13 @@ class HmiSession(ModbusDevice):
     def _force(self, values: Sequence[int]) -> None:
         number, level = values
         if level > status.RELEASE_FORCE:
-            raise self._refused("force", str(list(values)), ExcCodes.ILLEGAL_VALUE, "give 0 or 1, or 2 to end forcing")
+            raise self._refused(
+                "force", str(list(values)), ExcCodes.ILLEGAL_VALUE, "must be 0 or 1, or 2 to end forcing"
+            )
         self._state.runtime.forcing.force(number, None if level == status.RELEASE_FORCE else bool(level))
         if level != status.RELEASE_FORCE:
             self._state.forcer = self
-        self._note(f"force X{number:o}", "let go" if level == status.RELEASE_FORCE else str(level))
+        self._note(f"force X{number:o}", "released" if level == status.RELEASE_FORCE else str(level))
 
     def _note(self, what: str, value: str, result: str = "done") -> None:
         self._state.audit(self._peer, self._name, what, value, result)

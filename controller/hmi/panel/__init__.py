@@ -1,1 +1,1 @@
-"""Web panel: a separate process that reaches the controller over Modbus only."""
+"""Web panel: a separate process that communicates with the controller over Modbus only."""

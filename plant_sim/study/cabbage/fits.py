@@ -112,7 +112,7 @@ def equation_agreement(response: Response) -> Agreement:
 
 
 def reproduces(response: Response) -> bool:
-    """Return whether the data give R², the F value of the model and the equation to the printed digits."""
+    """Return whether the data reproduce R², the F value of the model and the equation to the printed digits."""
     r2, table_3 = sheet("cabbage-r2"), sheet(response.anova_sheet)
     r2_text = r2.texts("r2")[r2.texts("response").index(response.name)]
     f_text = table_3.texts("f")[table_3.texts("source").index("model")]

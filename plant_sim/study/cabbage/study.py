@@ -90,9 +90,9 @@ def _design_parts(experiment: Experiment, data: CabbageData) -> list[Part]:
         Heading("Experiment"),
         coding_table("coding", "Coding of the factors ([K] Table 1, as printed)", CABBAGE_FACTORS, codes, levels),
         f"Erratum: Table 1 prints the axial code as {codes.max():g}, Table 2 uses {axial:g}, the one that makes the "
-        f"design rotatable ({rotatable_axial(k):.3f}). The axial speed and force of Table 1 stand nearer to the "
-        f"{orthogonal_axial(k, centres):.3f} that makes the squared terms uncorrelated; the frequency, a whole "
-        "number, stands at 2.",
+        f"design rotatable ({rotatable_axial(k):.3f}). The axial speed and force of Table 1 are closer to the "
+        f"{orthogonal_axial(k, centres):.3f} that makes the squared terms uncorrelated; the frequency, an integer, "
+        "corresponds to 2.",
         runs_table(
             "runs",
             f"Runs ([K] Table 2, {data}); each the mean of three trials",
@@ -107,12 +107,12 @@ def _design_parts(experiment: Experiment, data: CabbageData) -> list[Part]:
 
 def _corrections_table() -> Table:
     rows = tuple((each.run, each.column, each.printed, each.reconciled) for each in corrections())
-    caption = "Corrections of Table 2 that give Table 3 (computed, not printed)"
+    caption = "Corrections of Table 2 that reproduce Table 3 (computed, not printed)"
     return Table("corrections", caption, ("run", "column", "printed", "reconciled"), rows, 3)
 
 
 def _reconciliation(data: CabbageData) -> str:
-    erratum = "Erratum: Table 2 as printed does not give Table 3, nor equations 10 and 11."
+    erratum = "Erratum: Table 2 as printed does not reproduce Table 3 or equations 10 and 11."
     if data == "printed":
         return (
             f"{erratum} This report uses the printed table, so the figures below differ from the paper's; "
@@ -154,10 +154,10 @@ def _f_text(f: float | None) -> str | None:
 def _verdict(both: tuple[Response, Response], data: CabbageData) -> str:
     missing = [each.name for each in both if not reproduces(each)]
     if missing:
-        return f"No: the {data} data does not give the paper's table and equation of {' and '.join(missing)}."
+        return f"No: the {data} data do not reproduce the paper's table and equation of {' and '.join(missing)}."
     return (
-        f"Yes: the {data} data gives R², the F of the model and every coefficient to the printed digits. The few cells "
-        "of Table 3 that differ do so in their last digits, as figures computed from unrounded means do."
+        f"Yes: the {data} data reproduce R², the F value of the model and every coefficient to the printed digits. The "
+        "few cells of Table 3 that differ do so in their last digits, as is expected if the paper used unrounded means."
     )
 
 
@@ -226,7 +226,7 @@ def _optimum_parts(both: tuple[Response, Response]) -> list[Part]:
     ]
     return [
         Heading("Claimed optimum"),
-        Table("claims", "Statements of the paper on its best setting", ("source", "Y1, %", "Y2, %"), tuple(rows)),
+        Table("claims", "Statements of the paper about its best setting", ("source", "Y1, %", "Y2, %"), tuple(rows)),
         *comparisons,
         f"Erratum: the claimed force is coded {claimed[2]:.3f}, outside the stated range of -1 to 1. Equations 10 and "
         f"11 give {equations[0]:.2f} and {equations[1]:.2f} % there, the paper {said[0]:g} and {said[1]:g} %.",
@@ -255,11 +255,11 @@ def _speed_ratio_erratum(runs: NDArray[np.float64]) -> str:
     reached = max(speed_ratio(*setting[:2]) for setting in to_natural(CABBAGE_FACTORS, runs).tolist())
     claimed = speed_ratio(*cabbage_settings()[0].natural[:2])
     return (
-        "Erratum: the paper's conclusion asks for a ratio λ of chain to machine speed of at least 1.17, but the tested "
+        "Erratum: the paper's conclusion requires a ratio λ of chain to machine speed of at least 1.17, but the tested "
         f"ranges of speed and frequency give λ from {least:.2f} to {most:.2f}, and its own best setting {claimed:.2f}. "
         f"The {most:.2f} is that of the lowest speed with the highest frequency, {speed.min():g} km/h and "
-        f"{frequency.max():g}/min, a corner that no run has: the runs reach {reached:.2f}; what the conclusion asks "
-        "for was never tested in them."
+        f"{frequency.max():g}/min, a corner that is not part of the design. The runs reach at most {reached:.2f}, so "
+        "the required ratio was never tested."
     )
 
 

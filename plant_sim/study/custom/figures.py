@@ -23,9 +23,8 @@ _CURVE_POINTS = 61
 def main_effects(custom: CustomStudy, means: NDArray[np.float64], label: str, model: Fit | None) -> Figure:
     """Plot a response against every factor: runs as points, the effect of the factor as a line.
 
-    Only in a factorial design is every level combined with the same levels of the other factors, so only there do the
-    means at the levels show the effect of the factor. For other designs the line is the model with the other factors
-    at coded 0.
+    In a factorial design every level is combined with the same levels of the other factors, so the line joins the means
+    at the levels. For other designs the line is the model with the other factors at coded 0.
 
     Args:
         custom: The study.

@@ -60,7 +60,7 @@ class CustomStudy:
         factors: Coding of each parameter: -1 and 1 are its low and high level.
         points: Levels in natural units, runs x factors.
         fixed: Other values that differ from those of the base machine.
-        replicates: Trials at each point.
+        replicates: Number of trials at each point.
         seed: Seed of the trials and of a random design.
         seedlings: Seedlings per trial.
         responses: Numeric fields of the trial report to analyse.
@@ -158,7 +158,7 @@ class _StudyReader:
         factors = tuple(_coding(each, list(own_levels)) for each, own_levels in zip(parameters, levels, strict=True))
         points = self._points(design, factors, levels, seed)
         if len(points) * replicates > MOST_TRIALS:
-            many = f"gives more than {MOST_TRIALS} trials; reduce it"
+            many = f"results in more than {MOST_TRIALS} trials; reduce it"
             raise file.error("replicates", many) if trials is None else StudyError(f"--trials {trials}: {many}")
         for column, each in enumerate(parameters):
             if each.is_integer and design != "factorial":
@@ -184,7 +184,7 @@ class _StudyReader:
     def _named(self, key: str) -> Section:
         section = self.file.section(key)
         if section is None or not list(section):
-            raise self.file.error(key, "is empty; give at least one parameter or set-point with its levels")
+            raise self.file.error(key, "is empty; specify at least one parameter or set-point with its levels")
         return section
 
     def _parameter(self, section: Section, name: str) -> StudyParameter:
@@ -212,9 +212,9 @@ class _StudyReader:
             either = "{levels: [...]}, " if design == "factorial" else ""
             raise section.error(each.name, f"must have {either}{{low:, high:}} or {{centre:, step:}}")
         if len(levels) < 2:
-            raise entry.error("levels", "needs at least two levels; put a single value under fixed")
+            raise entry.error("levels", "requires at least two levels; list a single value under fixed")
         if len(set(levels)) < len(levels):
-            raise entry.error("levels", "contains a level twice; delete one, and set replicates for more trials")
+            raise entry.error("levels", "contains a level twice; delete one, and use replicates for more trials")
         return tuple(sorted(levels))
 
     def _points(
@@ -223,7 +223,9 @@ class _StudyReader:
         """Return the design in natural units."""
         file, count = self.file, len(factors)
         if math.prod(map(len, levels)) > MOST_TRIALS:
-            raise file.error("factors", f"give more than {MOST_TRIALS} runs; reduce levels or change the design")
+            raise file.error(
+                "factors", f"result in more than {MOST_TRIALS} runs; reduce the levels or change the design"
+            )
         runs = file.read("runs", whole(2, MOST_TRIALS)) if design == "latin-hypercube" else 0
         if design == "central-composite" and count < 2:
             raise file.error("factors", "must be two or more for a central composite design; use factorial")
@@ -257,7 +259,7 @@ class _StudyReader:
             if name not in known:
                 raise self.file.error("responses", f"unknown response {name!r}; {suggestion(name, known)}")
             if name in names[:number]:
-                raise self.file.error("responses", f"{name!r} is duplicate; delete one")
+                raise self.file.error("responses", f"{name!r} is duplicated; delete one")
         return tuple(names)
 
     def _check(self, study: CustomStudy, section: Section) -> None:
@@ -271,7 +273,7 @@ class _StudyReader:
                 fixed = self.file.section("fixed")
                 source = next((each for each in (section, fixed) if each is not None and name in each), None)
                 is_axial = study.design == "central-composite" and np.abs(coded).max() > 1 + _ROUNDING
-                hint = ", an axial point; bring low and high closer or give axial: 1" if is_axial else ""
+                hint = ", an axial point; reduce the distance between low and high, or use axial: 1" if is_axial else ""
                 raise (
                     source.error(name, _complaint(error) + hint)
                     if source
@@ -279,7 +281,7 @@ class _StudyReader:
                 ) from None
         if study.model != "none":
             try:
-                # with any response: whether the model can be fitted depends on the design only
+                # any response will do: whether the model can be fitted depends on the design only
                 runs = np.repeat(study.coded, study.replicates, axis=0)
                 fit(runs, np.arange(len(runs), dtype=np.float64) ** 2, terms(len(study.parameters), study.model))
             except StudyError as error:
@@ -299,7 +301,7 @@ def _complaint(error: StudyError) -> str:
 
 def _text(text: str) -> str:
     if not text.strip():
-        raise ValueError("is empty; give a title")
+        raise ValueError("must not be empty")
     return " ".join(text.split())
 
 

@@ -29,9 +29,9 @@ from plant_sim.twin.repeats import SHARES
 from plant_sim.twin.report import TrialReport
 
 _UNITS = (
-    {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min", "missed_cups": "cups a trial"}
+    {"cycle_time_s": "s", "simulated_s": "s", "air_l_min": "L/min", "missed_cups": "cups per trial"}
     | dict.fromkeys(SHARES, "%")
-    | dict.fromkeys(SHARES.values(), "seedlings a trial")
+    | dict.fromkeys(SHARES.values(), "seedlings per trial")
 )
 
 
@@ -93,7 +93,7 @@ def _about(custom: CustomStudy, options: RunOptions) -> list[Part]:
             f"{each.name} = {value:.6g}" + ("" if each.unit == "-" else f" {each.unit}")
             for each, value in custom.fixed.items()
         )
-        parts.append(f"Fixed in every run: {fixed}. Everything else has the values of machine and program.")
+        parts.append(f"Fixed in every run: {fixed}. All other values are those of the machine and the program.")
     return parts
 
 
@@ -166,9 +166,9 @@ def _response_parts(
 def _line(custom: CustomStudy, model: Fit | None) -> str:
     """Return the caption for the line in the main-effects plots."""
     if custom.design == "factorial":
-        return "points are runs, the line joins the means of the levels"
+        return "points are runs; the line joins the means at the levels"
     if model is not None:
-        return "points are runs, the line is the model with the other factors at their coded 0"
+        return "points are runs; the line is the model with the other factors at coded 0"
     return "points are runs"
 
 
@@ -193,7 +193,7 @@ def _model_parts(custom: CustomStudy, name: str, model: Fit) -> list[Part]:
         figure = contours(
             model, custom.factors, response=label, held=middle, reach=edge, limits=SHARE_LIMITS if is_share else None
         )
-        parts.append(Picture(f"{stem}-contours", f"Fitted {label}; factors not shown are at their coded 0", figure))
+        parts.append(Picture(f"{stem}-contours", f"Fitted {label}; factors not shown are at coded 0", figure))
     return parts
 
 
@@ -219,7 +219,7 @@ def _label(response: str) -> str:
 
 
 def _stem(response: str) -> str:
-    """Return the name of a response in the form that begins a file name."""
+    """Return the name of a response as a prefix for file names."""
     return response.lower().replace("_", "-")
 
 

@@ -55,9 +55,9 @@ class Factor:
     def __post_init__(self) -> None:
         """Check the centre and the step."""
         if not math.isfinite(self.centre):
-            raise StudyError(f"factor {self.name}: centre {self.centre:g} is not finite; give a finite number")
+            raise StudyError(f"factor {self.name}: centre must be a finite number, not {self.centre:g}")
         if not math.isfinite(self.step) or self.step == 0:
-            raise StudyError(f"factor {self.name}: step {self.step:g} is invalid; give a finite number other than 0")
+            raise StudyError(f"factor {self.name}: step must be a finite number other than 0, not {self.step:g}")
 
     @property
     def label(self) -> str:
@@ -102,7 +102,7 @@ def full_factorial(levels: Sequence[Sequence[float]]) -> NDArray[np.float64]:
     [[1.0, 7.0], [2.0, 7.0], [3.0, 7.0], [1.0, 8.0]]
     """
     if not levels or not all(len(each) for each in levels):
-        raise StudyError("full factorial: a factor or its levels are missing; give at least one level per factor")
+        raise StudyError("full factorial: a factor or its levels are missing; specify at least one level per factor")
     slowest_first = itertools.product(*reversed(levels))
     return np.array([combination[::-1] for combination in slowest_first], dtype=np.float64)
 
@@ -134,7 +134,7 @@ def central_composite(k: int, *, axial: float, centres: int) -> NDArray[np.float
     _check_factors("central composite design", k)
     _check_centres(centres)
     if not (math.isfinite(axial) and axial > 0):
-        raise StudyError(f"central composite design: axial {axial:g} is invalid; give a level above 0")
+        raise StudyError(f"central composite design: axial must be above 0, not {axial:g}")
     pairs = np.repeat(np.eye(k), 2, axis=0) * np.tile([-axial, axial], k)[:, np.newaxis]
     return np.vstack([two_level(k), pairs, np.zeros((centres, k))])
 
@@ -175,16 +175,16 @@ def latin_hypercube(k: int, n: int, *, seed: int) -> NDArray[np.float64]:
     """
     if k < 1 or n < 1 or seed < 0:
         text = f"{k} factors, {n} points, seed {seed}"
-        raise StudyError(f"latin hypercube: {text}; give at least one factor, one point and a seed from 0")
+        raise StudyError(f"latin hypercube: {text}; must be at least one factor, one point and a seed of 0 or more")
     sample: NDArray[np.float64] = qmc.LatinHypercube(d=k, rng=np.random.default_rng(seed)).random(n)
     return 2.0 * sample - 1.0
 
 
 def _check_factors(what: str, k: int) -> None:
     if not 1 <= k <= _MOST_FACTORS:
-        raise StudyError(f"{what}: {k} factors; give 1 to {_MOST_FACTORS}")
+        raise StudyError(f"{what}: {k} factors; must be 1 to {_MOST_FACTORS}")
 
 
 def _check_centres(centres: int) -> None:
     if centres < 0:
-        raise StudyError(f"central composite design: {centres} centres; give 0 or more")
+        raise StudyError(f"central composite design: {centres} centres; must be 0 or more")

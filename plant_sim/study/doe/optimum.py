@@ -27,7 +27,7 @@ class Surface(Protocol):
     """Response surface that can be optimised: a `Fit` or a `Polynomial`."""
 
     def predict(self, coded: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the response at coded points, one per row; a single point gives an array of one."""
+        """Return the response at coded points, one per row; a single point gives an array with one element."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def best(
     box = _box(low, high)
     starts = full_factorial([(a, (a + b) / 2, b) for a, b in box])
     if len(starts) > _MOST_STARTS:
-        raise StudyError(f"optimum: {len(box)} factors are too many to search; fix all but six")
+        raise StudyError(f"optimum: {len(box)} factors; must be at most six")
     sign = -1.0 if maximise else 1.0
 
     def cost(point: NDArray[np.float64]) -> float:
@@ -108,7 +108,7 @@ def best_location_interval(
 def pareto(a: Surface, b: Surface, low: Sequence[float], high: Sequence[float], n: int) -> Front:
     """Return the Pareto front of two responses that are both minimised.
 
-    Constraint method: `a` is minimised while `b` is kept below a bound, which is lowered step by step from the value of
+    Constraint method: `a` is minimised with `b` below a bound, and the bound is lowered step by step from the value of
     `b` at the minimum of `a` to the minimum of `b`. Unlike weighted sums, this also finds the concave parts of a front.
 
     Args:
@@ -122,7 +122,7 @@ def pareto(a: Surface, b: Surface, low: Sequence[float], high: Sequence[float], 
         StudyError: The bounds are not ordered pairs of finite numbers, or n is below 2.
     """
     if n < 2:
-        raise StudyError(f"pareto front: {n} points; give at least 2")
+        raise StudyError(f"pareto front: {n} points; must be at least 2")
     box = _box(low, high)
     least_a, _ = best(a, low, high, maximise=False)
     least_b, smallest_b = best(b, low, high, maximise=False)
@@ -174,8 +174,10 @@ def _search_grid(box: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
 def _box(low: Sequence[float], high: Sequence[float]) -> list[tuple[float, float]]:
     """Return the bounds as pairs."""
     if len(low) == 0 or len(low) != len(high):
-        raise StudyError(f"bounds: {len(low)} lower and {len(high)} upper ones; give one pair per factor")
+        raise StudyError(f"bounds: {len(low)} lower and {len(high)} upper bounds; specify one pair per factor")
     for number, ends in enumerate(zip(low, high, strict=True), start=1):
         if not (np.isfinite(ends).all() and ends[0] < ends[1]):
-            raise StudyError(f"bounds of X{number}: {ends[0]:g} to {ends[1]:g} is no range; give the smaller end first")
+            raise StudyError(
+                f"bounds of X{number}: {ends[0]:g} to {ends[1]:g} is not a range; specify the lower bound first"
+            )
     return [(float(a), float(b)) for a, b in zip(low, high, strict=True)]

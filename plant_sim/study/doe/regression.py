@@ -35,7 +35,7 @@ class Coefficient:
     Attributes:
         value: Estimate, in units of the response.
         standard_error: Standard error.
-        t: Value over standard error; None if the fit is exact.
+        t: Value divided by its standard error; None if the fit is exact.
         p: Two-sided P value of t; None if t is None.
     """
 
@@ -54,7 +54,7 @@ class AnovaRow:
         sum_of_squares: Sum of squares; partial (type III) for a term.
         degrees: Degrees of freedom.
         mean_square: Mean square; None for the total.
-        f: F value: mean square over that of the residual, or, for lack of fit, over that of the pure error; None if
+        f: F value: ratio of the mean square to that of the residual or, for lack of fit, of the pure error; None if
             undefined.
         p: P value of F; None if F is None.
     """
@@ -78,7 +78,7 @@ class Polynomial:
     coefficients: Mapping[str, float]
 
     def predict(self, coded: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the value at coded points, one per row; a single point gives an array of one."""
+        """Return the value at coded points, one per row; a single point gives an array with one element."""
         points = np.atleast_2d(np.asarray(coded, dtype=np.float64))
         value: NDArray[np.float64] = model_matrix(points, list(self.coefficients)) @ list(self.coefficients.values())
         return value
@@ -121,10 +121,10 @@ class Fit:
             if row.source == source:
                 return row
         sources = ", ".join(row.source for row in self.anova)
-        raise StudyError(f"analysis of variance: has no line {source!r}; it has {sources}")
+        raise StudyError(f"analysis of variance: has no row {source!r}; it has {sources}")
 
     def predict(self, coded: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the fitted response at coded points, one per row; a single point gives an array of one."""
+        """Return the fitted response at coded points, one per row; a single point gives an array with one element."""
         return Polynomial(self.values).predict(coded)
 
     def drawn(self, number: int, *, seed: int) -> NDArray[np.float64]:
@@ -150,7 +150,7 @@ class Fit:
 
         Args:
             coded: Points, one per row, or a single point.
-            confidence: Probability that the response of the run lies in the interval, above 0 and below 1.
+            confidence: Probability that the response of the run is in the interval, above 0 and below 1.
 
         Returns:
             Lower and upper ends.
@@ -159,7 +159,7 @@ class Fit:
             StudyError: The confidence is not between 0 and 1.
         """
         if not 0 < confidence < 1:
-            raise StudyError(f"confidence {confidence:g}: is not between 0 and 1; give a probability such as 0.95")
+            raise StudyError(f"confidence {confidence:g}: must be between 0 and 1, for example 0.95")
         matrix = model_matrix(np.atleast_2d(coded), list(self.coefficients))
         ends = self._results.get_prediction(matrix).conf_int(obs=True, alpha=1 - confidence)
         return ends[:, 0], ends[:, 1]
@@ -205,7 +205,7 @@ def _column(coded: NDArray[np.float64], name: str) -> NDArray[np.float64]:
         match = _PART.fullmatch(part)
         if match is None or int(match[1]) > coded.shape[1]:
             available = f"the design has X1 to X{coded.shape[1]}"
-            raise StudyError(f"term {name!r}: {available}; write a term like X1, 'X1 X2' or X1^2")
+            raise StudyError(f"term {name!r}: {available}; write a term such as X1, 'X1 X2' or X1^2")
         column = column * coded[:, int(match[1]) - 1] ** (2 if match[2] else 1)
     return column
 
@@ -237,11 +237,11 @@ def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequen
 def _check_runs(coded: NDArray[np.float64], response: NDArray[np.float64], names: Sequence[str]) -> None:
     """Check that a model can be fitted to the runs."""
     if coded.ndim != 2 or len(coded) == 0:
-        raise StudyError("regression: the design has no runs; give one row per run")
+        raise StudyError("regression: the design has no runs; specify one row per run")
     if len(names) < 2:
-        raise StudyError("regression: no terms; give at least one, such as X1")
+        raise StudyError("regression: no terms; specify at least one, such as X1")
     if response.shape != (len(coded),):
-        raise StudyError(f"regression: {len(coded)} runs but {response.size} responses; give one per run")
+        raise StudyError(f"regression: {len(coded)} runs but {response.size} responses; specify one per run")
     broken = np.flatnonzero(~(np.isfinite(response) & np.isfinite(coded).all(axis=1)))
     if len(broken):
         raise StudyError(f"regression: run {broken[0] + 1} contains a non-finite number; complete or remove the run")
@@ -249,7 +249,7 @@ def _check_runs(coded: NDArray[np.float64], response: NDArray[np.float64], names
         counts = f"{len(coded)} runs for {len(names)} coefficients leave no degrees of freedom for the error"
         raise StudyError(f"regression: {counts}; add runs or remove terms")
     if np.ptp(response) == 0:
-        raise StudyError(f"regression: the response is {response[0]:g} in every run; there is nothing to explain")
+        raise StudyError(f"regression: the response is {response[0]:g} in every run, so no model can be fitted")
 
 
 def _check_separable(matrix: NDArray[np.float64], names: Sequence[str]) -> None:

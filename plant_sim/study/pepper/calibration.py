@@ -1,7 +1,7 @@
-"""Calibration of the seedling: constants fitted so that the twin's nominal motion gives eq. 5 of the paper.
+"""Calibration of the seedling: constants fitted so that the twin's nominal motion reproduces eq. 5 of the paper.
 
 The pepper paper prints the sum of the three failures as a regression (eq. 5), and describes the individual curves in
-words only. The fit uses the regression over the whole design region and treats the descriptions as soft inequalities:
+words only. The fit uses the regression over the entire design region and treats the descriptions as soft inequalities:
 see `statement_residuals`.
 """
 
@@ -21,7 +21,7 @@ from plant_sim.crop.response import AXIAL_LEVEL, FACTORIAL_RADIUS, natural_facto
 
 Array = NDArray[np.float64]
 MotionAt = Callable[[Any], HandlingMotion]
-"""Nominal motion at claw pressures, MPa: one line per row of seedlings, one column per pressure."""
+"""Nominal motion at claw pressures, MPa: one array row per row of seedlings, one column per pressure."""
 
 FOAMS_MM: Final = np.array([2.5, 5.0, 7.5, 10.0, 12.5, 15.0, 17.5])
 AGES_D: Final = np.array([40.0, 43.0, 46.0, 49.0, 52.0, 55.0, 58.0])
@@ -140,8 +140,8 @@ def courses(spec: SeedlingSpec, motion: MotionAt) -> SingleFactorCurves:
 def statement_residuals(spec: SeedlingSpec, motion: MotionAt) -> Array:
     """Return the deviations from the paper's statements on single factors, percentage points; 0 if a statement is met.
 
-    The thresholds (for "high" or "slightly") are our own. The statements are from section 3.3 of the paper; see
-    machine.md 5.
+    The thresholds for words such as "high" or "slightly" are assumptions. The statements are from section 3.3 of the
+    paper; see machine.md 5.
     """
     foam, age, pressure = courses(spec, motion)
     return 100 * np.concatenate([_foam_residuals(foam), _age_residuals(age), _pressure_residuals(pressure)])
@@ -152,9 +152,9 @@ def _foam_residuals(s: Shares) -> Array:
     return np.concatenate(
         [
             _at_most(p[:3], 0.020),
-            _at_least(d[:3], [0.10, 0.05, 0.025]),  # 7.5 mm and less: few P, many D
+            _at_least(d[:3], [0.10, 0.05, 0.025]),  # 7.5 mm and less: P low, D high
             _at_least(p[5:], [0.030, 0.080]),
-            _at_most(d[5:], [0.010, 0.008]),  # 15 mm and more: more P, far fewer D
+            _at_most(d[5:], [0.010, 0.008]),  # 15 mm and more: P higher, D far lower
             _rising(p[2:], 0.0005),
             _falling(d, 0.001),
             3 * np.maximum(np.abs(t - t.mean()) - 0.010, 0.0),  # T nearly constant
@@ -167,7 +167,7 @@ def _age_residuals(s: Shares) -> Array:
     return np.concatenate(
         [
             _at_least(p[:2], [0.060, 0.035]),
-            _at_least(d[:2], [0.030, 0.020]),  # 43 d and less: many P and D
+            _at_least(d[:2], [0.030, 0.020]),  # 43 d and less: P and D high
             _falling(p, 0.001),
             _falling(d, 0.001),
             _at_most(p[6:], 0.030),
@@ -186,7 +186,7 @@ def _pressure_residuals(s: Shares) -> Array:
             _rising(-t[:3], [0.030, 0.015]),
             _rising(t[[3, 6]], 0.005),
             _rising(t[5:], 0.002),  # T falls fast, then rises
-            _at_most(t[6:] - t[3], 0.040),  # a little
+            _at_most(t[6:] - t[3], 0.040),  # slightly
             _at_most(d, 0.040),
             _rising(d[[3, 6]], 0.003),
             _rising(d[5:], 0.001),  # D rises slightly at the end

@@ -46,10 +46,10 @@ def calibration_study(machine: Machine, *, seed: int) -> Study:
     motion = nominal_motion(machine, seed=seed)
     specs = {"machine": machine.seedling, "fit": calibrate(middle(machine.seedling), motion)}
     parts: list[Part] = [
-        "The constants of the seedling that neither paper nor catalogue gives are fitted so that a population under "
-        "the nominal motion of the machine gives eq. 5 of the pepper paper over its design region, with the paper's "
-        "statements on single factors as inequalities. The values of the machine are compared with a fit from the "
-        "middle of all bounds.",
+        "The seedling constants that are given neither in the papers nor in catalogues are fitted so that a population "
+        "under the nominal motion of the machine reproduces eq. 5 of the pepper paper over its design region, with the "
+        "paper's statements on single factors as inequalities. The values of the machine are compared with a fit that "
+        "starts in the middle of all bounds.",
         Heading("Motion"),
         _motion_table(motion),
         Heading("Comparison with equation 5"),
@@ -57,8 +57,8 @@ def calibration_study(machine: Machine, *, seed: int) -> Study:
         Heading("Constants"),
         _constants_table(specs),
         Heading("Single factors"),
-        "Expected failures of the machine's seedlings, %; the other factors at 12.5 mm, 52 d, 0.45 MPa. Missed, cut "
-        "and slipped are each counted separately.",
+        "Expected failures of the machine's seedlings, %, with the other factors at 12.5 mm, 52 d and 0.45 MPa. "
+        "Missed, cut and slipped are counted separately.",
         *(_course_table(name, course) for name, course in courses(machine.seedling, motion)._asdict().items()),
     ]
     return Study(

@@ -114,7 +114,7 @@ class NominalMotion:
     catch_m: float
 
     def __call__(self, pressure_mpa: Number) -> HandlingMotion:
-        """Return the motion at the given claw pressures, MPa: one line per seedling row, one column per pressure."""
+        """Return the motion at claw pressures, MPa: one array row per row of seedlings, one column per pressure."""
 
         def each(name: str) -> NDArray[np.float64]:
             return np.array([[abs(getattr(row, name))] for row in self.rows])

@@ -1,4 +1,4 @@
-"""Repeated analysis of the pepper trial as printed: does Table 4 give the paper's equation, table and optimum?
+"""Repeated analysis of the printed pepper trial: Table 4 compared with the paper's equation, table and optimum.
 
 Figures are from [P], sections 3.4 and 3.5; computed figures are marked as such.
 """
@@ -122,8 +122,8 @@ def _design_parts(experiment: Experiment, fitted: Fit) -> list[Part]:
             {RESPONSE: observed, "refit": predicted, "difference": observed - predicted},
         ),
         f"A trial has {TRIAL_SEEDLINGS} seedlings, but only {trial_shares(observed)} of the {len(observed)} printed "
-        f"successes are a whole number of seedlings: the others cannot be single trials of {TRIAL_SEEDLINGS} rounded "
-        "to one decimal.",
+        "success rates correspond to a whole number of seedlings: the others cannot be single trials of "
+        f"{TRIAL_SEEDLINGS} rounded to one decimal.",
     ]
 
 
@@ -135,21 +135,21 @@ def _model_parts(fitted: Fit, printed: Polynomial) -> list[Part]:
     printed_lack, printed_pure = table_5_by_source["lack of fit"], table_5_by_source["pure error"]
     return [
         Heading("Model"),
-        f"The refit gives equation 5 to within {off:.3f} in every coefficient; R² = {fitted.r2:.4f}, "
+        f"The refit reproduces equation 5 to within {off:.3f} in every coefficient; R² = {fitted.r2:.4f}, "
         f"adjusted {fitted.adjusted_r2:.4f}.",
         coefficients({"paper": printed.coefficients, "refit": fitted.values}, fitted),
         anova_table(
             "anova", "Analysis of variance: [P] Table 5 and the refit", {"paper": table_5, "refit": fitted.anova}
         ),
         f"Lack of fit: P = {lack.p:.4f} here, {printed_lack.p} printed. The sums of squares of Table 5 come from "
-        f"unrounded data: rounding to one decimal alone can move the pure error of the centre runs, "
+        f"unrounded data: rounding to one decimal alone can change the pure error of the centre runs, "
         f"{pure.sum_of_squares:.2f} here, by {pure_error_slack(fitted):.2f}, and the printed "
         f"{printed_pure.sum_of_squares:.2f} is within that range. In both cases the lack of fit is not significant.",
     ]
 
 
 def coefficients(columns: Mapping[str, Mapping[str, float]], fitted: Fit) -> Table:
-    """Return a table of the coefficients of S side by side, for example those of paper, refit and twin.
+    """Return a table that compares the coefficients of S, for example those of paper, refit and twin.
 
     Args:
         columns: Coefficients by term, by the name of the column.
@@ -160,7 +160,7 @@ def coefficients(columns: Mapping[str, Mapping[str, float]], fitted: Fit) -> Tab
 
 
 def pure_error_slack(fitted: Fit) -> float:
-    """Return by how much rounding to one decimal can change the sum of squares of the centre runs."""
+    """Return the largest change of the sum of squares of the centre runs caused by rounding to one decimal."""
     centre = fitted.response[(fitted.coded == 0).all(axis=1)]
     return float(np.sum(2 * np.abs(centre - centre.mean()) * _PRINTED_HALF_STEP))
 
@@ -201,13 +201,15 @@ def _verification_parts() -> list[Part]:
     return [
         Heading("Verification"),
         Table("verification", "Trials at the rounded setting ([P] section 3.5)", ("trial", RESPONSE), rows, 2),
-        f"The mean is {scatter['mean']:.2f} %; a mean of five such trials at a true {claimed:.1f} % lies this far off "
-        f"in {100 * scatter['mean_p']:.0f} of 100 cases (t-test), so the prediction is not contradicted.",
-        f"One trial of {TRIAL_SEEDLINGS} seedlings scatters by {scatter['binomial_sd']:.1f} points by chance alone "
-        f"(binomial standard deviation): one trial proves little. The five scatter by only {scatter['sd']:.2f}; five "
-        f"single trials do so in {100 * scatter['scatter_p']:.1f} of 100 cases (χ² test), and "
-        f"{len(values) - trial_shares(values)} of the {len(values)} are no whole number of seedlings: they cannot be "
-        f"single trials of {TRIAL_SEEDLINGS} rounded to one decimal.",
+        f"The mean is {scatter['mean']:.2f} %. If the true value is {claimed:.1f} %, the mean of five such trials "
+        f"deviates at least this much in {100 * scatter['mean_p']:.0f} of 100 cases (t-test), so the prediction is not "
+        "contradicted.",
+        f"The result of one trial of {TRIAL_SEEDLINGS} seedlings has a binomial standard deviation of "
+        f"{scatter['binomial_sd']:.1f} points, so a single trial is weak evidence. The standard deviation of the five "
+        f"values is only {scatter['sd']:.2f} points. Five single trials agree this well in only "
+        f"{100 * scatter['scatter_p']:.1f} of 100 cases (χ² test), and {len(values) - trial_shares(values)} of the "
+        f"{len(values)} values do not correspond to a whole number of seedlings: they cannot be single trials of "
+        f"{TRIAL_SEEDLINGS} rounded to one decimal.",
     ]
 
 

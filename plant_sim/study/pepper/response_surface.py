@@ -123,9 +123,9 @@ class _Optimum:
         if self.success <= SHARE_LIMITS[1]:
             return []
         return [
-            f"At its best setting the quadratic gives S {self.success:.1f} %, which is impossible: the scatter of runs "
-            "with so few seedlings is too large, or the model is too simple. Disregard place and height of this "
-            "optimum."
+            f"At its best setting the quadratic model gives S {self.success:.1f} %, which is impossible: the scatter "
+            "of runs with so few seedlings is too large, or the model is too simple. Disregard the location and value "
+            "of this optimum."
         ]
 
     def text(self) -> str:
@@ -137,9 +137,9 @@ class _Optimum:
         )
         return (
             f"A further run at the best setting of the twin is expected between {self.expected[0]:.1f} and "
-            f"{self.expected[1]:.1f} % (95 % prediction interval, limited to 0 to 100 %). The setting itself is only "
-            f"known to lie within {location} (95 %, each factor by itself, within the searched box; Monte Carlo with "
-            "the covariance of the coefficients)."
+            f"{self.expected[1]:.1f} % (95 % prediction interval, limited to 0 to 100 %). The 95 % confidence "
+            f"intervals of the best setting are {location} (each factor separately, within the search box; Monte Carlo "
+            "with the covariance of the coefficients)."
         )
 
     def record(self) -> dict[str, object]:
@@ -161,12 +161,11 @@ def _run_parts(coded: NDArray[np.float64], printed: NDArray[np.float64], points:
 
 
 def _fit_parts(twin: Fit, trials: int) -> list[Part]:
-    lack_p = p_text(twin.row("lack of fit").p) or "undefined, as all centre runs agree"
+    lack_p = p_text(twin.row("lack of fit").p) or "undefined, because all centre runs are equal"
     return [
         Heading("Model"),
-        f"The regression counts each run once, with the share of all seedlings of its {counted(trials, 'trial')} "
-        f"together. R² of the twin's regression {twin.r2:.3f} (paper's data {refit().r2:.3f}); "
-        f"lack of fit P {lack_p}.",
+        f"The regression uses each run once, with the pooled success rate of its {counted(trials, 'trial')}. R² of "
+        f"the twin's regression is {twin.r2:.3f} (paper's data: {refit().r2:.3f}); lack of fit: P {lack_p}.",
         coefficients({"paper": equation_5().coefficients, "refit": refit().values, "twin": twin.values}, twin),
         anova_table(
             "anova",
@@ -194,7 +193,8 @@ def _best_parts(twin: Fit, best_of_twin: _Optimum) -> list[Part]:
         ),
         *best_of_twin.doubts(),
         best_of_twin.text(),
-        f"The twin's optimum lies {off[0]:+.2f} mm, {off[1]:+.2f} d and {off[2]:+.3f} MPa from that of the refit.",
+        f"The twin's optimum differs from that of the refit by {off[0]:+.2f} mm, {off[1]:+.2f} d and "
+        f"{off[2]:+.3f} MPa.",
         *fit_pictures("success", twin, PEPPER_FACTORS, response=RESPONSE, marks=marks, held=optimum),
     ]
 

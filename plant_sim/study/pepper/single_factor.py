@@ -49,7 +49,7 @@ def single_study(options: RunOptions) -> Study:
     verdicts = {name: _verdicts(name, points) for name, points in tests.items()}
     parts: list[Part] = [
         f"{counted(options.trials, 'trial')} of {options.seedlings} seedlings at each level, on the twin. The paper "
-        "prints the results as pictures only and describes them in words.",
+        "shows the results only as figures and describes them in words.",
         *cautions(settings, options),
         *incomplete_trials(reports, LEFT_OUT),
         _verdict_text(verdicts),
@@ -60,8 +60,8 @@ def single_study(options: RunOptions) -> Study:
             _single_table(name, points, index),
             Picture(
                 f"single-{name}",
-                "Failures picking F_p, carrying F_d and throwing F_t, and success S over "
-                f"{_AXES[name]}; bars: 95 % binomial.",
+                "Pick failures F_p, carry failures F_d, throw failures F_t and success S over "
+                f"{_AXES[name]}; bars: 95 % binomial intervals.",
                 _single_figure(name, points, index),
             ),
             _statements_table(name, points),
@@ -174,7 +174,7 @@ def _statements_table(name: str, points: Sequence[PooledResult]) -> Table:
         rows.append((each.text, each.meaning, f"{each.share} {shown}", verdict))
     caption = (
         "Statements of the paper and results of these trials; undecided: too few seedlings to decide "
-        "(95 % simultaneous for all comparisons of a line)"
+        "(simultaneous 95 % confidence for all comparisons of a row)"
     )
     return Table(f"words-{name}", caption, ("paper", "criterion", "twin, %, level by level", "holds"), tuple(rows))
 
@@ -185,7 +185,7 @@ def _what_equation_5_implies(points: Sequence[PooledResult]) -> str:
     lost = young.by_equation_5 - old.by_equation_5
     picked = sum(old.shares[name] - young.shares[name] for name in ("F_p", "F_d"))
     return (
-        f"From 52 to 58 d equation 5 loses {lost:.1f} points, while the paper says that pick and carry failures fall. "
-        f"Both can only be true if throw failures rise by more than that: on the twin F_p and F_d together change by "
-        f"{picked:+.1f} points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
+        f"From 52 to 58 d equation 5 falls by {lost:.1f} points, while the paper states that pick and carry failures "
+        "fall. Both can be true only if throw failures rise by more than that: on the twin F_p and F_d together "
+        f"change by {picked:+.1f} points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
     )

@@ -1,8 +1,8 @@
 """Statements of the pepper paper about single factors, and their test against trials ([P], section 3.3).
 
-The paper shows these results as figures without numbers. The criteria for "low", "high" or "a little" are our choice
+The paper shows these results as figures without numbers. The criteria for "low", "high" or "a little" are assumptions
 and are listed with each statement. A statement is confirmed or rejected only if the scatter of the counts allows it,
-by confidence intervals that hold simultaneously for all its comparisons with 95 % confidence (Bonferroni).
+based on simultaneous 95 % confidence intervals for all its comparisons (Bonferroni).
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ Course = tuple[Pool, ...]
 """Pooled trials at the seven levels of a factor, ascending."""
 Interval = tuple[float, float]
 Comparison = Callable[[Course, str, float], Interval]
-"""Confidence interval, for a share and an error probability, of a quantity above 0 if the statement holds."""
+"""Function of a course, a share and an error probability that returns the confidence interval of a quantity.
+
+The quantity is above 0 if the statement is true.
+"""
 
 _PERCENT = 100.0
 _FLUCTUATION = 1.0
@@ -164,7 +167,7 @@ FOAM: Final = (
     Statement(
         "7.5 mm and less: carry failures high",
         "F_d",
-        "each above 12.5 mm and more together",
+        "each above the pooled rate at 12.5 mm and more",
         _every(*(_above((at,), (4, 5, 6)) for at in range(3))),
     ),
     Statement(
@@ -173,13 +176,13 @@ FOAM: Final = (
     Statement(
         "15 mm and more: carry failures far lower",
         "F_d",
-        "7.5 mm more than twice each",
+        "rate at 7.5 mm more than twice each",
         _every(_times((2,), (5,), 2), _times((2,), (6,), 2)),
     ),
     Statement(
         "15 mm and more: throw failures unchanged",
         "F_t",
-        "no difference to 7.5 mm and less beyond chance, and less than a third of that of F_p and of F_d",
+        "no significant difference from 7.5 mm and less, and less than a third of the differences of F_p and F_d",
         _unchanged((5, 6), (0, 1, 2), ("F_p", "F_d")),
     ),
 )
@@ -188,7 +191,7 @@ AGE: Final = (
         Statement(
             f"43 d and less: {name} failures high",
             share,
-            "both above 52 d and more together",
+            "both above the pooled rate at 52 d and more",
             _every(_above((0,), (4, 5, 6)), _above((1,), (4, 5, 6))),
         )
         for name, share in (("pick", "F_p"), ("carry", "F_d"))
@@ -197,7 +200,7 @@ AGE: Final = (
         Statement(
             f"52 d and more: {name} failures fall",
             share,
-            "55 and 58 d together below 52 d",
+            "pooled rate at 55 and 58 d below 52 d",
             _every(_above((4,), (5, 6))),
         )
         for name, share in (("pick", "F_p"), ("carry", "F_d"))
@@ -222,14 +225,19 @@ PRESSURE: Final = (
     Statement(
         "carry failures then rise a little",
         "F_d",
-        "from 0.65 MPa on above those before, by less than 5 points",
+        "pooled rate from 0.65 MPa above that at lower pressures, by less than 5 points",
         _every(*_a_little_above((5, 6), (0, 1, 2, 3, 4))),
     ),
-    Statement("throw failures fall fast", "F_t", "at 0.15 MPa more than twice 0.35", _every(_times((0,), (2,), 2))),
+    Statement(
+        "throw failures fall fast",
+        "F_t",
+        "rate at 0.15 MPa more than twice that at 0.35 MPa",
+        _every(_times((0,), (2,), 2)),
+    ),
     Statement(
         "throw failures then rise a little",
         "F_t",
-        "from 0.55 MPa on above 0.35 and 0.45, by less than 5 points",
+        "pooled rate from 0.55 MPa above that at 0.35 and 0.45 MPa, by less than 5 points",
         _every(*_a_little_above((4, 5, 6), (2, 3))),
     ),
 )

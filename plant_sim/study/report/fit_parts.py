@@ -202,12 +202,12 @@ def fit_pictures(
     runs = observed_against_predicted(fit.response, fit.predict(fit.coded), response=response, r2=fit.r2)
     remark = (
         "The dashed frame is the search box; beyond the runs of the design the surface is extrapolated. A hollow "
-        "marker is off the slice; its response is in the legend."
+        "marker is not on the slice; its response is in the legend."
     )
     return (
         *no_share_text(fit, factors, held=held.tolist(), reach=reach),
         Picture(f"{name}-contours", f"{response} over every pair of factors. {remark}", over),
-        Picture(f"{name}-runs", f"{response}: observed runs against the fit.", runs),
+        Picture(f"{name}-runs", f"{response}: observed against fitted values of the runs.", runs),
     )
 
 
@@ -232,8 +232,8 @@ def no_share_text(
         return []
     where = " and ".join(f"{value:.1f} % at {_setting_text(factors, point)}" for value, point in left)
     return [
-        f"A share is between 0 and 100 %, but a quadratic is not limited: this one reaches {where}. Outside the range "
-        "the contours are grey."
+        f"A percentage is between 0 and 100 %, but a quadratic model is not limited: this one reaches {where}. Areas "
+        "outside the range are grey."
     ]
 
 

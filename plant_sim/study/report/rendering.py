@@ -29,7 +29,7 @@ pre { background: #f4f4f4; padding: .6rem .8rem; overflow-x: auto; }
 
 
 def plain_text(title: str, parts: Iterable[Part]) -> str:
-    """Return a report as plain text, with only the names of pictures."""
+    """Return a report as plain text, with the names and captions of the pictures."""
     blocks = [f"{title}\n{'=' * len(title)}"]
     for part in parts:
         match part:

@@ -51,7 +51,7 @@ class Study:
                 raise ValueError(f"study {self.name}: duplicate file names: {', '.join(duplicates)}")
 
     def text(self) -> str:
-        """Return the report as plain text, with only the names of pictures."""
+        """Return the report as plain text, with the names and captions of the pictures."""
         return plain_text(self.title, self.parts)
 
     def json(self) -> str:
@@ -80,21 +80,21 @@ def check_folder(folder: Path) -> None:
     """
     try:
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-            raise StudyError(f"--out {folder}: is not a folder; give a new one")
+            raise StudyError(f"--out {folder}: is not a folder; specify a new folder")
         if folder.is_dir():
             if folder.is_mount() or folder.resolve() == Path.cwd():
-                raise StudyError(f"--out {folder}: cannot be replaced; give a new folder in it")
+                raise StudyError(f"--out {folder}: cannot be replaced; specify a new folder in it")
             if next(folder.iterdir(), None) is not None:
-                raise StudyError(f"--out {folder}: is not empty; give a new folder or empty it")
+                raise StudyError(f"--out {folder}: is not empty; specify a new folder or empty it")
         around = next(path for path in folder.absolute().parents if path.exists())
         with TemporaryDirectory(prefix=f".{folder.name}-", dir=around):
-            pass  # a file system may deny access in spite of the permissions
+            pass  # a file system may deny access despite the permissions
     except OSError as error:
         raise _unwritable(folder, error) from None
 
 
 def write(study: Study, folder: Path) -> list[Path]:
-    """Write a complete report, or nothing.
+    """Write a report, completely or not at all.
 
     Files are written to a temporary folder, which is renamed when complete. Equal studies give identical bytes.
 
@@ -126,7 +126,7 @@ def write(study: Study, folder: Path) -> list[Path]:
 
 def _unwritable(folder: Path, error: OSError | RecordingError) -> StudyError:
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return StudyError(f"--out {folder}: cannot be written ({reason}); give another folder")
+    return StudyError(f"--out {folder}: cannot be written ({reason}); specify another folder")
 
 
 def _fill(study: Study, folder: Path) -> list[Path]:

@@ -64,7 +64,7 @@ def contours(
     """
     pairs = list(itertools.combinations(range(len(factors)), 2))
     if not pairs:
-        raise StudyError(f"contours of {response}: one factor has no pair; draw a line instead")
+        raise StudyError(f"contours of {response}: two or more factors are required; draw a line instead")
     columns = min(len(pairs), _COLUMNS)
     rows = math.ceil(len(pairs) / columns)
     grids = [_grid(surface, pair, held, reach) for pair in pairs]

@@ -1,4 +1,4 @@
-"""Bottleneck: which motions make up the critical path of a late round."""
+"""Bottleneck: the motions on the critical path of a late round."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from plant_sim.study.throughput.timeline import ARM, Timeline, motion_of
 
 @dataclass(frozen=True)
 class Bottleneck:
-    """Late round at the lowest frequency that has one.
+    """Round with the largest delay at the lowest frequency that has late rounds.
 
     Attributes:
         frequency_per_min: Lowest planting frequency with a late round.
@@ -52,7 +52,7 @@ class Bottleneck:
 
     @property
     def waiting_s(self) -> float:
-        """Time that the arm waited for the other arm or the tray, s; its wait for cups is excluded."""
+        """Time for which the arm waited for the other arm or the tray, s; its wait for cups is excluded."""
         since_ms, until_ms = self.round.since.at_ms, self.round.throw.at_ms
         return (
             sum(
@@ -70,11 +70,11 @@ class Bottleneck:
         most, most_ms = next(iter(by_motion(self.round.path).items()))
         return (
             f"{self.title.capitalize()}, {self.frequency_per_min}/min is the lowest frequency observed at which an arm "
-            f"is late: the {ARM[throw.side]} with row {throw.row}, by {-self.round.margin_ms / 1000:.2f} s; twelve "
-            f"cups pass in {round_needed_s(self.frequency_per_min):.2f} s, its round takes {self.round_s:.2f} s. On "
+            f"is late: the {ARM[throw.side]} with row {throw.row}, by {-self.round.margin_ms / 1000:.2f} s. Twelve "
+            f"cups pass in {round_needed_s(self.frequency_per_min):.2f} s; the round takes {self.round_s:.2f} s. On "
             f"the critical path the {self.device} takes {device_s:.2f} s in total "
-            f"({100 * device_s / self.round_s:.0f} %), and of all motions {most.name} the most, "
-            f"{most_ms / 1000:.2f} s in total; the longest single motion is {longest.motion.name} "
+            f"({100 * device_s / self.round_s:.0f} %). The motion with the longest total time is {most.name}, "
+            f"{most_ms / 1000:.2f} s; the longest single motion is {longest.motion.name} "
             f"({longest.sequence}), {longest.length_ms / 1000:.2f} s. The {ARM[throw.side]} waits "
             f"{self.waiting_s:.2f} s for the other arm or the tray."
         )

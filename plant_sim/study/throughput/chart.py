@@ -17,7 +17,7 @@ from plant_sim.study.throughput.timeline import ARM, CUPS, FEEDER, Timeline, mot
 _WIDTH_IN, _HEIGHT_IN = 11.0, 3.4
 _LEFT, _RIGHT, _BOTTOM, _TOP = 0.09, 0.985, 0.2, 0.88
 _CHARACTER_IN = 0.055
-"""Width of a character of the text in a bar, in."""
+"""Width of a character of the text in a bar, inches."""
 _BAR = 0.3
 """Half the height of a bar, in lanes."""
 

@@ -29,7 +29,7 @@ NEXT_CUP: Final = StepMotion("next cup", "carousel", "moves")
 """Wait of a late arm for the next cup after the twelfth."""
 
 IN_CENTRE: Final = 3
-"""Row inward of pick 2, which one arm at a time may take."""
+"""Row inward of pick 2, which only one arm at a time may approach."""
 
 CUP_WAITS: Final = ("wait to lower", CUP_WAIT)
 """Steps of an arm that wait for cups."""
@@ -141,7 +141,9 @@ def _round(timeline: Timeline, since: Throw, throw: Throw) -> Round:
     # an arm that arrives with its cup has no waiting step
     arrived_ms = before.from_ms if before is not None and before.step == CUP_WAIT else throw.at_ms
     if len(cups_ms) < CUPS_A_ROW:
-        raise StudyError(f"{ARM[throw.side]}: the throw at {throw.at_ms} ms has too few cups; use a later round")
+        raise StudyError(
+            f"{ARM[throw.side]}: fewer than twelve cups before the throw at {throw.at_ms} ms; use a later round"
+        )
     return Round(since, throw, path, cups_ms[CUPS_A_ROW - 1] - arrived_ms, len(cups_ms) - CUPS_A_ROW)
 
 

@@ -60,7 +60,7 @@ class FrequencyResult:
         return fmean(_air_l_min(trial) * trial.simulated_s / 60 / trial.seedlings for trial in self.trials)
 
     def waiting_s(self, side: Side, row: int) -> float:
-        """Return the mean time that an arm waited for cups with a row, s; NaN if it never threw the row."""
+        """Return the mean time for which an arm waited for cups with a row, s; NaN if it never threw the row."""
         times = [trial.cycle_times.get(f"{side} row {row}") for trial in self.trials]
         waits = [each.waiting_s for each in times if each is not None]
         return fmean(waits) if waits else math.nan
@@ -140,9 +140,9 @@ def drive(options: RunOptions, frequencies_per_min: Sequence[int], spacing_m: fl
     """
     frequencies, plants_m = sorted(set(frequencies_per_min)), SPACING_M if spacing_m is None else spacing_m
     if not frequencies:
-        raise StudyError("--frequencies: is empty; give at least one planting frequency")
+        raise StudyError("--frequencies: is empty; specify at least one planting frequency")
     if not 0.05 <= plants_m <= 2.0:
-        raise StudyError(f"--spacing: {plants_m:g} m between plants; give 5 cm to 2 m")
+        raise StudyError(f"--spacing: {plants_m:g} m between plants; must be 5 cm to 2 m")
     options = _with_overall_progress(options, len(frequencies))
     points = _points(options, frequencies)
     paces = CyclePaces(options)
@@ -158,7 +158,7 @@ def ground_speed_km_h(frequency_per_min: float, spacing_m: float) -> float:
 
 
 def _with_overall_progress(options: RunOptions, frequencies: int) -> RunOptions:
-    """Return options with one progress count for the trials and observed runs at the initial frequencies."""
+    """Return options whose progress covers the trials and the observed runs at the initial frequencies."""
     if options.progress is None:
         return options
     planned = frequencies * (options.trials + observed_runs(options.trials))

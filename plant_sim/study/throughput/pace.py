@@ -33,7 +33,7 @@ _NO_CUPS_UNIT_MS = 100
 _NO_CUPS_CUPS = 3
 
 TRAYS: Final = 4
-"""Trays of an observed run: two until the arms have settled against each other, two in the settled state."""
+"""Trays of an observed run: two until the timing between the arms has settled, and two in the settled state."""
 _SETTLED_FROM = 6
 """Number of throws of an arm in the first two trays."""
 _MOST_RUNS = 3
@@ -42,7 +42,7 @@ _MOST_RUNS = 3
 def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
     """Return the set-points that a commissioning engineer would enter for a planting frequency.
 
-    The release delay lets the plugs land in the middle of the cups; it is zero if any delay would be too long.
+    With the release delay the plugs land in the middle of the cups; it is zero if any delay would be too long.
     The machine is Suspended for missing cups after three cup intervals.
 
     Raises:
@@ -50,7 +50,7 @@ def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
     """
     if not SLOWEST_PER_MIN <= frequency_per_min <= FASTEST_PER_MIN:
         raise StudyError(
-            f"{FREQUENCY}: {frequency_per_min} is out of range; give {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}"
+            f"{FREQUENCY}: {frequency_per_min} is out of range; must be {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}"
         )
     lead_ms = 60_000 / frequency_per_min * machine.cups.sensor_lead_m / machine.cups.pitch_m
     no_cups_ms = _NO_CUPS_CUPS * 60_000 / frequency_per_min
@@ -80,7 +80,7 @@ def _landing_ms(machine: Machine) -> float:
 
 @dataclass(frozen=True)
 class Observed:
-    """A run that is recorded step by step.
+    """Run that is recorded step by step.
 
     Attributes:
         setting: Setting that differs from the base machine.
@@ -154,7 +154,7 @@ class CyclePaces:
     """Cache of a machine's pace at each frequency."""
 
     def __init__(self, options: RunOptions) -> None:
-        """Set the run options."""
+        """Initialise an empty cache."""
         self._options = options
         self._paces: dict[int, CyclePace] = {}
 
@@ -176,7 +176,7 @@ class CyclePaces:
         """
         missing = [each for each in frequencies_per_min if each not in self._paces]
         options, runs = self._options, observed_runs(self._options.trials)
-        # a run number has the same seed at every frequency, so that only the pace differs
+        # runs with the same number have the same seed at every frequency, so that only the pace differs
         jobs = [
             partial(
                 observe,
@@ -194,12 +194,12 @@ class CyclePaces:
 
 
 def observed_runs(trials: int) -> int:
-    """Return how many runs are observed at a frequency for a given number of trials."""
+    """Return the number of runs observed at a frequency for a given number of trials."""
     return min(trials, _MOST_RUNS)
 
 
 def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMap) -> Observed:
-    """Process some trays and record every step.
+    """Run `TRAYS` trays and record every step.
 
     Args:
         setting: Setting that differs from the base machine.
@@ -222,13 +222,13 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
 def highest(
     frequencies_per_min: Sequence[int], is_good: Callable[[int], bool], *, lowest: int = SLOWEST_PER_MIN
 ) -> int | None:
-    """Return the highest integer frequency below the first bad one, 1/min; None if the lowest is bad.
+    """Return the highest integer frequency below the first that fails a condition, 1/min; None if the lowest fails.
 
     Args:
-        frequencies_per_min: Ascending start frequencies; between the last good and the first bad one the search
-            continues by bisection. If none is bad, the result is the last one.
-        is_good: Function that returns whether a frequency is good.
-        lowest: Lower end of the search if the first frequency is bad.
+        frequencies_per_min: Ascending start frequencies; the search continues by bisection between the first that
+            fails the condition and the one before it. If none fails, the result is the last one.
+        is_good: Condition: a function that returns whether a frequency meets it.
+        lowest: Lower end of the search if the first frequency fails.
     """
     good: int | None = None
     bad: int | None = None

@@ -56,7 +56,7 @@ def throughput_study(
     bottlenecks = [each for each in late if each]
     return Study(
         name="throughput",
-        title="Throughput: limits of the arms against the cups",
+        title="Throughput: limits at which the arms keep up with the cups",
         command=options.command(
             "throughput", frequencies=",".join(map(str, sorted(set(frequencies_per_min)))), spacing=spacing_m
         ),
@@ -79,31 +79,31 @@ def _advice_parts(result: ThroughputResult) -> list[Part]:
     if advice is None:
         return [
             *parts,
-            f"No speed can be recommended: down to {SLOWEST_PER_MIN}/min, the slowest of this study, none is without a "
-            f"gap and leaves a margin of {100 * MARGIN:g} %.",
+            f"No speed can be recommended: down to {SLOWEST_PER_MIN}/min, the lowest frequency of this study, none is "
+            f"free of gaps with a margin of {100 * MARGIN:g} %.",
             *_tried_parts(result),
         ]
     top, safe = advice.highest, advice.with_margin
-    beyond = " (nothing faster was tried)" if top.frequency_per_min == limits.searched_to else ""
+    beyond = " (the highest frequency tested)" if top.frequency_per_min == limits.searched_to else ""
     text = (
         f"With {100 * spacing_m:g} cm between plants{' (assumed)' if result.is_assumed else ''}, drive up to "
-        f"{ground_speed_km_h(top.frequency_per_min, spacing_m):.2f} km/h: {top.frequency_per_min} plants a minute and "
-        f"row{beyond}, without a gap in {counted(len(top.trials), 'trial')} of {top.trials[0].seedlings}. "
-        f"With {100 * MARGIN:g} % margin: "
-        f"{ground_speed_km_h(safe.frequency_per_min, spacing_m):.2f} km/h, {safe.frequency_per_min} a minute; each "
-        f"arm then waits {_least_wait_s(safe):.1f} s or more for its cups, on average."
+        f"{ground_speed_km_h(top.frequency_per_min, spacing_m):.2f} km/h: {top.frequency_per_min} plants per minute "
+        f"and row{beyond}, without a gap in {counted(len(top.trials), 'trial')} of {top.trials[0].seedlings} "
+        f"seedlings. With a margin of {100 * MARGIN:g} %: "
+        f"{ground_speed_km_h(safe.frequency_per_min, spacing_m):.2f} km/h, {safe.frequency_per_min} per minute; each "
+        f"arm then waits at least {_least_wait_s(safe):.1f} s for its cups, on average."
     )
     if limits.settled is not None and limits.settled > top.frequency_per_min:
         text += (
-            f" Up to {ground_speed_km_h(limits.settled, spacing_m):.2f} km/h, {limits.settled} a minute, gaps occur "
-            "only at the start of the observed runs, until the arms have settled against each other."
+            f" Up to {ground_speed_km_h(limits.settled, spacing_m):.2f} km/h, {limits.settled} per minute, gaps occur "
+            "only at the start of the observed runs, until the timing between the arms has settled."
         )
     trials = len(top.trials)
     _, most = binomial_interval(0, trials)
     text += (
-        f" The trials differ in the start position of the cups, which decides the first gaps. No gap in {trials} "
-        f"trials does not exclude one: it may still occur in up to {100 * most:.0f} % of the starts (95 %, exact "
-        "binomial), and another seed may shift the limit by a few plants a minute; more --trials reduce the "
+        f" The trials differ in the start position of the cups, which determines the first gaps. {trials} trials "
+        f"without a gap do not exclude gaps: they may still occur in up to {100 * most:.0f} % of the starts (95 %, "
+        "exact binomial), and another seed may shift the limit by a few plants per minute; more --trials reduce the "
         "uncertainty."
     )
     return [*parts, text, *_tried_parts(result)]
@@ -141,9 +141,9 @@ def _limit_parts(limits: FrequencyLimits, runs: int) -> list[Part]:
     ]
     return [
         Heading("Limits of the arms"),
-        f"Determined with {counted(runs, 'run')} of {TRAYS} trays, to 1/min, up to {limits.searched_to}/min; - if the "
-        f"condition fails at {SLOWEST_PER_MIN}/min. A round is the time for twelve cups to pass; an arm that arrives "
-        "after the twelfth cup leaves a gap.",
+        f"Determined with {counted(runs, 'run')} of {TRAYS} trays, to 1/min, up to {limits.searched_to}/min; '-' means "
+        f"that the condition is not met at {SLOWEST_PER_MIN}/min. A round is the time for twelve cups to pass; an arm "
+        "that arrives after the twelfth cup leaves a gap.",
         Table(
             "limits",
             "Highest planting frequency for each condition",
@@ -162,8 +162,8 @@ def _bottleneck_parts(bottlenecks: Sequence[Bottleneck]) -> list[Part]:
     if not bottlenecks:
         return [*parts, "No arm is late at any tested frequency: the carousel, and thus the tractor, sets the pace."]
     parts.append(
-        "The critical path runs from a throw back to the previous one: motions and dwells are on it, and a wait "
-        "continues with its cause. The latest round at the lowest frequency with a late round is shown."
+        "The critical path runs from a throw back to the previous one: it contains motions and dwells, and a wait is "
+        "replaced by its cause. The round with the largest delay at the lowest frequency with a late round is shown."
     )
     for each in bottlenecks:
         with drawing():
@@ -200,17 +200,17 @@ def _trial_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
         "from",
         "to",
         "SD between trials",
-        "missed cups a trial",
-        "missed a settled tray",
+        "missed cups per trial",
+        "missed cups per settled tray",
         "cycle, s",
         "air, L/min",
-        "air, L a seedling",
+        "air, L per seedling",
         "trials completed",
     )
     return [
         Heading("Trials"),
         f"At each frequency {counted(options.trials, 'trial')} of {options.seedlings} seedlings; S with its exact 95 % "
-        f"interval; a settled tray is one from the third on of runs of {TRAYS}. {ROWS_FAIL_TOGETHER}",
+        f"interval; settled trays are those from the third tray of runs with {TRAYS} trays. {ROWS_FAIL_TOGETHER}",
         Table("trials", "Results of the trials", heading, tuple(rows)),
         *_cause_parts(points),
         _waiting_table(points),
@@ -248,9 +248,9 @@ def _setting_parts(options: RunOptions, points: Sequence[FrequencyResult]) -> li
     )
     return [
         Heading("Settings for each frequency"),
-        "The release delay lets the plugs land in the middle of their cups, if the cup sensor is mounted far enough "
-        f"ahead; a plug may land {1000 * options.machine.cups.catch_m:g} mm off. Without a cup for three cup "
-        "times the machine is Suspended.",
+        "With the release delay the plugs land in the middle of their cups, if the cup sensor is mounted far enough "
+        f"ahead; a plug may land up to {1000 * options.machine.cups.catch_m:g} mm off the middle. If no cup passes for "
+        "three cup intervals, the machine is Suspended.",
         Table(
             "settings",
             "Set-points",
@@ -273,8 +273,8 @@ def _curves(points: Sequence[FrequencyResult], paces: CyclePaces) -> Figure:
         success.set_ylabel("S and its 95 % interval, %")
         missed = [point.mean("missed_cups") for point in points]
         settled = [paces(each).settled_missed_cups for each in frequencies]
-        gaps.plot(frequencies, missed, "o-", color=COLOURS["alarms"], markersize=3, label="a trial of two trays")
-        gaps.plot(frequencies, settled, "s--", color=COLOURS["faults"], markersize=3, label="a settled tray")
+        gaps.plot(frequencies, missed, "o-", color=COLOURS["alarms"], markersize=3, label="trial of two trays")
+        gaps.plot(frequencies, settled, "s--", color=COLOURS["faults"], markersize=3, label="settled tray")
         gaps.set_ylabel("missed cups, mean")
         gaps.legend()
         air.plot(frequencies, [each.air_l_min for each in points], "o-", color=SERIES[5], markersize=3)

@@ -20,7 +20,7 @@ RELEASING: Final = ("release delay", "open claws")
 """Steps after the cup edge of a throw; the first of them starts at the edge.
 
 A step that is entered and left in one scan is not recorded: the release delay if it is zero, the wait for cups if the
-edge comes as the arm arrives.
+edge occurs as the arm arrives.
 """
 
 Kind = Literal["moves", "dwells", "waits"]
@@ -136,7 +136,7 @@ class Timeline:
         cups_ms: Times of the counted cups by arm, ms.
         approaches: Approached rows by arm and start time, ms.
         releases_ms: Times of the cup edges that trigger the releases, by arm, ms; each release restarts the cup count.
-        throws: Releases of picked rows, by arm; the seedlings assumed to be held at a first start belong to no row.
+        throws: Releases of picked rows, by arm; a release before the first pick is not included.
     """
 
     intervals: Mapping[str, tuple[StepInterval, ...]]
@@ -151,7 +151,7 @@ class Timeline:
         return next((each for each in reversed(self.intervals[sequence]) if each.from_ms < at_ms <= each.to_ms), None)
 
     def release_before(self, side: Side, at_ms: int) -> int:
-        """Return when an arm last released before the given time, ms; 0 if it has not released."""
+        """Return the time of the last release of an arm before the given time, ms; 0 if there is none."""
         return next((release_ms for release_ms in reversed(self.releases_ms[side]) if release_ms < at_ms), 0)
 
 

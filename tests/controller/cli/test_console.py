@@ -50,7 +50,7 @@ def test_a_set_point_is_changed() -> None:
     ("line", "expected"),
     [
         ("dance", "unknown command 'dance'; known: reset"),
-        ("reset now", "unknown order 'reset now'; give a command of the table"),
+        ("reset now", "unknown order 'reset now'; expected a command of the table"),
         ("set", "unknown command 'set'"),
         ("set step_sequence", "set step_sequence: must be an integer"),
         ("set step_sequence=4", "set step_sequence=4: must be 1 to 3"),

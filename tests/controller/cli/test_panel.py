@@ -34,7 +34,7 @@ def test_invalid_options_are_rejected(tmp_path: Path) -> None:
     assert "PEM files" in refused(tmp_path, "--certificate", str(tags), "--key", str(tags))
     assert "must be used together" in refused(tmp_path, "--telemetry", "127.0.0.1:5020")
     assert "must be used together" in refused(tmp_path, "--telemetry-tags", str(tags))
-    assert "name a CSV file" in refused(tmp_path, "--telemetry-tags", str(tmp_path / "none.csv"))
+    assert "specify a CSV file" in refused(tmp_path, "--telemetry-tags", str(tmp_path / "none.csv"))
     for where in ("5021", "host:", "host:0", "host:65536", "host:x"):
         assert refused(tmp_path, "--controller", where).startswith(f"--controller {where}: must be HOST:PORT")
     assert "0 to 65535" in refused(tmp_path, "--port", "65536")

@@ -70,7 +70,7 @@ def test_a_released_input_follows_its_terminal_again(rig: HmiRig, client: Client
     rig.twin.run_for(30)
     assert rig.twin.plc.memory.X[LIFT_DOWN] == level
     assert forced(rig) == {}
-    assert rig.audits[-1][2:] == (f"force X{LIFT_DOWN:o}", "let go", "done")
+    assert rig.audits[-1][2:] == (f"force X{LIFT_DOWN:o}", "released", "done")
 
 
 def test_every_output_is_safe_while_an_input_is_forced(rig: HmiRig, client: Client) -> None:
@@ -183,7 +183,7 @@ def test_released_inputs_are_not_reported_when_the_connection_ends(rig: HmiRig, 
     force(client, LIFT_DOWN, RELEASE)
     client.socket.close()
     until(lambda: rig.connections == 1, bystander)
-    assert rig.audits[-1][2:] == (f"force X{LIFT_DOWN:o}", "let go", "done")
+    assert rig.audits[-1][2:] == (f"force X{LIFT_DOWN:o}", "released", "done")
 
 
 @pytest.mark.parametrize("command", ["mode_continuous", "mode_step", "reset"])

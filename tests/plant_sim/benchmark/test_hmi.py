@@ -100,7 +100,7 @@ def test_a_server_without_a_response_ends_the_role_with_one_line(monkeypatch: py
         while connection.recv(4_096):
             pass
 
-    with server(swallow) as port, pytest.raises(SystemExit, match=r"malformed: (no answer|the server does not close)"):
+    with server(swallow) as port, pytest.raises(SystemExit, match=r"malformed: (no answer|the server did not close)"):
         hmi_load.main(["malformed", str(port), "100", "0", "1"])
 
 

@@ -29,11 +29,14 @@ def _signal() -> Iterator[None]:
     [
         (["trial", "--fault", "low_suply:supply=3bar"], "low_suply: unknown fault; did you mean low_supply?"),
         (["run", "--fault", "jammed:left.slid"], "jammed:left.slid: not a moving part; did you mean left.slide?"),
-        (["serve", "--fault", "leak:supply=5mm"], "leak:supply: '5mm': mm does not fit; write it in m3/(s Pa)"),
+        (
+            ["serve", "--fault", "leak:supply=5mm"],
+            "leak:supply: '5mm': mm is a unit of another quantity; use m3/(s Pa)",
+        ),
         (["trial", "--record", ""], "'.': not a file name"),
         (["trial", "--record", "/no/such/folder/run.parquet"], "/no/such/folder/run.parquet: cannot be written"),
-        (["trial", "--seed", "-1"], "--seed -1: give 0 or more"),
-        (["serve", "--planting-frequency", "nan"], "--planting-frequency nan: give 0 to 300"),
+        (["trial", "--seed", "-1"], "--seed -1: must be 0 or more"),
+        (["serve", "--planting-frequency", "nan"], "--planting-frequency nan: must be 0 to 300"),
         (["scenario", "no-such-story"], "no-such-story: unknown scenario; use one of"),
         (["plot", "/no/such/run.parquet"], "/no/such/run.parquet: file not found"),
         (["air", "/no/such/run.parquet"], "/no/such/run.parquet: file not found"),

@@ -85,37 +85,37 @@ def test_json_is_one_object_and_equal_seeds_give_equal_studies(own: Path, capsys
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("own",), "FILE: is missing; name the YAML file of the study"),
-        (("throughput", "x.yaml"), "FILE: has no effect with throughput; leave it out"),
+        (("own",), "FILE: is missing; specify the YAML file of the study"),
+        (("throughput", "x.yaml"), "FILE: has no effect with throughput; omit it"),
         (("own", "there-is-none.yaml"), "there-is-none.yaml: cannot be read (No such file or directory); "),
-        (("cabbage-rsm",), "--data: cabbage-rsm has two data sets; give printed or reconciled"),
+        (("cabbage-rsm",), "--data: cabbage-rsm has two data sets; specify printed or reconciled"),
         (
             ("cabbage-rsm", "--data", "paper"),
-            "--data paper: is not a data set of cabbage-rsm; give printed or reconciled",
+            "--data paper: is not a data set of cabbage-rsm; use printed or reconciled",
         ),
         (("cabbage-rsm", "--data", "printed", "--seed", "1"), "--seed: has no effect with cabbage-rsm, which runs no"),
         (("pepper-rsm", "--data", "paper", "--io-map", "x"), "--io-map: has no effect with --data, which runs no"),
-        (("pepper-rsm", "--data", "printed"), "--data printed: is not a data set of pepper-rsm; give paper"),
-        (("throughput", "--data", "paper"), "--data paper: is not a data set of throughput; leave it out"),
-        (("throughput", "--trials", "0"), "--trials 0: give 1 or more"),
-        (("throughput", "--workers", "0"), "--workers 0: give 1 or more"),
-        (("pepper-single", "--seed", "-1"), "--seed -1: give 0 or more"),
-        (("pepper-single", "--seedlings", "0"), "--seedlings 0: give 1 or more"),
-        (("pepper-single", "--seedlings", "72001"), "--seedlings 72001: give 1 to 72000"),
-        (("own", "FILE", "--seedlings", "72001"), "--seedlings 72001: give 1 to 72000"),
-        (("throughput", "--seedlings", "72001"), "--seedlings 72001: give 1 to 72000"),
+        (("pepper-rsm", "--data", "printed"), "--data printed: is not a data set of pepper-rsm; use paper"),
+        (("throughput", "--data", "paper"), "--data paper: is not a data set of throughput; omit it"),
+        (("throughput", "--trials", "0"), "--trials 0: must be 1 or more"),
+        (("throughput", "--workers", "0"), "--workers 0: must be 1 or more"),
+        (("pepper-single", "--seed", "-1"), "--seed -1: must be 0 or more"),
+        (("pepper-single", "--seedlings", "0"), "--seedlings 0: must be 1 or more"),
+        (("pepper-single", "--seedlings", "72001"), "--seedlings 72001: must be 1 to 72000"),
+        (("own", "FILE", "--seedlings", "72001"), "--seedlings 72001: must be 1 to 72000"),
+        (("throughput", "--seedlings", "72001"), "--seedlings 72001: must be 1 to 72000"),
         (
             ("pepper-rsm", "--data", "paper", "--seedlings", "9"),
             "--seedlings: has no effect with --data, which runs no",
         ),
-        (("pepper-rsm", "--spacing", "35cm"), "--spacing: has no effect with pepper-rsm; leave it out"),
+        (("pepper-rsm", "--spacing", "35cm"), "--spacing: has no effect with pepper-rsm; omit it"),
         (
             ("cabbage-rsm", "--data", "printed", "--frequencies", "20"),
             "--frequencies: has no effect with cabbage-rsm, ",
         ),
-        (("throughput", "--spacing", "35"), "--spacing: 35 m between plants; give 5 cm to 2 m"),
-        (("throughput", "--spacing", "4cm"), "--spacing: 0.04 m between plants; give 5 cm to 2 m"),
-        (("throughput", "--spacing", "35 kg"), "--spacing: '35 kg': kg does not fit; write it in m or "),
+        (("throughput", "--spacing", "35"), "--spacing: 35 m between plants; must be 5 cm to 2 m"),
+        (("throughput", "--spacing", "4cm"), "--spacing: 0.04 m between plants; must be 5 cm to 2 m"),
+        (("throughput", "--spacing", "35 kg"), "--spacing: '35 kg': kg is a unit of another quantity; use m or "),
         (
             ("throughput", "--frequencies", "20..90"),
             "--frequencies 20..90: is neither a range nor a list; write 20..90/10 ",
@@ -130,15 +130,21 @@ def test_json_is_one_object_and_equal_seeds_give_equal_studies(own: Path, capsys
         ),
         (
             ("throughput", "--frequencies", "90..20/10"),
-            "--frequencies 90..20/10: contains no frequency; write the lower",
+            "--frequencies 90..20/10: contains no frequencies; write the lower",
         ),
-        (("throughput", "--frequencies", "20..90/0"), "--frequencies 20..90/0: contains no frequency; write the lower"),
+        (
+            ("throughput", "--frequencies", "20..90/0"),
+            "--frequencies 20..90/0: contains no frequencies; write the lower",
+        ),
         (
             ("throughput", "--frequencies", f"20..{10**30}/1"),
-            f"--frequencies 20..{10**30}/1: give whole numbers from 12 to 150",
+            f"--frequencies 20..{10**30}/1: must be whole numbers from 12 to 150",
         ),
-        (("throughput", "--frequencies", "11,45"), "--frequencies 11,45: give whole numbers from 12 to 150"),
-        (("throughput", "--frequencies", "45..151/53"), "--frequencies 45..151/53: give whole numbers from 12 to 150"),
+        (("throughput", "--frequencies", "11,45"), "--frequencies 11,45: must be whole numbers from 12 to 150"),
+        (
+            ("throughput", "--frequencies", "45..151/53"),
+            "--frequencies 45..151/53: must be whole numbers from 12 to 150",
+        ),
         (("own", "FILE", "--machine", "none.yaml"), "none.yaml: cannot be read"),
         (("own", "FILE", "--io-map", "none.yaml"), "none.yaml: cannot be read"),
         (("own", "FILE", "--out", "."), "--out .: "),
@@ -169,8 +175,8 @@ def test_an_invalid_option_is_reported_in_one_line_and_nothing_is_written(
     ("old", "new", "complaint"),
     [
         ("crop.claw_pressure_mpa", "crop.claw_presure_mpa", ":5: factors.crop.claw_presure_mpa: unknown parameter"),
-        ("0.7]", "1.7]", ":5: factors.crop.claw_pressure_mpa: must lie within 0 to 1, not 1.7"),
-        ("0.7]", "0.7 mm]", ":5: factors.crop.claw_pressure_mpa.levels: '0.7 mm': mm does not fit"),
+        ("0.7]", "1.7]", ":5: factors.crop.claw_pressure_mpa: must be 0 to 1, not 1.7"),
+        ("0.7]", "0.7 mm]", ":5: factors.crop.claw_pressure_mpa.levels: '0.7 mm': mm is a unit of another quantity"),
         ("  crop.claw_pressure_mpa: {levels: [0.4, 0.7]}\n", "", ":4: factors: "),
         ("missed_cups]", "missed_cup]\nmodel: quadratic", ":7: responses: unknown response 'missed_cup'; did "),
         ("missed_cups]", "missed_cups]\nmodel: quadratic", ":8: model: quadratic cannot be fitted to this design: "),
@@ -277,7 +283,7 @@ def test_a_used_output_folder_is_rejected_before_any_trial(
     own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nothing_runs: None
 ) -> None:
     assert study("own", str(own), "--out", str(tmp_path)) == 2
-    assert capsys.readouterr().err == f"--out {tmp_path}: is not empty; give a new folder or empty it\n"
+    assert capsys.readouterr().err == f"--out {tmp_path}: is not empty; specify a new folder or empty it\n"
 
 
 def test_a_custom_machine_is_used_and_named_in_the_command(

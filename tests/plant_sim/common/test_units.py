@@ -44,14 +44,14 @@ def test_a_quantity_is_a_number_in_the_wanted_unit(text: str, unit: str, value: 
 @pytest.mark.parametrize(
     ("text", "unit", "complaint"),
     [
-        ("5 furlong", "m", "'5 furlong': unknown unit furlong; write it in m or cm or mm or um"),
-        ("5 mm", "N", "'5 mm': mm does not fit; write it in N or kN"),
-        ("5 M", "N", "'5 M': unknown unit M; write it in N or kN"),  # case counts: mPa is no MPa
+        ("5 furlong", "m", "'5 furlong': unknown unit furlong; use m or cm or mm or um"),
+        ("5 mm", "N", "'5 mm': mm is a unit of another quantity; use N or kN"),
+        ("5 M", "N", "'5 M': unknown unit M; use N or kN"),  # case counts: mPa is no MPa
         ("mm", "m", "'mm': not a number; write a number with its unit, for example 5 mm"),
         ("", "m", "'': not a number; write a number with its unit, for example 5 mm"),
         ("1e999 m", "m", "'1e999 m': not a number; write a number with its unit, for example 5 mm"),
         ("nan", "m", "'nan': not a number; write a number with its unit, for example 5 mm"),
-        ("1,5 m", "m", "'1,5 m': unknown unit ,5 m; write it in m or cm or mm or um"),
+        ("1,5 m", "m", "'1,5 m': unknown unit ,5 m; use m or cm or mm or um"),
     ],
 )
 def test_an_invalid_quantity_is_rejected_with_a_remedy(text: str, unit: str, complaint: str) -> None:
@@ -73,10 +73,10 @@ def test_a_time_is_an_integer_number_of_milliseconds(text: str, ms: int) -> None
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("12", "'12': a time needs its unit; write 12 s or 12 ms"),
+        ("12", "'12': a time requires a unit; write 12 s or 12 ms"),
         ("1.5 us", "'1.5 us': must be a whole number of milliseconds, 0 or more"),
         ("-1 s", "'-1 s': must be a whole number of milliseconds, 0 or more"),
-        ("5 mm", "'5 mm': mm does not fit; write it in s or ms or us or min or h or d"),
+        ("5 mm", "'5 mm': mm is a unit of another quantity; use s or ms or us or min or h or d"),
     ],
 )
 def test_an_invalid_time_is_rejected(text: str, complaint: str) -> None:

@@ -303,8 +303,8 @@ def test_missed_cups_are_the_empty_ones_between_the_first_and_the_last_filled_cu
 def test_invalid_distances_are_rejected() -> None:
     values = {field: getattr(load_machine().handling, field) for field in HandlingSpec.__dataclass_fields__}
     for changed, said in (
-        ({"reach_m": 0.022}, "reach_m must lie between grip_tolerance_m and half of cell_pitch_m"),
-        ({"extraction_rise_m": 0.131}, "extraction_rise_m must lie between put_back_rise_m and stem_clearance"),
+        ({"reach_m": 0.022}, "reach_m must be between grip_tolerance_m and half of cell_pitch_m"),
+        ({"extraction_rise_m": 0.131}, "extraction_rise_m must be between put_back_rise_m and stem_clearance"),
     ):
         with pytest.raises(SpecError, match=said):
             HandlingSpec(**(values | changed))

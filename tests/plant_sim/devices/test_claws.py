@@ -136,7 +136,7 @@ def test_jammed_claws_do_not_move_although_the_valve_switches() -> None:
 
 def test_claws_that_cannot_grip_are_rejected() -> None:
     spec = {name: getattr(MACHINE.claws, name) for name in ClawsSpec.__slots__}
-    with pytest.raises(SpecError, match="grips_below_deg must lie above the closed end"):
+    with pytest.raises(SpecError, match="grips_below_deg must be above the closed end"):
         ClawsSpec(**spec | {"grips_below_deg": -10.0})
-    with pytest.raises(SpecError, match="frees_above_deg must lie between grips_below_deg and the open end"):
+    with pytest.raises(SpecError, match="frees_above_deg must be between grips_below_deg and the open end"):
         ClawsSpec(**spec | {"frees_above_deg": -6.0})

@@ -271,14 +271,14 @@ def test_parallel_processes_give_the_same_results_as_one() -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        ([], "faults: give either --all, or --fault"),
-        (["--all", "--fault", "leak"], "faults: give either --all, or --fault"),
+        ([], "faults: specify either --all or --fault"),
+        (["--all", "--fault", "leak"], "faults: specify either --all or --fault"),
         (["--fault", "lek"], "lek: unknown fault; did you mean leak?"),
         (["--fault", "jammed:left.slid"], "jammed:left.slid: is not a wired moving part; did you mean left.slide?"),
         (["--fault", "stuck_on:air_pressure_ok"], "stuck_on:air_pressure_ok: is not a wired sensor"),
-        (["--all", "--moments", "0"], "--moments 0: give 1 to 1000"),
-        (["--all", "--jobs", "0"], "--jobs 0: give 1 to 1000"),
-        (["--all", "--out", "/dev/null/x"], "--out /dev/null/x: Not a directory; name another folder"),
+        (["--all", "--moments", "0"], "--moments 0: must be 1 to 1000"),
+        (["--all", "--jobs", "0"], "--jobs 0: must be 1 to 1000"),
+        (["--all", "--out", "/dev/null/x"], "--out /dev/null/x: Not a directory; specify another folder"),
     ],
 )
 def test_invalid_options_are_rejected_in_one_line(

@@ -50,18 +50,18 @@ def test_every_example_of_the_table_is_a_fault_of_the_machine(row: tuple[str, ..
         ),
         (
             "leak:left.slide.plus=5mm",
-            "leak:left.slide.plus: '5mm': mm does not fit; write it in m3/(s Pa) or dm3/(s bar) or L/(s bar)",
+            "leak:left.slide.plus: '5mm': mm is a unit of another quantity; use m3/(s Pa) or dm3/(s bar) or L/(s bar)",
         ),
         (
             "closed_throttle:left.slide.plus=130%",
             "closed_throttle:left.slide.plus: size must be 0 to 1, not 1.3; for example 30 %",
         ),
-        ("jammed:left.slide@5..9s", "jammed:left.slide: '5': a time needs its unit; write 5 s or 5 ms"),
+        ("jammed:left.slide@5..9s", "jammed:left.slide: '5': a time requires a unit; write 5 s or 5 ms"),
         ("jammed:left.slide@9s..5s", "jammed:left.slide: ends at 5000 ms; must end after its start at 9000 ms"),
         ("jammed:left.slide@5s", "'jammed:left.slide@5s': not a fault; write KIND:TARGET, "),
         (
             "missing_cells:tray_1=5@3s..",
-            "missing_cells:tray_1: is fixed before the run and permanent; remove its times",
+            "missing_cells:tray_1: is set before the run and permanent; remove its times",
         ),
         ("missing_cells:tray_3=5", "missing_cells:tray_3: not a tray; did you mean tray_2?"),
     ],
@@ -95,8 +95,8 @@ def test_two_faults_of_the_same_value_at_the_same_time_are_rejected(first: str, 
 def test_a_fault_in_the_past_is_rejected() -> None:
     rig = Rig()
     rig.run(100)
-    with pytest.raises(FaultError, match=r"has ended at 100 ms; use a later end$"):
+    with pytest.raises(FaultError, match=r"ends before the present time, 100 ms; specify a later end$"):
         rig.plant.faults.add(parse_fault("jammed:left.slide@0s..100ms"))
-    with pytest.raises(FaultError, match=r"is fixed before the run; add it at plant time 0$"):
+    with pytest.raises(FaultError, match=r"must be set before the run; add it at plant time 0$"):
         rig.plant.faults.add(parse_fault("missing_cells:tray_1=5"))
     assert rig.plant.faults.active == []

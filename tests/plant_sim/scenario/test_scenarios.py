@@ -217,7 +217,7 @@ expect:
         f"{path}:16: left.lift.rise, m is 0, expected >= 20 mm",
     ]
     assert not report.passed
-    assert f"0 of {report.checks} checks hold" in report.text()
+    assert f"0 of {report.checks} checks passed" in report.text()
     assert json.loads(json.dumps(report.record()))["passed"] is False
 
 
@@ -269,11 +269,12 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
         ),
         (
             "title: t\nmachine:\n  supply.pressure_pa: 5 mm",
-            "3: machine.supply.pressure_pa: '5 mm': mm does not fit; write it in Pa or kPa or MPa or mbar or bar",
+            "3: machine.supply.pressure_pa: '5 mm': mm is a unit of another quantity; "
+            "use Pa or kPa or MPa or mbar or bar",
         ),
         (
             "title: t\nmachine:\n  supply.pressure_pa: 50 bar",
-            "3: machine.supply.pressure_pa: must lie within 50000 to 1e+06, not 5e+06",
+            "3: machine.supply.pressure_pa: must be 50000 to 1e+06, not 5e+06",
         ),
         (
             "title: t\nmachine:\n  cups.pitch_m: 62 mm",
@@ -295,11 +296,11 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
         ),
         (
             "title: t\nfaults:\n  - {kind: jammed, at: left.lift, from: 5}",
-            "3: faults[1].from: '5': a time needs its unit; write 5 s or 5 ms",
+            "3: faults[1].from: '5': a time requires a unit; write 5 s or 5 ms",
         ),
         (
             "title: t\nfaults:\n  - {kind: leak, at: supply, size: 3 N}",
-            "3: faults[1].size: '3 N': N does not fit; write it in m3/(s Pa) or dm3/(s bar) or L/(s bar)",
+            "3: faults[1].size: '3 N': N is a unit of another quantity; use m3/(s Pa) or dm3/(s bar) or L/(s bar)",
         ),
         ("title: t\nfaults:\n  - {kind: jammed}", "3: faults[1].at: is missing; add it"),
         (
@@ -314,7 +315,7 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
         ("title: t\nactions: [{at: idle, press: start}]", "2: actions[1].at: unknown time, state or step 'idle'; "),
         (
             "title: t\nactions: [{at: 1 s, after: 1 s, press: start}]",
-            "2: actions[1].after: does not apply to a time; give the final time in at",
+            "2: actions[1].after: does not apply to a time; specify the final time in at",
         ),
         (
             "title: t\nactions: [{at: 1 s, hold: stop, for: 1 s}]",
@@ -326,7 +327,7 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
         ),
         (
             "title: t\nactions: [{at: 1 s, fault: missing_cells:tray_1=5}]",
-            "2: actions[1].fault: missing_cells:tray_1: must be set before the run; put it under faults",
+            "2: actions[1].fault: missing_cells:tray_1: must be set before the run; list it under faults",
         ),
         (
             "title: t\nactions: [{at: 1 s, mend: jammed:left.slyde}]",
@@ -335,7 +336,10 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
         ("title: t\nexpect: {cycles: 1}", "1: until: is missing; add until: {state: COMPLETE, limit: 300 s} or "),
         ("title: t\nuntil: {state: HELD}", "2: until.limit: is missing; add it"),
         ("title: t\nuntil: {time: 1 s}", "1: expect: is missing; add the expected results"),
-        ("title: t\nuntil: {time: 1 s}\nexpect: {}", "3: expect: contains no expectation; add state, alarms, "),
+        (
+            "title: t\nuntil: {time: 1 s}\nexpect: {}",
+            "3: expect: contains no expectation; add one or more of state, alarms, ",
+        ),
         (
             "title: t\nuntil: {time: 1 s}\nexpect: {alarms: [tray_jamm]}",
             "3: expect.alarms: unknown alarm 'tray_jamm'; did you mean tray_jam?",

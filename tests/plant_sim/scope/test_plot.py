@@ -300,14 +300,14 @@ def test_selected_tags_are_split_into_lanes_and_curves(trial: Recording, tmp_pat
     ("arguments", "complaint"),
     [
         (["--tags", "left.slide.positon_m"], "no column left.slide.positon_m; did you mean left.slide.position_m?"),
-        (["--tags", "seedlings"], "seedlings cannot be plotted; name other tags"),
+        (["--tags", "seedlings"], "seedlings cannot be plotted; specify other tags"),
         (
             ["--from", "20s", "--to", "12s"],
             "--from 20000 ms --to 12000 ms: the window is empty; --from must be less than --to",
         ),
         (["--from", "5000s"], "the window is empty; --from must be less than --to"),
-        (["--from", "5000s", "--to", "6000s"], "nothing was recorded there"),
-        (["--from", "12"], "--from '12': a time needs its unit; write 12 s or 12 ms"),
+        (["--from", "5000s", "--to", "6000s"], "contains fewer than two samples"),
+        (["--from", "12"], "--from '12': a time requires a unit; write 12 s or 12 ms"),
         (["--to", "soon"], "--to 'soon': not a number"),
     ],
 )

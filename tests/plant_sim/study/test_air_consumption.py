@@ -178,7 +178,7 @@ def test_the_command_prints_the_comparison_for_a_recording(
     rows = {line[:34].strip(): line[34:].split() for line in capsys.readouterr().out.splitlines()}
     assert rows["Table 1 of the paper, printed"] == ["95", "91", "17", "203"]
     assert rows["Table 1, by the formula"] == ["95", "91", "17", "203"]
-    for title in ("this run, by the formula", "this run, let in by the valves"):
+    for title in ("this run, by the formula", "this run, admitted by the valves"):
         *drives, total = map(float, rows[title])
         assert math.fsum(drives) == pytest.approx(total, abs=0.2)
 
@@ -208,4 +208,4 @@ def test_a_recording_of_one_instant_is_rejected_with_one_line(tmp_path: Path) ->
     fill(new_plant(), path, samples=1)
     with pytest.raises(RecordingError) as error:
         air_command(options(str(path)))
-    assert str(error.value) == f"{path}: contains a single instant; record a run"
+    assert str(error.value) == f"{path}: contains only one sample; record a run"

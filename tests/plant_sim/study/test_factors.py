@@ -33,7 +33,7 @@ def test_a_name_has_its_unit(name: str, unit: str, is_integer: bool, label: str)
     ("name", "complaint"),
     [
         ("foam_thickness_mm", "unknown factor; did you mean crop.foam_thickness_mm?"),
-        ("zzz", "unknown factor; write section.parameter of the machine, or program.SET_POINT"),
+        ("zzz", "unknown factor; write section.parameter for the machine, or program.SET_POINT"),
         ("crop.foam_thicknes_mm", "unknown parameter of the machine; did you mean foam_thickness_mm?"),
         ("crops.foam_thickness_mm", "unknown section of the machine; did you mean crop?"),
         ("progam.release_delay", "unknown section of the machine; did you mean program?"),
@@ -74,12 +74,12 @@ def test_a_level_can_have_a_unit(name: str, text: str, level: float) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "complaint"),
     [
-        ("crop.foam_thickness_mm", "10 MPa", "MPa does not fit; write it in m or cm or mm or um"),
+        ("crop.foam_thickness_mm", "10 MPa", "MPa is a unit of another quantity; use m or cm or mm or um"),
         ("crop.foam_thickness_mm", "10 furlong", "unknown unit furlong"),
         ("crop.foam_thickness_mm", "thick", "not a number"),
         ("crop.foam_thickness_mm", "nan", "not a number"),
-        ("program.release_delay", "1.5", "a time needs its unit"),
-        ("program.descend_at_count", "9 ms", "ms does not fit"),
+        ("program.release_delay", "1.5", "a time requires a unit"),
+        ("program.descend_at_count", "9 ms", "ms is a unit of another quantity"),
     ],
 )
 def test_a_level_of_another_quantity_is_rejected(name: str, text: str, complaint: str) -> None:
@@ -123,7 +123,7 @@ def test_integer_levels_are_accepted() -> None:
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
-        ({"crop.foam_thickness_mm": 31.0}, "crop.foam_thickness_mm: must lie within 0 to 30, not 31"),
+        ({"crop.foam_thickness_mm": 31.0}, "crop.foam_thickness_mm: must be 0 to 30, not 31"),
         ({"crop.foam_thickness_mm": float("inf")}, "crop.foam_thickness_mm: must be a finite number, not inf"),
         ({"crop.foam": 1.0}, "crop.foam: unknown parameter of the machine; use one of "),
         ({"claws.grippers": 11.5}, "claws.grippers: must be an integer, not 11.5"),

@@ -145,7 +145,7 @@ def test_a_correction_that_does_not_match_the_printed_cell_is_rejected(change: C
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("a,b\n1,2\n", "needs a line '# paper, table'"),
+        ("a,b\n1,2\n", "requires a line '# paper, table'"),
         (f"{NOTE}\na,b\n", "a heading and rows"),
         (f"{NOTE}\na,b\n1,2\n\n3\n", "line 5: 1 cells, but the heading has 2"),
         (f"{NOTE}\na,b\n1,2\n3,4,5\n", "line 4: 3 cells, but the heading has 2"),
@@ -173,5 +173,5 @@ def test_a_missing_column_or_file_is_rejected(tmp_path: Path) -> None:
         sheet("pepper-table-4").texts("Z")
     with pytest.raises(StudyError, match="cannot be read"):
         read_sheet(tmp_path / "none.csv")
-    with pytest.raises(StudyError, match="give printed or reconciled"):
+    with pytest.raises(StudyError, match="use printed or reconciled"):
         cabbage_experiment("improved")  # type: ignore[arg-type]

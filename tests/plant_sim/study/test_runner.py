@@ -139,14 +139,14 @@ def test_seeds_differ_and_depend_only_on_their_numbers() -> None:
     ("settings", "trials", "workers", "complaint"),
     [
         ([], 1, 1, "settings: none"),
-        ([FactorSetting({})], 0, 1, "--trials 0: give 1 or more"),
-        ([FactorSetting({})], MOST_TRIALS + 1, 1, "give fewer trials or fewer levels"),
-        ([FactorSetting({})], 1, 0, "--workers 0: give 1 or more"),
+        ([FactorSetting({})], 0, 1, "--trials 0: must be 1 or more"),
+        ([FactorSetting({})], MOST_TRIALS + 1, 1, "reduce the trials or the levels"),
+        ([FactorSetting({})], 1, 0, "--workers 0: must be 1 or more"),
         (
             [FactorSetting({}), FactorSetting({"crop.foam_thickness_mm": 99.0})],
             1,
             1,
-            "crop.foam_thickness_mm: must lie within",
+            "crop.foam_thickness_mm: must be",
         ),
         (
             [FactorSetting({}), FactorSetting({"program.clamp": 1.0})],
@@ -167,7 +167,7 @@ def test_invalid_options_are_rejected_before_the_first_trial(
 @pytest.mark.parametrize("seedlings", [0, MOST_SEEDLINGS + 1])
 def test_an_invalid_number_of_seedlings_is_rejected(monkeypatch: pytest.MonkeyPatch, seedlings: int) -> None:
     monkeypatch.setattr(runner, "run_trial", nothing_runs)
-    with pytest.raises(StudyError, match=f"^--seedlings {seedlings}: give 1 to 72000$"):
+    with pytest.raises(StudyError, match=f"^--seedlings {seedlings}: must be 1 to 72000$"):
         options(seedlings=seedlings).run(SETTINGS)
 
 
@@ -203,5 +203,5 @@ def dies(**_: object) -> TrialReport:
 
 def test_a_killed_process_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runner, "run_trial", dies)
-    with pytest.raises(StudyError, match=r"^--workers: a process was killed, .*; give a smaller number$"):
+    with pytest.raises(StudyError, match=r"^--workers: a process was killed, .*; use a smaller number$"):
         options(workers=2).run(SETTINGS)

@@ -109,7 +109,7 @@ def test_help_names_the_options(program: str) -> None:
         ),
         (("controller", "--hmi-certificate", "no.pem"), "no.pem"),
         (("controller", "--hmi-serial", "COM1:fast"), "DEVICE:BAUD"),
-        (("controller", "--hmi-port", "0", "--hmi-serial", "/dev/null"), "give another --hmi-serial"),
+        (("controller", "--hmi-port", "0", "--hmi-serial", "/dev/null"), "specify another --hmi-serial"),
         (("controller", "--simulated-time", "--pace", "6000"), "--pace"),
         (("controller", "--history", "/proc/no/history.sqlite"), "--history"),
         (("controller", "history", "no.sqlite"), "no.sqlite"),

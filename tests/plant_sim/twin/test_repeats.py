@@ -325,14 +325,14 @@ def test_a_warning_is_printed_once_for_all_trials(tmp_path: Path, capsys: pytest
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--seedlings", "0"], "--seedlings 0: give 1 to 72000"),
-        (["--seedlings", "72001"], "--seedlings 72001: give 1 to 72000"),
-        (["--repeat", "0"], "--repeat 0: give 1 to 10000"),
-        (["--repeat", "10001"], "--repeat 10001: give 1 to 10000"),
-        (["--repeat", "2", "--record", "run.parquet"], "--record: holds one trial; leave --repeat out"),
-        (["--ladder", "x.il", "--csv"], "--ladder: runs full trays once; leave --csv, --seedlings and --repeat out"),
-        (["--ladder", "x.il", "--seedlings", "9"], "--ladder: runs full trays once; leave --csv, "),
-        (["--ladder", "x.il", "--repeat", "2"], "--ladder: runs full trays once; leave --csv, "),
+        (["--seedlings", "0"], "--seedlings 0: must be 1 to 72000"),
+        (["--seedlings", "72001"], "--seedlings 72001: must be 1 to 72000"),
+        (["--repeat", "0"], "--repeat 0: must be 1 to 10000"),
+        (["--repeat", "10001"], "--repeat 10001: must be 1 to 10000"),
+        (["--repeat", "2", "--record", "run.parquet"], "--record: a recording contains one trial; omit --repeat"),
+        (["--ladder", "x.il", "--csv"], "--ladder: runs full trays once; omit --csv, --seedlings and --repeat"),
+        (["--ladder", "x.il", "--seedlings", "9"], "--ladder: runs full trays once; omit --csv, "),
+        (["--ladder", "x.il", "--repeat", "2"], "--ladder: runs full trays once; omit --csv, "),
     ],
 )
 def test_a_wrong_option_is_one_line_and_exit_code_2(

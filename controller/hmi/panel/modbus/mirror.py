@@ -22,12 +22,12 @@ R_FORCING_ALLOWED: Final = 7
 R_FORCED: Final = 8
 NAME_ADDRESS: Final = register_address("R", R_NAME)
 STALE_MS: Final = 1_000
-"""Age from which the mirror is not used for decisions, ms."""
+"""Age at which the mirror is no longer used for decisions, ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadBlock:
-    """Consecutive devices read in one request; X and Y by the value of the octal label."""
+    """Consecutive devices read in one request; X and Y are numbered by the value of the octal label."""
 
     kind: str
     first: int
@@ -87,7 +87,7 @@ class Mirror:
         return self.polls > 0 and self.age_ms < STALE_MS
 
     def word(self, number: int) -> int:
-        """Return R<number>."""
+        """Return register R<number>."""
         return self.status[number]
 
     def long(self, number: int) -> int:

@@ -1,4 +1,4 @@
-"""Telemetry from a second Modbus source: positions, pressures and seedling counts unknown to the controller.
+"""Telemetry from a second Modbus source: positions, pressures and seedling counts that the controller lacks.
 
 A CSV file defines the tags; if no file is specified, the page shows no telemetry. Columns: `name` (its suffix is the
 unit), `table` (holding, input, coil, discrete), `address`, `words` (1, or 2 with the high word first), `scale` (value
@@ -83,7 +83,7 @@ def load_tags(path: Path) -> tuple[TelemetryTag, ...]:
             tags = [_tag(path, rows.line_num, row) for row in rows]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or error
-        raise TagFileError(f"{path}: {why}; name a CSV file of telemetry tags") from error
+        raise TagFileError(f"{path}: {why}; specify a CSV file of telemetry tags") from error
     names = [tag.name for tag in tags]
     for name in names:
         if names.count(name) > 1:
@@ -184,7 +184,7 @@ class Telemetry:
 
 
 def _request_groups(tags: Iterable[TelemetryTag]) -> list[list[TelemetryTag]]:
-    """Group tags into the fewest requests that read no address outside the tags."""
+    """Group tags into as few requests as possible, none of which reads an address without a tag."""
     groups: list[list[TelemetryTag]] = []
     for tag in sorted(tags, key=lambda tag: (tag.table, tag.address)):
         last = groups[-1] if groups else None

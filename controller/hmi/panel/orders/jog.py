@@ -1,9 +1,9 @@
-"""Jogging: one output at a time across all browsers, renewed by each sign of life from the browser that jogs it.
+"""Jogging: one output at a time across all browsers, renewed by each message from the browser that jogs it.
 
 The controller releases a jogged output when requests on the jogging connection stop. That connection is therefore used
-for nothing else, and requests are sent only after a renewal by the browser. After a jog that ended other than by
-release (timeout, refusal, lost connection), the browser must release the button before the next jog, so that a late
-message never starts a motion.
+for nothing else, and requests are sent only after a renewal by the browser. After a jog that ended without a release
+(timeout, refusal, lost connection), the browser must release the button before the next jog, so that a late message
+never starts a motion.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class _ActiveJog:
 
 
 class Jogging:
-    """Jog of at most one output."""
+    """Jogging of at most one output."""
 
     def __init__(
         self, machine: Transplanter, mirror: Mirror, connect: Callable[[], ModbusConnection], clock: Clock

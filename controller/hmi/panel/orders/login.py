@@ -127,7 +127,7 @@ class Users:
             return
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "is corrupt"
-            raise UsersFileError(f"--users {self._path}: {reason}; give a readable file, or remove it") from error
+            raise UsersFileError(f"--users {self._path}: {reason}; specify a readable file, or remove it") from error
         if stat.S_IMODE(mode) & 0o077:
             raise UsersFileError(f"--users {self._path}: accessible to other users; run chmod 600 on it")
         try:
@@ -208,7 +208,7 @@ class LoginThrottle:
         return -(-remaining_ms // 1_000) if count >= MAX_ATTEMPTS and remaining_ms > 0 else 0
 
     def begin(self, peer: str) -> None:
-        """Count an attempt as failed before the check, so that the limit also applies to parallel attempts."""
+        """Count an attempt as failed before it is checked, so that the limit also applies to parallel attempts."""
         now_ms = self._clock.now_ms()
         self._failures = {name: failed for name, failed in self._failures.items() if failed[1] + LOCKOUT_MS > now_ms}
         count, _ = self._failures.get(peer, (0, 0))

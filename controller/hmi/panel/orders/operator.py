@@ -37,7 +37,7 @@ OUTCOME_MS: Final = 500
 """Longest wait for the outcome, ms; necessary because simulated time may be paused."""
 OUTCOME_POLL_MS: Final = 10
 FORCE_RENEWAL_MS: Final = 300
-"""Renewal period of forced inputs, ms; the controller releases them after 1 s without a telegram."""
+"""Renewal period of forced inputs, ms; the controller releases them after 1 s without a request."""
 MINUTE_MS: Final = 60_000
 HOUR_MS: Final = 3_600_000
 
@@ -294,7 +294,7 @@ class OrderHandler:
                 await self._connection.read_words(register_address("R", 0), 2)
         except (ModbusConnectionError, ExceptionResponseError):
             for session in self._forcing:
-                session.forced.clear()  # the controller has ended forcing with the connection
+                session.forced.clear()  # the controller ended the forcing when the connection was lost
 
     @asynccontextmanager
     async def _signed(self, level: AccessLevel) -> AsyncIterator[None]:

@@ -40,7 +40,7 @@ REPLIES: Final = {
     "not stored": Text("the passwords cannot be stored: {why}", "无法保存密码：{why}"),
     "no history": Text("no history available", "没有历史记录"),
     "not served": Text(
-        "the panel is not served under this address; use an address given at its start",
+        "the panel is not served at this address; use an address specified when the panel was started",
         "面板不通过此地址提供服务，请使用面板启动时指定的地址",
     ),
     "no controller": Text(

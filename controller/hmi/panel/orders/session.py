@@ -25,11 +25,11 @@ class BrowserSession:
     Attributes:
         forced: Inputs forced by this browser, by the value of the octal label.
         pressed: Buttons of the operator box held by this browser.
-        release_required: True after a jog that ended other than by release; the button must be released first.
+        release_required: True after a jog that ended without a release; the button must be released first.
     """
 
     def __init__(self) -> None:
-        """Initialize a session that holds nothing."""
+        """Initialize a session without forced inputs or pressed buttons."""
         self.forced: set[int] = set()
         self.pressed: set[Button] = set()
         self.release_required = False

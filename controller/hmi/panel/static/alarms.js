@@ -204,7 +204,7 @@ class Journal {
   }
 }
 
-/** Return who changed an alarm state: an access level by its display name, the machine if none is recorded. */
+/** Return the display name of the access level that changed an alarm state; "machine" if none is recorded. */
 function operatorName(name) {
   return name === null || name === undefined ? t("alarms.machine") : named(`level.${name}`, name);
 }

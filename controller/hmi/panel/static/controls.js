@@ -26,7 +26,7 @@ export class OrderButton {
     this.node = why ? make("div", { class: "order-with-why" }, this.button, this.reason) : this.button;
   }
 
-  /** Update the availability from link and command; `extra` is a further reason that blocks the order. */
+  /** Update the availability from link and command; `extra` is an additional reason that blocks the order. */
   update(extra = null) {
     this.why = obstacle(this.level, this.command) ?? extra;
     mark(this.button, "aria-disabled", this.why === null ? null : "true");

@@ -1,4 +1,4 @@
-// Frame of the page: header, banners and tabs. It updates the open page with every view.
+// Frame of the page: header, banners and tabs. It updates the open page with each view.
 
 import { app, useDescription } from "./app.js";
 import { AlarmBanner, AlarmsPage } from "./alarms.js";

@@ -301,8 +301,7 @@ def application(panel: PanelApplication, names: Iterable[str]) -> ASGIApp:
 
     Args:
         panel: The panel.
-        names: Host names under which the panel is served, without port, in addition to the local host name and the
-            listening address.
+        names: Host names of the panel, without port, in addition to the local host name and the listening address.
     """
 
     @asynccontextmanager

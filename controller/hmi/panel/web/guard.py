@@ -1,7 +1,7 @@
 """Host and Origin checks and security headers.
 
-Requests from pages of other sites, or under a host name that is not served (DNS rebinding), are refused. The headers of
-each response forbid all browser features that the page does not need.
+Requests from pages of other sites and requests for an unknown host name (DNS rebinding) are refused. The headers of
+each response disable all browser features that the page does not need.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Guard:
         """Initialize the middleware; requests for the listening address are always accepted.
 
         Args:
-            app: Application behind the checks.
-            names: Host names under which the panel is served, without port.
+            app: Application that receives the accepted requests.
+            names: Host names of the panel, without port.
         """
         self._app = app
         self._names = {name.lower() for name in names} | {"localhost", socket.gethostname().lower()}

@@ -1,4 +1,4 @@
-"""Browser sockets: the live view to the browser, orders from it."""
+"""WebSocket connections of the browsers, which receive the live view and send orders."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_PENDING: Final = 16
 """Maximum number of pending orders of one browser."""
 
 _DISCONNECTED: Final = (WebSocketDisconnect, RuntimeError, OSError)
-"""Errors raised by a send to a disconnected browser."""
+"""Errors raised when sending to a disconnected browser."""
 
 SESSION_ENDED: Final = 4401
 TOO_MANY: Final = 1013
@@ -33,7 +33,7 @@ NO_TEXT: Final = 1003
 
 
 class ViewBroadcaster:
-    """Periodic view, built ten times a second for all browsers.
+    """Source of the live view for all browsers, updated ten times a second.
 
     Attributes:
         browsers: Number of open sockets.
@@ -70,7 +70,7 @@ class ViewBroadcaster:
 
 
 class BrowserSocket:
-    """One browser socket; when it closes, everything that the browser holds is released."""
+    """One browser socket; when it closes, the jog, the buttons and the forced inputs of the browser are released."""
 
     def __init__(
         self, socket: WebSocket, broadcaster: ViewBroadcaster, operator: OrderHandler, level: Callable[[], AccessLevel]

@@ -179,14 +179,18 @@ BAD: list[tuple[str, int, str]] = [
         5,
         "factors.program.relase_delay: unknown set-point; did you mean release_delay?",
     ),
-    (edited("12]", "31 mm]"), 5, "factors.crop.foam_thickness_mm: must lie within 0 to 30, not 31"),
-    (edited("12]", "12 MPa]"), 5, "factors.crop.foam_thickness_mm.levels: '12 MPa': MPa does not fit; write it in m "),
+    (edited("12]", "31 mm]"), 5, "factors.crop.foam_thickness_mm: must be 0 to 30, not 31"),
+    (
+        edited("12]", "12 MPa]"),
+        5,
+        "factors.crop.foam_thickness_mm.levels: '12 MPa': MPa is a unit of another quantity; use m ",
+    ),
     (edited("12]", "twelve]"), 5, "factors.crop.foam_thickness_mm.levels: 'twelve': not a number; "),
     (edited("12]", "10 mm]"), 5, "factors.crop.foam_thickness_mm.levels: contains a level twice; delete one"),
     (
         edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [8 mm]}"),
         5,
-        "factors.crop.foam_thickness_mm.levels: needs at least two levels",
+        "factors.crop.foam_thickness_mm.levels: requires at least two levels",
     ),
     (
         edited("{levels: [8 mm, 1 cm, 12]}", "{levels: [{a: 8}, 9]}"),
@@ -225,7 +229,7 @@ BAD: list[tuple[str, int, str]] = [
     (
         GOOD[: GOOD.index("factors:")] + "factors: {}\n" + GOOD[GOOD.index("replicates") :],
         4,
-        "factors: is empty; give at least one parameter or set-point with its levels",
+        "factors: is empty; specify at least one parameter or set-point with its levels",
     ),
     (GOOD[: GOOD.index("factors:")] + GOOD[GOOD.index("replicates") :], 1, "factors: is empty; "),
     (
@@ -233,7 +237,7 @@ BAD: list[tuple[str, int, str]] = [
         9,
         "responses: unknown response 'cycle_times_s'; did you mean cycle_time_s?",
     ),
-    (edited("[S, cycle_time_s]", "[S, S]"), 9, "responses: 'S' is duplicate; delete one"),
+    (edited("[S, cycle_time_s]", "[S, S]"), 9, "responses: 'S' is duplicated; delete one"),
     (edited("[S, cycle_time_s]", "[S, {}]"), 9, "responses[2]: must be a word or a number, not a mapping"),
     (edited("[S, cycle_time_s]", "[]"), 9, "responses: is missing or empty; use some of "),
     (edited("[S, cycle_time_s]", "S"), 9, "responses: must be a list"),
@@ -253,7 +257,7 @@ BAD: list[tuple[str, int, str]] = [
     (
         edited("factorial", "central-composite").replace("{levels: [8 mm, 1 cm, 12]}", "{low: 0, high: 29}"),
         5,
-        "factors.crop.foam_thickness_mm: must lie within 0 to 30, not -6.0061, an axial point; bring low and high ",
+        "factors.crop.foam_thickness_mm: must be 0 to 30, not -6.0061, an axial point; reduce the distance ",
     ),
     (edited("factorial", "factorial\nruns: 5"), 4, "runs: does not apply to design factorial; remove it"),
     (
@@ -262,14 +266,18 @@ BAD: list[tuple[str, int, str]] = [
         "runs: is missing; add it",
     ),
     (edited("name: foam-and-pressure", "name: ../foam"), 1, "name: must consist of lower-case words with hyphens"),
-    (edited("title: Foam and pressure", "title: ''"), 2, "title: is empty; give a title"),
+    (edited("title: Foam and pressure", "title: ''"), 2, "title: must not be empty"),
     (edited("replicates: 2", "replicates: 0"), 7, "replicates: must be an integer, 1 to 100000, not '0'"),
-    (edited("replicates: 2", "replicates: 99999"), 7, "replicates: gives more than 100000 trials; reduce it"),
+    (edited("replicates: 2", "replicates: 99999"), 7, "replicates: results in more than 100000 trials; reduce it"),
     (edited("seedlings: 12", "seedlings: 0"), 8, "seedlings: must be an integer, 1 to "),
     (edited("seedlings: 12", "sedlings: 12"), 8, "sedlings: unknown key; did you mean seedlings?"),
     (GOOD + "fixed: {crop.foam_thickness_mm: 9}\n", 11, "fixed.crop.foam_thickness_mm: is also a factor; delete one"),
-    (GOOD + "fixed: {crop.seedling_age_d: 9 mm}\n", 11, "fixed.crop.seedling_age_d: '9 mm': mm does not fit"),
-    (GOOD + "fixed: {crop.seedling_age_d: 300}\n", 11, "fixed.crop.seedling_age_d: must lie within 1 to 200"),
+    (
+        GOOD + "fixed: {crop.seedling_age_d: 9 mm}\n",
+        11,
+        "fixed.crop.seedling_age_d: '9 mm': mm is a unit of another quantity",
+    ),
+    (GOOD + "fixed: {crop.seedling_age_d: 300}\n", 11, "fixed.crop.seedling_age_d: must be 1 to 200"),
     (
         GOOD + "fixed: {program.clamp: 2 s, handling.cell_pitch_m: 50 mm}\n",
         4,
@@ -314,7 +322,7 @@ def test_trials_and_seed_of_the_command_line_are_validated_like_those_of_the_fil
     )
     with pytest.raises(StudyError, match=r":10: model: interactions cannot be fitted .* 4 runs for 4 coefficients"):
         load_custom_study(path, MACHINE, trials=1)
-    with pytest.raises(StudyError, match=r"^--trials 99999: gives more than 100000 trials; reduce it$"):
+    with pytest.raises(StudyError, match=r"^--trials 99999: results in more than 100000 trials; reduce it$"):
         load_custom_study(path, MACHINE, trials=99_999)
 
 
@@ -407,11 +415,11 @@ def test_a_constant_response_is_reported_and_not_fitted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "pictures", "line"),
     [
-        (lambda text: text, ["s-main-effects", "cycle-time-s-main-effects"], "joins the means of the levels"),
+        (lambda text: text, ["s-main-effects", "cycle-time-s-main-effects"], "joins the means at the levels"),
         (
             lambda text: text.replace("interactions", "none"),
             ["s-main-effects", "cycle-time-s-main-effects"],
-            "joins the means of the levels",
+            "joins the means at the levels",
         ),
         (
             lambda text: (
@@ -420,7 +428,7 @@ def test_a_constant_response_is_reported_and_not_fitted(tmp_path: Path) -> None:
                 .replace("interactions", "quadratic")
             ),
             ["s-main-effects", "cycle-time-s-contours", "cycle-time-s-main-effects"],
-            "the line is the model with the other factors at their coded 0",
+            "the line is the model with the other factors at coded 0",
         ),
     ],
     ids=["factorial", "without a model", "latin hypercube, quadratic"],
@@ -518,8 +526,8 @@ def test_the_plural_is_used_for_several_runs_outside_the_range(tmp_path: Path) -
 def test_counts_have_a_unit(tmp_path: Path) -> None:
     own = load_custom_study(written(tmp_path, edited("[S, cycle_time_s]", "[T, missed_cups]")), MACHINE)
     assert table(custom_study(own, options()), "runs").heading[3:] == (
-        "T, seedlings a trial",
-        "missed_cups, cups a trial",
+        "T, seedlings per trial",
+        "missed_cups, cups per trial",
     )
 
 

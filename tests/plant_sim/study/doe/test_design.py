@@ -116,7 +116,7 @@ def test_invalid_designs_are_rejected() -> None:
     with pytest.raises(StudyError, match="at least one level per factor"):
         full_factorial([(1.0, 2.0), ()])
     for k in (0, 13):
-        with pytest.raises(StudyError, match="give 1 to 12"):
+        with pytest.raises(StudyError, match="must be 1 to 12"):
             two_level(k)
     for axial in (0.0, -1.0, math.nan):
         with pytest.raises(StudyError, match="above 0"):

@@ -129,12 +129,12 @@ def test_ties_in_one_response_are_resolved_by_the_other() -> None:
 @pytest.mark.parametrize(
     ("low", "high", "says"),
     [
-        ((), (), "give one pair per factor"),
+        ((), (), "specify one pair per factor"),
         ((-1.0,), (1.0, 1.0), "1 lower and 2 upper"),
-        ((-1.0, 1.0), (1.0, -1.0), "bounds of X2: 1 to -1 is no range"),
+        ((-1.0, 1.0), (1.0, -1.0), "bounds of X2: 1 to -1 is not a range"),
         ((-1.0, 0.0), (1.0, 0.0), "bounds of X2"),
         ((float("-inf"), 0.0), (1.0, 1.0), "bounds of X1"),
-        ((-1.0,) * 7, (1.0,) * 7, "7 factors are too many"),
+        ((-1.0,) * 7, (1.0,) * 7, "7 factors; must be at most six"),
     ],
 )
 def test_invalid_bounds_are_rejected(low: tuple[float, ...], high: tuple[float, ...], says: str) -> None:

@@ -103,7 +103,7 @@ def test_lack_of_fit_needs_repeated_points() -> None:
     corners = two_level(3)
     found = fit(corners, corners @ [1.0, 2.0, 3.0] + np.cos(np.arange(8)), terms(3, "linear"))
     assert [row.source for row in found.anova] == ["model", "X1", "X2", "X3", "residual", "total"]
-    with pytest.raises(StudyError, match="no line 'lack of fit'; it has model"):
+    with pytest.raises(StudyError, match="no row 'lack of fit'; it has model"):
         found.row("lack of fit")
 
 
@@ -193,5 +193,5 @@ def test_a_singular_design_is_rejected_with_the_names_of_the_terms() -> None:
 def test_an_invalid_confidence_is_rejected() -> None:
     found = fit(DESIGN, noisy([90] + [1] * 9, 1), QUADRATIC)
     for confidence in (0.0, 1.0, 95.0):
-        with pytest.raises(StudyError, match="give a probability such as"):
+        with pytest.raises(StudyError, match="must be between 0 and 1"):
             found.prediction_interval(DESIGN, confidence)

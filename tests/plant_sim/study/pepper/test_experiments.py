@@ -419,7 +419,7 @@ def test_statements_are_listed_with_their_criterion_and_the_complete_course() ->
     row = _statements_table("pressure", points("pressure", HOLD["pressure"])).rows[4]
     assert row == (
         "throw failures fall fast",
-        "at 0.15 MPa more than twice 0.35",
+        "rate at 0.15 MPa more than twice that at 0.35 MPa",
         "F_t 9.0, 6.0, 3.0, 2.0, 3.0, 3.0, 4.0",
         "yes",
     )
@@ -456,7 +456,7 @@ def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper(no_
     off = np.abs(np.subtract(twin["natural"], paper["natural"]))
     assert (off < (1.0, 2.0, 0.03)).all()
     assert twin["S"] == pytest.approx(paper["S"], abs=0.5)
-    assert "lack of fit P undefined, as all centre runs agree" in study.text()
+    assert "lack of fit: P undefined, because all centre runs are equal" in study.text()
     assert paper["natural"] == pytest.approx([10.1, 51.0, 0.394], abs=0.05)
     for term, value in record["paper"]["coefficients"].items():
         assert record["twin"]["coefficients"][term]["value"] == pytest.approx(value, abs=0.5), term
@@ -504,9 +504,7 @@ def test_rsm_reports_the_uncertainty_of_its_optimum(no_chance: Expected) -> None
         assert value - 1e-2 * largest <= most <= largest + 1e-9
     assert f"is expected between {low:.1f} and {high:.1f} % (95 % prediction interval, limited" in study.text()
     assert "which cannot be" not in study.text()
-    assert (
-        "The regression counts each run once, with the share of all seedlings of its 2 trials together" in study.text()
-    )
+    assert "The regression uses each run once, with the pooled success rate of its 2 trials." in study.text()
 
 
 def test_an_optimum_above_100_percent_is_reported(monkeypatch: pytest.MonkeyPatch, no_chance: Expected) -> None:

@@ -105,9 +105,9 @@ def test_the_report_is_complete(study: Study) -> None:
     for said in ("R² = 0.9650", "P = 0.1792 here, 0.1905 printed", "95.0 % for it; equation 5 gives 94.93 %"):
         assert said in text
     assert "The mean is 94.58 %" in text
-    assert "by 1.9 points by chance alone" in text
-    assert "only 9 of the 20 printed successes are a whole number of seedlings: the others cannot be single" in text
-    assert "and 5 of the 5 are no whole number of seedlings: they cannot be single trials of 144" in text
+    assert "has a binomial standard deviation of 1.9 points" in text
+    assert "only 9 of the 20 printed success rates correspond to a whole number of seedlings: the others cannot" in text
+    assert "and 5 of the 5 values do not correspond to a whole number of seedlings: they cannot be single" in text
     assert "in 22 of 100 cases (t-test), so the prediction is not contradicted." in text
     assert "must be means" not in text
     assert [row[0] for row in table(study, "anova").rows][-3:] == ["lack of fit", "pure error", "total"]

@@ -50,7 +50,7 @@ def test_a_share_out_of_range_is_reported_with_its_setting_in_natural_units() ->
     assert no_share_text(Polynomial({"1": 50.0, "X1": 20.0}), FACTORS, held=held, reach=reach) == []
     (low,) = no_share_text(Polynomial({"1": 10.0, "X1": 20.0}), FACTORS, held=held, reach=reach)
     assert "reaches -20.0 % at foam 7 mm, age " in low
-    assert "contours are grey" in low
+    assert "Areas outside the range are grey" in low
     (both,) = no_share_text(Polynomial({"1": 50.0, "X1": 40.0}), FACTORS, held=held, reach=reach)
     assert "reaches -10.0 % at foam 7 mm" in both
     assert "and 110.0 % at foam 13 mm" in both

@@ -198,7 +198,7 @@ def test_a_column_with_text_is_not_numeric(cell: Cell) -> None:
 
 def test_a_folder_with_files_is_rejected_and_unchanged(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(StudyError, match=r"is not empty; give a new folder") as refusal:
+    with pytest.raises(StudyError, match=r"is not empty; specify a new folder") as refusal:
         write(complete_study(), tmp_path)
     assert "\n" not in str(refusal.value)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
@@ -220,7 +220,7 @@ def test_an_invalid_folder_is_rejected_before_the_study_runs(tmp_path: Path, mon
     monkeypatch.chdir(here)
     too_long = tmp_path / (300 * "a")
     for folder in (file, file / "below", link, here, Path(), too_long, too_long / "below", Path("/proc/report")):
-        with pytest.raises(StudyError, match=r"^--out .*; give "):
+        with pytest.raises(StudyError, match=r"^--out .*; specify "):
             check_folder(folder)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "here", "link"]
 
@@ -242,7 +242,7 @@ def test_a_failed_write_leaves_no_files(
         raise failure
 
     monkeypatch.setattr(report_module, "save", full)
-    with pytest.raises(StudyError, match=r"^--out .*out: cannot be written .*; give another folder$"):
+    with pytest.raises(StudyError, match=r"^--out .*out: cannot be written .*; specify another folder$"):
         write(complete_study(), folder)
     assert list(tmp_path.iterdir()) == ([folder] if empty_there else [])
     assert not folder.exists() or not list(folder.iterdir())

@@ -104,30 +104,31 @@ def test_the_recommendation_contains_speeds_margin_and_the_shortest_wait() -> No
     fast, slow = (FrequencyResult(each, FactorSetting({}), (trial(), trial())) for each in (50, 45))
     text = advice_text(result_with(Advice(fast, slow)))
     assert text.startswith(
-        "With 40 cm between plants (assumed), drive up to 1.20 km/h: 50 plants a minute and row, without a gap in "
-        "2 trials of 36. With 10 % margin: 1.08 km/h, 45 a minute; each arm then waits 2.0 s or more for its cups"
+        "With 40 cm between plants (assumed), drive up to 1.20 km/h: 50 plants per minute and row, without a gap in "
+        "2 trials of 36 seedlings. With a margin of 10 %: 1.08 km/h, 45 per minute; each arm then waits at least 2.0 s "
+        "for its cups"
     )
     assert "beginning" not in text
     # 0 of 2: the Clopper-Pearson interval ends at 1 - 0.025 ** (1 / 2)
-    assert "No gap in 2 trials does not exclude one: it may still occur in up to 84 % of the starts" in text
-    assert "nothing faster was tried" not in text
+    assert "2 trials without a gap do not exclude gaps: they may still occur in up to 84 % of the starts" in text
+    assert "highest frequency tested" not in text
 
 
 def test_the_recommendation_reports_gaps_at_the_start_and_the_end_of_the_search() -> None:
     fast, slow = (FrequencyResult(each, FactorSetting({}), (trial(),)) for each in (90, 81))
-    assert "90 plants a minute and row (nothing faster was tried), without a gap in 1 trial of 36" in advice_text(
+    assert "90 plants per minute and row (the highest frequency tested), without a gap in 1 trial of 36" in advice_text(
         result_with(Advice(fast, slow), without_gap=90)
     )
     slower = FrequencyResult(50, FactorSetting({}), (trial(),))
-    assert "Up to 1.44 km/h, 60 a minute, gaps occur only at the start" in advice_text(
+    assert "Up to 1.44 km/h, 60 per minute, gaps occur only at the start" in advice_text(
         result_with(Advice(slower, slower), settled=60)
     )
 
 
 def test_a_missing_recommendation_is_reported() -> None:
     assert advice_text(result_with(None)) == (
-        "No speed can be recommended: down to 12/min, the slowest of this study, none is without a gap and "
-        "leaves a margin of 10 %."
+        "No speed can be recommended: down to 12/min, the lowest frequency of this study, none is free of gaps with a "
+        "margin of 10 %."
     )
 
 

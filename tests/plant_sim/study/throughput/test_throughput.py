@@ -78,14 +78,14 @@ def test_plugs_land_late_but_in_their_cups_up_to_90_per_minute() -> None:
 @pytest.mark.parametrize("frequency", [SLOWEST_PER_MIN - 1, FASTEST_PER_MIN + 1])
 def test_a_frequency_out_of_range_is_rejected_before_the_first_trial(frequency: int) -> None:
     """The error is one line with key, value and range."""
-    with pytest.raises(StudyError, match=rf"^cups\.planting_frequency_per_min: {frequency} .*give 12 to 150$"):
+    with pytest.raises(StudyError, match=rf"^cups\.planting_frequency_per_min: {frequency} .*must be 12 to 150$"):
         throughput_study(OPTIONS, frequencies_per_min=[45, frequency])
 
 
 @pytest.mark.parametrize("spacing_m", [0.0, -1.0, 2.5, float("nan")])
 def test_an_invalid_plant_spacing_is_rejected(spacing_m: float) -> None:
     """No trial runs."""
-    with pytest.raises(StudyError, match=r"^--spacing: .* give 5 cm to 2 m$"):
+    with pytest.raises(StudyError, match=r"^--spacing: .* must be 5 cm to 2 m$"):
         throughput_study(OPTIONS, spacing_m=spacing_m)
 
 
