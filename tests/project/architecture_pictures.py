@@ -48,7 +48,7 @@ def package_of(module: str) -> str:
 
 
 def imported(tree: ast.Module) -> Iterator[str]:
-    """Yield the absolute names a module imports."""
+    """Yield the absolute names that a module imports."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -163,7 +163,7 @@ def packages() -> str:
 
 
 def column(title: str, steps: Sequence[tuple[str, str]]) -> str:
-    """Return a picture of steps one below the other; those of the kind "phase" are shaded."""
+    """Return a picture of steps in a column; those of the kind "phase" are shaded."""
     parts: list[str] = []
     x, y = 20, 20
     for number, (kind, words) in enumerate(steps):

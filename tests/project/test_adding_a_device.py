@@ -79,7 +79,7 @@ def run(root: Path, *arguments: str, timeout_s: float) -> str:
 
 @pytest.fixture(scope="module")
 def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Copy of the tracked files with the edits and the scenario of the guide and regenerated tables."""
+    """Return a copy of the tracked files with the edits and the scenario of the guide and regenerated tables."""
     root = tmp_path_factory.mktemp("guide") / "project"
     git = shutil.which("git")
     assert git is not None

@@ -29,7 +29,7 @@ OPTIONAL = {
     "statsmodels": set[str](),
     "joblib": set[str](),
 }
-"""Commands that import a module before they run."""
+"""Optional modules, each with the commands that import it before they run."""
 BASE = {"filelock", "pydantic", "pymodbus", "transitions", "yaml"}
 """Modules of the dependencies that are always installed."""
 
@@ -42,7 +42,7 @@ def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 def imported(line: CommandLine) -> dict[str, set[str]]:
     """Return the optional modules that each command imports for its help text.
 
-    Each command runs in a fork of an interpreter that has imported nothing but the table of commands.
+    Each command runs in a fork of an interpreter that has imported only the table of commands.
     """
     program = (
         "import json, os, sys\n"
@@ -120,7 +120,7 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
              "setitimer", "sigwait"):
     delattr(signal, name)
 """
-"""Start of a program: the standard library is loaded; then the modules and names that Windows lacks are removed."""
+"""Start of a program that loads the standard library and removes the modules and names that Windows lacks."""
 
 
 @pytest.mark.parametrize(

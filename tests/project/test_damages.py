@@ -1,4 +1,4 @@
-"""Damages of the sources: every entry of damages.yaml applies to the present sources, and the tests detect it."""
+"""Damages of the sources: every entry of damages.yaml applies to the current sources, and the tests detect it."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def problem(damage: Damage, root: Path = ROOT) -> str | None:
     if count == 0:
         return (
             f"`old` is not in the file; the nearest line is `{nearest_line(text, damage.old)}`. "
-            "Copy the present line to `old`, and the same line with the same damage to `new`"
+            "Copy the current line to `old`, and the same line with the same damage to `new`"
         )
     if count > 1:
         return f"`old` occurs {count} times; extend `old` and `new` by a neighbouring line"
@@ -114,7 +114,7 @@ def test_every_entry_applies_to_the_sources() -> None:
 
 
 def test_the_list_is_complete_and_without_duplicates() -> None:
-    """Entries are repaired, not removed."""
+    """The number of entries is fixed: an entry that no longer applies is corrected, not removed."""
     assert len(DAMAGES) == COUNT
     assert len({(damage.file, damage.old, damage.new) for damage in DAMAGES}) == COUNT
     assert {damage.tests for damage in DAMAGES} == set(GROUPS.values())
@@ -154,7 +154,7 @@ def test_a_missing_test_file_and_an_escape_without_a_reason_are_reported(tmp_pat
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Copy of the tracked files, one per worker."""
+    """Return a copy of the tracked files, one per worker."""
     root = tmp_path_factory.mktemp("damages") / "project"
     git = shutil.which("git")
     assert git is not None
@@ -182,8 +182,8 @@ def planted(damage: Damage, root: Path) -> Iterator[None]:
 def run_tests(root: Path, files: tuple[str, ...]) -> tuple[int | None, str]:
     """Run test files in a tree until the first failure; return the exit code, None for a timeout, and the output.
 
-    Machine code is cached beside the tree, and no bytecode is written: damaged and restored files of the same size and
-    second would share it.
+    Machine code is cached beside the tree, and no bytecode is written, because a damaged and a restored file of the
+    same size and modification time would share it.
     """
     variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     variables |= {
@@ -208,7 +208,7 @@ def run_tests(root: Path, files: tuple[str, ...]) -> tuple[int | None, str]:
             pass
         finally:
             with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # also the processes that the tests started and left
+                os.killpg(process.pid, signal.SIGKILL)  # including processes that the tests have left running
             process.wait()
         output.seek(0)
         return code, output.read().decode(errors="replace")
@@ -218,7 +218,7 @@ def run_tests(root: Path, files: tuple[str, ...]) -> tuple[int | None, str]:
 @pytest.mark.timeout(TESTS_TIMEOUT_S + 60)
 @pytest.mark.parametrize("group", GROUPS)
 def test_the_tests_pass_without_damage(project: Path, group: str) -> None:
-    """Otherwise a failure would not show that a damage is detected."""
+    """Without a damage the tests pass, so that a failure shows that a damage is detected."""
     code, output = run_tests(project, GROUPS[group])
     assert code == 0, output[-6_000:]
 

@@ -113,13 +113,13 @@ def test_relative_links_have_a_target(page: Path) -> None:
             continue
         target, _, anchor = link.partition("#")
         path = (page.parent / target).resolve() if target else page
-        assert path.exists(), f"{page.relative_to(ROOT)}: {link} leads nowhere"
-        assert path.is_relative_to(ROOT), f"{page.relative_to(ROOT)}: {link} leads out of the repository"
+        assert path.exists(), f"{page.relative_to(ROOT)}: {link} has no target"
+        assert path.is_relative_to(ROOT), f"{page.relative_to(ROOT)}: {link} is outside the repository"
         assert not anchor or anchor in anchors(path), f"{page.relative_to(ROOT)}: {link} has no such heading"
 
 
 EXAMPLES = {"tests/plant_sim/twin/test_my_story.py"}
-"""Files that a guide lets the reader create."""
+"""Files that the reader of a guide creates."""
 PATH = re.compile(r"`((?:controller|plant_sim|tests|scripts|docs)/[\w./-]+)`")
 
 
@@ -246,7 +246,7 @@ def test_the_sample_report_of_the_readme_is_up_to_date(
     (sample,) = blocks(ROOT / "README.md", "text")
     report = iter(masked(printed.out, elapsed))
     for line in masked(sample, elapsed):
-        assert line == "..." or line in report, f"README.md: {line!r} is not what scripts/run --fast prints there"
+        assert line == "..." or line in report, f"README.md: {line!r} is not printed there by scripts/run --fast"
     (line,) = blocks(DOCS / "first-run.md", "text")
     assert line.strip() in printed.err
 

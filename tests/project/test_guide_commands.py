@@ -1,7 +1,7 @@
 """Every command of every guide, executed as printed, in a separate folder for each page.
 
 The commands of a page run in order, because later ones read files that earlier ones have written. Files that a page
-expects from its reader (``my.il``, ``my_map.yaml``, ...) are prepared. Servers get free ports and are stopped with
+expects from its reader (``my.il``, ``my_map.yaml``, ...) are prepared. Servers use free ports and are stopped with
 Ctrl-C once they are ready.
 """
 
@@ -42,10 +42,10 @@ _, _, _EXCEPTIONS = (
     (DOCS / "README.md").read_text(encoding="utf-8").partition("## Commands that the tests do not run\n")
 )
 NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILINE))
-"""Commands that need hardware, and the hardware that they need, as listed on the page of the guides."""
+"""Commands that need hardware, and the hardware that they need, as listed in docs/README.md."""
 NOT_RUN_COUNT: Final = 2
 THIS_RUN: Final = re.compile(r"scripts/test\b")
-"""The command that runs this test; the scenario of the scenario guide is run by another test."""
+"""Command that runs the tests, including this one; another test runs the scenario of the scenario guide."""
 SLOW: Final = {
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
     ".venv/bin/python -m plant_sim study throughput --json",
@@ -80,7 +80,7 @@ def with_commands(*, slow: bool) -> list[str]:
 def folder(tmp_path: Path) -> Path:
     """Return a folder that the commands can use as a checkout, with the files that a reader would have.
 
-    The scripts are those of the checkout, but set-up does nothing: they use the environment that runs this test.
+    The scripts are those of the checkout, but scripts/setup does nothing because they use the environment of this test.
     """
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     interpreter = tmp_path / ".venv/bin/python"
@@ -102,7 +102,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    """Run a command, those of Python within this process; return exit code, output and error output."""
+    """Run a command, Python commands in this process; return the exit code, the output and the error output."""
     words = shlex.split(command)
     if words[0] == ".venv/bin/python" and words[2] in MAIN:
         with contextlib.chdir(folder):
@@ -173,7 +173,7 @@ def served(arguments: list[str], folder: Path, ready: str) -> Iterator[subproces
 
 
 def serve(command: str, folder: Path) -> None:
-    """Start a server command with free ports and stop it; a controller is given a plant."""
+    """Start a server command with free ports and stop it; for a controller, a plant is also started."""
     arguments = shlex.split(command)
     port = str(free_port())
     with ExitStack() as stack:
@@ -248,7 +248,7 @@ def test_the_slow_commands_of_a_page_run(name: str, folder: Path, capsys: pytest
 
 
 def test_every_exception_is_on_a_page() -> None:
-    """The lists above name only existing commands, and no other command is excluded."""
+    """NOT_RUN and SLOW contain only existing commands, and no other command is excluded."""
     everything = {command for page in PAGES.values() for command in commands(page)}
     assert len(NOT_RUN) == NOT_RUN_COUNT
     assert set(NOT_RUN) | SLOW <= everything

@@ -37,7 +37,7 @@ DATA = {
     "plant_sim/study/data/cabbage-table-2.csv",
     "plant_sim/study/data/pepper-table-4.csv",
 }
-"""Some of the non-Python files, one of each kind."""
+"""Examples of the non-Python files, one of each kind."""
 
 Files = dict[str, bytes]
 
@@ -75,7 +75,7 @@ class Environment:
         return Path(sysconfig.get_path("scripts", "venv", {"base": str(self.folder)}))
 
     def pip(self, *arguments: str, timeout_s: float = 60) -> None:
-        """Run the pip of this process on the environment."""
+        """Run pip of the test environment on this environment."""
         python = str(self.scripts / "python")
         run([sys.executable, "-m", "pip", "--python", python, "-q", *arguments], self.folder, timeout_s=timeout_s)
 
@@ -89,7 +89,7 @@ class Environment:
 def run(
     command: list[str], folder: Path, *, code: int = 0, timeout_s: float = 110, cache: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command without the environment variables through which it would find the checkout."""
+    """Run a command without the environment variables that refer to the checkout."""
     environment = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "NUMBA_CACHE_DIR"}}
     if cache is not None:
         environment["XDG_CACHE_HOME"] = str(cache)
@@ -117,7 +117,7 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
 
 @pytest.fixture
 def environment(distributions: Distributions, tmp_path: Path) -> Iterator[Environment]:
-    """Fresh environment with the wheel; its dependencies come from the test environment."""
+    """Yield a fresh environment that contains only the wheel."""
     folder = tmp_path / "environment"
     run([sys.executable, "-m", "venv", "--without-pip", str(folder)], tmp_path)
     environment = Environment(folder)

@@ -1,4 +1,4 @@
-"""Scripts of the repository on a simulated computer: the steps of scripts/setup, and when it has nothing to do.
+"""Scripts of the repository on a simulated computer: the steps of scripts/setup, and runs without any step.
 
 The computer is a folder of tools used as PATH. Its Python is a shell script that logs its arguments, so the tests are
 fast and need neither a network nor root privileges.

@@ -1,4 +1,4 @@
-"""House rules that no linter checks: class names, docstrings, size of folders, formatter escapes."""
+"""Style rules that no linter checks: class names, docstrings, size of folders, formatter escapes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.paths import ROOT
 
 PACKAGES: Final = ("controller", "plant_sim")
 MOST_FILES: Final = 18
-"""Source files in a folder; ``controller/program`` is one program and may hold more."""
+"""Maximum number of source files in a folder; ``controller/program`` is one program and may contain more."""
 MOST_ESCAPES: Final = 20
 QUESTION: Final = re.compile(r"(What|How|Who|Where|Whatever|Whether|Whoever)\b")
 

@@ -138,7 +138,7 @@ def test_text_shows_the_newest_hundred_rows_by_default(tmp_path: Path, morning_m
     assert command(path).splitlines()[-1].split()[-1] == "2499"
     assert len(command(path, "--since", "2026-01-01").splitlines()) == 1 + 2_500
     assert len(command(path, "--last", "120").splitlines()) == 1 + 120
-    assert ids(path) == list(range(2, 2_502)), "more than a page, each once"
+    assert ids(path) == list(range(2, 2_502)), "all pages are read and no row is repeated"
 
 
 # selection of rows
@@ -155,7 +155,7 @@ def test_a_period_selects_rows(path: Path, morning_ms: int) -> None:
     assert ids(path, "--since", "3d", now_ms=now_ms) == [2, 4, 5]
     assert ids(path, "--since", "49h", "--until", "1440m", now_ms=now_ms) == [2]
     assert ids(path, "--last", "1") == [5]
-    assert ids(path, "--last", "1", "--until", "2026-05-01T06:00:02") == [4], "the newest of those within the time"
+    assert ids(path, "--last", "1", "--until", "2026-05-01T06:00:02") == [4], "the newest row of the period"
     assert ids(path, "--since", "2027-01-01") == []
 
 
@@ -221,7 +221,7 @@ def shift(tmp_path: Path) -> Path:
     before = [
         ("runs", 0, ("transplanter", "0.1.0")),
         event(0, "state", 6),
-        cycle(10 * MINUTE, "left", 15_000, 100),  # first recorded cycle: it is unknown when these were missed
+        cycle(10 * MINUTE, "left", 15_000, 100),  # first recorded cycle: the time of these misses is unknown
         cycle(11 * MINUTE, "left", 17_000, 104),
         cycle(12 * MINUTE, "right", 16_001, 0),
         event(20 * MINUTE, "tray", 1),
@@ -291,7 +291,7 @@ def test_the_summary_of_a_period_counts_only_that_period(shift: Path) -> None:
     (only,) = json.loads(
         command(shift, "--summary", "--format", "json", "--since", "2026-05-01T22:11", "--until", "2026-05-01T22:31")
     )
-    assert (only["cycles"], only["missed_cups"], only["trays"]) == (2, 4, 1), "missed since a cycle before that time"
+    assert (only["cycles"], only["missed_cups"], only["trays"]) == (2, 4, 1), "counted from a cycle before the period"
     assert only["recorded_ms"] == 20 * MINUTE
     assert only["alarms"] == [{"number": 903, "text": "alarm 903", "count": 1, "active_ms": 3 * MINUTE}]
     assert only["alarms_per_hour"] == 3.0
@@ -391,7 +391,7 @@ def test_an_invalid_history_file_is_reported_in_one_line(make: object, expected:
     assert str(refused.value).startswith(f"{path}: ")
     assert expected in str(refused.value)
     assert "\n" not in str(refused.value)
-    assert out.read_text(encoding="utf-8") == "as it was", "nothing is half written"
+    assert out.read_text(encoding="utf-8") == "as it was", "no partial output is written"
     assert not list(tmp_path.glob("*.part"))
 
 

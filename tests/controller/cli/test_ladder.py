@@ -65,7 +65,7 @@ def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert text.count("END_PROGRAM") == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[1].startswith("as instructions of an FX2N: 7683 of 8000 steps")
-    assert "fits" not in lines, "the PLC that takes Structured Text is another"
+    assert "fits" not in lines, "Structured Text is for other PLCs"
 
 
 def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -134,14 +134,14 @@ def test_invalid_input_is_reported_in_one_line(
 def test_the_exported_program_transplants_144_seedlings(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each seedling ends where the original program puts it if the button is pressed at the same times; no incident.
+    """With the same button presses, each seedling ends where the original program puts it, without any incident.
 
-    The times matter: they determine the cup positions when the arms arrive, and so how long the seedlings are held.
+    The press times determine the cup positions when the arms arrive, and therefore how long the seedlings are held.
     """
     plants: list[Watched] = []
 
     class Watched(Plant):
-        """Plant that records when its start button was pressed."""
+        """Plant that records the times at which its start button is pressed."""
 
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)

@@ -1,4 +1,4 @@
-"""Proof of the machine program, called directly and by command; the monitors do not affect the program."""
+"""Proof of the machine program, as functions and as a command; the monitors do not affect the program."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_every_step_can_be_left(model: Model) -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(300)
 def test_a_violation_is_reported_saved_and_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """If a rule is left out, the violation is printed and its trace saved; with the rule, the replay breaks nothing."""
+    """Without the rule, the violation is printed and its trace saved; with the rule, the replay violates nothing."""
     assert main(["prove", "--without", RULE, "--goal", GOAL, "--traces", str(tmp_path)]) == 1
     report = capsys.readouterr().out
     assert f"{GOAL}: violated" in report
@@ -183,7 +183,7 @@ def test_monitors_write_no_device_of_the_program() -> None:
 
 
 def test_monitors_report_nothing_and_change_no_output_in_a_trial() -> None:
-    """With and without the monitors, a tray is emptied with the same outputs in every scan."""
+    """A tray is emptied with the same outputs in every scan, with or without the monitors."""
     alone, watched = Twin(trays=1, set_points={"trays_target": 1}), Twin(trays=1, set_points={"trays_target": 1})
     watched.machine = replace(watched.machine, program=SOUND.watched)
     watched.power_on()

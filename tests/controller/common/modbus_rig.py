@@ -20,7 +20,7 @@ from plant_sim.machine.plant import Plant
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 PATIENT_S = 10.0
-"""Timeout for expected answers, s; long, so that a slow computer does not fail a test."""
+"""Timeout for expected responses, s; long enough for a slow computer."""
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 1, 2, 3, 4
 
@@ -42,7 +42,7 @@ def write_coil_pdu(offset: int, value: int) -> bytes:
 
 
 def write_coils_pdu(first: int, bits: str) -> bytes:
-    """Return a request that writes coils; `bits` starts with the first coil: '101' sets the first and third of 3."""
+    """Return a request that writes coils; `bits` starts with the first coil: '101' sets the first and third coil."""
     packed = int(bits[::-1], 2).to_bytes((len(bits) + 7) // 8, "little")
     return struct.pack(">BHHB", 15, first, len(bits), len(packed)) + packed
 
@@ -92,7 +92,7 @@ class Client:
         return data
 
     def rest_after_rubbish(self) -> bytes:
-        """Return the same; a close with unread data may appear as a connection reset."""
+        """Return the remaining data, or no data if the server closes with a connection reset because of unread data."""
         with contextlib.suppress(ConnectionResetError):
             return self.rest()
         return b""

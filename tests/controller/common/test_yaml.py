@@ -1,4 +1,4 @@
-"""YAML reader: lines, validation with models, and sections read value by value."""
+"""YAML reader: line numbers, validation by models, and sections read value by value."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_valid_values(tmp_path: Path) -> None:
         ("items: []\nswitch: on", ["2: switch: cannot be 'on'; write true or false"]),
         ("items: 5", ["1: items: cannot be 5; write a list"]),
         ("items:\n- 5", ["2: items[1]: cannot be 5; write a mapping: a key, a colon and a value per line"]),
-        ("items:\n- size: x", ["2: items[1].size: cannot be 'x'; write the size in mm"]),  # once for both types
+        ("items:\n- size: x", ["2: items[1].size: cannot be 'x'; write the size in mm"]),  # one fault for both types
         ("items:\n- colour: x", ["2: items[1].size: is missing; write the size in mm"]),
         ("items:\n- colour: x\n  sice: 1", ["3: items[1].sice: unknown key; did you mean size?"]),
         (

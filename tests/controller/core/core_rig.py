@@ -18,10 +18,10 @@ from controller.core.sequence import Sequence
 from controller.io.retentive_writer import ThreadedRetentiveWriter
 
 PATIENT_S = 20.0
-"""Timeout for events that must occur, s; long, so that a slow computer does not fail a test."""
+"""Timeout for events that must occur, s; long enough for a slow computer."""
 
 THOROUGH = settings(deadline=None, max_examples=200)
-"""Settings of property tests; no deadline, so that a slow computer does not fail a test."""
+"""Settings of property tests, without a deadline because a slow computer must not fail a test."""
 
 
 def x(number: int) -> Bit:
@@ -59,12 +59,12 @@ def levels(*on: int, count: int = 32) -> list[bool]:
 
 
 def base_pulses(after_ms: int, until_ms: int, base_ms: int) -> int:
-    """Return the number of ticks of the free-running time base later than `after_ms` and up to `until_ms`."""
+    """Return the number of ticks of the free-running time base after `after_ms`, up to and including `until_ms`."""
     return sum(instant % base_ms == 0 for instant in range(after_ms + 1, until_ms + 1))
 
 
 class Bench:
-    """PLC without an input filter whose terminals are set by the test. The first scan is at `start_ms`."""
+    """PLC without an input filter; the test sets its terminals. The first scan is at `start_ms`."""
 
     def __init__(self, *items: Rung | Sequence, start_ms: int = 0, scan_ms: int = 10) -> None:
         self.plc = Plc(program_of(*items), input_filter_ms=0)
@@ -73,7 +73,7 @@ class Bench:
         self.now_ms = start_ms
 
     def scan(self, *on: int, after_ms: int | None = None) -> list[bool]:
-        """Scan with these X numbers on, one period (or `after_ms`) after the last scan, and return the Y image."""
+        """Scan one period (or `after_ms`) after the last scan with these X numbers on, and return the Y image."""
         if self.plc.scans:
             self.now_ms += self.scan_ms if after_ms is None else after_ms
         return self.plc.scan(self.now_ms, levels(*on))

@@ -47,7 +47,7 @@ MISSING = [
     ("D", 8256),
 ]
 RETENTION = [
-    # kind, first, last, retentive? (docs/sources/fx2n.md 1.5, entered manually)
+    # kind, first, last, retentive? (docs/sources/fx2n.md 1.5, transcribed manually)
     ("X", 0, 0o377, False),
     ("Y", 0, 0o377, False),
     ("M", 0, 499, False),

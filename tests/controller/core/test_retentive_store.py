@@ -87,7 +87,7 @@ COUNTING: list[Rung] = [
 @THOROUGH
 @given(st.lists(st.sets(st.integers(0, 2)), min_size=1, max_size=12), st.integers(0, 12))
 def test_a_power_cycle_changes_no_retentive_device(inputs: list[set[int]], off_after: int) -> None:
-    """After a power cycle a PLC continues counting like one that was idle for a scan."""
+    """After a power cycle, a PLC continues to count like a PLC that was idle for one scan."""
     cycled, steady = Bench(*COUNTING, scan_ms=100), Bench(*COUNTING, scan_ms=100)
     for n, on in enumerate(inputs):
         if n == off_after:
@@ -183,7 +183,7 @@ def loads(store: FileStore) -> bool:
 
 
 def test_every_changed_byte_is_detected(store: FileStore) -> None:
-    """Invert each bit of the file, and replace each byte by a space, a tab and a digit."""
+    """A file is rejected if any bit is inverted or any byte is replaced by a space, a tab or a digit."""
     store.save(VALUES)
     text = store.path.read_bytes()
     accepted = []
@@ -287,7 +287,7 @@ def test_a_damaged_file_is_renamed_and_a_new_store_can_be_written(store: FileSto
 def test_the_new_state_is_synchronized_before_the_rename_and_the_folder_before_saving_ends(
     store: FileStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A kill cannot test this, because the system's page cache survives the process but not a power failure."""
+    """Killing the process cannot test the order: the page cache survives the process, but not a power failure."""
     store.save({"D512": 1})
     synchronized: list[tuple[int, int, object]] = []
     fsync = os.fsync
@@ -353,7 +353,7 @@ def run_python(text: str, *arguments: object) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize("kill", range(25))
 def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(store: FileStore, kill: int) -> None:
-    """A process saves continuously and is killed after a random number of progress lines."""
+    """If a process that saves continuously is killed at a random time, its file contains the last complete state."""
     dice = random.Random(kill)
     devices = dice.choice([2, 2_000])
     process = run_python(SAVER, store.path, devices)
@@ -371,7 +371,7 @@ def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(st
 
 
 def test_a_kill_before_any_line_of_saving_leaves_the_old_or_the_new_state(store: FileStore) -> None:
-    """Kill the process before each line of Python executed while saving, in any module."""
+    """The file is valid if the process is killed before any line of Python that saving executes, in any module."""
     with run_python(KILLED_AT_EVERY_LINE, store.path) as process:
         assert process.stdout is not None
         results = [json.loads(line) for line in process.stdout]

@@ -44,7 +44,7 @@ def without_double_coils(rungs: list[Rung]) -> list[Rung]:
 
 
 def interpret(rungs: list[Rung], memory: Memory) -> None:
-    """Execute coils in order; each one reads the results of those before it."""
+    """Execute the rungs in order; each rung reads the results of the previous ones."""
     for rung in rungs:
         assert isinstance(rung, Out | Set | Rst)
         assert isinstance(rung.target, Bit)
@@ -72,7 +72,7 @@ def test_the_y_image_is_the_result_of_executing_the_rungs_in_order(rungs: list[R
 @THOROUGH
 @given(st.lists(st.lists(st.booleans(), min_size=32, max_size=32), min_size=1, max_size=10))
 def test_the_x_image_is_constant_during_a_scan(inputs: list[list[bool]]) -> None:
-    """The first and the last rungs read the same raw levels even if the terminals change in the meantime."""
+    """All rungs of a scan read the same raw levels, and later changes of the terminals do not affect the image."""
     early = [Out(m(n), when=x(n)) for n in range(32)]
     late = [Out(y(n), when=x(n)) for n in range(32)]
     bench = Bench(*early, Inc(d(0), when=RUN), *late)

@@ -34,7 +34,7 @@ def chain(*titles: str, last_to: str | None = None) -> Sequence:
 
 
 def seen(sequence: Sequence) -> list[Out]:
-    """Return rungs that copy the step bits of the preceding sequence during the scan to M20 and up."""
+    """Return rungs that copy the step bits to M20 and up during the scan if they follow the sequence."""
     return [Out(m(bit.number), when=bit) for bit, _ in sequence]
 
 
@@ -116,7 +116,7 @@ def test_the_first_true_transition_is_taken_even_if_it_makes_a_later_one_true() 
 
 
 def test_conditions_of_transfers_are_mutually_exclusive() -> None:
-    """Exports, proofs and drawings of the declaration have no "else" branch."""
+    """At most one transition of a step is true, because exports, proofs and drawings have no "else" branch."""
     go = [To(title, when=x(n)) for n, title in enumerate("bcd")]
     sequence = Sequence("choice", FIRST, [step("a", *go), step("b"), step("c"), step("d")], enable=x(3))
     for buttons in product([False, True], repeat=4):
@@ -172,7 +172,7 @@ def test_a_dwell_does_not_carry_over_to_the_next_entry(exit_buttons: list[int]) 
     assert bench.track(s(22), [exit_buttons, [], []]) == "111"
     assert (
         bench.track(s(21), [[1], [], [], [], []]) == "1111."
-    )  # entered from a later step: the dwell runs from the next scan
+    )  # entered from a later step: the dwell starts in the next scan
 
 
 def test_a_dwell_whose_timer_is_never_executed_undriven_continues_as_on_the_fx() -> None:

@@ -86,7 +86,7 @@ def play(rig: AlarmRig, number: int, actions: Iterable[str]) -> list[AlarmState]
 
 @pytest.mark.parametrize(("number", "sequence"), CHART)
 def test_states_follow_the_chart(number: int, sequence: str) -> None:
-    """After each action, one per scan, the alarm is in the state that follows the colon."""
+    """After each action (one per scan), the alarm is in the state given after the colon."""
     pairs = [word.split(":") for word in sequence.split()]
     assert play(AlarmRig(), number, [action for action, _ in pairs]) == [STATES[state] for _, state in pairs]
 
@@ -95,7 +95,7 @@ def test_states_follow_the_chart(number: int, sequence: str) -> None:
 
 
 def test_every_change_is_reported_once_with_operator_and_time() -> None:
-    """An alarm that is raised, acknowledged and cleared yields 3 reports, even with further scans in between."""
+    """An alarm that is raised, acknowledged and cleared causes three reports, regardless of the number of scans."""
     rig = AlarmRig()
     rig.scan()
     rig.scan(EMPTY)

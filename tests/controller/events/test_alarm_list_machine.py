@@ -37,7 +37,7 @@ def listed(twin: Twin, changes: list[AlarmChange]) -> AlarmList:
 
 
 def test_an_emergency_stop_is_latched_until_it_is_cleared() -> None:
-    """After an emergency stop is acknowledged and released, holding X24 for 3 s empties the list."""
+    """After the alarm is acknowledged and the button released, holding X24 for 3 s empties the list."""
     changes: list[AlarmChange] = []
     twin = switched_on()
     alarms = listed(twin, changes)
@@ -56,7 +56,7 @@ def test_an_emergency_stop_is_latched_until_it_is_cleared() -> None:
 
 
 def test_a_motion_timeout_is_latched_and_listed_until_it_is_acknowledged() -> None:
-    """After a failed limit switch is repaired and X0 pressed, its alarm still requires acknowledgement."""
+    """After the limit switch is repaired and X0 is pressed, the alarm still requires acknowledgement."""
     changes: list[AlarmChange] = []
     twin = switched_on()
     alarms = listed(twin, changes)
@@ -100,7 +100,7 @@ def test_a_reset_does_not_clear_an_alarm_whose_cause_is_present() -> None:
 
 
 def test_only_warnings_can_be_shelved() -> None:
-    """Of the program's alarms, four warnings can be shelved; safety alarms are refused with that reason."""
+    """Only four warnings can be shelved; the refusal for a safety alarm states that it is a safety alarm."""
     twin = switched_on()
     alarms = listed(twin, [])
     refused: dict[str, str] = {}
@@ -118,7 +118,7 @@ def test_only_warnings_can_be_shelved() -> None:
 
 
 def test_the_causes_of_all_alarms_can_be_evaluated() -> None:
-    """If the test sets every annunciator, each alarm is listed, and is latched if and only if its cause is absent."""
+    """With every annunciator set, each alarm is listed, and it is latched if and only if its cause is absent."""
     twin = switched_on()
     alarms = listed(twin, [])
     for each in twin.machine.alarms:

@@ -152,7 +152,7 @@ def test_the_history_of_a_trial_contains_its_production(trial: Recorded) -> None
 
 
 def test_an_aborted_cycle_leaves_no_edges(tmp_path: Path) -> None:
-    """After an emergency stop during a cycle, the edges of the next cycle start with that next cycle."""
+    """After an emergency stop, the edges of the aborted cycle are discarded; recording restarts with the next cycle."""
     path = tmp_path / "history.sqlite"
     twin = at_work({"trays_target": 1})
     with recorded(twin, path):
@@ -186,7 +186,7 @@ def test_a_cycle_whose_start_was_not_recorded_has_no_edges(tmp_path: Path) -> No
 
 
 class Scans:
-    """PLC whose memory is set by the test and evaluated by the recorder, 10 ms per scan."""
+    """PLC memory that the test sets and the recorder evaluates every 10 ms."""
 
     def __init__(self) -> None:
         machine = build(load_io_map(DEFAULT_IO_MAP))

@@ -1,4 +1,4 @@
-"""Event output: text and JSON forms, order, and a disconnected reader."""
+"""Event output: text and JSON formats, order, and a closed pipe."""
 
 from __future__ import annotations
 

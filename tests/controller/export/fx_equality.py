@@ -1,4 +1,4 @@
-"""Comparison of the running program with its export; both get the same raw X levels, writes and clock."""
+"""Comparison of the running program with its export; both receive the same raw X levels, writes and clock."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ DOWN = [MACHINE.io_map[f"{side}.lift_down"].number for side in SIDES]
 
 
 class Differs(AssertionError):  # noqa: N818 - a finding, not an error
-    """The Y images differ; the message states the scan and the outputs."""
+    """Difference between the Y images; the message states the scan and the outputs."""
 
 
 Scan = tuple[dict[Bit | Word, int], int, list[bool], list[bool]]
@@ -55,11 +55,11 @@ Scan = tuple[dict[Bit | Word, int], int, list[bool], list[bool]]
 
 @dataclass
 class Pair:
-    """The program on the soft PLC and its export on the FX2N.
+    """Program on the soft PLC and its export on the FX2N.
 
     Attributes:
         ladder: Program of the FX2N.
-        filter_ms: Input filter of both.
+        filter_ms: Input filter time of both PLCs, ms.
         scans: Number of compared scans.
         moving: Number of scans in which an output was on.
         tape: Recorded inputs and outputs.
@@ -130,7 +130,7 @@ class Pair:
 def stories(seed: int, scans: int, *, power_fails: bool = True, pair: Pair | None = None) -> Iterator[tuple[Pair, int]]:
     """Run a machine with random events; after each scan, yield the pair and the scan number.
 
-    A substitute for the machine responds to the coils. Buttons that continue the cycle, and occasionally others, are
+    A stand-in for the machine responds to the coils. Buttons that continue the cycle, and occasionally others, are
     pressed. Switches stick, terminals flicker, set-points change, power fails and scans are late.
     """
     chance = Random(seed)
@@ -180,7 +180,7 @@ def stories(seed: int, scans: int, *, power_fails: bool = True, pair: Pair | Non
 
 
 def _press(pair: Pair, world: StandIn, chance: Random) -> int:
-    """Press the button that continues the current state, or another one; return the number of scans."""
+    """Press the button that continues operation, or another one; return the number of scans for which it is held."""
     state = pair.soft.read(TAGS.machine.state)
     if chance.random() < 0.3:
         pair.write(chance.choice(ANSWERS), 1)
@@ -203,7 +203,7 @@ def _press(pair: Pair, world: StandIn, chance: Random) -> int:
 
 
 class Mirror(Plc):
-    """A PLC with the running program that passes all inputs on to a PLC with the exported program.
+    """PLC with the running program that also passes all inputs to a PLC with the exported program.
 
     Attributes:
         found: Differences in all instances. They are collected because a runtime would treat an exception as a scan
@@ -253,17 +253,17 @@ class Recorded:
 
     @classmethod
     def of(cls, seed: int, scans: int) -> Recorded:
-        """Record a run without a loss of power."""
+        """Record a run without power losses."""
         *_, (pair, _) = stories(seed, scans, power_fails=False)
         return cls(pair.tape)
 
     def first_output_difference(self, ladder: Ladder) -> int | None:
-        """Return the number of the first scan in which a program has a different Y image; None = none."""
+        """Return the number of the first scan in which a program has a different Y image, or None."""
         plc = FxPlc(ladder, input_filter_ms=0)
         return next((n for n, scan in enumerate(self.scans) if _replayed(plc, scan) != scan[3]), None)
 
     def first_difference(self, ladder: Ladder) -> int | None:
-        """Return the number of the first scan after which outputs, relays or states differ; None = none."""
+        """Return the number of the first scan after which outputs, relays or states differ, or None."""
         reference, plc = FxPlc(EXPORTED, input_filter_ms=0), FxPlc(ladder, input_filter_ms=0)
         for number, scan in enumerate(self.scans):
             if _replayed(plc, scan) != _replayed(reference, scan):

@@ -1,7 +1,7 @@
 """Structured Text runner: translates the syntax tree of the blark parser to Python.
 
-It supports only the part of the language that the transplanter needs. It shares no code with the writer of the text and
-identifies devices by their addresses.
+It supports only the subset of the language that the export uses. It shares no code with the export and identifies
+devices by their addresses.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ OPERATORS: Final = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not
 RANGES: Final = {"INT": 2**15, "DINT": 2**31, "LINT": 2**63}
 FUNCTIONS: Final = {"MIN": min}
 SHORT: Final = "abcfghijklmnopquvwxyz"
-KEYWORDS: Final = frozenset("IF THEN ELSIF ELSE END_IF AND OR NOT MOD TRUE FALSE".split())  # noqa: SIM905 - a text reads better
+KEYWORDS: Final = frozenset("IF THEN ELSIF ELSE END_IF AND OR NOT MOD TRUE FALSE".split())  # noqa: SIM905 - more readable as text
 
 
 def parsed(text: str) -> Tree[Any]:
@@ -40,7 +40,7 @@ def _parsed(text: str, rule: str) -> Tree[Any]:
 
 @dataclass(frozen=True)
 class Declaration:
-    """A declared variable."""
+    """Declared variable."""
 
     name: str
     type: str
@@ -50,7 +50,7 @@ class Declaration:
 
 
 class StProgram:
-    """A parsed program that can be run any number of times.
+    """Parsed program that can be run any number of times.
 
     Attributes:
         variables: Variables by lower-case name.
@@ -108,8 +108,8 @@ def _fold(statement: str) -> tuple[str, dict[str, str]]:
 def _shape(statement: str) -> tuple[str, dict[str, str]]:
     """Return a statement with short names, and the names that they replace.
 
-    Parsing the text of the machine takes a minute. The time depends on its length, and many statements differ only in
-    their names.
+    Parsing the text of the machine takes a minute. Short names reduce the length of the text, and statements that
+    differ only in their names are parsed once.
     """
     numbers: dict[str, str] = {}
 
@@ -220,7 +220,7 @@ def within(value: int, limit: int) -> int:
 
 
 class StPlc:
-    """A PLC that runs a program in Structured Text."""
+    """PLC that runs a program in Structured Text."""
 
     def __init__(self, variables: Mapping[str, Declaration], code: CodeType) -> None:
         self._variables = variables

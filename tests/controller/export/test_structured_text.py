@@ -48,7 +48,7 @@ def machine() -> StProgram:
 
 
 class StPair(Pair):
-    """The program on the soft PLC, and its Structured Text."""
+    """Program on the soft PLC and its Structured Text."""
 
     make: Callable[[], StPlc]
 
@@ -76,7 +76,7 @@ class StPair(Pair):
 
 
 def run_stories(make: Callable[[], StPlc], monkeypatch: pytest.MonkeyPatch, seeds: range, scans: int) -> list[Pair]:
-    """Run random scenarios of the machine with this text in parallel with the soft PLC."""
+    """Run random scenarios on the Structured Text and on the soft PLC in parallel."""
     monkeypatch.setattr(StPair, "make", staticmethod(make), raising=False)
     monkeypatch.setattr(fx_equality, "Pair", StPair)
     pairs = []
@@ -155,7 +155,7 @@ def watched(program: Program, seed: int = 1, scans: int = 400, text: str = "", i
         for device in inside:
             mine = soft.read(device)
             its = st.values[names[address(device.kind, device.number).removeprefix("%")]]
-            assert mine == its, f"{device} in scan {number}: {mine}, not {its}"
+            assert mine == its, f"{device} in scan {number}: {mine} in the PLC, {its} in the text"
 
 
 def timers() -> Program:
@@ -324,7 +324,7 @@ def test_a_tag_becomes_an_identifier(tag: str, name: str) -> None:
 
 
 def test_tags_with_the_same_identifier_get_different_names() -> None:
-    """Names that differ only in case get different identifiers, and helper variables do not collide with devices."""
+    """Names that differ only in case have different identifiers, and helper variables do not collide with devices."""
     items: list[Expr] = [Bit("X", 1, "a.b"), Bit("X", 2, "A_B"), Bit("X", 3, "a b"), Bit("X", 4, "now ms")]
     program = small(*(Out(Bit("M", n), when) for n, when in enumerate(items)), Out(Bit("Y", 0, "a.b"), X[1]))
     names = list(StProgram(structured_text(program)).variables)

@@ -1,4 +1,4 @@
-"""Twin with the Modbus server of the controller: the test advances time, and clients send requests in between."""
+"""Twin with the Modbus server of the controller: the test advances time, and clients send requests between scans."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def written(answer: bytes) -> bool:
 
 
 def until(condition: Callable[[], bool], bystander: Client) -> None:
-    """Wait for the server thread; each request of `bystander` makes its event loop run one iteration."""
+    """Wait until the server thread meets a condition; each request of `bystander` runs its event loop once."""
     for requests in count():
         done = condition()
         bystander.ask(READ_D0)  # also after success: the thread may still be in this iteration

@@ -105,7 +105,7 @@ def word(client: ModbusClient, scene: Scene, name: str) -> int:
 
 
 def until_word(client: ModbusClient, scene: Scene, name: str, value: int) -> None:
-    """Poll until the scan has executed an order."""
+    """Poll a word until it has the expected value."""
     for requests in count():
         if word(client, scene, name) == value:
             return
@@ -149,7 +149,7 @@ def mbpoll_values(port: int, table: str, address: int, number: int) -> list[int]
 
 
 def test_every_tag_reads_the_same_with_two_clients(scene: Scene, client: ModbusClient) -> None:
-    """During a pause only the connection statistics change."""
+    """While the simulation is paused, two clients read the same value of every tag."""
     master = modbus_tcp.TcpMaster("127.0.0.1", scene.port, timeout_in_sec=10.0)
     try:
         assert client.write_single_register(scene.address("simulation.pace"), PAUSED)

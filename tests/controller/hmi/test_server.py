@@ -45,7 +45,7 @@ def client(rig: HmiRig) -> Client:
 
 @pytest.fixture(scope="module")
 def shared() -> Iterator[HmiRig]:
-    """Server for requests that change nothing."""
+    """Yield a server for tests whose requests change nothing."""
     with HmiRig() as rig:
         yield rig
 
@@ -349,7 +349,7 @@ def test_malformed_data_inside_tls_closes_that_client_only(
 ) -> None:
     with HmiRig(options=certificates.options()) as rig, certificates.connect(rig.server.port) as bystander:
         with certificates.connect(rig.server.port) as client:
-            with suppress(OSError):  # the server may have closed before everything was sent
+            with suppress(OSError):  # the server may have closed the connection before all data was sent
                 client.send(frame(READ_D0) + SIX_INVALID_BYTES * 10_000)
             with suppress(OSError):
                 client.rest_after_rubbish()
@@ -418,7 +418,7 @@ def mutated(rng: random.Random) -> bytes:
 def send_mutated(rig: HmiRig, rng: random.Random, frames: int) -> None:
     for _ in range(frames // FRAMES_A_CONNECTION):
         with Client(rig.server.port) as client:
-            with suppress(OSError):  # the server has closed, or even reset, already
+            with suppress(OSError):  # the server may already have closed or reset the connection
                 client.send(b"".join(mutated(rng) for _ in range(FRAMES_A_CONNECTION)))
                 client.socket.shutdown(socket.SHUT_WR)
             client.rest_after_rubbish()

@@ -53,7 +53,7 @@ def peer(client: Client) -> str:
 
 
 def record_commands(rig: HmiRig) -> list[set[str]]:
-    """Record the active command bits at the start of each scan."""
+    """Return a list in which the active command bits are recorded at the start of each scan."""
     seen: list[set[str]] = []
     plc = rig.twin.plc
     scan = plc.scan
@@ -413,7 +413,7 @@ def test_closed_connection_ends_the_jog(manual: HmiRig, client: Client, abortive
 
 @pytest.mark.parametrize(("first", "second"), [(OUTPUT, OTHER_OUTPUT), (OTHER_OUTPUT, OUTPUT)])
 def test_second_client_takes_over_the_jog_permanently(manual: HmiRig, client: Client, first: str, second: str) -> None:
-    """Both orders of their telegrams before a scan are covered."""
+    """The jog of the second client stays on, whichever client sends its telegram first before a scan."""
     other = manual.client()
     manual.press(client, jog_command(first))
     manual.twin.run_for(50)
@@ -457,7 +457,7 @@ def test_disconnect_of_the_first_client_keeps_the_jog_of_the_second(manual: HmiR
 
 
 def test_refused_jog_does_not_flood_the_refusals(rig: HmiRig, client: Client) -> None:
-    """Outside manual mode, the press is refused, and further polling by the client adds few refusals."""
+    """Outside manual mode the press is refused, and further polling by the client adds few refusals."""
     refusals = rig.twin.machine.tags.machine.refusals
     before = rig.twin.plc.read(refusals)
     rig.press(client, jog_command(OUTPUT))

@@ -1,4 +1,4 @@
-"""Tests common to all field links, in process and over sockets."""
+"""Behaviour common to all field links, in process and over sockets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ T = TypeVar("T")
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 PATIENT_S = 5.0
-"""Timeout for expected answers, s; long, so that a slow computer does not fail a test."""
+"""Timeout for expected responses, s; long enough for a slow computer."""
 
 
 def scattered(io_map: IoMap) -> IoMap:
@@ -61,7 +61,7 @@ class Rig:
     thread: ServerThread | None = None
 
     def on_plant(self, function: Callable[[], T]) -> T:
-        """Call a function in the thread of the I/O module."""
+        """Call a function in the thread of the I/O module and return its result."""
         return function() if self.thread is None else self.thread.call(function)
 
 
@@ -106,7 +106,7 @@ EITHER_MAP = pytest.mark.parametrize("change", [lambda io_map: io_map, scattered
 
 @EITHER_MAP
 def test_each_input_changes_only_its_own_number(make_rig: RigMaker, change: Callable[[IoMap], IoMap]) -> None:
-    """Force each sensor and press each button, one at a time."""
+    """Forcing one sensor or pressing one button changes only the input with its number."""
     rig = make_rig(change(IO_MAP))
     rig.link.open()
     plant = rig.module.plant

@@ -74,7 +74,7 @@ def test_a_released_input_follows_its_terminal_again(rig: HmiRig, client: Client
 
 
 def test_every_output_is_safe_while_an_input_is_forced(rig: HmiRig, client: Client) -> None:
-    """The Y image of the program has no effect."""
+    """While an input is forced, the Y image of the program has no effect."""
     safe = rig.twin.io_map.safe_outputs()
     plc = rig.twin.plc
     scan = plc.scan

@@ -24,7 +24,7 @@ from plant_sim.machine.plant import Plant
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 PATIENT_S = 5.0
-"""Timeout for expected answers, s; long, so that a slow computer does not fail a test."""
+"""Timeout for expected responses, s; long enough for a slow computer."""
 INPUTS = len(IO_MAP.inputs)
 ALL_OFF = [False] * IO_MAP.output_count
 
@@ -52,7 +52,7 @@ def test_transfers_are_split_at_gaps_and_ordered_by_offset() -> None:
 
 
 class ScriptedServer:
-    """Server with scripted responses: each request frame yields given bytes or no response."""
+    """Server with scripted responses: each request frame is answered with given bytes or not at all."""
 
     GOODBYE = b"goodbye"
 
@@ -89,7 +89,7 @@ class ScriptedServer:
                     return
 
     def _converse(self, connection: socket.socket) -> bytes:
-        """Answer one client until it disconnects; return its last message."""
+        """Respond to one client until it disconnects, and return its last message."""
         while (request := connection.recv(1_000)) not in (b"", self.GOODBYE):
             self.requests.append(request)
             answer = self._answer(request)
@@ -101,7 +101,7 @@ class ScriptedServer:
 
 
 def reply(request: bytes, pdu: bytes) -> bytes:
-    """Return a valid frame with `pdu`."""
+    """Return a valid response frame with `pdu`."""
     return request[:4] + struct.pack(">H", len(pdu) + 1) + request[6:7] + pdu
 
 
@@ -127,7 +127,7 @@ def test_an_unreachable_server_is_reported_in_one_line_with_its_address(free_por
 
 
 def test_the_frames_on_the_wire() -> None:
-    """Expected frames written by hand: one FC02 over all inputs, one FC15 over all outputs, low bit first."""
+    """One FC02 frame reads all inputs and one FC15 frame writes all outputs, low bit first."""
     with ScriptedServer(good_reply) as server:
         link = ModbusTcpLink("127.0.0.1", server.port, IO_MAP, unit=7, timeout_s=PATIENT_S)
         link.open()
@@ -216,7 +216,7 @@ def test_a_server_that_closes_the_connection() -> None:
 
 
 def test_a_corrupted_answer_gives_an_image_or_a_link_error() -> None:
-    """Change each byte of a valid answer; no other exception may occur."""
+    """If any byte of a valid response is changed, no exception other than LinkError occurs."""
     valid = bytes.fromhex("0001 0000 0006 01 02 03 ffff3f")
     current = valid
     outcomes = {"image": 0, "error": 0}

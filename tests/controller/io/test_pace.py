@@ -108,7 +108,7 @@ def test_a_new_pace_ends_a_pause_immediately() -> None:
 
     waiter = threading.Thread(target=wait, daemon=True)
     waiter.start()
-    assert not resumed.wait(0.25), "time must not advance in a pause"
+    assert not resumed.wait(0.25), "time must not advance during a pause"
     pace.set(FLAT_OUT)
     assert resumed.wait(STUCK_S)
     waiter.join(STUCK_S)

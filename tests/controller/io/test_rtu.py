@@ -19,10 +19,10 @@ from tests.controller.hmi.hmi_rig import READ_D0, HmiRig
 
 UNIT = 17
 LONG_START = bytes([UNIT, 16, 0, 0, 0, 100, 200])
-"""Start of a request so long that only the idle time shows that it is incomplete."""
+"""Start of a long request, which is recognized as incomplete only by the idle time of the line."""
 READ_M0 = read_pdu(1, 0, 8)
 SILENCE_S = 0.3
-"""Time within which a pending answer arrives, s."""
+"""Time within which a pending response arrives, s."""
 
 
 def framed(pdu: bytes, unit: int = UNIT) -> bytes:
@@ -52,13 +52,13 @@ class Master:
         return not select.select([self.end], [], [], SILENCE_S)[0]
 
     def ask(self, pdu: bytes, size: int) -> bytes:
-        """Send a request and return the answer PDU of `size` bytes."""
+        """Send a request and return the response PDU of `size` bytes."""
         self.send(framed(pdu))
         return self.answer(size)
 
     def answer(self, size: int) -> bytes:
         answer = self.receive(size + 3)
-        assert answer == framed(answer[1:-2]), "address or checksum"
+        assert answer == framed(answer[1:-2]), "wrong address or checksum"
         return answer[1:-2]
 
     def close(self) -> None:
@@ -134,7 +134,7 @@ class TestRequests:
 
 
 class TestWrites:
-    """Writes of the master on the serial line."""
+    """Writes by the master on the serial line."""
 
     def test_a_command_and_a_set_point(self, rig: HmiRig, master: Master) -> None:
         clamp = struct.pack(">BHH", 6, 521, 33)

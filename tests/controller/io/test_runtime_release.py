@@ -140,7 +140,7 @@ def test_a_store_in_memory_does_not_hold_outputs() -> None:
 def test_a_store_error_sets_the_store_fault_and_saving_is_retried_until_it_succeeds(
     cabinet: Cabinet, store: GatedStore, retentive_writer: ThreadedRetentiveWriter
 ) -> None:
-    """No other change is required: an idle machine must recover when a full disk has space again."""
+    """Saving is retried without a further change, so that an idle machine recovers when a full disk has space again."""
     obstacle = store.path.with_name(store.path.name + ".new")
     obstacle.mkdir()
     store.permit(1_000)

@@ -49,7 +49,7 @@ def load_error(tmp_path: Path, content: str | bytes) -> str:
 
 # --- Delivered file -----------------------------------------------------------------------------
 
-# Copied from Table 2 of the paper, not from the file: tag, address, octal value.
+# Copied from Table 2 of the paper, not from the file: tag, address, decimal value of the octal number.
 PAPER = [
     ("start", "X0", 0),
     ("left.lift_down", "X1", 1),
@@ -86,7 +86,7 @@ def test_wires_match_the_paper(io_map: IoMap, tag: str, address: str, number: in
 
 
 def test_all_22_inputs_and_18_outputs_are_present_in_order(io_map: IoMap) -> None:
-    """The required points have the addresses of the paper; wired optional points come after them."""
+    """The required points have the addresses of the paper; wired optional points follow them."""
     assert [point.number for point in io_map.inputs if not point.optional] == list(range(22))
     assert [point.number for point in io_map.outputs if not point.optional] == list(range(18))
     assert io_map.input_count == 1 + max(point.number for point in io_map.inputs)

@@ -93,11 +93,11 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
     return [
         *((f"{one} against {two}", {one, two} <= on) for one, two in (SLIDE, LIFT, BELT, CLAWS)),
         ("in emergency stop", bool(on) and "emergency_stop" in scene.sensed),
-        ("without leave to move", bool(on) and not scene.has(TAGS.machine.motion)),
+        ("without permission to move", bool(on) and not scene.has(TAGS.machine.motion)),
         ("with a fault of the arm", bool(on) and bool(scene.has(arm.fault)) and not is_jogged),
         ("the arm moves with the belt", bool(on & {*SLIDE, *LIFT}) and bool(on & {*BELT})),
         *(inward_forbidden(scene, side) if "slide_inward" in on else ()),
-        ("outward in between", "slide_outward" in on and not up and not down),
+        ("outward at mid-height", "slide_outward" in on and not up and not down),
         ("outward low, closed or loaded", "slide_outward" in on and not up and (closed or loaded)),
         ("up half closed", "lift_retract" in on and not feed and closed and not clamped),
         ("down away from feed", "lift_extend" in on and not feed and not putting_back(scene, side)),
@@ -111,7 +111,7 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
 
 
 def putting_back(scene: Scene, side: Side) -> bool:
-    """Return True if the arm goes down onto the row on which it has just closed its claws."""
+    """Return True if the arm is lowered onto the row on which it has just closed its claws."""
     arm, home = TAGS.arms[side], MACHINE.homings[side]
     return bool(scene.has(home["lower to put back"]) and scene.has(arm.on_row) and scene.has(arm.at_wanted_row))
 
@@ -128,7 +128,7 @@ def inward_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
         ("inward without a tray", not tray_in_place),
         ("inward over a tray about to move", tray_is_wanted(scene)),
         ("inward past the row", bool(scene.has(arm.passed))),
-        ("inward for no row", not any(scene.has(wanted) for wanted in arm.row_is.values())),
+        ("inward without a wanted row", not any(scene.has(wanted) for wanted in arm.row_is.values())),
         ("inward into the other arm", not shares and bool(scene.has(other.in_centre))),
         (
             "inward with the other arm in an unknown place",
@@ -138,7 +138,7 @@ def inward_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
 
 
 def opening_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
-    """Return the conditions that are forbidden while the claws of an arm that holds a row open."""
+    """Return the conditions that are forbidden while an arm that holds a row opens its claws."""
     arm, cycle, home, place = TAGS.arms[side], MACHINE.cycles[side], MACHINE.homings[side], scene.places(side)
     is_jogged, feed = scene.is_jogged(f"{side}.claws_open"), "slide_at_feed" in place
     at_its_row = is_jogged and scene.has(arm.row_in_progress) and scene.has(arm.at_wanted_row)
@@ -148,9 +148,9 @@ def opening_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
     )
     return [
         ("drop the load from above", "lift_down" not in place),
-        ("drop the load on the way", not feed and not putting_back),
+        ("drop the load between row and feed", not feed and not putting_back),
         ("drop the load beside the cups", feed and not putting_back and "claws_spread" not in place),
-        ("drop the load unasked", feed and not putting_back and not throwing),
+        ("drop the load without a request", feed and not putting_back and not throwing),
     ]
 
 
@@ -161,7 +161,7 @@ def tray_forbidden(scene: Scene) -> list[tuple[str, bool]]:
     is_jogged = bool(scene.has(TAGS.machine.jogging))
     return [
         ("in emergency stop", on and "emergency_stop" in scene.sensed),
-        ("without leave to move", on and not scene.has(TAGS.machine.motion)),
+        ("without permission to move", on and not scene.has(TAGS.machine.motion)),
         ("with an arm away from feed", on and not at_feed),
         ("with an arm about to go in", on and entering),
         ("with a fault of the feeder", on and bool(scene.has(TAGS.tray.fault)) and not is_jogged),

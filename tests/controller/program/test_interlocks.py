@@ -36,7 +36,7 @@ Stimulus = dict[Device, int]
 
 
 def known(expr: Expr, stimulus: Stimulus) -> bool | None:
-    """Evaluate a condition of which some devices may have no value yet; return None if the result is undecided."""
+    """Evaluate a condition whose devices may have no value yet; return None if the result is undecided."""
     match expr:
         case Const(value):
             return value
@@ -56,7 +56,7 @@ def known(expr: Expr, stimulus: Stimulus) -> bool | None:
 
 
 def values_of(device: Device, expr: Expr) -> Iterator[int]:
-    """Yield the test values of a device: both for a bit; for a word, every number it is compared with and one more."""
+    """Yield both values of a bit, or every number with which a word is compared and one more."""
     if isinstance(device, Bit):
         yield from (0, 1)
         return
@@ -148,7 +148,7 @@ def test_every_coil_can_be_on(side: Side | None, output: str) -> None:
 
 @pytest.mark.parametrize("index", range(len(COILS)), ids=[tag_of(*name) for name in COILS])
 def test_no_one_or_two_changes_to_an_allowed_situation_allow_a_forbidden_one(index: int) -> None:
-    """Change each device, and each pair of devices, on which any coil depends."""
+    """No change of one or two devices on which a coil depends turns on a forbidden combination."""
     plc = outputs_alone()
     base = dict.fromkeys(every_device(), 0) | allowing()[index]
     changes = [(device, value) for device, values in every_device().items() for value in values - {base[device]}]
@@ -187,7 +187,7 @@ def test_no_combination_turns_on_a_coil_while_its_opposite_is_requested(side: Si
 
 @pytest.mark.parametrize("side", SIDES)
 def test_no_combination_opens_claws_with_a_row_at_a_forbidden_position(side: Side) -> None:
-    """Test all combinations of the positions, steps and commands on which opening claws that hold a row depends."""
+    """For all combinations of positions, steps and commands, a loaded arm opens its claws only where permitted."""
     plc, arm, machine = outputs_alone(), TAGS.arms[side], TAGS.machine
     cycle, home = MACHINE.cycles[side], MACHINE.homings[side]
     bits = (

@@ -89,7 +89,7 @@ def knows_its_place(scene: Scene, side: Side) -> bool:
 
 
 def test_nothing_forbidden_is_on_from_any_state_of_the_complete_program() -> None:
-    """Check 16 000 situations, most of them unreachable; every coil is on in some of them, both by step and by jog."""
+    """No forbidden output is on in 16,000 situations, which turn on every coil both by a step and by a jog."""
     random, plc, now_ms = Random(1), Plc(MACHINE.program, input_filter_ms=0), 0
     plc.scan(now_ms, MACHINE.io_map.safe_inputs())
     times_on = {(tag_of(side, output), is_jogged): 0 for side, output in COILS for is_jogged in (False, True)}
@@ -136,7 +136,7 @@ def test_a_blocked_output_reports_its_rule_while_it_is_requested(side: Side) -> 
     lift_down = arm_of(twin, side).sensors["lift_down"]
     lift_down.stuck = False
     twin.run_for(50)
-    assert twin.plc.read(blocked_by) == number_of("inward ready"), "of two rules the first in the table"
+    assert twin.plc.read(blocked_by) == number_of("inward ready"), "the first of the two rules in the table"
     lift_down.stuck = beam.stuck = None
     twin.run_for(100)
     assert f"{side}.slide_inward" in twin.outputs()

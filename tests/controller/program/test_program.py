@@ -62,8 +62,10 @@ def test_every_limit_has_its_own_alarm_and_timer() -> None:
 
 
 def test_limits_leave_room_for_a_slow_motion_and_not_for_a_jam() -> None:
-    """Calculated by hand: 378.5 mm at 142.6 mm/s for the widest row spacing, 150 mm and 187 mm at 200 mm/s,
-    and the longest claw dwell that can be set.
+    """Each limit is 1.5 to 3.1 times the duration of its longest motion.
+
+    Manual calculation: 378.5 mm at 142.6 mm/s for the widest row spacing, 150 mm and 187 mm at 200 mm/s, and the
+    longest claw dwell that can be set.
     """
     longest_ms = {"slide": 2_720, "lift": 815, "spread": 985, "converge": 985, "claws": 2_000}
     for sequence, _, step in STEPS:
@@ -73,7 +75,7 @@ def test_limits_leave_room_for_a_slow_motion_and_not_for_a_jam() -> None:
 
 
 def test_the_limit_of_a_leaving_tray_stops_the_next_one_before_its_first_row_has_passed() -> None:
-    """Calculated by hand: 540 mm at 200 mm/s take 2.75 s; the next tray, 45 mm behind, overruns 100 mm at 3.4 s."""
+    """A tray of 540 mm leaves in 2.75 s at 200 mm/s; the next one, 45 mm behind it, has overrun by 100 mm at 3.4 s."""
     watch = MACHINE.feeder.steps[1].watch
     assert watch is not None
     assert 1.1 * 2_750 <= watch.ms <= 3_400
@@ -335,7 +337,7 @@ def test_suspended_is_amber_and_not_green(all_wired: IoMap) -> None:
 
 
 def inverted(point: Point) -> Point:
-    """Return the same wire with the opposite polarity."""
+    """Return the point with the opposite polarity."""
     opposite = {
         Polarity.NORMALLY_OPEN: Polarity.NORMALLY_CLOSED,
         Polarity.NORMALLY_CLOSED: Polarity.NORMALLY_OPEN,

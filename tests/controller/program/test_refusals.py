@@ -66,7 +66,7 @@ def values_of(device: Bit | Word) -> list[int]:
 
 
 def settle(memory: Memory) -> None:
-    """Derive the bits that follow from state and mode."""
+    """Set the bits that are derived from state, mode and rows."""
     for bit, follows in FOLLOWS.items():
         memory.M[bit.number] = evaluate(follows, memory)
 
@@ -181,7 +181,7 @@ def test_text_of_a_refusal() -> None:
 
 @pytest.mark.parametrize("command", list(TAGS.commands), ids=lambda c: c.name)
 def test_every_refusal_text_contains_the_command_and_the_reason(command: Command) -> None:
-    """For each reason the text in either language contains the command, then the reason."""
+    """For each reason, the text in both languages contains the command, then the reason."""
     texts: set[tuple[Refusal, str]] = set()
     for obstacle in MACHINE.orders.obstacles(command.bit):
         english, chinese = (refusal_text(command, obstacle.reason, language) for language in ("en", "zh"))

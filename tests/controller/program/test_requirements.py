@@ -15,7 +15,7 @@ from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS
 SAFETY = Safety(TAGS, MACHINE.alarms)
 REQUIREMENTS = {each.name: each.never for each in SOUND.requirements}
 MOVES = "lift_extend"
-"""An arbitrary coil."""
+"""Arbitrary motion coil."""
 
 
 class Case(NamedTuple):
@@ -257,6 +257,6 @@ def test_a_requirement_of_the_machine_forbids_exactly_what_is_demanded(case: Cas
 
 
 def test_every_requirement_states_a_demand() -> None:
-    """The demands cover all requirements, and no others."""
+    """The cases name all requirements of the program, and no others."""
     stated = {f"{side}: {case.requirement}" for side, case in CASES_OF_AN_ARM}
     assert stated | {case.requirement for case in CASES_OF_THE_MACHINE} == set(REQUIREMENTS)

@@ -28,11 +28,11 @@ SOUND = specification(MACHINE)
 CLOCK = MonotonicClock()
 
 Change = Callable[[str, Rung], Rung | None]
-"""Function that returns the mutated rung for a block title and a rung of the block; None = removed."""
+"""Function that returns the mutated rung for a block title and a rung of the block, or None to remove the rung."""
 
 
 def seconds() -> float:
-    """Return the time used to measure proofs, s."""
+    """Return the reading of the clock that measures proofs, s."""
     return CLOCK.now_ms() / 1000
 
 
@@ -108,7 +108,7 @@ def _scans(model: Model) -> Iterator[tuple[z3.Solver, list[z3.BoolRef], Symbolic
 
 
 def _touched(model: Model) -> list[Goal]:
-    """Return the goals whose formula after a scan differs from the unmodified program; the others remain proved."""
+    """Return the goals whose formula after a scan differs from that of the unmodified program."""
     sound, after = _sound(), _after_any_scan(model)
     return [goal for goal in model.goals if not after[goal.name].eq(sound[goal.name])]
 

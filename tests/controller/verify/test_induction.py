@@ -103,7 +103,7 @@ def test_goal_with_a_wrong_invariant_is_broken_if_it_has_a_trace() -> None:
 
 
 def test_mutually_dependent_goals_are_proved_together() -> None:
-    """Two bits that set each other are proved to stay off if both are off initially."""
+    """Registers that are copied to each other are proved to stay 0 if they are 0 initially."""
     items = (Mov(d(1), d(2)), Mov(d(0), d(1)), Mov(d(2), d(0)))
     zero = {"one": d(0).equals(0), "two": d(1).equals(0)}
     rows = report_of(specification_of(*items, never=d(2).differs(0), invariants=zero)).rows
@@ -200,7 +200,7 @@ def test_invariant_about_monitor_state_must_be_established_by_the_program() -> N
     ],
 )
 def test_set_point_is_in_its_range_or_has_its_default(greatest: int | None, default: int, result: Result) -> None:
-    """An output that is on from set-point 11 upwards is reachable depending on the range and the default."""
+    """An output that requires a set-point of at least 11 is reachable only if the range or the default permits it."""
     ranges = {} if greatest is None else {d(512): (0, greatest)}
     never, points = y(0), ((d(512), default),)
     row = row_of(specification_of(Out(y(0), when=d(512) >= 11), never=never, set_points=points, ranges=ranges))

@@ -53,8 +53,8 @@ UPHELD_BY_TRAY_RULES = {"arms at feed": "tray, arm away from feed", "no fault of
 PAIRS = tuple(pair(*coils) for coils in (SLIDE, LIFT, BELT, CLAWS))
 REDUNDANT: dict[tuple[str, ...], str] = {
     pair(*SLIDE): "no step requests both coils, and manual control drives one output at a time",
-    pair(*BELT): "likewise",
-    pair(*CLAWS): "likewise",
+    pair(*BELT): "as for the slide coils",
+    pair(*CLAWS): "as for the slide coils",
     **{(name,): "the other rule of the pair remains" for names in PAIRS for name in names},
 }
 """Arm rules that can be removed without violating any requirement, with the reason."""

@@ -95,7 +95,7 @@ def test_way_out_must_work_for_all_other_inputs(orders: Mapping[Bit, bool], resu
 
 
 def test_way_out_of_two_scans_requires_both_scans() -> None:
-    """If a latch is cleared by pressing a button for two scans, one scan or an interrupted press is no way out."""
+    """If a latch is cleared by pressing a button for two scans, one scan or an interrupted press is not a way out."""
     items = (Out(m(3), when=m(2) & x(1)), Out(m(2), when=x(1)), Set(STUCK, when=x(0) & ~x(1)), Rst(STUCK, when=m(3)))
     held, off = {x(1): True}, {x(1): False}
     results = [

@@ -49,7 +49,7 @@ SCANS = settings(deadline=None, max_examples=60)
 """Settings with fewer examples because a symbolic scan takes about a thousand times as long as a real one."""
 
 DOWN = m(8200)
-"""C200 counts down."""
+"""Bit that makes C200 count down."""
 
 BITS = [
     *map(x, range(4)),
@@ -105,7 +105,7 @@ FREELY_REPEATED: st.SearchStrategy[Rung] = st.one_of(
 
 @st.composite
 def sequences(draw: st.DrawFn) -> Sequence:
-    """Return one to four steps with arbitrary transfers; one of the steps has a dwell."""
+    """Draw one to four steps with arbitrary transfers; one of the steps has a dwell."""
     size = draw(st.integers(1, 4))
     titles = [str(n) for n in range(size)]
     dwelling = draw(st.sampled_from(titles))
@@ -122,7 +122,7 @@ def sequences(draw: st.DrawFn) -> Sequence:
 
 @st.composite
 def programs(draw: st.DrawFn) -> list[Rung | Sequence]:
-    """Return rungs of every kind around a sequence, in any order."""
+    """Draw rungs of every kind around a sequence, in any order."""
     items: list[Rung | Sequence] = [*draw(st.lists(FREELY_REPEATED, max_size=5)), draw(sequences())]
     items += [Out(bit, draw(CONDITIONS)) for bit in draw(st.lists(COILS, max_size=2, unique=True))]
     items += [OnDelay(Timer(0), draw(st.sampled_from([100, 200]) | st.just(d(0))), draw(CONDITIONS))]
@@ -164,7 +164,7 @@ def model_of(items: list[Rung | Sequence]) -> Model:
 
 
 class Pair:
-    """A soft PLC and the formulas of its program."""
+    """Soft PLC and the formulas of its program."""
 
     def __init__(self, items: list[Rung | Sequence], timing: Callable[[int], Timing]) -> None:
         self.model = model_of(items)

@@ -49,7 +49,7 @@ class Browser:
         self._expected = 0
 
     def read(self) -> dict[str, Any]:
-        """Read one message; no view may be missing."""
+        """Read one message and check that no view is missing."""
         message: dict[str, Any] = json.loads(self.socket.recv(timeout=TIMEOUT_S))
         if message["type"] == "reply":
             self._replies[message["id"]] = message
@@ -75,7 +75,7 @@ class Browser:
         return number
 
     def reply(self, id_: Any) -> dict[str, Any]:
-        """Read until an order has a reply."""
+        """Read until the reply to an order arrives, and return it."""
         for _ in range(MAX_MESSAGES):
             if id_ in self._replies:
                 return self._replies.pop(id_)
@@ -183,7 +183,7 @@ class PanelRig:
 
     @contextmanager
     def browser(self, user: str | None = None) -> Iterator[Browser]:
-        """Open a socket and wait until it shows the controller."""
+        """Open a socket and wait until its view shows a connected controller."""
         if user is not None:
             self.log_in(user)
         with self.socket() as socket:
@@ -233,7 +233,7 @@ class PanelRig:
 
 
 def _with_peer_header(app: ASGIApp) -> ASGIApp:
-    """Take the peer address of a request from a header."""
+    """Return an application that takes the peer address of a request from a header."""
 
     async def wrapped(scope: Scope, receive: Receive, send: Send) -> None:
         for name, value in scope.get("headers", ()):

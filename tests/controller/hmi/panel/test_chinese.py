@@ -43,7 +43,7 @@ NAMES = {"PackML", "Modbus", "JSON"}
 SYMBOLS = {"S", "P", "D", "T", "X", "Y", "n", "I", "O", "mm", "kPa", "N"}
 """Quantities of the paper, device kinds, I/O and SI unit symbols."""
 OPTIONS = {"set"}
-"""Command line options quoted in a text: --set."""
+"""Command-line options quoted in a text: --set."""
 ALLOWED = TAGS | SET_POINTS | NAMES | SYMBOLS | OPTIONS
 
 IDENTIFIERS = {

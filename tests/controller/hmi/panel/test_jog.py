@@ -27,7 +27,7 @@ def rig(tmp_path: Path) -> Iterator[PanelRig]:
 
 
 def manual_twin() -> Twin:
-    """Return a machine in manual mode with both arms down: both may go up."""
+    """Return a machine in manual mode with both arms down, so that both may move up."""
     twin = switched_on(mode=Mode.MANUAL)
     twin.home()
     twin.start()
@@ -108,7 +108,7 @@ def test_one_jog_at_a_time_across_all_browsers(rig: PanelRig) -> None:
         rig.until(lambda: coil(rig))
         assert not coil(rig, OTHER)
         first.order(type="jog", output=OUTPUT, hold=False)
-        for _ in range(3):  # the release and the next press may fall into one scan
+        for _ in range(3):  # the release and the next press may occur in the same scan
             assert jog(second, OTHER)["ok"] is True
             rig.for_scans(10)
         assert coil(rig, OTHER)

@@ -37,7 +37,7 @@ FLAGS = [
 PAGES = ("overview", "alarms", "trends", "cycle", "steps", "io", "manual", "recovery", "parameters")
 STALE_MS = 1_000
 DRAW_MS = 500
-"""Allowance for a browser on a busy computer to draw an update."""
+"""Allowance for a browser on a busy computer to draw an update, ms."""
 TIMEOUT_MS = 20_000
 OUTPUT = "left.lift_retract"
 
@@ -65,7 +65,7 @@ def panel(live: LiveMachine, tmp_path: Path) -> Iterator[PanelProcess]:
 
 
 class Screen:
-    """Page in a browser; it must not have caused any unexpected event by the end of the test.
+    """Page in a browser that must not cause any unexpected event during the test.
 
     Attributes:
         unexpected: Console errors, and requests to hosts other than the panel.
@@ -100,7 +100,7 @@ class Screen:
         expect(self.find("[data-fact=level]")).to_have_text(texts.TEXTS[f"level.{user}"].en)
 
     def set_first_passwords(self) -> None:
-        """Fill in and submit the dialog of the first run."""
+        """Fill in and submit the first-run dialog."""
         fields = self.find("dialog input[type=password]")
         expect(fields).to_have_count(len(PASSWORDS), timeout=TIMEOUT_MS)
         for index, password in enumerate(PASSWORDS.values()):
@@ -173,10 +173,10 @@ def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
 
 @pytest.mark.timeout(240)
 def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
-    """Start the run of the README without an automatic operator, set the passwords and transplant 144 seedlings.
+    """The run of the README can be operated from the browser and transplants 144 seedlings.
 
-    The times of the button presses determine how long the seedlings are held and how many break. The page must show
-    the figures of the report and count each of the 144 seedlings once.
+    The times of the button presses determine how long the seedlings are held and how many break. The page must
+    therefore show the figures of the report of this run, which counts each of the 144 seedlings once.
     """
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = str(reserved.getsockname()[1])
@@ -216,7 +216,7 @@ def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: B
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
     finally:
-        run.send_signal(signal.SIGINT)  # SIGINT lets it stop its own processes
+        run.send_signal(signal.SIGINT)  # on SIGINT the run stops its own processes
         run.communicate()
     assert run.returncode == 0, errors
     assert in_cups + sum(lost) == total == 144
@@ -295,7 +295,7 @@ def test_lost_socket_releases_the_output_within_the_timeout(
             panel.send(signal.SIGSTOP if loss == "panel frozen" else signal.SIGKILL)
         lost_ms = live.now_ms
         live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off")
-        # the last telegram may still be in transit, and is then one scan newer
+        # the last telegram may still be in transit and take effect one scan later
         assert live.last_on_ms(OUTPUT) - lost_ms <= JOG_LEASE_MS + 2 * SCAN_MS
         screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
 
@@ -429,7 +429,7 @@ VISIBLE_TEXTS = """() => {
 
 
 def test_every_page_is_chinese(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
-    """After an emergency stop and a refused command, every text on every page and in the dialogs is Chinese."""
+    """After an emergency stop and a refused command, every text on every page and in the login dialog is Chinese."""
     with Screen(browser, panel.url) as screen:
         screen.log_in("operate")
         screen.press("[data-box=emergency_stop]")

@@ -12,7 +12,7 @@ from tests.plant_sim.twin.routes import run_to
 from tests.plant_sim.twin.twin_rig import ChangeRecorder, arm_of, scan_ms, switched_on, tags_of, undisturbed, until_step
 
 EDGE_TO_OPENING_MS = range(50, 80)
-"""Release delay of 60 ms and its tolerance, caused by the timer base, the input filter and the scan."""
+"""Release delay of 60 ms with the tolerance of the timer base, the input filter and the scan, ms."""
 
 
 class Cups:
@@ -42,7 +42,7 @@ class Cups:
 
 
 def machine() -> Twin:
-    """Return a machine in Stopped with one tray to empty, at the default pace, at which no arm is late for its cups."""
+    """Return a machine in Stopped with one tray and the default planting rate, at which no arm is late for its cups."""
     return switched_on({"trays_target": 1})
 
 
@@ -53,7 +53,7 @@ def until_opening(twin: Twin, side: Side) -> int:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_are_counted_in_emergency_stop_and_the_next_edge_releases(side: Side) -> None:
-    """If twelve cups pass during an emergency stop, the arm releases its row on the first edge after it is down."""
+    """If twelve cups pass during an emergency stop, the lowered arm releases its row on the next cup edge."""
     twin = machine()
     run_to("pause at feed")(twin, side)
     cups = Cups(twin, side)
@@ -170,7 +170,7 @@ def test_a_flag_that_bounces_at_standstill_counts_once(side: Side) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_at_twice_the_planting_rate_are_all_counted(side: Side) -> None:
-    """At 150 cups/min the minimum pulse interval suppresses no cup; counterpart of the test with the bouncing flag."""
+    """At 150 cups/min the minimum pulse interval, which suppresses a bouncing flag, suppresses no cup."""
     twin = machine()
     twin.home()
     twin.plant.planting_frequency_per_min = 150.0

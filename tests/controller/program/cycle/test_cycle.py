@@ -1,8 +1,8 @@
 """One cycle of an arm: order of outputs, duration of each phase, cup count and shared centre.
 
-The bounds are calculated by hand from machine.yaml. A cylinder needs at least 15 ms for its valve, 4 ms for its tube
+The bounds are calculated manually from machine.yaml. A cylinder needs at least 15 ms for its valve, 4 ms for its tube
 and the travel time at the speed that its throttle permits. The upper bound adds the longest start delay: the air in
-front of the piston has to leave through the throttle before the piston moves.
+front of the piston must vent through the throttle before the piston moves.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ START_IN_MS = 720
 Through 0.735e-9 m3/(s Pa) this takes 0.4 s; the rest is a margin.
 """
 START_OUT_MS = 350
-"""Tolerance of outward travel, ms: the same with 120 to 160 cm3."""
+"""Tolerance of outward travel, ms: the same calculation with 120 to 160 cm3."""
 START_UP_MS = 430
 """Tolerance of lifting, ms: 339 cm3 vent from 5.9 to 4 bar (147 N arm weight, 60 N friction), plus the cushion."""
 START_DOWN_MS = 100
@@ -48,7 +48,7 @@ BELT_START_MS = 60
 
 
 class Phase(NamedTuple):
-    """Time between two output changes, calculated by hand, and its tolerance."""
+    """Manually calculated time between two output changes, and its tolerance."""
 
     start: str
     end: str
@@ -220,9 +220,10 @@ def test_rows_are_taken_from_the_feed_inward_by_both_arms() -> None:
     [(0.600, {1: 8_350, 2: 8_850, 3: 9_450}, 9_000), (0.800, {1: 9_750, 2: 10_250, 3: 10_850}, 10_400)],
 )
 def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: dict[int, int], mean_ms: int) -> None:
-    """Each time is accurate to 0.1 s; the mean at 600 mm is at most 9 s. 100 mm more each way take 668 ms each way.
+    """Each time is within 0.1 s of the expected one, and the mean at 600 mm is at most 9 s.
 
-    For row 1 the slide starts where homing has pressed it; the air in front of the piston takes 0.3 s to vent.
+    At 800 mm each motion of the slide is 100 mm longer, which takes 668 ms. For row 1 the slide starts from the
+    position to which homing has pressed it, and the air in front of the piston takes 0.3 s to vent.
     """
     parameters = MACHINE.with_values({"layout.row_spacing_m": row_spacing_m})
     twin = at_work({"trays_target": 1}, parameters=parameters)
@@ -240,7 +241,7 @@ def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("descend_at_count", [9, 11, 12, 20])
 def test_the_arm_goes_down_at_the_set_cup_and_not_before(side: Side, descend_at_count: int) -> None:
-    """The claws are spread at about cup 6; the arm waits raised and goes down at the set cup, at most the twelfth."""
+    """The claws are spread at about cup 6; the raised arm is lowered at the set cup, at the latest at the twelfth."""
     run = tray_run(descend_at_count=descend_at_count)
     lowered_ms = signed(outputs_of(run, side, 1))["+lift_extend"][0]
     cups_ms = cups_before(run, side, 1, lowered_ms)
@@ -277,7 +278,7 @@ def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
 
 
 def test_an_arm_that_has_finished_stays_at_home_and_misses_no_cups() -> None:
-    """If the left cups run at 25/min, the right arm finishes early; cups that pass after that are not missed cups."""
+    """If the left cups run at 25/min, the right arm finishes early; cups that then pass are not counted as missed."""
     twin = at_work({"trays_target": 1})
     twin.plant.left.cups.planting_frequency_per_min = 25.0
     arm = tags_of(twin, "right")
@@ -335,7 +336,7 @@ def test_arms_that_may_meet_go_to_row_3_together() -> None:
 
 
 def test_the_priority_of_the_left_arm_does_not_interrupt_the_right_arm_in_the_centre() -> None:
-    """With this seed the right arm reaches row 3 about 600 ms before the left one, which then waits."""
+    """With this seed the right arm starts for row 3 first, and the left arm waits until it has left the centre."""
     run = tray_run()
     left_ms, right_ms = leaves_feed_ms(run.outputs, "left")[2], leaves_feed_ms(run.outputs, "right")[2]
     passes_ms = signed(run.sensors.of("right.", right_ms, left_ms))["+slide_at_pick_2"]

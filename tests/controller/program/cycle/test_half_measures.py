@@ -30,7 +30,7 @@ def to_jogging(twin: Twin) -> Twin:
 
 
 def test_the_feeder_in_step_mode_rests_at_the_end_of_each_step() -> None:
-    """During long pauses between presses each step ends by itself, and the next tray stops in place."""
+    """Each step ends by itself during a long pause between presses, and the next tray stops in place."""
     twin = at_work({"step_sequence": 3}, trays=2, mode=Mode.STEP)
     for side in SIDES:
         for row in ROWS:
@@ -48,7 +48,7 @@ def test_the_feeder_in_step_mode_rests_at_the_end_of_each_step() -> None:
 
 
 def test_one_press_covers_cup_delay_and_opening() -> None:
-    """In step mode an arm over its cups releases its row on time after one press, whenever the next press comes."""
+    """In step mode an arm over its cups releases its row on time after one press, regardless of the next press."""
     twin = at_work({"trays_target": 1})
     until_step(twin, "left arm", "wait for cups")
     twin.run_until(lambda: bool(arm_of(twin, "left").grip.held), within_ms=60_000, what="a row is held")
@@ -73,7 +73,7 @@ def test_one_press_covers_cup_delay_and_opening() -> None:
 
 
 def test_claws_that_have_begun_to_open_block_the_lift() -> None:
-    """After the claws on a clamped row are jogged open briefly, lifting is refused and the row remains in progress."""
+    """After the claws on a clamped row are jogged open briefly, lifting is blocked and the row remains in progress."""
     twin = switched_on({"trays_target": 1})
     twin.home()
     twin.start()

@@ -184,7 +184,7 @@ def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
 
 
 def test_a_slide_that_cannot_stop_in_its_row_overruns_it_twice() -> None:
-    """Without its brake the slide coasts 17 mm instead of 6 mm: past the row first inward, then outward."""
+    """Without its brake the slide coasts 17 mm instead of 6 mm and passes the row, first inward, then outward."""
     twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.brake_n": 0.0}))
     twin.run_until(lambda: twin.alarms() != [], within_ms=30_000)
     assert twin.alarms() == ["right: overrun"]
@@ -227,7 +227,7 @@ def test_a_lost_tray_is_an_alarm_after_half_a_second_and_a_flicker_is_not() -> N
 
 
 def test_the_alarms_other_than_time_limits_are_known() -> None:
-    """Emergency stop, link, scan, memory, switches and optional points are tested elsewhere."""
+    """The list contains every alarm that is not raised by a time limit; other tests cover these alarms."""
     machine = build(load_io_map(DEFAULT_IO_MAP))
     limits = {stop.step.watch.alarm for stop in STOPS if stop.step.watch}
     others = {alarm.key for alarm in machine.alarms if alarm.bit not in limits}

@@ -1,4 +1,4 @@
-"""Confirmed positions: a switch counts after the minimum travel time while no other switch of its device is on."""
+"""Confirmed positions: valid after the minimum travel time, while no other switch of the device is on."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NARROW = MACHINE.with_values({"layout.row_spacing_m": 0.350})
 
 
 def alarm_ms(twin: Twin, alarm: str) -> int:
-    """Run until exactly one alarm is on; return the time since the inputs were filtered, ms."""
+    """Run until this alarm is the only active one; return the time since the filtered inputs changed, ms."""
     took_ms = twin.run_until(lambda: twin.alarms() != [], within_ms=1_000, what=alarm)
     assert twin.alarms() == [alarm]
     return took_ms - 2 * SCAN_MS
@@ -129,7 +129,7 @@ def test_an_alarm_with_a_switch_still_stuck_is_not_reset() -> None:
 
 
 def test_another_row_spacing_needs_another_minimum_travel_time() -> None:
-    """At 350 mm the slide reaches feed from row 1 before the default minimum time: an alarm until the time is set."""
+    """At 350 mm the slide travels from row 1 to feed in less than the default minimum time, which raises an alarm."""
     twin = at_work({"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}, parameters=NARROW)
     twin.run_until(lambda: twin.alarms() != [], within_ms=TRAY_MS)
     assert {alarm.partition(": ")[2] for alarm in twin.alarms()} == {"slide switches"}

@@ -17,7 +17,7 @@ SECOND_SWITCH: list[tuple[Side, str, str]] = [
     ("right", "slide_at_pick_1", "slide"),
     ("left", "claws_converged", "belt"),
 ]
-"""Switches that cannot also be on while an arm is over the cups, down and spread."""
+"""Switches that cannot be on while an arm is over the cups, lowered and spread."""
 
 
 def over_the_cups(side: Side) -> Twin:
@@ -94,7 +94,7 @@ def test_in_manual_mode_cups_on_one_side_only_raise_no_alarm(side: Side) -> None
 
 @pytest.mark.parametrize("side", SIDES)
 def test_in_manual_mode_interlocks_limit_an_arm_with_a_stuck_switch(side: Side) -> None:
-    """While the upper switch is stuck on, no lift position is confirmed: the arm leaves the tray only low and empty."""
+    """While the upper switch is stuck on, no lift position is confirmed, and inward motion is blocked."""
     twin = in_manual(side)
     arm_of(twin, side).sensors["lift_up"].stuck = True
     twin.run_for(100)

@@ -84,7 +84,7 @@ def test_a_tray_is_also_changed_between_empty_arms() -> None:
 
 
 def test_the_next_tray_arrives_in_time() -> None:
-    """A tray and its gap are 585 mm: 540 at 200 mm/s, 20 in the index step, the rest in pulses; 0.2 s to settle."""
+    """Tray and gap move 540 mm at 200 mm/s, 20 mm in the index step and 25 mm in creep pulses, then rest for 0.2 s."""
     twin = at_work(trays=2)
     steps = ChangeRecorder.of_steps(twin)
     until_step(twin, "tray feeder", "settle", within_ms=2 * TRAY_MS)
@@ -99,7 +99,7 @@ def test_the_next_tray_arrives_in_time() -> None:
 
 
 def test_a_tray_that_slips_back_while_it_settles_is_advanced_again() -> None:
-    """If X15 is off for 50 ms during the 0.2 s of settling, the feeder creeps on and the settling time restarts."""
+    """If X15 is off for 50 ms during the 0.2 s of settling, the feeder creeps again and the settling time restarts."""
     twin = switched_on()
     twin.press("start")
     steps = ChangeRecorder.of_steps(twin)
@@ -117,7 +117,7 @@ def test_a_tray_that_slips_back_while_it_settles_is_advanced_again() -> None:
 
 
 def test_a_new_run_takes_the_next_trays() -> None:
-    """If one of two trays is ordered, the run is Complete after the first; pressing X0 twice starts the second."""
+    """With a target of one tray, the run is Complete after the first of two; pressing X0 twice starts the second."""
     twin = at_work({"trays_target": 1}, trays=2)
     counts = to_complete(twin, within_ms=TRAY_MS)
     assert counts.in_tray == 72
@@ -165,7 +165,7 @@ def test_without_a_third_tray_the_machine_is_suspended_until_one_is_inserted_and
 def test_x0_repeats_the_search_for_a_tray() -> None:
     twin = switched_on(trays=0)
     twin.home()
-    assert twin.now_ms > NO_TRAY_MS, "homing has looked for a tray"
+    assert twin.now_ms > NO_TRAY_MS, "homing has searched for a tray"
     twin.start()
     twin.run_until_state(State.SUSPENDED, within_ms=40_000)
     twin.press("start")
@@ -213,7 +213,7 @@ def test_a_beam_that_does_not_go_off_is_a_jam_after_its_limit() -> None:
     twin.run_until_state(State.HELD, within_ms=5_000)
     assert twin.alarms() == ["tray_jam"]
     assert all(is_parked_loaded(twin, side) for side in SIDES)
-    assert twin.plc.read(twin.machine.tags.tray.phase) == NO_TRAY, "it may be this tray or the next"
+    assert twin.plc.read(twin.machine.tags.tray.phase) == NO_TRAY, "the tray under the beam may be this one or the next"
 
 
 def test_a_jammed_tray_raises_the_question_and_is_conveyed_out_after_homing() -> None:
@@ -302,7 +302,7 @@ def test_a_tray_under_the_beam_after_a_failed_search_raises_the_question() -> No
 
 @pytest.mark.parametrize("gap_m", first_of([0.040, 0.058, 0.045, 0.071], 2))
 def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -> None:
-    """A creep pulse is 3.6 mm; for any distance left after the index step, the edge overruns the beam by less."""
+    """A creep pulse is 3.6 mm; for any distance left after the index step, the tray stops within 2 mm of its place."""
     twin = at_work(trays=4, parameters=MACHINE.with_values({"conveyor.gap_m": gap_m}))
     for number in range(4):
         assert abs(twin.plant.conveyor.offset_m(number)) <= 0.0020
@@ -314,7 +314,7 @@ def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -
 def test_a_beam_stuck_on_does_not_convey_the_next_tray_out_as_well() -> None:
     """If X15 is stuck on as a tray leaves, the full tray behind it overruns by at most 100 mm; nothing is lost.
 
-    Once pulled back behind the beam manually, the full tray is brought into place like any other.
+    After it is manually pulled back behind the beam, the full tray is brought into place like any other tray.
     """
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)

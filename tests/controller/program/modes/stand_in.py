@@ -23,7 +23,7 @@ CUP_MS = 400
 
 @dataclass(slots=True)
 class Axis:
-    """Device that two coils drive between its ends.
+    """Device that two coils move between its end positions.
 
     Attributes:
         end_mm: Far end, mm; the near end is 0.
@@ -91,7 +91,7 @@ class StandIn:
                 self._axes.append(Axis(end_mm, SPEED_MM_MS[name], x(side, to), x(side, fro), switches))
 
     def advance(self, ms: int, image: list[bool]) -> list[bool]:
-        """Apply a Y image for a time; return the raw X levels after it."""
+        """Apply a Y image for a time and return the raw X levels at its end."""
         coils, sensed = self._coils, self._sensed
         for number, inverted in self._outputs:
             coils[number] = image[number] != inverted

@@ -31,7 +31,7 @@ def compiled(specification: Specification) -> Check:
     lines += [f"    if not ({expression(each.holds)}): return {each.name!r}" for each in specification.invariants]
     text = "\n".join(["def check(m):", *(f"    {kind} = m.{kind}" for kind in kinds), *lines, "    return ''"])
     namespace: dict[str, Any] = {}
-    exec(compile(text, "<specification>", "exec"), namespace)  # noqa: S102 - text made from checked declarations
+    exec(compile(text, "<specification>", "exec"), namespace)  # noqa: S102 - text generated from checked declarations
     check: Check = namespace["check"]
     return check
 
@@ -55,14 +55,14 @@ class Rig:
 
     @property
     def visited(self) -> set[State | Mode | str]:
-        """States, modes and steps that were on after any scan of all runs."""
+        """States, modes and steps that were active after at least one scan of any run."""
         found: set[State | Mode | str] = set()
         for state, mode, *steps in self._situations:
             found |= {State(state), Mode(mode), *(name for number, name in self._steps.items() if steps[number])}
         return found
 
     def run(self, story: Story) -> None:
-        """Switch a new machine on and run a scenario.
+        """Power up a new machine and run a scenario.
 
         Raises:
             AssertionError: A requirement or an invariant is violated.
@@ -122,7 +122,7 @@ class Rig:
             self._stand_in.cups_come, self._stand_in.trays_come = cups, trays
 
     def lose_power(self, *, memory_lost: bool) -> None:
-        """Switch off and on again; the monitors retain their memory."""
+        """Cycle the power; the monitors retain their memory."""
         known = {bit.number: self._plc.memory.M[bit.number] for bit in self.specification.remembered}
         retained = {} if memory_lost else self._plc.retained()
         self._switch_on(retained, known)
@@ -131,7 +131,7 @@ class Rig:
         self.scan(10)
 
     def scan(self, ms: int, times: int = 1) -> None:
-        """Run scan by scan for a time and check each scan."""
+        """Run a number of scans with this period, ms, and check each scan."""
         memory, steps = self._plc.memory, 1 + max(self._steps)
         state, mode = self.tags.machine.state.number, self.tags.machine.mode.number
         for _ in range(times):
@@ -177,7 +177,7 @@ class Wait:
 
 @dataclass(frozen=True)
 class Press:
-    """One or two commands in the same scan, and a wait."""
+    """One or two commands in the same scan, followed by a wait."""
 
     commands: tuple[str, ...]
     then: Wait

@@ -1,7 +1,7 @@
 """Random commands and inputs: no requirement is violated and every invariant holds.
 
 Random scenarios of commands, terminal levels, system bits, set-points, power losses and waits are run on the program
-with its monitors. If one interlock is left out, the same rig must detect the violations.
+with its monitors. If one interlock is omitted, the same rig must detect the violations.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from tests.controller.program.modes.stories import (
 )
 
 SCANS_MS = (10, 20, 50)
-"""Scan periods, ms; even with the longest one every switch passed is detected."""
+"""Scan periods, ms; even the longest one is short enough to detect every switch that is passed."""
 NAMES = [command.name for command in MACHINE.tags.commands]
 ORDERS = [name for name in NAMES if not name.startswith("jog_")]
 JOGS = [bit.name.removeprefix("command.") for bit in MACHINE.tags.commands.jog.values()]
@@ -68,7 +68,7 @@ SETTINGS = st.sampled_from(
         SetPoint("arms_may_meet", 1),
     ]
 )
-"""Set-points that change the path of the sequences."""
+"""Set-points that select alternative paths through the sequences."""
 MODES = st.sampled_from([*Mode, *[Mode.CONTINUOUS] * len(Mode)])
 GOING_ON = st.builds(GoOn, MODES, st.sampled_from(ANSWERS), WAITS, st.sampled_from(["stop", "abort"]))
 STOPS = st.one_of(
@@ -129,7 +129,7 @@ def rare(side: Side) -> dict[str, tuple[Act, ...]]:
     return {
         "emergency stop while clamping": (*until("close claws"), emergency_stop, WORK),
         "power loss while clamping": (*until("close claws"), PowerLoss(memory_lost=False), WORK, WORK),
-        "come up while clamping": (
+        "lift rises while clamping": (
             *until("close claws"),
             Press(("abort",), AT_ONCE),
             Terminal(down, level=False, then=InTurn(tuple(Press((name,), AT_ONCE) for name in ("clear", "reset")))),
@@ -137,16 +137,16 @@ def rare(side: Side) -> dict[str, tuple[Act, ...]]:
         "emergency stop on the way in": (*until("approach row"), Wait(50, 10), emergency_stop, WORK),
         "emergency stop on the way out": (*until("slide to feed"), Wait(50, 10), emergency_stop, WORK),
         "emergency stop on the way up": (*until("lift from row"), Wait(50, 6), emergency_stop, WORK),
-        "gone past the row": (*until("settle at row"), Terminal(switch, level=False, then=AT_ONCE), Wait(50, 10)),
-        "lifted empty by hand": (
+        "slide past the row": (*until("settle at row"), Terminal(switch, level=False, then=AT_ONCE), Wait(50, 10)),
+        "empty arm raised manually": (
             *until("wait at feed"),
             manual,
             Renew(f"jog_{side}_slide_inward", 10),
             Renew(f"jog_{side}_lift_retract", 5),
             WORK,
         ),
-        "load given away": (GoOn(Mode.CONTINUOUS, (f"{side}_discard",), Wait(50, 100)),),
-        "stop over standing cups": (
+        "row discarded": (GoOn(Mode.CONTINUOUS, (f"{side}_discard",), Wait(50, 100)),),
+        "stop over cups at rest": (
             *until("wait for cups"),
             Shortage(cups=True, meanwhile=Press(("stop",), QUITE_LONG)),
         ),
@@ -156,8 +156,8 @@ def rare(side: Side) -> dict[str, tuple[Act, ...]]:
             Shortage(cups=True, meanwhile=QUITE_LONG),
         ),
         "empty arm raised to converge": (SetPoint("converge_at", 1), *until("raise empty"), Wait(50, 60)),
-        "held and gone on": (*until("approach row"), ToAndFro(("hold", "unhold"), QUITE_LONG, QUITE_LONG)),
-        "suspended and gone on": (*until("approach row"), ToAndFro(("suspend", "unsuspend"), AT_ONCE, QUITE_LONG)),
+        "held and resumed": (*until("approach row"), ToAndFro(("hold", "unhold"), QUITE_LONG, QUITE_LONG)),
+        "suspended and resumed": (*until("approach row"), ToAndFro(("suspend", "unsuspend"), AT_ONCE, QUITE_LONG)),
         "complete": (*until("approach row"), AT_ONCE, Press(("complete",), Wait(50, 600))),
         "no tray in the magazine": (SetPoint("no_tray", 10), Shortage(cups=False, meanwhile=WORK), WORK),
         "something in the gap behind the tray": (
@@ -190,7 +190,7 @@ def search(rig: Rig, how: settings) -> None:
 
 
 def test_no_requirement_or_invariant_is_violated_in_random_scenarios() -> None:
-    """Run the rare situations and 500 random scenarios, and check every scan."""
+    """No scan of the rare situations or of 500 random scenarios violates a requirement or an invariant."""
     rig = Rig(MACHINE)
     for story in (story for side in SIDES for story in rare(side).values()):
         rig.run(Story(follows=True, seed=1, acts=[*story]))
@@ -223,7 +223,7 @@ def jogging(side: Side, *jogs: str) -> Story:
     ],
 )
 def test_jogging_without_an_interlock_violates_a_requirement(rule: str, jogs: list[str], broken: str) -> None:
-    """If one rule is left out, the rig names the violated requirement; with all rules, the same jogging breaks none."""
+    """Without one rule, the rig names the violated requirement; with all rules, the same jogging violates none."""
     story = jogging("left", *jogs)
     Rig(MACHINE).run(story)
     with pytest.raises(AssertionError, match=broken):

@@ -70,7 +70,7 @@ def test_emergency_stop_is_cleared_by_holding_stop_for_three_seconds() -> None:
     twin.run_for(1_000)
     assert twin.state.name == "ABORTED", "cleared by itself"
     twin.plant.box.stop = True
-    # the timer counts a free-running 100 ms base and may elapse one tick early; filter and scan come on top
+    # the timer counts a free-running 100 ms base and may elapse one tick early; filter and scan add to the delay
     twin.run_for(2_890)
     assert twin.state.name == "ABORTED"
     took_ms = twin.run_until_state(State.STOPPED, within_ms=200)

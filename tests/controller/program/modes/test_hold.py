@@ -68,7 +68,7 @@ def test_after_a_hold_in_any_step_work_resumes_with_the_held_rows(step: str) -> 
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_hold_by_an_alarm_has_another_reason_and_cannot_be_resumed(side: Side) -> None:
-    """If a lift jams, the reason of Held is the alarm; unhold is refused until the reset, which homes the machine."""
+    """If a lift jams, the reason for Held is the alarm; unhold is refused until the reset, which homes the machine."""
     twin = in_row_1(side, "lift from row")
     arm_of(twin, side).lift.jammed = True
     twin.run_until_state(State.HELD, within_ms=30_000)
@@ -136,7 +136,7 @@ def test_no_row_is_started_while_suspended_by_command(step: str) -> None:
 
 
 def test_a_suspension_without_cups_is_not_ended_by_command() -> None:
-    """While the cups are at rest, the reason states so and unsuspend is refused."""
+    """While the cups are at rest, the reason is "no cups" and unsuspend is refused."""
     twin = in_row_1("left", "wait for cups")
     twin.plant.planting_frequency_per_min = 0.0
     twin.run_until_state(State.SUSPENDED, within_ms=20_000)
@@ -201,7 +201,7 @@ def test_abort_switches_every_coil_off_in_its_scan_and_clear_ends_it(step: str) 
 
 
 def fall_silent(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Monitor a panel that sends one request and no more."""
+    """Monitor a panel that sends only one request."""
     monkeypatch.setattr(twin.runtime, "_panel_limit_ms", PANEL_LIMIT_MS)
     twin.runtime.panel_heartbeat()
     twin.scan()
@@ -209,7 +209,7 @@ def fall_silent(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a panel timeout in mid-cycle the row goes to feed; Held is reported with its reason; X0 twice resumes."""
+    """After a panel timeout the row is brought to feed and Held has this reason; pressing X0 twice resumes work."""
     twin = in_row_1(side, "lift from row")
     fall_silent(twin, monkeypatch)
     twin.run_for(PANEL_LIMIT_MS - 20)
@@ -221,7 +221,7 @@ def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side, monkeypatch: p
     assert arm_of(twin, side).sensors["slide_at_feed"].read()
     assert arm_of(twin, side).grip.held
     go_on(twin)
-    assert twin.alarms() == ["hmi_silent"], "reset when the panel is back, not earlier"
+    assert twin.alarms() == ["hmi_silent"], "reset only when the panel responds again"
     assert to_complete(twin) == undisturbed()
     twin.runtime.panel_heartbeat()
     twin.run_for(20)
@@ -229,7 +229,7 @@ def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side, monkeypatch: p
 
 
 def test_a_panel_timeout_does_not_hold_a_machine_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In Idle only the warning is raised."""
+    """In Idle a panel timeout raises only the warning."""
     twin = switched_on({"trays_target": 1})
     twin.home()
     fall_silent(twin, monkeypatch)

@@ -1,4 +1,4 @@
-"""Manual mode: each actuator by a jog command, with interlocks and bookkeeping active."""
+"""Manual mode: each actuator is jogged by a command, with interlocks and bookkeeping active."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def last_refusal(twin: Twin) -> str:
 
 
 def test_every_output_can_be_jogged_alone() -> None:
-    """With the arms at home, jog each output in turn, those of the tray last; no other output is on."""
+    """With the arms at home, each output can be jogged, the tray last, and no other output is on."""
     twin = in_manual()
     assert {*ROUND} == {*ARM_OUTPUTS}
     for output in [*(f"{side}.{name}" for side in SIDES for name in ROUND), "tray_run"]:
@@ -102,7 +102,7 @@ def test_a_jog_release_acts_in_the_same_scan() -> None:
 
 
 def test_one_output_at_a_time() -> None:
-    """A second jog command replaces the first in its scan; of two at once only one output is on."""
+    """A second jog command replaces the first in the same scan; two simultaneous commands turn on only one output."""
     twin = in_manual()
     twin.command(jog_command("left.lift_retract"))
     twin.run_for(50)
@@ -232,7 +232,7 @@ def test_a_row_discarded_in_manual_mode_is_counted_once_and_work_resumes(side: S
     jog(twin, f"{side}.converge", 1_500)
     assert not arm_of(twin, side).grip.held
     assert not twin.plc.read(tags_of(twin, side).loaded)
-    assert twin.plc.read(tags_of(twin, side).cycles) == cycles, "a discarded load is not a thrown row"
+    assert twin.plc.read(tags_of(twin, side).cycles) == cycles, "a discarded row is not counted as a cycle"
     to_continuous(twin)
     counts, usual = to_complete(twin), undisturbed()
     assert (counts.in_tray, counts.in_claw, counts.P, counts.D) == (0, 0, usual.P, usual.D)
@@ -254,7 +254,7 @@ def test_a_row_brought_to_feed_in_manual_mode_is_released_in_automatic_mode(side
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_row_put_back_in_manual_mode_is_full_again(side: Side) -> None:
-    """If row 2 is gripped and released again where it was, it is full and is taken like any other row."""
+    """If row 2 is gripped and released again in place, it is full and is taken like any other row."""
     twin = in_manual(side)
     take_row(twin, side)
     jog(twin, f"{side}.claws_open", 600)

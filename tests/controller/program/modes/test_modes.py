@@ -77,7 +77,7 @@ def at_work_machine() -> Twin:
 
 
 def test_the_mode_cannot_change_in_execute() -> None:
-    """In Execute any other mode is refused with its reason, and work continues unaffected."""
+    """In Execute any other mode is refused with the reason, and work continues unaffected."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     others = [mode for mode in Mode if mode is not Mode.CONTINUOUS]
@@ -189,7 +189,7 @@ def test_one_cycle_is_one_row_of_each_arm_every_time() -> None:
 
 
 def test_continuous_work_stops_after_the_ordered_trays_and_can_be_restarted() -> None:
-    """If two of three trays are ordered, one is left in Complete; a second run with one tray ordered takes it."""
+    """With a target of two trays, one of three is left in Complete; a second run with a target of one tray takes it."""
     twin = at_work({"trays_target": 2}, trays=3)
     to_complete(twin)
     assert twin.plant.counts().in_tray == 72

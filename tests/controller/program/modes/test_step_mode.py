@@ -55,7 +55,7 @@ def step_to(twin: Twin, side: Side, title: str) -> list[str]:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_one_transfer_per_press_and_the_others_are_at_rest(side: Side) -> None:
-    """Through a complete cycle, presses 3 s apart each move the selected arm by at most one step or release its row."""
+    """During a complete cycle, each press moves the selected arm by at most one step or releases its row."""
     twin = stepping(side)
     recorder = ChangeRecorder.of_steps(twin)
     visited = []
@@ -125,7 +125,7 @@ def test_a_button_press_is_a_step_too() -> None:
 
 @pytest.mark.parametrize(("late_ms", "goes"), [(PRESS_MS - 300, True), (PRESS_MS + 100, False)])
 def test_a_press_waits_two_seconds_for_its_transfer_and_expires(late_ms: int, goes: bool) -> None:
-    """The transfer is made if the cup arrives within two seconds of the press, and not if it arrives later.
+    """The transfer occurs only if the cup arrives within two seconds of the press.
 
     The edge that opens the claws is forced at the sensor.
     """
@@ -217,7 +217,7 @@ def test_stop_in_step_mode_is_immediate() -> None:
 
 
 def test_step_mode_is_not_suspended_without_cups() -> None:
-    """While an arm is over cups at rest, step mode waits for the operator and is not Suspended."""
+    """While an arm is over cups at rest, the machine waits for the operator and is not Suspended."""
     twin = stepping()
     step_to(twin, "left", "wait for cups")
     twin.plant.planting_frequency_per_min = 0.0
@@ -226,7 +226,7 @@ def test_step_mode_is_not_suspended_without_cups() -> None:
 
 
 def test_homing_needs_no_presses() -> None:
-    """In step mode, homing from over the tray takes one command."""
+    """In step mode, one command homes the machine."""
     twin = switched_on({"trays_target": 1}, mode=Mode.STEP)
     twin.home()
     assert twin.state is State.IDLE

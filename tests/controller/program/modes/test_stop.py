@@ -62,7 +62,7 @@ def start_tractor(twin: Twin) -> None:
 
 @pytest.mark.parametrize("step", CYCLE_STEPS)
 def test_stop_in_any_step_finishes_the_cycle_and_goes_home(step: str) -> None:
-    """After X24 in this step of the first row, the row is released and the machine stops without starting another."""
+    """After X24 in this step of the first row, the arm releases the row, starts no other row and moves home."""
     twin = at_work({"trays_target": 1, "converge_at": int(step in RAISING)})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", step)
@@ -135,7 +135,7 @@ def test_an_arm_that_arrives_over_cups_at_rest_waits_three_cup_intervals() -> No
 
 
 def test_slow_cups_do_not_suspend() -> None:
-    """At 18 cups/min the cup interval is 3.3 s."""
+    """At 18 cups/min, a cup interval of 3.3 s, the machine is not Suspended."""
     twin, _ = both_waiting()
     twin.plant.planting_frequency_per_min = 18.0
     twin.run_for(30_000)
@@ -216,7 +216,7 @@ def test_a_stop_over_cups_at_rest_parks_the_rows_and_a_start_resumes_with_them(
 
 
 def test_a_stop_before_the_third_cup_interval_waits_for_it_before_parking() -> None:
-    """At X24 the program cannot know that the cups have stopped; the arm waits for the cup timeout before parking."""
+    """After X24 the arm waits for the cup timeout before it parks, because the next cup may still arrive."""
     twin, cups = both_waiting()
     halt_tractor(twin)
     twin.run_for(1_500)
@@ -233,7 +233,7 @@ def test_a_stop_before_the_third_cup_interval_waits_for_it_before_parking() -> N
 
 
 def test_a_stop_while_homing_is_immediate_and_homing_can_be_restarted() -> None:
-    """Homing takes 0.8 s for the arms and 3 s for the tray; X24 at any time leads to Stopped at once."""
+    """X24 stops homing at once in the first 0.8 s, while the arms move; later the tray is first brought into place."""
     twin = switched_on({"trays_target": 1})
     for homing_ms in (200, 600, 900, 1_500, 2_500):
         twin.press("start")
@@ -243,6 +243,6 @@ def test_a_stop_while_homing_is_immediate_and_homing_can_be_restarted() -> None:
         assert twin.run_until_state(State.STOPPED, within_ms=20_000) <= (500 if homing_ms < 800 else 13_000)
         twin.run_for(2_000)
         assert (twin.state, twin.outputs()) == (State.STOPPED, set())
-        assert (twin.plant.conveyor.placed_tray is None) == (homing_ms < 800), "a moving tray is not left half way"
+        assert (twin.plant.conveyor.placed_tray is None) == (homing_ms < 800), "a moving tray is brought into place"
     go_on(twin)
     assert to_complete(twin) == undisturbed()

@@ -21,7 +21,7 @@ UNBIDDEN_MS = 500
 
 
 def pull_the_cable(twin: Twin, for_ms: int) -> None:
-    """Disconnect the field for a time; the link is then opened again."""
+    """Disconnect the field I/O for a time, then let the link reopen."""
     cable = CableLink(twin.module)
     cable.open()
     twin.runtime._link = cable
@@ -40,7 +40,7 @@ def check_trial(twin: Twin, route: Route) -> None:
 
 @pytest.mark.parametrize("stop", sampled(STOPS, 0, of=3))
 def test_a_link_lost_in_any_step_derives_no_state_from_assumed_inputs(stop: Stop) -> None:
-    """A link loss of half a second leads to Aborted; clear, home and start resume work, with nothing lost."""
+    """A link loss of half a second leads to Aborted; clear, home and start resume work without losses."""
     route = route_to(stop)
     twin = route.travel(stop)
     sides = [stop.side] if stop.side else SIDES  # the other arm may be in a claw step as well
@@ -66,7 +66,7 @@ def test_a_link_lost_in_any_step_derives_no_state_from_assumed_inputs(stop: Stop
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("switch", ["lift_down", "claws_spread", "slide_at_feed"])
 def test_claws_that_did_not_open_do_not_count_as_open(side: Side, switch: str) -> None:
-    """If a position signal required for opening is lost for 350 ms, the claws open on its return; nothing is torn."""
+    """If a position signal required for opening is lost for 350 ms, the claws open on its return without damage."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     until_step(twin, f"{side} arm", "release delay")
@@ -83,7 +83,7 @@ def test_claws_that_did_not_open_do_not_count_as_open(side: Side, switch: str) -
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize(("step", "switch"), [("close claws", "lift_down"), ("open claws", "lift_down")])
 def test_claws_without_a_confirmed_position_raise_the_alarm_of_their_step(side: Side, step: str, switch: str) -> None:
-    """If the position signal is lost for good just after arrival, the alarm of the step is raised at its limit.
+    """If the position signal is lost permanently just after arrival, the alarm of the step is raised at its limit.
 
     The arm is lowered late and opens less than a second after it is down. After repair and homing, work resumes.
     """
@@ -170,7 +170,7 @@ class SlowStore:
 
 @pytest.mark.parametrize(("step", "takes_ms"), [("close claws", 230), ("release delay", 400)])
 def test_a_slow_store_causes_no_claw_stroke_to_be_skipped(step: str, takes_ms: int) -> None:
-    """If the store is slower than a claw stroke from this step on, coils are delayed, but every seedling arrives."""
+    """If the store is slower than a claw stroke, coils are delayed, but every seedling is transplanted."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", step)
@@ -214,7 +214,7 @@ def test_cups_are_not_counted_by_the_loss_and_return_of_the_link() -> None:
 
 
 def test_cups_empty_is_accepted_only_while_the_count_is_invalid() -> None:
-    """While the count is valid and below twelve, the command has no effect."""
+    """While the count is valid and below twelve, the cups_empty command has no effect."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 2)
     arm = tags_of(twin, "left")
@@ -227,7 +227,7 @@ def test_cups_empty_is_accepted_only_while_the_count_is_invalid() -> None:
 
 
 def test_a_discard_without_a_held_row_does_not_apply_to_the_next_row() -> None:
-    """If discard is given while the arm is empty or moving, the next row is transplanted, not discarded."""
+    """If discard is commanded while the arm is empty or moving, the next row is transplanted, not discarded."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     twin.command("left_discard")
@@ -363,7 +363,7 @@ def test_an_open_stop_wire_does_not_clear_and_is_reported() -> None:
 
 
 def test_a_scan_that_fails_is_a_latched_fault_with_safe_outputs() -> None:
-    """If a scan in motion raises an exception, its outputs are safe, the next aborts, and clear permits a restart."""
+    """If a scan raises an exception, its outputs are safe, the next scan aborts, and clear permits a restart."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     twin.run_for(500)

@@ -16,10 +16,10 @@ from tests.plant_sim.twin.routes import BRISK, STOPS, Route, Stop, finish, route
 from tests.plant_sim.twin.twin_rig import arm_of, switched_on, tags_of, undisturbed
 
 SEEN_MS = 2 * SCAN_MS
-"""The input filter accepts X25 after 10 ms, in the second scan."""
+"""Delay of the input filter, ms: X25 is accepted after 10 ms, in the second scan."""
 AT_SPEED_M_S = 0.05
 STARTS_MS = 2_000
-"""Longest start delay of a cylinder, ms: the air in front of its piston leaves through the throttle."""
+"""Longest start delay of a cylinder, ms: the air in front of its piston vents through the throttle."""
 STOPS_M = {"slide": 0.008, "lift": 0.018, "belt": 0.004}
 """Maximum stopping distances after loss of coil power, m: valve and tube, then brake, check valves or motor.
 
@@ -49,7 +49,7 @@ def stopping_distances() -> Positions:
 
 
 def is_at_rest_except_warm_lift(before: Positions, after: Positions) -> bool:
-    """Return True if nothing has moved, except for a slight rise of a lift as the air that lowered it cools."""
+    """Return True if nothing has moved, except for a slight rise of a lift while its air temperature settles."""
     raised_m = {name: before[name] - after[name] for name in before}
     lifts = {f"{side} lift" for side in SIDES}
     return all(-ROUNDING_M <= raised_m[name] <= (CREEP_M if name in lifts else 0) + ROUNDING_M for name in before)

@@ -40,7 +40,7 @@ def machine() -> Twin:
 
 
 def stopped_in(side: Side, step: str, into_ms: int) -> Twin:
-    """Return a machine in Stopped after an emergency stop some time into a step of row 2."""
+    """Return a machine in Stopped after an emergency stop `into_ms` after the start of a step of row 2."""
     twin = machine()
     run_to(step)(twin, side)
     twin.run_for(into_ms)
@@ -77,7 +77,7 @@ class Stroke(NamedTuple):
 def strokes(recorder: ChangeRecorder, side: Side) -> list[Stroke]:
     """Return the intervals of the outputs of an arm in order of their start, except those of a single scan.
 
-    A step whose end position is already reached still holds its coil for one scan.
+    A step whose end position is already reached still turns its coil on for one scan.
     """
     found: list[Stroke] = []
     since_ms: dict[str, int] = {}
@@ -91,7 +91,7 @@ def strokes(recorder: ChangeRecorder, side: Side) -> list[Stroke]:
 
 
 def output_order(recorder: ChangeRecorder, side: Side) -> list[str]:
-    """Return the outputs of an arm in the order in which they came on."""
+    """Return the outputs of an arm in the order in which they turned on."""
     return [stroke.output for stroke in strokes(recorder, side)]
 
 
@@ -230,7 +230,7 @@ def test_an_empty_arm_that_is_down_moves_out_without_lifting(side: Side, step: s
 
 @pytest.mark.parametrize("side", SIDES)
 def test_an_empty_arm_at_mid_height_moves_up_and_then_out(side: Side) -> None:
-    """An empty arm over the tray, raised halfway manually, must not move out through the seedlings."""
+    """An empty arm that is manually raised halfway over the tray is not moved out through the seedlings."""
     twin = stopped_in(side, "approach row", 1_000)
     operate_manually(twin, f"{side}.lift_retract", for_ms=600)
     assert 0.03 < arm_of(twin, side).lift.rise_m < 0.12

@@ -1,4 +1,4 @@
-"""Field link loss and late scans: outputs go safe, the fault is latched, nothing restarts by itself."""
+"""Field link loss and late scans: outputs become safe, the fault is latched, and nothing restarts by itself."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_clear_is_refused_while_the_link_is_lost(cabled: tuple[Twin, CableLink])
 
 @pytest.mark.parametrize(("late_ms", "expected"), [(200, State.EXECUTE), (201, State.ABORTING)])
 def test_a_scan_over_its_limit_is_a_latched_fault(late_ms: int, expected: State) -> None:
-    """If a scan begins more than 200 ms after the previous one, the outputs go off in that scan."""
+    """If a scan begins more than 200 ms after the previous one, the outputs are switched off in that scan."""
     twin = Twin()
     # the field limit is longer, so that only the scan limit applies
     cable, retentive_writer = CableLink(twin.module), DirectRetentiveWriter(twin.store)
@@ -117,7 +117,7 @@ def test_a_scan_over_its_limit_is_a_latched_fault(late_ms: int, expected: State)
 
 
 def test_a_field_that_never_responded_is_a_lost_link_from_the_first_scan() -> None:
-    """If the field does not respond at power-up, the machine aborts at once, due to the link and not to a button."""
+    """If the field does not respond at power-up, the machine aborts at once with the link alarm only."""
     twin = Twin()
     cable = CableLink(twin.module)
     cable.pulled = True

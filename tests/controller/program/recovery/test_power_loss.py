@@ -23,7 +23,7 @@ ROW_IN_DOUBT = {
     ("homing", "decide"),
 }
 """Steps between clamping and leaving the row, and the step that waits for the answer. In 'lift from row' the outputs
-stay on until the watchdog acts, 100 ms: too short for the arm to rise against the air above the piston."""
+stay on for 100 ms until the watchdog acts, which is too short for the arm to rise against the air above the piston."""
 TRAY_IN_DOUBT = {"creep", "settle"}
 """Steps in which the tray may have overrun its sensor before the watchdog acted."""
 
@@ -45,7 +45,7 @@ def lift_heights_m(twin: Twin) -> list[float]:
 
 
 def check_at_rest(twin: Twin, for_ms: int) -> None:
-    """Run and check: the machine is Stopped, no output is on, and nothing moves except a lift as its air warms up."""
+    """Run and check that the machine is Stopped, all outputs are off and nothing moves, except that a lift may rise."""
     before, low_m = positions_without_lifts(twin), lift_heights_m(twin)
     for _ in range(for_ms // SCAN_MS):
         twin.scan()

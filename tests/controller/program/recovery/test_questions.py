@@ -65,7 +65,7 @@ def rows(twin: Twin, side: Side) -> list[int]:
 
 
 def came_on(recorder: ChangeRecorder, side: Side) -> list[str]:
-    """Return the outputs of an arm in the order in which they first came on."""
+    """Return the outputs of an arm in the order in which they first turned on."""
     return list(dict.fromkeys(change.name for change in recorder.of(f"{side}.") if change.on))
 
 
@@ -215,7 +215,7 @@ def test_a_discarded_row_is_released_over_the_cups(side: Side, step: str) -> Non
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_discard_command_applies_to_one_row(side: Side) -> None:
-    """The next row that is stopped on its way stays in the claws."""
+    """After a discard, the next row that is stopped on its way to feed stays in the claws."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     press_emergency_stop(twin)

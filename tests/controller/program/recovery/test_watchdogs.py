@@ -26,7 +26,7 @@ PANEL_LIMIT_MS = 1_000
 
 
 class HungField:
-    """Field that responds at once until it hangs; then every request takes its full timeout."""
+    """Field I/O that responds at once until it hangs; then every request takes its full timeout."""
 
     def __init__(self, clock: SimulatedClock) -> None:
         self._clock = clock
@@ -88,7 +88,7 @@ def test_the_loss_of_a_hung_field_is_detected_within_its_limit(hangs_at_ms: int)
 
 
 def test_a_field_with_one_missing_response_is_not_lost() -> None:
-    """If one request gets no response, the next response arrives in time and no loss is detected."""
+    """If one request receives no response, the next response arrives in time and no loss is detected."""
     clock = SimulatedClock()
     field = HungField(clock)
     plc = Plc(MACHINE.program)
@@ -124,7 +124,7 @@ def test_a_scan_over_its_limit_is_latched(gap_ms: int, faulty: bool) -> None:
 
 
 def watched_panel(twin: Twin) -> Twin:
-    """Start to monitor a panel that sends a request at this time."""
+    """Start the supervision of a panel that sends one request now."""
     twin.runtime._panel_limit_ms = PANEL_LIMIT_MS
     twin.runtime.panel_heartbeat()
     return twin
