@@ -128,13 +128,13 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             all_of(a.at_feed, ~a.loaded),
         ),
         (
-            "spread as far as it goes",
+            "not yet spread",
             "the motor would run against its end stop",
             ("spread",),
             ~a.sensed_spread | a.distrusted["belt"],
         ),
         (
-            "converge as far as it goes",
+            "not yet converged",
             "the motor would run against its end stop",
             ("converge",),
             ~a.sensed_converged | a.distrusted["belt"],
@@ -224,7 +224,7 @@ def block_register(tags: Tags, rules: dict[Side, list[Rule]], rules_tray: list[R
     belt = dict.fromkeys(("tray_run", "tray_forward"), tags.tray.want_run | tags.tray.want_creep)
     forward = tags.tray.driven["tray_forward"]
     rungs += _blocked_by(tags.tray.ungranted, belt["tray_forward"] & ~forward, tags.tray.blocked_by, rules_tray, belt)
-    return Block("what interlocks refuse", tuple(rungs))
+    return Block("refused requests", tuple(rungs))
 
 
 def _blocked_by(

@@ -91,7 +91,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         _requests(tags, sequences),
         alarm_block(tags, alarms, arm_alarms, sequences),
         output_block(tags, io_map, rules, rules_tray),
-        Block("what coils have done", tuple(rung for side in SIDES for rung in arm.coils_memory(tags.arms[side]))),
+        Block("coil memory", tuple(rung for side in SIDES for rung in arm.coils_memory(tags.arms[side]))),
         block_register(tags, rules, rules_tray),
         Block("commands consumed", (tags.commands.consumed(),)),
     )

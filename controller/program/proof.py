@@ -60,7 +60,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     moved = safety.machine.moved
     yield "the monitor saw the motion", _implies(control.motion, moved)
     yield "the monitor saw the jog", _implies(control.jog.differs(0), safety.machine.jogged)
-    yield "manual is a mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
+    yield "manual only in manual mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
     jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)
     yield "outputs are held by hand in manual Execute", _implies(control.jogging, jogs)
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]

@@ -74,7 +74,7 @@ class MachineMonitor:
         self.pressed = m.bit("pressed", "a button or command that can start motion was given, this scan")
         self.restarted = m.bit("restarted", "a coil came on from rest without a button or command")
         self.jogged = m.bit("jogged", "the last scan jogged an output")
-        self.jog_unbidden = m.bit("jog unbidden", "an output is jogged without a command")
+        self.jog_unbidden = m.bit("jog without command", "an output is jogged without a command")
 
     def rungs(self) -> list[Rung]:
         """Return the rungs of the monitor; they follow the outputs in the scan."""
@@ -140,12 +140,12 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE)),
         ),
         "inward, past the row": ("there are seedlings beyond the next row", inward & monitor.arrived),
-        "inward, which tray?": ("a tray with an open question may be misplaced", inward & tray.ask),
+        "inward, tray unknown": ("a tray with an open question may be misplaced", inward & tray.ask),
         "inward, into the other arm": (
             "the fingers of both arms do not fit in the centre together",
             all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre),
         ),
-        "close nowhere": (
+        "close away from row and feed": (
             "claws may close only at the next row or at feed",
             closes & ~feed & ~(down & _at_next_row(a)),
         ),
@@ -209,7 +209,7 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
     away, entering = any_of(*(~a.sensed_at_feed for a in arms)), any_of(*(a.coils["slide_inward"] for a in arms))
     never = {
         "moves in an emergency stop": ("no motion during an emergency stop", moves & x.emergency_stop),
-        "moves without its field": ("no motion without inputs", moves & tags.system.link_lost),
+        "motion without inputs": ("no motion without inputs", moves & tags.system.link_lost),
         "moves after a fault of scan or store": (
             "outputs must be off after such a fault",
             moves & (tags.system.scan_fault | tags.system.store_fault),
@@ -221,7 +221,7 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
             "releasing a jog command must stop the motion",
             machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0)),
         ),
-        "jog by itself": ("an output is jogged only by command", monitor.jog_unbidden),
+        "jog without command": ("an output is jogged only by command", monitor.jog_unbidden),
         "tray, arm away from feed": ("a moving tray would damage an arm in it", (run | forward) & away),
         "tray, arm goes in": ("the arm moves in only over a tray at rest", (run | forward) & entering),
         "tray, wrong way": ("the belt has one direction", run & ~forward),

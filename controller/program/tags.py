@@ -244,7 +244,7 @@ class MachineTags:
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
         self.places_anew = m.bit(
-            "places anew", "power-up or start of homing: places are derived from the present switch states"
+            "places reset", "power-up or start of homing: places are derived from the present switch states"
         )
         self.entered_starting = m.bit("entered Starting", "first scan of Starting or Unholding")
         self.running = m.bit("running", "state is Starting, Execute, Suspending, Suspended, Unsuspending or Unholding")
@@ -339,7 +339,7 @@ class ArmTags:
         self.retried = m.bit("retried", "the slide has returned to its row once")
         self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is complete")
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
-        self.hears_answers = m.bit("hears answers", "the arm is at rest, so answers about its load are accepted")
+        self.hears_answers = m.bit("accepts answers", "the arm is at rest, so answers about its load are accepted")
         self.ask_cups = m.bit(
             "ask cups", "question to the operator: are the cups empty? If unanswered, twelve cups must pass"
         )
@@ -366,7 +366,8 @@ class ArmTags:
         )
         self.distrusted = {
             name: retentive_m.bit(
-                f"{name} switch lied", f"no switch of the {name} is trusted until it has been driven against its end"
+                f"{name} switch distrusted",
+                f"switches of the {name} are not trusted until it was driven to its end",
             )
             for name in DEVICES
         }

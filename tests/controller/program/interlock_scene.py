@@ -105,7 +105,10 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
         ("converge away from feed or loaded", "converge" in on and (loaded or not feed)),
         ("spread against its end", "spread" in on and f"{side}.claws_spread" in scene.sensed and trusted),
         ("converge against its end", "converge" in on and f"{side}.claws_converged" in scene.sensed and trusted),
-        ("close nowhere", "claws_close" in on and not feed and not (scene.has(arm.at_wanted_row) and down)),
+        (
+            "close away from row and feed",
+            "claws_close" in on and not feed and not (scene.has(arm.at_wanted_row) and down),
+        ),
         *(opening_forbidden(scene, side) if "claws_open" in on and loaded else ()),
     ]
 

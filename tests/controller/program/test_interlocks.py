@@ -227,8 +227,8 @@ def test_only_the_output_block_writes_y_and_every_wire_once() -> None:
 def test_only_bookkeeping_blocks_follow_the_output_block() -> None:
     assert [block.title for block in MACHINE.program.blocks[-4:]] == [
         OUTPUTS,
-        "what coils have done",
-        "what interlocks refuse",
+        "coil memory",
+        "refused requests",
         "commands consumed",
     ]
 

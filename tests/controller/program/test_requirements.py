@@ -39,18 +39,18 @@ OF_AN_ARM: dict[str, list[Case]] = {
         Case("inward, not converged", "slide_inward claws_spread", "claws_converged"),
         Case("inward, no tray at rest", "slide_inward tray_in_place", "tray_front_edge"),
         Case("inward, no tray at rest", "slide_inward tray_front_edge", "tray_in_place"),
-        Case("inward, which tray?", "slide_inward tray_asked", "tray_asked"),
+        Case("inward, tray unknown", "slide_inward tray_asked", "tray_asked"),
     ],
     "inward no further than the next row": [
         Case("inward, past the row", "slide_inward arrived", "arrived"),
         Case("inward, past the row", "slide_inward arrived", "slide_inward"),
     ],
     "claws close only at a valid row or at feed": [
-        Case("close nowhere", "claws_close lift_down", "slide_at_feed"),
-        Case("close nowhere", "claws_close lift_down", "slide_at_pick_1"),
-        Case("close nowhere", "claws_close slide_at_pick_1", "lift_down"),
-        Case("close nowhere", "claws_close lift_down slide_at_pick_2", "row_1_taken"),
-        Case("close nowhere", "claws_close lift_down slide_at_pick_1 row_1_taken", "row_1_taken"),
+        Case("close away from row and feed", "claws_close lift_down", "slide_at_feed"),
+        Case("close away from row and feed", "claws_close lift_down", "slide_at_pick_1"),
+        Case("close away from row and feed", "claws_close slide_at_pick_1", "lift_down"),
+        Case("close away from row and feed", "claws_close lift_down slide_at_pick_2", "row_1_taken"),
+        Case("close away from row and feed", "claws_close lift_down slide_at_pick_1 row_1_taken", "row_1_taken"),
     ],
     "the lift goes up over the tray only clamped for its dwell, or open": [
         Case("up, half closed", "lift_retract", "gripped"),
@@ -129,7 +129,7 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
         Case("moves in an emergency stop", "emergency_stop motion tray_run", "tray_run"),
     ],
     "no motion without inputs or after a fault": [
-        Case("moves without its field", f"link_lost motion right.{MOVES}", "link_lost"),
+        Case("motion without inputs", f"link_lost motion right.{MOVES}", "link_lost"),
         Case("moves after a fault of scan or store", f"scan_fault motion left.{MOVES}", "scan_fault"),
         Case("moves after a fault of scan or store", f"store_fault motion left.{MOVES}", "store_fault"),
     ],
@@ -141,7 +141,7 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
     "jogging only while the command is renewed": [
         Case("jog not renewed", f"manual motion left.{MOVES}", "jog"),
         Case("jog not renewed", f"manual motion left.{MOVES} jog jog_lease_over", "jog_lease_over"),
-        Case("jog by itself", "jog_unbidden", "jog_unbidden"),
+        Case("jog without command", "jog_unbidden", "jog_unbidden"),
     ],
 }
 

@@ -31,21 +31,21 @@ def pair(one: str, two: str) -> tuple[str, str]:
 
 UPHELD_BY_RULES: dict[tuple[str, ...], tuple[str, ...]] = {
     pair(*LIFT): ("lift_extend with lift_retract",),
-    ("motion allowed",): ("close nowhere",),
+    ("motion allowed",): ("close away from row and feed",),
     ("no fault of the arm",): ("coil with a fault",),
     ("belt at rest",): ("belt with slide or lift",),
     ("inward ready",): ("inward, not down", "inward, claws not open", "inward, not converged"),
-    ("tray in place",): ("inward, no tray at rest", "inward, which tray?"),
+    ("tray in place",): ("inward, no tray at rest", "inward, tray unknown"),
     ("stop at the row",): ("inward, past the row",),
-    ("spread as far as it goes",): ("belt against its stop",),
-    ("converge as far as it goes",): ("belt against its stop",),
+    ("not yet spread",): ("belt against its stop",),
+    ("not yet converged",): ("belt against its stop",),
     ("centre is free",): ("inward, into the other arm",),
     ("outward clear",): ("outward with a load, not up", "outward low, claws not open"),
     ("lift clear",): ("up, half closed",),
     ("down at feed only",): ("down away from feed",),
     ("spread up at feed",): ("spread, not up at feed",),
     ("converge empty at feed",): ("converge with a load", "converge away from feed"),
-    ("clamp at a place",): ("close nowhere",),
+    ("clamp at a place",): ("close away from row and feed",),
     ("open at a place",): ("open a load elsewhere",),
 }
 """Arm rules, each with the requirements that are violated if it is removed."""
@@ -220,7 +220,7 @@ MUTATIONS: dict[str, tuple[Change, str]] = {
         everywhere(*terminal(TAGS.x.emergency_stop)),
         "moves in an emergency stop",
     ),
-    "the field link is ignored": (everywhere(TAGS.system.link_lost, FALSE), "moves without its field"),
+    "the field link is ignored": (everywhere(TAGS.system.link_lost, FALSE), "motion without inputs"),
     "homing starts without a request": (driven(Out, CONTROL.home_requested, TRUE), "restarts by itself"),
     "a jog without renewal continues": (
         driven(Mov, CONTROL.jog, FALSE, CONTROL.t_jog_lease.done),

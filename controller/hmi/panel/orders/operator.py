@@ -230,7 +230,7 @@ class OrderHandler:
     async def _jog(self, order: messages.JogOrder, session: BrowserSession) -> Text:
         if not order.hold:
             self._jogging.release(session)
-            return reply_text("let go")
+            return reply_text("released")
         await self._jogging.renew(session, order.output)
         return reply_text("done")
 

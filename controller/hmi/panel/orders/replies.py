@@ -18,7 +18,7 @@ LEVELS: Final = {
 REPLIES: Final = {
     "done": Text("done", "已执行"),
     "not yet": Text("accepted; takes effect in the next scan", "已接受，下一扫描周期生效"),
-    "let go": Text("released", "已松开"),
+    "released": Text("released", "已松开"),
     "welcome": Text("logged in", "已登录"),
     "bye": Text("logged out", "已退出登录"),
     "set up": Text("passwords set", "密码已设置"),

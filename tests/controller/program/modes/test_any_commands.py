@@ -218,7 +218,7 @@ def jogging(side: Side, *jogs: str) -> Story:
         ("left: down at feed only", ["left_slide_inward", "left_lift_extend"], "left: down away from feed"),
         ("left: outward clear", ["left_slide_inward", "left_lift_retract", "left_slide_outward"], "left: outward low"),
         ("left: spread up at feed", ["left_spread"], "left: spread, not up at feed"),
-        ("left: clamp at a place", ["left_slide_inward", "left_claws_close"], "left: close nowhere"),
+        ("left: clamp at a place", ["left_slide_inward", "left_claws_close"], "left: close away from row and feed"),
         ("tray: arms at feed", ["left_slide_inward", "tray_run"], "tray, arm away from feed"),
     ],
 )

@@ -182,7 +182,7 @@ def test_in_manual_mode_the_machine_must_be_started_first() -> None:
         ("left", ("slide_inward",), "slide_inward", "stop at the row"),
         ("right", ("slide_inward", "claws_close"), "slide_outward", "outward clear"),
         ("left", ("slide_inward", "claws_close", "lift_retract"), "claws_open", "open at a place"),
-        ("right", (), "converge", "converge as far as it goes"),
+        ("right", (), "converge", "not yet converged"),
     ],
 )
 def test_interlocks_apply_and_are_reported(side: Side, before: tuple[str, ...], output: str, rule: str) -> None:
