@@ -360,7 +360,7 @@ def test_malformed_data_inside_tls_closes_that_client_only(
 
 def test_mismatched_certificate_files_are_reported_in_one_line(certificates: Certificates) -> None:
     wrong = HmiOptions(port=0, certificate=str(certificates.server), key=str(certificates.client_key))
-    with pytest.raises(ServerError, match="give PEM files that belong together") as error:
+    with pytest.raises(ServerError, match="specify a matching set of PEM files") as error:
         HmiRig(options=wrong)
     assert "\n" not in str(error.value)
 

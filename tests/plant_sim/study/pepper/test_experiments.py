@@ -290,7 +290,7 @@ def test_single_shows_that_equation_5_and_the_statements_are_consistent(no_chanc
     risen = old["F_t"] - young["F_t"]
     assert fallen < 0
     assert risen > 8.9
-    assert "equation 5 loses 8.9 points, while the paper says" in study.text()
+    assert "equation 5 falls by 8.9 points, while the paper states" in study.text()
     assert f"F_p and F_d together change by {fallen:+.1f} points and F_t by {risen:+.1f}." in study.text()
 
 
@@ -462,7 +462,7 @@ def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper(no_
         assert record["twin"]["coefficients"][term]["value"] == pytest.approx(value, abs=0.5), term
     assert record["twin"]["r2"] > 0.95
     shift = np.subtract(twin["natural"], paper["natural"])
-    assert f"{shift[0]:+.2f} mm, {shift[1]:+.2f} d and {shift[2]:+.3f} MPa from that of the refit" in study.text()
+    assert f"by {shift[0]:+.2f} mm, {shift[1]:+.2f} d and {shift[2]:+.3f} MPa." in study.text()
 
 
 def test_rsm_compares_paper_refit_and_twin(no_chance: Expected) -> None:
@@ -519,7 +519,7 @@ def test_an_optimum_above_100_percent_is_reported(monkeypatch: pytest.MonkeyPatc
     optimum = json.loads(study.json())["optimum"]
     assert optimum["S"] > 100
     assert optimum["prediction_interval_95"][1] == 100
-    assert study.text().count(f"the quadratic gives S {optimum['S']:.1f} %, which is impossible") == 2
+    assert study.text().count(f"the quadratic model gives S {optimum['S']:.1f} %, which is impossible") == 2
     assert "S: the model is not significant" in study.text()
 
 
