@@ -28,7 +28,7 @@ class Console:
     """Line interpreter; every line, including an empty one, also counts as a heartbeat of the operator."""
 
     def __init__(self, runtime: Runtime, alarms: AlarmList) -> None:
-        """Initialize a console for a runtime and its alarm list."""
+        """Initialise a console for a runtime and its alarm list."""
         self._runtime = runtime
         self._alarms = alarms
 

@@ -32,7 +32,7 @@ class Forcing:
     """
 
     def __init__(self, machine: Transplanter, plc: Plc, *, allowed: bool) -> None:
-        """Initialize with no forced inputs.
+        """Initialise with no forced inputs.
 
         Args:
             machine: Program and its tags.

@@ -90,7 +90,7 @@ class HmiServer:
         audit: Audit | None = None,
         version: str = "",
     ) -> None:
-        """Initialize the server and register it as an observer of the runtime.
+        """Initialise the server and register it as an observer of the runtime.
 
         Args:
             runtime: PLC on its field link.

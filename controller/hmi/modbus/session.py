@@ -119,7 +119,7 @@ class HmiSession(ModbusDevice):
     """Modbus device presented to one client."""
 
     def __init__(self, state: HmiState, peer: str) -> None:
-        """Initialize the session of a client.
+        """Initialise the session of a client.
 
         Args:
             state: State shared by all clients.

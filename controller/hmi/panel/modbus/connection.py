@@ -35,7 +35,7 @@ class ExceptionResponseError(Exception):
     """
 
     def __init__(self, code: int) -> None:
-        """Initialize the error with the exception code."""
+        """Initialise the error with the exception code."""
         super().__init__(f"refused with Modbus exception {code:02d}")
         self.code = code
 
@@ -44,7 +44,7 @@ class ModbusConnection:
     """Connection to a Modbus server, opened by the first request; for use in one event loop."""
 
     def __init__(self, host: str, port: int, *, timeout_s: float = 0.25) -> None:
-        """Initialize the connection without opening it.
+        """Initialise the connection without opening it.
 
         Args:
             host: Host name or address of the server.

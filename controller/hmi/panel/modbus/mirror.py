@@ -68,7 +68,7 @@ class Mirror:
     """
 
     def __init__(self, clock: Clock) -> None:
-        """Initialize an empty mirror."""
+        """Initialise an empty mirror."""
         self.memory = Memory()
         self.status = [0] * R_WORDS
         self.polls = 0
@@ -114,7 +114,7 @@ class Poller:
     """Cyclic poll of the controller into a mirror."""
 
     def __init__(self, connection: ModbusConnection, mirror: Mirror, io_map: IoMap) -> None:
-        """Initialize a poller on a connection."""
+        """Initialise a poller on a connection."""
         self._connection = connection
         self._mirror = mirror
         self._blocks = blocks(io_map)

@@ -116,7 +116,7 @@ class Telemetry:
     """
 
     def __init__(self, connection: ModbusConnection, tags: Iterable[TelemetryTag], clock: Clock) -> None:
-        """Initialize a poller; the first poll opens the connection."""
+        """Initialise a poller; the first poll opens the connection."""
         self.tags = tuple(tags)
         self._connection = connection
         self._clock = clock

@@ -43,7 +43,7 @@ class Jogging:
     def __init__(
         self, machine: Transplanter, mirror: Mirror, connect: Callable[[], ModbusConnection], clock: Clock
     ) -> None:
-        """Initialize with no active jog.
+        """Initialise with no active jog.
 
         Args:
             machine: The program and its tags.

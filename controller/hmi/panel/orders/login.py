@@ -166,7 +166,7 @@ class Sessions:
     """Active login sessions."""
 
     def __init__(self, clock: Clock) -> None:
-        """Initialize with no sessions."""
+        """Initialise with no sessions."""
         self._clock = clock
         self._ends: dict[str, tuple[AccessLevel, int]] = {}
 
@@ -197,7 +197,7 @@ class LoginThrottle:
     """Lockout of peers after repeated wrong passwords."""
 
     def __init__(self, clock: Clock) -> None:
-        """Initialize with no failed attempts."""
+        """Initialise with no failed attempts."""
         self._clock = clock
         self._failures: dict[str, tuple[int, int]] = {}
 

@@ -22,7 +22,7 @@ class MessageError(ValueError):
     """
 
     def __init__(self, location: str, id_: int | str | None) -> None:
-        """Initialize the error with the invalid part of the message."""
+        """Initialise the error with the invalid part of the message."""
         super().__init__(location)
         self.id = id_
 

@@ -71,7 +71,7 @@ class OrderHandler:
         telemetry: Telemetry | None,
         clock: Clock,
     ) -> None:
-        """Initialize the handler.
+        """Initialise the handler.
 
         Args:
             machine: The program and its tags.

@@ -29,7 +29,7 @@ class BrowserSession:
     """
 
     def __init__(self) -> None:
-        """Initialize a session without forced inputs or pressed buttons."""
+        """Initialise a session without forced inputs or pressed buttons."""
         self.forced: set[int] = set()
         self.pressed: set[Button] = set()
         self.release_required = False
@@ -43,7 +43,7 @@ class OrderRefusedError(Exception):
     """
 
     def __init__(self, text: Text) -> None:
-        """Initialize the error with its reason."""
+        """Initialise the error with its reason."""
         super().__init__(text.en)
         self.text = text
 

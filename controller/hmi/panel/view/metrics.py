@@ -37,7 +37,7 @@ class Metrics(Collector):
         telemetry: Telemetry | None,
         browsers: Callable[[], int],
     ) -> None:
-        """Initialize a collector for a mirror and the panel itself."""
+        """Initialise a collector for a mirror and the panel itself."""
         self._machine = machine.tags.machine
         self._mirror = mirror
         self._operator = operator

@@ -35,7 +35,7 @@ class ViewBuilder:
         telemetry: Telemetry | None = None,
         history_available: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Initialize a builder with its data sources.
+        """Initialise a builder with its data sources.
 
         Args:
             machine: The program and its tags.

@@ -23,7 +23,7 @@ class Trends:
     """Ring buffer of samples: telemetry positions, pressures, forces and percentages, and the last cycle times."""
 
     def __init__(self, mirror: Mirror, telemetry: Telemetry | None, clock: Clock) -> None:
-        """Initialize an empty buffer."""
+        """Initialise an empty buffer."""
         self._mirror = mirror
         self._telemetry = telemetry
         self._clock = clock

@@ -37,7 +37,7 @@ class Guard:
     """ASGI middleware that checks each request and adds the security headers."""
 
     def __init__(self, app: ASGIApp, names: Iterable[str]) -> None:
-        """Initialize the middleware; requests for the listening address are always accepted.
+        """Initialise the middleware; requests for the listening address are always accepted.
 
         Args:
             app: Application that receives the accepted requests.

@@ -40,7 +40,7 @@ class ViewBroadcaster:
     """
 
     def __init__(self, viewer: ViewBuilder, trends: Trends) -> None:
-        """Initialize the broadcaster for a view builder and a trend buffer."""
+        """Initialise the broadcaster for a view builder and a trend buffer."""
         self.browsers = 0
         self._viewer = viewer
         self._trends = trends
@@ -75,7 +75,7 @@ class BrowserSocket:
     def __init__(
         self, socket: WebSocket, broadcaster: ViewBroadcaster, operator: OrderHandler, level: Callable[[], AccessLevel]
     ) -> None:
-        """Initialize the handler of a socket.
+        """Initialise the handler of a socket.
 
         Args:
             socket: The socket, not yet accepted.
