@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
-from typing import Final, NamedTuple
+from typing import Final
 
 from controller.core.devices import (
     ANNUNCIATOR_ON,
@@ -22,12 +22,12 @@ from controller.core.devices import (
     MS_10,
     MS_100,
     RUN_MONITOR,
-    SIZES,
     WORD_MAX,
     WORD_MIN,
     is_32_bit_counter,
 )
 from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
 from controller.core.rungs import (
     Annunciate,
@@ -45,7 +45,6 @@ from controller.core.rungs import (
 )
 from controller.core.sequence import Sequence, Transfer
 
-WORD_BYTES: Final = 8
 _FIRST_RETENTIVE_TIMER: Final = 246
 _WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
 _PREDICATES: Final = {"==": "eq", "!=": "ne", "<": "slt", "<=": "sle", ">": "sgt", ">=": "sge"}
@@ -53,53 +52,8 @@ _PARAMETERS: Final = "ptr %m, i64 %tick_100, i64 %tick_10, i64 %tick_1"
 _MEMSET: Final = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
 
 
-class Row(NamedTuple):
-    """Devices of one kind in the memory region.
-
-    Attributes:
-        offset: Position of the first device, bytes.
-        length: Number of devices.
-    """
-
-    offset: int
-    length: int
-
-
-class MemoryLayout:
-    """Arrangement of the device memory of a program in one region.
-
-    Attributes:
-        words: Rows of 64-bit words, by name of the list in `Memory`.
-        bits: Rows of bytes, by name of the list in `Memory`; "L" contains the states left by a transfer in this scan.
-        size: Size of the region, bytes.
-    """
-
-    def __init__(self, edges: int) -> None:
-        """Arrange the memory of a program with this number of PLS and PLF rungs."""
-        sizes = {name: SIZES[kind] for name, kind in (("TV", "T"), ("TS", "T"), ("CV", "C"), ("CE", "C"), ("L", "S"))}
-        sizes |= dict(SIZES) | {"E": max(edges, 1)}
-        self.words: dict[str, Row] = {}
-        self.bits: dict[str, Row] = {}
-        at = 0
-        for name in ("D", "TV", "TS", "CV"):
-            self.words[name] = Row(at, sizes[name])
-            at += sizes[name] * WORD_BYTES
-        for name in ("X", "Y", "M", "S", "T", "C", "CE", "E", "L"):
-            self.bits[name] = Row(at, sizes[name])
-            at += sizes[name]
-        self.size = at
-
-    def bit(self, row: str, number: int) -> int:
-        """Return the position of a bit, bytes."""
-        return self.bits[row].offset + number
-
-    def word(self, row: str, number: int) -> int:
-        """Return the position of a word, bytes."""
-        return self.words[row].offset + number * WORD_BYTES
-
-
 @dataclass(frozen=True, slots=True)
-class Translation:
+class LlvmProgram:
     """Program in LLVM IR.
 
     Attributes:
@@ -111,7 +65,7 @@ class Translation:
     entry: str
 
 
-def translate(program: Program, layout: MemoryLayout) -> Translation:
+def translate(program: Program, layout: MemoryLayout) -> LlvmProgram:
     """Translate a program.
 
     The name of a function is derived from its text, so that equal blocks have equal modules.
@@ -124,7 +78,7 @@ def translate(program: Program, layout: MemoryLayout) -> Translation:
     entry = _name(body)
     declarations = [f"declare void @{name}({_PARAMETERS})" for name in dict.fromkeys(names)]
     modules.append(_module(entry, "ptr %m, i64 %now_ms, i64 %first", body, declarations))
-    return Translation(tuple(dict.fromkeys(modules)), entry)
+    return LlvmProgram(tuple(dict.fromkeys(modules)), entry)
 
 
 def _name(body: str) -> str:
@@ -136,7 +90,7 @@ def _module(name: str, parameters: str, body: str, declarations: Iterable[str] =
 
 
 def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:
-    code = _Code(layout, edges)
+    code = _FunctionBody(layout, edges)
     for item in block.items:
         if isinstance(item, Sequence):
             code.sequence(item)
@@ -146,7 +100,7 @@ def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:
 
 
 def _scan(program: Program, layout: MemoryLayout, blocks: Iterable[str]) -> str:
-    code = _Code(layout, iter(()))
+    code = _FunctionBody(layout, iter(()))
     code.set_bit("M", RUN_MONITOR, "true")
     code.set_bit("M", INITIAL_PULSE, code.value("icmp ne i64 %first, 0"))
     code.set_bit("M", CLOCK_1_S, code.value(f"icmp slt i64 {code.value('srem i64 %now_ms, 1000')}, 500"))
@@ -167,7 +121,7 @@ def _transfers(program: Program) -> Iterator[Transfer]:
             yield from transfers
 
 
-class _Code:
+class _FunctionBody:
     """Builder of the body of one function. Conditions are values of type i1, words of type i64."""
 
     def __init__(self, layout: MemoryLayout, edges: Iterator[int]) -> None:

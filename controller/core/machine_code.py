@@ -20,7 +20,8 @@ from llvmlite import binding as llvm
 
 from controller.common.cache_folder import user_cache_folder
 from controller.core.devices import Memory
-from controller.core.llvm_ir import MemoryLayout, translate
+from controller.core.llvm_ir import translate
+from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Program
 from controller.core.rungs import Pulse, PulseFalling
 

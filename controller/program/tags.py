@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from controller.core.devices import INITIAL_PULSE
-from controller.core.expr import Bit, Counter, Expr, Timer, Word
-from controller.iomap.loader import IoMap, Point
+from controller.core.expr import Bit, Counter, Timer, Word
+from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.commands import ARM_OUTPUTS, JOGGED, Commands
+from controller.program.inputs import Inputs, System, driven
 
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, Side]] = ("left", "right")
@@ -52,66 +53,6 @@ ARMS_MAY_MEET: Final = int(2 * FINGER_OVERHANG_MM < ROW_PITCH_MM)
 overlap."""
 
 FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
-
-
-class Inputs:
-    """Conditions on the X terminals: true while the point is active, regardless of the wiring polarity."""
-
-    def __init__(self, io_map: IoMap) -> None:
-        self._map = io_map
-        self.start = self["start"]
-        self.stop = self["stop"]
-        self.emergency_stop = self["emergency_stop"]
-        self.tray_front_edge = self["tray_front_edge"]
-
-    def __getitem__(self, tag: str) -> Expr:
-        return _condition(self._map[tag])
-
-    def optional(self, tag: str) -> Expr | None:
-        """Return the condition of an optional input, or None if it is not wired."""
-        point = self._map.get(tag)
-        return None if point is None else _condition(point)
-
-    def optional_off(self, tag: str) -> Expr | None:
-        """Return the condition that an optional input is not active, or None if it is not wired."""
-        condition = self.optional(tag)
-        return None if condition is None else ~condition
-
-
-def _condition(point: Point) -> Expr:
-    name = f"{point.tag} (n.c.)" if point.inverted else point.tag
-    contact = Bit("X", point.number, name, point.meaning)
-    return ~contact if point.inverted else contact
-
-
-def _driven(point: Point) -> Expr:
-    """Return the condition that an output is on, as written by the last scan."""
-    contact = Bit("Y", point.number, point.tag, point.meaning)
-    return ~contact if point.inverted else contact
-
-
-class System:
-    """Bits that the runtime writes before each scan."""
-
-    def __init__(self) -> None:
-        m = Area("M", 0, 9)
-        self.link_lost = m.bit("link lost", "no successful exchange with the field I/O within the timeout")
-        self.scan_fault = m.bit("scan fault", "a scan exceeded its time limit or failed")
-        self.memory_lost = m.bit("memory lost", "retentive memory could not be restored")
-        self.outputs_held = m.bit("outputs held", "outputs are delayed until retentive memory is stored")
-        self.store_fault = m.bit("store fault", "retentive memory cannot be stored")
-        self.panel_silent = m.bit("panel silent", "no message from the operator panel within its timeout")
-
-    def bits(self) -> tuple[Bit, ...]:
-        """Return all system bits."""
-        return (
-            self.link_lost,
-            self.scan_fault,
-            self.memory_lost,
-            self.outputs_held,
-            self.store_fault,
-            self.panel_silent,
-        )
 
 
 LONGEST_NUMBER: Final = 9
@@ -277,7 +218,7 @@ class ArmTags:
         self.side = side
         self.first_step = 20 + 80 * index
         self.first_limit = 50 * index
-        self.coils = {name: _driven(io_map[f"{side}.{name}"]) for name in ARM_OUTPUTS}
+        self.coils = {name: driven(io_map[f"{side}.{name}"]) for name in ARM_OUTPUTS}
 
         self.sensed_down = x[f"{side}.lift_down"]
         self.sensed_up = x[f"{side}.lift_up"]
@@ -407,7 +348,7 @@ class TrayTags:
         t10 = Area("T", 220, 223, "tray")
         x = Inputs(io_map)
         self.edge = x.tray_front_edge
-        self.driven = {name: _driven(io_map[name]) for name in ("tray_run", "tray_forward")}
+        self.driven = {name: driven(io_map[name]) for name in ("tray_run", "tray_forward")}
         self.first_step = 180
         self.phase = Word("D", 561, "tray.phase", "0 unknown or none, 1 in place, 2 moving out, 3 coming in")
         self.want_run = m.bit("want run", "request: conveyor at full speed")

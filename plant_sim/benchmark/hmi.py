@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import json
-import math
-import os
-import socket
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from controller.hmi.modbus import status_registers as own
 from controller.hmi.modbus.fx3u_map import register_address
-from controller.io.loop import BOUNDS_US
 from controller.program.states import State
-from plant_sim.benchmark.hmi_load import connect, percentile_ms, read_registers
+from plant_sim.benchmark.hmi_load import connect, read_registers
+from plant_sim.benchmark.punctuality import NOTHING, Punctuality, measured_seconds, total
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.machine.parameters import load_machine
 from plant_sim.twin.commissioning import set_points_of
-from plant_sim.twin.live import LiveError, Process
 from plant_sim.twin.lock_step import SCAN_MS
 from plant_sim.twin.operator import Operator
+from plant_sim.twin.process import LiveError, Process
 
 STOLEN_LIMIT_S = 0.01
 """Maximum steal time (processor time taken by the host) of a calm second, s: one tick of its accounting."""
@@ -47,38 +43,7 @@ START_LIMIT_S: Final = 30.0
 HOMING_LIMIT_S: Final = 60.0
 WORK_LIMIT_S: Final = 120.0
 _LOAD: Final = "plant_sim.benchmark.hmi_load"
-_R_OVERRUNS: Final = 10
 _MB: Final = 1_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Punctuality:
-    """Lateness statistics of a loop with a period of 10 ms.
-
-    Attributes:
-        p99_ms: Upper bound of the histogram bucket that contains the 99th percentile of the lateness, ms.
-        latest_ms: Upper bound of the bucket that contains the maximum lateness, ms.
-        missed: Number of scans that ended after the next one was due.
-    """
-
-    p99_ms: float
-    latest_ms: float
-    missed: int
-
-    @classmethod
-    def of(cls, counts: Sequence[int], missed: int) -> Punctuality:
-        """Return the statistics of a lateness histogram.
-
-        Raises:
-            LiveError: The histogram is empty.
-        """
-        if not any(counts):
-            raise LiveError("no scans were counted")
-        return cls(percentile_ms(list(counts), 99), percentile_ms(list(counts), 100), missed)
-
-
-NOTHING = Punctuality(math.nan, math.nan, 0)
-"""Statistics used if there is no calm second."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +167,7 @@ def measure_punctuality(
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
         plant_port, _, hmi_port = stack.enter_context(_controller(folder, at_work=True))
         line = stack.enter_context(connect(hmi_port))
-        quiet = _sum(_seconds(line, quiet_s))
+        quiet = total(measured_seconds(line, quiet_s))
         url = _panel(stack, folder, plant_port, hmi_port)
         for_s = str(SETTLING_S + loaded_s + 2)
         load = [
@@ -214,7 +179,7 @@ def measure_punctuality(
             _read_record(each, START_LIMIT_S)
         threading.Event().wait(SETTLING_S)
         waiting = stack.enter_context(_bare_loop(loaded_s))
-        seconds = _seconds(line, loaded_s)
+        seconds = measured_seconds(line, loaded_s)
         beside = _waited(waiting)
         answers = sum(_read_record(each, START_LIMIT_S)["answers"] for each in load)
         views = _read_record(watching, START_LIMIT_S)["messages"]
@@ -222,8 +187,8 @@ def measure_punctuality(
     parts = {
         "bare": bare,
         "quiet": quiet,
-        "loaded": _sum(seconds),
-        "calm": _sum(calm) if calm else NOTHING,
+        "loaded": total(seconds),
+        "calm": total(calm) if calm else NOTHING,
         "beside": beside,
     }
     stolen_s = sum(second.stolen_s for second in seconds)
@@ -354,50 +319,6 @@ def _waited(waiting: Process) -> Punctuality:
     """Return the lateness of a finished bare loop."""
     result = _read_record(waiting, WORK_LIMIT_S)
     return Punctuality.of(result["late"], result["missed"])
-
-
-@dataclass(frozen=True, slots=True)
-class _Second:
-    """Lateness of the scans of one second, and the steal time of that second, s."""
-
-    late: list[int]
-    missed: int
-    stolen_s: float
-
-
-def _seconds(line: socket.socket, for_s: int) -> list[_Second]:
-    """Return the lateness of the scans in each of the next `for_s` seconds, from the controller's registers."""
-    seconds = []
-    before_late, before_missed = _read_figures(line)
-    before_stolen_s = _stolen_s()
-    for _ in range(for_s):
-        threading.Event().wait(1)
-        late, missed = _read_figures(line)
-        stolen_s = _stolen_s()
-        counted = [now - then for now, then in zip(late, before_late, strict=True)]
-        seconds.append(_Second(counted, missed - before_missed, stolen_s - before_stolen_s))
-        before_late, before_missed, before_stolen_s = late, missed, stolen_s
-    return seconds
-
-
-def _sum(seconds: Sequence[_Second]) -> Punctuality:
-    counts = [sum(buckets) for buckets in zip(*(second.late for second in seconds), strict=True)]
-    return Punctuality.of(counts, sum(second.missed for second in seconds))
-
-
-def _stolen_s() -> float:
-    """Return the steal time since the start of this virtual machine, s."""
-    total = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()
-    return int(total[8]) / os.sysconf("SC_CLK_TCK")
-
-
-def _read_figures(line: socket.socket) -> tuple[list[int], int]:
-    """Return the lateness histogram and the number of missed scans since the start."""
-    buckets = len(BOUNDS_US) + 1
-    words = read_registers(line, register_address("R", own.R_LATENESS), 2 * buckets)
-    late = [low | high << 16 for low, high in zip(words[::2], words[1::2], strict=True)]
-    low, high = read_registers(line, register_address("R", _R_OVERRUNS), 2)
-    return late, low | high << 16
 
 
 def _until(controller: Process, state: State, limit_s: float) -> None:

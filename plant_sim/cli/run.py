@@ -19,7 +19,8 @@ from plant_sim.cli.options import (
 )
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.live import ChildError, LiveError, LiveOptions, live_trial
+from plant_sim.twin.live import LiveOptions, live_trial
+from plant_sim.twin.process import ChildError, LiveError
 from plant_sim.twin.progress import ProgressView
 from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial, show_progress

@@ -60,7 +60,7 @@ CONVEYOR_PARAMS = np.dtype(
 """Parameters, all referred to the belt.
 
 `cycle_m` is the travel of four full steps, the period of the motor force; `holds_n` decreases to half at `half_m_s`.
-The belt cannot move back beyond `stop_m`.
+`stop_m` is the limit of backward motion.
 """
 
 
@@ -83,8 +83,7 @@ class ConveyorSpec:
         pusher_play_m: Play of the pushers between the rows of cells, m.
         tray_length_m: Length of a tray along the belt, m.
         gap_m: Gap left by the magazine between two trays, m.
-        magazine_before_beam_m: Distance before the beam at which the magazine places the front edge of a
-            tray, m. The first tray is here at the start.
+        magazine_before_beam_m: Distance before the beam at which the magazine places the front edge of a tray, m.
         stop_past_beam_m: Distance of the front edge past the beam at the pick position, m.
         placed_tolerance_m: Largest distance from the pick position in either direction for picking, m.
         outlet_past_beam_m: Distance of the rear edge past the beam at which a tray leaves the machine, m.

@@ -9,18 +9,13 @@ from __future__ import annotations
 
 import json
 import queue
-import signal
-import subprocess
-import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from controller.program.states import State
 from plant_sim.links.tag_file import tag_csv
@@ -28,12 +23,12 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.lock_step import SCAN_MS
 from plant_sim.twin.operator import Operator, counts_of
+from plant_sim.twin.process import ChildError, Interrupts, LiveError, Process
 from plant_sim.twin.progress import ProgressState, ProgressView
 from plant_sim.twin.report import TrialReport, make_report
 from plant_sim.twin.trial import ROWS_A_TRAY
 
 POLL_S = 0.2
-STOP_S = 10.0
 START_LIMIT_S = 30.0
 HOMING_LIMIT_S = 60.0
 TRAY_LIMIT_S = 600.0
@@ -41,124 +36,6 @@ LOCK_STEP_TIMEOUT_MS = 5_000
 """Response timeout in simulated time, long enough for a busy computer, ms."""
 
 Record = dict[str, Any]
-
-
-class LiveError(Exception):
-    """Timeout or unexpected state of a process or of the machine; the message is one line."""
-
-
-class ChildError(Exception):
-    """Unexpected end of a child process, which has printed the reason to standard error.
-
-    Attributes:
-        exit_code: Its exit code.
-    """
-
-    def __init__(self, name: str, exit_code: int) -> None:
-        super().__init__(f"the {name} ended with exit code {exit_code}")
-        self.exit_code = exit_code
-
-
-class Process:
-    """Child process with its standard output in a queue of lines; stopped with SIGINT."""
-
-    def __init__(self, name: str, arguments: Sequence[str]) -> None:
-        self.name = name
-        # Separate session: Ctrl-C reaches only this program, which then stops controller and plant in order.
-        self._process = subprocess.Popen(  # noqa: S603 - our own programs
-            [sys.executable, "-m", *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        self._has_output = False
-        self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._reader = threading.Thread(target=self._read, name=f"{name} output", daemon=True)
-        self._reader.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.stop()
-
-    @property
-    def exit_code(self) -> int | None:
-        """Exit code; None while the process runs."""
-        return self._process.poll()
-
-    def next_line(self, within_s: float) -> str | None:
-        """Return the next line of output; None at the end of the output.
-
-        Raises:
-            LiveError: There was no output within `within_s`.
-        """
-        try:
-            return self.lines.get(timeout=within_s)
-        except queue.Empty:
-            raise LiveError(f"the {self.name} wrote no output for {within_s:.0f} s") from None
-
-    def kill(self) -> None:
-        """Kill the process without clean-up, as in a power failure."""
-        self._process.kill()
-
-    def stop(self) -> int:
-        """Stop the process with SIGINT, or by force after a timeout; return its exit code.
-
-        A process that has not written any output has not started its work and is killed at once.
-        """
-        if self._process.poll() is None and not self._has_output:
-            self._process.kill()
-        elif self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
-            try:
-                self._process.wait(STOP_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-        code = self._process.wait()
-        self._reader.join()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
-        return code
-
-    def _read(self) -> None:
-        for line in self._process.stdout or ():
-            self._has_output = True
-            self.lines.put(line.rstrip("\n"))
-        self.lines.put(None)
-
-
-class Interrupts:
-    """Handler of Ctrl-C and SIGTERM while processes run: raises at once, and again at the next wait for events.
-
-    The interpreter discards an exception raised in a destructor. The second check makes sure that the request to stop
-    is not lost.
-    """
-
-    def __init__(self) -> None:
-        self._received = False
-
-    def __enter__(self) -> Self:
-        self._previous = {number: signal.signal(number, self._handle) for number in (signal.SIGINT, signal.SIGTERM)}
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-
-    def check(self) -> None:
-        """Raise `KeyboardInterrupt` if a signal was received."""
-        if self._received:
-            raise KeyboardInterrupt
-
-    def _handle(self, *_: object) -> None:
-        self._received = True
-        raise KeyboardInterrupt
 
 
 @dataclass

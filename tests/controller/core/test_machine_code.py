@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from controller.core import machine_code
 from controller.core.devices import Memory
 from controller.core.expr import Bit, Timer, Word
-from controller.core.llvm_ir import MemoryLayout, translate
+from controller.core.llvm_ir import translate
 from controller.core.machine_code import MachineCode, MachineExecution
+from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
 from controller.core.rungs import OnDelay, Out, Rung, Set
 from controller.core.scan import Plc

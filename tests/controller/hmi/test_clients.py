@@ -22,8 +22,8 @@ from controller.hmi.modbus.tag_list import tag_csv
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
-from plant_sim.twin.live import Process
 from plant_sim.twin.operator import Operator
+from plant_sim.twin.process import Process
 
 LIMIT_S = 60.0
 MAX_REQUESTS = 20_000

@@ -14,8 +14,9 @@ import pytest
 from controller.hmi.modbus.fx3u_map import register_address
 from controller.io.loop import BOUNDS_US, Histogram
 from plant_sim.benchmark import hmi_load
-from plant_sim.benchmark.hmi import HmiFigures, Punctuality, measure_punctuality, measure_service
-from plant_sim.twin.live import LiveError
+from plant_sim.benchmark.hmi import HmiFigures, measure_punctuality, measure_service
+from plant_sim.benchmark.punctuality import Punctuality
+from plant_sim.twin.process import LiveError
 from tests.controller.hmi.hmi_rig import HmiRig, read_long
 
 

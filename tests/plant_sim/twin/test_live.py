@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from plant_sim.twin.live import Interrupts
+from plant_sim.twin.process import Interrupts
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -25,9 +25,9 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.cli.main import main as plant_main
-from plant_sim.twin.live import Process
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
+from plant_sim.twin.process import Process
 
 MAIN = {"controller": controller_main, "plant_sim": plant_main}
 LIMIT_S = 60.0
