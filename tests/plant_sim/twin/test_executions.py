@@ -19,7 +19,7 @@ def trial(seed: int, fault: str) -> TrialReport:
     return replace(report, wall_s=0.0)
 
 
-@pytest.mark.parametrize(("seed", "fault"), [(3, ""), (4, "low_supply:supply=0.35MPa@20s..")])
+@pytest.mark.parametrize(("seed", "fault"), [(3, ""), (4, "low_claw_supply:supply=0.30MPa@20s..")])
 def test_a_trial_has_the_same_report_with_both_executions(
     seed: int, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
