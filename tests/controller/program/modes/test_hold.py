@@ -22,6 +22,7 @@ from tests.plant_sim.twin.twin_rig import (
     until_picking,
     until_step,
 )
+from tests.sampling import one_in
 
 STEPS = ("approach row", "close claws", "slide to feed", "spread", "wait for cups", "converge")
 PANEL_LIMIT_MS = 500
@@ -49,7 +50,7 @@ def hold(twin: Twin) -> None:
 # hold
 
 
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("step", one_in(2, STEPS))
 def test_after_a_hold_in_any_step_work_resumes_with_the_held_rows(step: str) -> None:
     """After a hold the arms rest at feed and the reason is reported; unhold resumes work without homing or losses."""
     twin = in_row_1("left", step)
