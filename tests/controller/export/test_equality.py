@@ -121,9 +121,9 @@ def test_inverted_contact_in_the_output_block_is_detected(index: int) -> None:
 def test_most_single_mutations_are_detected(every: int) -> None:
     """At least three quarters of the mutations change an output, a relay or a state.
 
-    One instruction in 600, or with --nightly in 300, is inverted or has its constant changed. A mutation is not detected if it has no effect in
-    these 24,000 scans: the command or fault never occurs, or the condition is redundant. If one instruction in 100 is
-    mutated, 96,000 scans (including these) detect 28 of 39 mutations.
+    One instruction in 600, or with ``--nightly`` in 300, is inverted or has its constant changed. A mutation is not
+    detected if it has no effect in these 24,000 scans: the command or fault never occurs, or the condition is
+    redundant. If one instruction in 100 is mutated, 96,000 scans (including these) detect 28 of 39 mutations.
     """
     candidates = [
         i
