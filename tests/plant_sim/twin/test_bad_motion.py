@@ -149,7 +149,7 @@ def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: floa
 
 @pytest.mark.timeout(240)
 def test_a_detected_overrun_stops_the_machine_before_any_damage() -> None:
-    """Without a brake, the arm leaves its switch band before clamping: alarm, Held, no stem touched."""
+    """Without a brake, the arm leaves its switch band before clamping; an alarm holds the machine in time."""
     report, _ = trial(1, {"slide.brake_n": 0.0})
     assert not report.completed
     assert set(report.alarms) == {f"{side} slide moved off the pick position after arriving" for side in SIDES}
@@ -167,7 +167,10 @@ def test_a_leaking_check_valve_stops_the_machine_before_any_damage() -> None:
 
 
 def test_late_release_increases_throw_failures_only() -> None:
-    """With delays of 200, 300, 400 ms instead of 60, at 45 mm/s the cups are 6, 11, 15 mm ahead; tolerance 16 mm."""
+    """Release delays of 200, 300 and 400 ms instead of 60 ms increase throw failures only.
+
+    At 45 mm/s the cups are 6, 11 and 15 mm ahead; the tolerance is 16 mm.
+    """
     late = [undisturbed(), *(pooled(release_delay=delay) for delay in (20, 30, 40))]
     assert all(trials.pick == late[0].pick and trials.carry == late[0].carry for trials in late)
     assert all(later.throw > sooner.throw for sooner, later in pairwise(late))
