@@ -187,7 +187,7 @@ class TestLostSteps:
 
     @pytest.mark.parametrize(("share", "loses"), [(1.0, False), (0.6, False), (0.2, True)])
     def test_a_weak_motor_loses_steps_in_its_ramp_and_then_follows_the_drive(self, share: float, loses: bool) -> None:
-        """A ramp takes 14.75 kg * 4 m/s2 + 15 N = 74 N; at 0.2 m/s the motor has 180 N / (1 + (0.2 / 0.6)^2) = 162 N."""
+        """A ramp needs 14.75 kg * 4 m/s2 + 15 N = 74 N; the limit at 0.2 m/s is 180 N / (1 + (0.2 / 0.6)^2) = 162 N."""
         rig, conveyor = make_conveyor()
         conveyor.params["holds_n"] *= share
         rig.run(2_000, *FORWARD)
