@@ -40,7 +40,7 @@ RETRY_S = 0.5
 REMIND_S = 5.0
 """Interval between messages that the field I/O does not respond, s."""
 SWITCH_INTERVAL_S = 0.0005
-"""Thread switch interval, s: longest wait of the scan for another thread; one tenth of Python's default."""
+"""Thread switch interval, s: maximum time that the scan waits for another thread; one tenth of Python's default."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -209,9 +209,9 @@ class Mirror(Plc):
     """PLC with the running program that also passes all inputs to a PLC with the exported program.
 
     Attributes:
-        found: Differences in all instances. They are collected because a runtime would treat an exception as a scan
+        found: Differences across all instances. They are collected because a runtime would treat an exception as a scan
             fault.
-        compared: Number of compared scans in all instances.
+        compared: Number of compared scans across all instances.
     """
 
     found: ClassVar[list[str]] = []

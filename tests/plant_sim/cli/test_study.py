@@ -59,7 +59,7 @@ def nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_study_is_printed_and_written(own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The text goes to stdout, progress and file names to stderr; the report names the command that reproduces it."""
+    """The text goes to stdout, progress and file names go to stderr; the report names the command to reproduce it."""
     out = tmp_path / "out"
     assert study("own", str(own), "--workers", "1", "--seed", "4", "--out", str(out)) == 0
     printed = capsys.readouterr()

@@ -178,7 +178,7 @@ def stop_over_standing_cups(twin: Twin, side: Side) -> None:
 
 
 def homing_after(step: str, into_ms: int, *, discard: bool = False) -> Act:
-    """Return an action that stops in emergency some time into a step of row 2, clears the stop, and starts homing."""
+    """Return an action that presses the emergency stop some time into a step of row 2, clears it and starts homing."""
 
     def act(twin: Twin, side: Side) -> None:
         run_to(step)(twin, side)

@@ -153,7 +153,7 @@ def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: floa
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("limit_ms", LIMITS_MS)
 def test_a_detected_overrun_stops_the_machine_before_any_damage(limit_ms: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a brake, the arm leaves its switch band before clamping: alarm, Held, no stem touched."""
+    """Without a brake, the arm leaves its switch band before clamping; an alarm holds the machine in time."""
     monkeypatch.setattr(complete_trial, "TRAY_LIMIT_MS", limit_ms)
     report, _ = trial(1, {"slide.brake_n": 0.0})
     assert not report.completed
@@ -177,7 +177,10 @@ def test_a_leaking_check_valve_stops_the_machine_before_any_damage(
 
 @pytest.mark.parametrize("delays", first_of([((30, 40),), ((20, 30, 40),)]))
 def test_late_release_increases_throw_failures_only(delays: tuple[int, ...]) -> None:
-    """With delays of 200, 300, 400 ms instead of 60, at 45 mm/s the cups are 6, 11, 15 mm ahead; tolerance 16 mm."""
+    """Release delays of 200, 300 and 400 ms instead of 60 ms increase throw failures only.
+
+    At 45 mm/s the cups are 6, 11 and 15 mm ahead; the tolerance is 16 mm.
+    """
     late = [undisturbed(), *(pooled(release_delay=delay) for delay in delays)]
     assert all(trials.pick == late[0].pick and trials.carry == late[0].carry for trials in late)
     assert all(later.throw > sooner.throw for sooner, later in pairwise(late))

@@ -407,7 +407,7 @@ def test_the_watchdog_switches_outputs_off_when_the_controller_is_killed_or_hang
 
 
 def test_the_live_run_is_stopped_by_ctrl_c_in_order() -> None:
-    """Ctrl-C ends controller and plant of a live run cleanly: outputs written safe, ports released."""
+    """Ctrl-C ends controller and plant of a live run cleanly: safe outputs are written and the ports are released."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
     command = [
@@ -443,7 +443,7 @@ def test_a_retentive_memory_is_locked_by_its_controller(tmp_path: Path) -> None:
 
 
 def test_sigterm_ends_the_live_run_with_its_children() -> None:
-    """After SIGTERM to a live run, no process listens on the port any more."""
+    """After SIGTERM to a live run, no process is listening on the port."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
     command = [sys.executable, "-m", "plant_sim", "run", "--port", str(port), "--hmi-port", "0", "--no-panel"]

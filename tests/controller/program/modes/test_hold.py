@@ -183,7 +183,7 @@ def test_complete_as_both_arms_leave_feed_transplants_both_rows() -> None:
 
 @pytest.mark.parametrize("step", ["lift from row", "lower over cups"])
 def test_abort_switches_every_coil_off_in_its_scan_and_clear_ends_it(step: str) -> None:
-    """Abort leads to Aborted without an emergency stop; clear, home and start resume without losses."""
+    """Abort leads to Aborted without an emergency stop; clear, home and start resume work without losses."""
     twin = in_row_1("right", step)
     twin.run_for(100)
     twin.command("abort")

@@ -198,7 +198,8 @@ def test_a_store_that_hangs_is_a_store_fault() -> None:
 
 
 def test_cups_are_not_counted_by_the_loss_and_return_of_the_link() -> None:
-    """While the tractor is at rest with the flag under the sensor, link losses count no cup."""
+    """While the tractor is at rest with the flag under the sensor, the loss of the link does not cause a cup to be
+    counted."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     counter = tags_of(twin, "left").cup_counter.value

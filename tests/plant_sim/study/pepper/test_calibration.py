@@ -78,7 +78,7 @@ def test_the_nominal_motion_is_the_motion_of_the_twin(motion: NominalMotion) -> 
 
 
 def test_foam(motion: NominalMotion) -> None:
-    """Up to 7.5 mm there are few P and many D; from 15 mm on, more P and far fewer D; T hardly changes."""
+    """Up to 7.5 mm there are few P and many D; from 15 mm on there are more P and far fewer D; T hardly changes."""
     foam = courses(SPEC, motion).foam
     p, d, t = (percent(foam, name) for name in "PDT")
     assert p[:3].max() < min(3.5, p[4])
@@ -91,7 +91,7 @@ def test_foam(motion: NominalMotion) -> None:
 
 
 def test_age(motion: NominalMotion) -> None:
-    """Up to 43 d P and D are high; from 52 d on both fall further. The 9 points that eq. 5 loses there are all T."""
+    """Up to 43 d P and D are high; from 52 d on both fall further. The drop of 9 points in eq. 5 there is due to T."""
     age = courses(SPEC, motion).age
     p, d, t = (percent(age, name) for name in "PDT")
     assert (p[:2] > 1.5 * p[4]).all()

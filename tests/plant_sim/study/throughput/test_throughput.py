@@ -197,7 +197,7 @@ def test_the_recommendation_agrees_with_the_trials() -> None:
 
 
 def test_the_report_contains_recommendation_cause_and_bottleneck() -> None:
-    """The other arm in the centre causes the first gaps; the slide accounts for most of that path."""
+    """The other arm in the centre causes the first gaps; the slide accounts for most of the critical path."""
     found = study()
     bottleneck = json.loads(found.json())["bottlenecks"]["without-tray-change"]
     assert (bottleneck["device"], bottleneck["row"]) == ("slide", 3)
