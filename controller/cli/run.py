@@ -146,7 +146,7 @@ def run(options: argparse.Namespace) -> int:
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
     print(
-        f"stopped, outputs {'written safe' if figures.outputs_safe else 'NOT written: no response from the field'}; "
+        f"stopped, outputs {'set to their safe levels' if figures.outputs_safe else 'NOT written: no response from the field'}; "
         f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
         f"longest {figures.longest_ms} ms",
         file=sys.stderr,

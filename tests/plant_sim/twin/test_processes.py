@@ -228,7 +228,7 @@ def test_a_controller_without_a_plant_reports_it_and_retries(tmp_path: Path) -> 
             assert json.loads(waiting.stdout.readline())["state"] == State.STOPPED
             waiting.send_signal(signal.SIGINT)
             _, errors = waiting.communicate(timeout=LIMIT_S)
-            assert "outputs written safe" in errors
+            assert "outputs set to their safe levels" in errors
         assert waiting.returncode == 0
     finally:
         waiting.kill()
@@ -426,7 +426,7 @@ def test_the_live_run_is_stopped_by_ctrl_c_in_order() -> None:
         live.kill()
         live.communicate()
     assert live.returncode == 130
-    assert "outputs written safe" in errors
+    assert "outputs set to their safe levels" in errors
     assert "Traceback" not in errors
     with socket.create_server(("127.0.0.1", port)):
         pass
@@ -458,7 +458,7 @@ def test_sigterm_ends_the_live_run_with_its_children() -> None:
     finally:
         live.kill()
         live.communicate()
-    assert "outputs written safe" in errors
+    assert "outputs set to their safe levels" in errors
     with socket.create_server(("127.0.0.1", port)):
         pass
 
