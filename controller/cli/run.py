@@ -145,8 +145,9 @@ def run(options: argparse.Namespace) -> int:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
+    outputs = "set to their safe levels" if figures.outputs_safe else "NOT written: no response from the field"
     print(
-        f"stopped, outputs {'set to their safe levels' if figures.outputs_safe else 'NOT written: no response from the field'}; "
+        f"stopped, outputs {outputs}; "
         f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
         f"longest {figures.longest_ms} ms",
         file=sys.stderr,
