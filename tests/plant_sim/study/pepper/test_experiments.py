@@ -91,6 +91,14 @@ def no_chance(monkeypatch: pytest.MonkeyPatch) -> Expected:
     return stand_in
 
 
+@cache
+def typical(study: Callable[[RunOptions], Study]) -> Study:
+    """Return a study without random scatter, run once for all tests that only read it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runner, "run_trial", expected())
+        return study(OPTIONS)
+
+
 def tables(study: Study) -> dict[str, Table]:
     return {part.name: part for part in study.parts if isinstance(part, Table)}
 
@@ -188,7 +196,7 @@ def test_an_incomplete_trial_is_reported_and_changes_no_figure(
     monkeypatch: pytest.MonkeyPatch, no_chance: Expected, study: Callable[[RunOptions], Study], run: int
 ) -> None:
     """The trial is at the first or the last setting; the last one is the verification of the orthogonal test."""
-    usual = study(OPTIONS)
+    usual = typical(study)
     breaking(monkeypatch, no_chance, {trial_seed(5, run - 1, 1)})
     found = study(OPTIONS)
     assert f"1 of 42 trials did not complete; they are excluded. run {run}: jammed." in found.text()
@@ -232,7 +240,7 @@ def test_single_runs_the_levels_of_the_paper_with_different_seeds(no_chance: Exp
 
 def test_single_lists_every_share_of_every_level(no_chance: Expected) -> None:
     """The record and the tables contain the same values."""
-    study = single_study(OPTIONS)
+    study = typical(single_study)
     record = json.loads(study.json())
     for name, levels in LEVELS.items():
         for level, row, run_json in zip(levels, tables(study)[f"single-{name}"].rows, record[name], strict=True):
@@ -258,12 +266,12 @@ def test_single_lists_every_share_of_every_level(no_chance: Expected) -> None:
             assert low < run_json["S"] < high
 
 
-def test_verdicts_on_all_statements_without_random_scatter(no_chance: Expected) -> None:
+def test_verdicts_on_all_statements_without_random_scatter() -> None:
     """All but two statements hold for the expected failure rates and 144000 seedlings per level.
 
     Throw failures rise with the foam, from 0.1 to 2.7 %, and carry failures never fall with the pressure.
     """
-    study = single_study(OPTIONS)
+    study = typical(single_study)
     for name, sentences in STATEMENTS.items():
         rows = tables(study)[f"words-{name}"].rows
         assert [row[0] for row in rows] == [each.text for each in sentences]
@@ -272,8 +280,8 @@ def test_verdicts_on_all_statements_without_random_scatter(no_chance: Expected) 
         assert {row[3] for row in rows} <= {"yes", "no"}
 
 
-def test_single_reports_the_limitations_of_its_figures(no_chance: Expected) -> None:
-    text = single_study(OPTIONS).text()
+def test_single_reports_the_limitations_of_its_figures() -> None:
+    text = typical(single_study).text()
     beyond = sum(CropSpec(*level).extrapolates for levels in LEVELS.values() for level in levels)
     assert f"{beyond} of 21 settings are outside the paper's orthogonal test" in text
     assert "In 2 settings the compressor pressure is raised" in text
@@ -282,9 +290,9 @@ def test_single_reports_the_limitations_of_its_figures(no_chance: Expected) -> N
     assert "2 trials of 72000 seedlings at each level" in text
 
 
-def test_single_shows_that_equation_5_and_the_statements_are_consistent(no_chance: Expected) -> None:
+def test_single_shows_that_equation_5_and_the_statements_are_consistent() -> None:
     """Success falls by 8.9 points from 52 to 58 d because throw failures rise more than the others fall."""
-    study = single_study(OPTIONS)
+    study = typical(single_study)
     young, old = (json.loads(study.json())["age"][place] for place in (4, 6))
     fallen = old["F_p"] + old["F_d"] - young["F_p"] - young["F_d"]
     risen = old["F_t"] - young["F_t"]
@@ -448,9 +456,9 @@ def test_rsm_runs_table_4_and_the_verification(no_chance: Expected) -> None:
     assert list(raised) == pytest.approx([0.64825])
 
 
-def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper(no_chance: Expected) -> None:
+def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper() -> None:
     """The optima agree within 1 mm, 2 d and 0.03 MPa, the coefficients within 1 point; success is about equal."""
-    study = rsm_study(OPTIONS)
+    study = typical(rsm_study)
     record = json.loads(study.json())
     twin, paper = record["optimum"], record["paper_optimum"]
     off = np.abs(np.subtract(twin["natural"], paper["natural"]))
@@ -465,9 +473,9 @@ def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper(no_
     assert f"by {shift[0]:+.2f} mm, {shift[1]:+.2f} d and {shift[2]:+.3f} MPa." in study.text()
 
 
-def test_rsm_compares_paper_refit_and_twin(no_chance: Expected) -> None:
+def test_rsm_compares_paper_refit_and_twin() -> None:
     """Every table contains the figures of the record under the right heading."""
-    study = rsm_study(OPTIONS)
+    study = typical(rsm_study)
     record, found = json.loads(study.json()), tables(study)
     assert list(found) == ["runs", "coefficients", "anova", "optimum", "verification"]
     assert pictures(study) == {"success-contours", "success-runs"}
@@ -490,9 +498,9 @@ def test_rsm_compares_paper_refit_and_twin(no_chance: Expected) -> None:
     )
 
 
-def test_rsm_reports_the_uncertainty_of_its_optimum(no_chance: Expected) -> None:
+def test_rsm_reports_the_uncertainty_of_its_optimum() -> None:
     """The prediction interval ends at 100 %, and the location is within the search range."""
-    study = rsm_study(OPTIONS)
+    study = typical(rsm_study)
     optimum = json.loads(study.json())["optimum"]
     low, high = optimum["prediction_interval_95"]
     assert low < optimum["S"] < high <= 100
@@ -524,10 +532,8 @@ def test_an_optimum_above_100_percent_is_reported(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("study", [single_study, rsm_study])
-def test_the_record_contains_seed_setting_and_result_of_every_trial(
-    no_chance: Expected, study: Callable[[RunOptions], Study]
-) -> None:
-    record = json.loads(study(OPTIONS).json())
+def test_the_record_contains_seed_setting_and_result_of_every_trial(study: Callable[[RunOptions], Study]) -> None:
+    record = json.loads(typical(study).json())
     if study is rsm_study:
         runs = [*record["runs"], record["verification"]]
     else:
@@ -544,9 +550,9 @@ def test_the_record_contains_seed_setting_and_result_of_every_trial(
         assert low <= run["F_p"] <= high
 
 
-def test_single_reports_contradicted_statements_first(no_chance: Expected) -> None:
+def test_single_reports_contradicted_statements_first() -> None:
     """The verdicts beside the statements, in the record and at the top are the same."""
-    study = single_study(OPTIONS)
+    study = typical(single_study)
     recorded = {
         (name, each["words"]): each["verdict"]
         for name, sentences in json.loads(study.json())["sentences"].items()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -146,6 +147,7 @@ def test_at_90_per_minute_gaps_remain_in_the_settled_state() -> None:
     pace = paces()(90)
     assert pace.completes
     assert pace.settled_missed_cups > 1
+    assert replace(pace, runs=2 * pace.runs).settled_missed_cups == pace.settled_missed_cups, "per tray of all runs"
     for changes_tray in (False, True):
         found = first_late({45: paces()(45), 90: pace}, changes_tray=changes_tray)
         assert found is not None
