@@ -24,7 +24,7 @@ from plant_sim.links.serve import serve
 from plant_sim.machine.plant import Plant
 
 MAX_PLANTING_FREQUENCY_PER_MIN = 300.0
-"""Highest planting frequency, cups per minute and row."""
+"""Highest planting frequency, cups per minute per row."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="permit a --host that other computers can reach; Modbus has no password",
     )
     parser.add_argument(
-        "--planting-frequency", type=float, default=None, help="cups per minute and row; 0 = tractor stationary"
+        "--planting-frequency", type=float, default=None, help="cups per minute per row; 0 = tractor stationary"
     )
     add_fault_arguments(parser)
     add_record_argument(parser)

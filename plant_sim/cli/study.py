@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frequencies",
         metavar="LIST",
-        help="with throughput: planting frequencies, plants per minute and row, e.g. 20..90/10 or 20,30,45",
+        help="with throughput: planting frequencies, plants per minute per row, e.g. 20..90/10 or 20,30,45",
     )
     parser.add_argument("--workers", type=int, metavar="N", help="parallel processes (default: one per core)")
     parser.add_argument("--machine", type=Path, metavar="FILE", help="parameters of the machine")

@@ -171,7 +171,7 @@ TELEMETRY = (
         20,
         1,
         0.1,
-        "cups per minute and row",
+        "cups per minute per row",
         lambda m: m.plant.planting_frequency_per_min,
     ),
     TelemetryPoint("watchdog_state", 21, 1, 1, "0 unarmed, 1 armed, 2 tripped", lambda m: m.watchdog_state),

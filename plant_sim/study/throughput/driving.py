@@ -31,7 +31,7 @@ class FrequencyResult:
     """Result of the trials at one planting frequency.
 
     Attributes:
-        frequency_per_min: The frequency, cups per minute and row.
+        frequency_per_min: The frequency, cups per minute per row.
         setting: Factor setting for the frequency.
         trials: Trial reports.
     """

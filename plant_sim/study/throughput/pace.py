@@ -105,7 +105,7 @@ class CyclePace:
     """Pace of the arms at a planting frequency.
 
     Attributes:
-        frequency_per_min: The frequency, cups per minute and row.
+        frequency_per_min: The frequency, cups per minute per row.
         runs: Runs with different seeds and start positions of the cups.
     """
 

@@ -88,7 +88,7 @@ def _advice_parts(result: ThroughputResult) -> list[Part]:
     text = (
         f"With {100 * spacing_m:g} cm between plants{' (assumed)' if result.is_assumed else ''}, drive up to "
         f"{ground_speed_km_h(top.frequency_per_min, spacing_m):.2f} km/h: {top.frequency_per_min} plants per minute "
-        f"and row{beyond}, without a gap in {counted(len(top.trials), 'trial')} of {top.trials[0].seedlings} "
+        f"per row{beyond}, without a gap in {counted(len(top.trials), 'trial')} of {top.trials[0].seedlings} "
         f"seedlings. With a margin of {100 * MARGIN:g} %: "
         f"{ground_speed_km_h(safe.frequency_per_min, spacing_m):.2f} km/h, {safe.frequency_per_min} per minute; each "
         f"arm then waits at least {_least_wait_s(safe):.1f} s for its cups, on average."
@@ -280,7 +280,7 @@ def _curves(points: Sequence[FrequencyResult], paces: CyclePaces) -> Figure:
         air.plot(frequencies, [each.air_l_min for each in points], "o-", color=SERIES[5], markersize=3)
         air.set_ylabel("air, L/min ANR")
         for axes in (success, gaps, air):
-            axes.set_xlabel("planting frequency, 1/min and row")
+            axes.set_xlabel("planting frequency, 1/min per row")
             axes.grid()
     return figure
 

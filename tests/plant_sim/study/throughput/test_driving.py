@@ -104,7 +104,7 @@ def test_the_recommendation_contains_speeds_margin_and_the_shortest_wait() -> No
     fast, slow = (FrequencyResult(each, FactorSetting({}), (trial(), trial())) for each in (50, 45))
     text = advice_text(result_with(Advice(fast, slow)))
     assert text.startswith(
-        "With 40 cm between plants (assumed), drive up to 1.20 km/h: 50 plants per minute and row, without a gap in "
+        "With 40 cm between plants (assumed), drive up to 1.20 km/h: 50 plants per minute per row, without a gap in "
         "2 trials of 36 seedlings. With a margin of 10 %: 1.08 km/h, 45 per minute; each arm then waits at least 2.0 s "
         "for its cups"
     )
@@ -116,7 +116,7 @@ def test_the_recommendation_contains_speeds_margin_and_the_shortest_wait() -> No
 
 def test_the_recommendation_reports_gaps_at_the_start_and_the_end_of_the_search() -> None:
     fast, slow = (FrequencyResult(each, FactorSetting({}), (trial(),)) for each in (90, 81))
-    assert "90 plants per minute and row (the highest frequency tested), without a gap in 1 trial of 36" in advice_text(
+    assert "90 plants per minute per row (the highest frequency tested), without a gap in 1 trial of 36" in advice_text(
         result_with(Advice(fast, slow), without_gap=90)
     )
     slower = FrequencyResult(50, FactorSetting({}), (trial(),))
