@@ -26,12 +26,12 @@ CODE = re.compile(r"(^ *```.*?^ *```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
 
 
 def place(path: str) -> str:
-    """Return where the site has a file of the repository."""
+    """Return the path of a repository file in the site."""
     return path.removeprefix("docs/") if path.startswith("docs/") else BELOW + path
 
 
 def targets(path: str) -> list[str]:
-    """Return the files of the repository that a page outside code links to."""
+    """Return the files of the repository that a page links to, except within code."""
     text = "".join(CODE.split((ROOT / path).read_text(encoding="utf-8"))[::2])
     links = [match["target"].partition("#")[0] for match in LINK.finditer(text)]
     local = [link for link in links if link and "://" not in link]
@@ -70,7 +70,7 @@ def indented(markdown: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
-    """Rewrite links that cross the border of docs/."""
+    """Rewrite links that cross the boundary of docs/."""
     uri = page.file.src_uri
     origin = uri.removeprefix(BELOW) if uri.startswith(BELOW) else f"docs/{uri}"
 

@@ -36,7 +36,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     name and other parameters, so that about half of the scenarios run on each.
     """
     for item in items:
-        if isinstance(item, pytest.Function) and _is_sampled(item.path) and not _is_chosen(item):
+        if isinstance(item, pytest.Function) and not _is_chosen(item) and _is_sampled(item.path):
             item.add_marker(pytest.mark.nightly)
 
 

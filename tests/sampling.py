@@ -13,7 +13,15 @@ def first_of(values: Iterable[object], count: int = 1) -> list[ParameterSet]:
         values: Parameters; a tuple holds the values of several arguments.
         count: Number of parameters that run by default.
     """
-    return [
-        pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=() if n < count else pytest.mark.nightly)
-        for n, value in enumerate(values)
-    ]
+    return [_parameter(value, by_default=n < count) for n, value in enumerate(values)]
+
+
+def one_in(every: int, values: Iterable[object]) -> list[ParameterSet]:
+    """Return parameters of which one in so many, from the first on, runs by default and the others nightly only."""
+    return [_parameter(value, by_default=n % every == 0) for n, value in enumerate(values)]
+
+
+def _parameter(value: object, *, by_default: bool) -> ParameterSet:
+    return pytest.param(
+        *(value if isinstance(value, tuple) else (value,)), marks=() if by_default else pytest.mark.nightly
+    )

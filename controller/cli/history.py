@@ -1,4 +1,4 @@
-"""Command ``history``: output of recorded rows as a table, CSV, JSON or Parquet, also while the controller runs."""
+"""Command ``history``: output of recorded rows as a table, CSV, JSON or Parquet, even while the controller runs."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ RETRY_S = 0.5
 REMIND_S = 5.0
 """Interval between messages that the field I/O does not respond, s."""
 SWITCH_INTERVAL_S = 0.0005
-"""Thread switch interval, s: longest wait of the scan for another thread; one tenth of Python's default."""
+"""Thread switch interval, s: maximum time that the scan waits for another thread; one tenth of Python's default."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,8 +145,9 @@ def run(options: argparse.Namespace) -> int:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
+    outputs = "set to their safe levels" if figures.outputs_safe else "NOT written: no response from the field"
     print(
-        f"stopped, outputs {'written safe' if figures.outputs_safe else 'NOT written: no response from the field'}; "
+        f"stopped, outputs {outputs}; "
         f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
         f"longest {figures.longest_ms} ms",
         file=sys.stderr,

@@ -178,7 +178,7 @@ def _cached(text: str) -> Path | None:
 
 @cache
 def _folder() -> Path | None:
-    """Return the writable folder of object files for this processor and this LLVM, or None."""
+    """Return the writable folder of object files for this processor and this LLVM version, or None."""
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_host_cpu_name()} {_features()}"
     version += f" {OPTIMISATION_LEVEL}"
     try:

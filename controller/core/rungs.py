@@ -136,7 +136,7 @@ class Count:
 
 @dataclass(frozen=True, slots=True)
 class Mov:
-    """MOV: copy a constant or a word to a data register in every driven scan."""
+    """MOV: copy a constant or a word to a data register in every scan in which the instruction is driven."""
 
     source: Word | int
     target: Word
@@ -151,7 +151,7 @@ class Mov:
 
 @dataclass(frozen=True, slots=True)
 class Inc:
-    """INC: add one in every driven scan; 32767 wraps to -32768. Drive it with a pulse."""
+    """INC: add one in every scan in which the instruction is driven; 32767 wraps to -32768. Drive it with a pulse."""
 
     target: Word
     when: Expr

@@ -1,4 +1,4 @@
-"""History queries: rows for a panel, pages for an export. They also work while a controller writes the history.
+"""History queries: rows for a panel, pages for an export. They also work while a controller is writing the history.
 
 A reader holds a transaction only for one answer or one page, so that the writer can always checkpoint its write-ahead
 log.

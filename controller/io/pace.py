@@ -14,7 +14,7 @@ FLAT_OUT: Final = 65_535
 """Unlimited pace: as fast as the computer permits."""
 
 _MAX_BACKLOG_S: Final = 0.2
-"""Longest delay that is caught up, s; the excess of a longer delay on a busy computer is dropped."""
+"""Longest delay that is made up, s; on a busy computer the excess of a longer delay is dropped."""
 
 
 class PaceError(ValueError):
@@ -22,7 +22,7 @@ class PaceError(ValueError):
 
 
 class Pace:
-    """Speed of simulated time in percent of real time; thread-safe.
+    """Speed of simulated time as a percentage of real time; thread-safe.
 
     Attributes:
         percent: 0 = paused, 100 = real time, `FLAT_OUT` = unlimited.

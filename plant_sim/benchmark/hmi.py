@@ -77,7 +77,7 @@ class HmiFigures:
         reference_many_per_s: Read requests answered by the pymodbus server over eight connections, 1/s.
         memory_before_mb: Resident memory of the controller before the mutated frames and the connections, MB.
         memory_after_mb: Resident memory of the controller after them and one more successful request, MB.
-        frames_answered: Number of complete mutated frames, all answered.
+        frames_answered: Number of complete mutated frames; all were answered.
     """
 
     bare_p99_ms: float

@@ -113,7 +113,7 @@ class Grip:
         """Apply the latest motion of arm or tray to the seedlings.
 
         Args:
-            pose: Present pose of the arm.
+            pose: Current pose of the arm.
         """
         if self._closed and pose.free:
             self._closed = self.slipped = False

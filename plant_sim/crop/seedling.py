@@ -38,7 +38,7 @@ class Seedling:
         column: Column in the tray, 0 at the left.
         along: Cell in the column, 0 at the front edge; also the number of the claw that picks it.
         traits: Individual deviations.
-        location: Present location.
+        location: Current location.
     """
 
     __slots__ = ("along", "column", "location", "traits", "tray")

@@ -67,7 +67,7 @@ class Sweep:
         """Detect collisions caused by the latest motion of arm or tray.
 
         Args:
-            pose: Present pose of the arm.
+            pose: Current pose of the arm.
         """
         was_low = self.low
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m

@@ -59,7 +59,7 @@ CONVEYOR_PARAMS = np.dtype(
 )
 """Parameters, all referred to the belt.
 
-`cycle_m` is the travel of four full steps, the period of the motor force; `holds_n` decreases to half at `half_m_s`.
+`cycle_m` is the travel of four full steps, the period of the motor force; `holds_n` is halved at `half_m_s`.
 `stop_m` is the limit of backward motion.
 """
 
@@ -72,7 +72,7 @@ class ConveyorSpec:
         speed_m_s: Belt speed, m/s.
         acceleration_m_s2: Acceleration and deceleration of the drive, m/s2.
         torque_nm: Torque at which the motor loses steps at standstill, N m.
-        half_torque_m_s: Belt speed at which this torque has decreased to half, m/s.
+        half_torque_m_s: Belt speed at which this torque is halved, m/s.
         step_deg: Full step of the motor, degrees.
         gear_ratio: Motor turns per drum turn.
         drum_m: Diameter of the drum, m.

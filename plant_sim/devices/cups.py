@@ -184,7 +184,7 @@ class Cups(View):
 
     @property
     def planting_frequency_per_min(self) -> float:
-        """Cups per minute at the present set-point of the tractor speed, 0 at standstill; may be set at any time."""
+        """Cups per minute at the current set-point of the tractor speed, 0 at standstill; may be set at any time."""
         return self._frequency_per_min
 
     @planting_frequency_per_min.setter

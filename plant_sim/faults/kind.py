@@ -103,7 +103,7 @@ class FaultKind:
         faulty_value: Function that returns the changed value from the original value and the size.
         example: Example of a target.
         size: Size; None if the kind has no size.
-        permanent: True if the fault is set before the run and permanent.
+        permanent: True if the fault is set before the run and never ends.
     """
 
     name: str

@@ -27,7 +27,7 @@ class FaultSchedule:
     """
 
     def __init__(self, machine: FaultableMachine, faults: Iterable[Fault] = ()) -> None:
-        """Schedule faults; those that are due are activated at once.
+        """Schedule faults; those that are due are activated immediately.
 
         Args:
             machine: Machine in which they are injected.
@@ -51,7 +51,7 @@ class FaultSchedule:
         return [each.fault for each in self._active]
 
     def add(self, fault: Fault) -> None:
-        """Schedule another fault; if it is due, it is activated at once.
+        """Schedule another fault; if it is due, it is activated immediately.
 
         Raises:
             FaultError: The machine has no such part, another fault changes the same value at the same time, or the

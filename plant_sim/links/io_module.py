@@ -89,7 +89,7 @@ class IoModule:
         return list(self._outputs)
 
     def inputs(self) -> list[bool]:
-        """Return the present raw X image."""
+        """Return the current raw X image."""
         return self.plant.x
 
     def write_outputs(self, first: int, levels: Sequence[bool]) -> None:

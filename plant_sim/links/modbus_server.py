@@ -12,7 +12,7 @@ authentication, so the server listens on the loopback address by default.
 
 Plant time advances in one of two modes. *Real time*: in ticks of 5 ms by the wall clock. *Lock step*:
 by a fixed time at each completed write of the Y block and at no other time. In lock step a trial over
-real sockets is deterministic and independent of the speed of the computers.
+real sockets is deterministic and independent of computer speed.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class PlantServer:
             port: TCP port; 0 selects a free port.
             lock_step_ms: Plant time per completed write of the Y block, ms; None for real time.
             allow_remote: True permits an address that other computers can reach.
-            max_connections: Maximum number of connections; further ones are closed at once.
+            max_connections: Maximum number of connections; further ones are closed immediately.
             idle_timeout_s: Time without a request after which a connection is closed, s.
 
         Raises:
@@ -145,7 +145,7 @@ class PlantServer:
             for _ in range(pacer.ticks_due(elapsed_ms)):
                 if not self._advance(pacer.tick_ms):
                     return
-                await asyncio.sleep(0)  # serves clients while catching up
+                await asyncio.sleep(0)  # serves clients while making up a delay
             deadline_s = start_s + pacer.next_deadline_ms / 1_000
             await asyncio.sleep(max(0.0, deadline_s - loop.time()))
 

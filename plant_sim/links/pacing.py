@@ -4,10 +4,10 @@ from __future__ import annotations
 
 
 class Pacer:
-    """Schedule of ticks by which plant time follows elapsed time, which the caller specifies.
+    """Schedule of ticks by which plant time follows elapsed time, which the caller supplies.
 
-    Delays are caught up, by at most `catch_up_ms` at once. The excess is dropped and counted, so that
-    plant time does not run too fast after the computer was suspended.
+    Delays are made up, at most `catch_up_ms` at a time. The excess is dropped and counted, so that plant time does
+    not run too fast after the computer has been suspended.
 
     >>> pacer = Pacer(tick_ms=5, catch_up_ms=200)
     >>> pacer.ticks_due(4), pacer.ticks_due(5), pacer.ticks_due(17)
@@ -25,7 +25,7 @@ class Pacer:
 
         Args:
             tick_ms: Length of a tick, ms.
-            catch_up_ms: Maximum plant time released at once, ms.
+            catch_up_ms: Maximum plant time released at a time, ms.
 
         Raises:
             ValueError: `tick_ms` is not positive, or exceeds `catch_up_ms`.

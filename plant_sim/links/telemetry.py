@@ -40,7 +40,7 @@ class TelemetryPoint:
     may_be_none: bool = False
 
     def encode(self, module: IoModule) -> list[int]:
-        """Encode the present value as registers."""
+        """Encode the current value as registers."""
         value = self.read(module)
         span = 1 << 16 * self.words
         if value is None:
@@ -66,7 +66,7 @@ class TelemetryPoint:
 
 
 def encode_telemetry(module: IoModule) -> list[int]:
-    """Return all present input registers from register 0."""
+    """Return all current input registers from register 0."""
     return [register for point in TELEMETRY for register in point.encode(module)]
 
 

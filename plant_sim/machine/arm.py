@@ -199,7 +199,7 @@ class ArmPlant:
             self._sweep.step(self._pose)
 
     def _sync(self) -> None:
-        """Adopt the present state without evaluating the motion that led to it."""
+        """Adopt the current state without evaluating the motion that led to it."""
         pose, freed_s = self._pose, float(self._state["freed_s"])
         pose.update(
             self.slide.x_m,

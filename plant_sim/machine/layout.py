@@ -11,7 +11,7 @@ class LayoutSpec:
 
     Attributes:
         row_spacing_m: Distance between the planting rows, m.
-        arms_may_meet_in_plant: True if both arms fit inward of pick 2 at once.
+        arms_may_meet_in_plant: True if both arms fit inward of pick 2 at the same time.
     """
 
     row_spacing_m: float

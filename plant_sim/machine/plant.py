@@ -167,7 +167,7 @@ class Plant:
 
     @property
     def planting_frequency_per_min(self) -> float:
-        """Cups per minute per row at the present set-point of the tractor speed; may be set at any time."""
+        """Cups per minute per row at the current set-point of the tractor speed; may be set at any time."""
         return self.left.cups.planting_frequency_per_min
 
     @planting_frequency_per_min.setter

@@ -113,7 +113,7 @@ class Recorder:
         self.close()
 
     def sample(self) -> None:
-        """Record the present state unless the previous sample is too recent; no effect once closed.
+        """Record the current state unless the previous sample is too recent; no effect once closed.
 
         Raises:
             RecordingError: A group of rows is due and cannot be written.

@@ -36,7 +36,7 @@ class Lane:
     """One lane of the diagram.
 
     Attributes:
-        label: Label at the axis.
+        label: Label on the axis.
         colour: Colour.
         kind: ``coil``, ``sensor``, ``step`` (one step of a sequence), ``text`` or ``mark`` (an alarm or a fault).
         spans: Intervals in which the lane is on, or intervals of the texts, s.

@@ -128,7 +128,7 @@ def command_line(study: str, file: Path | None = None, **options: object) -> str
 
 
 def trial_record(report: TrialReport) -> dict[str, object]:
-    """Return a JSON record with the data for reproducing a trial and with its seedling counts."""
+    """Return a JSON record of the seedling counts of a trial and the data needed to reproduce it."""
     names = ("seed", "completed", "reason", "seedlings", "in_cups", "P", "D", "T", "missed_cups")
     return {name: getattr(report, name) for name in names}
 

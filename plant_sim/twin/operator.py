@@ -42,7 +42,7 @@ class Operator:
         self._client.close()  # type: ignore[no-untyped-call]
 
     def press(self, button: str, for_ms: int = PRESS_MS) -> None:
-        """Press and release a button, and wait for the same time again, so that two presses remain distinct.
+        """Press and release a button, then wait for the same time, so that two presses remain distinct.
 
         The times are in plant time, regardless of the pace.
 

@@ -79,7 +79,7 @@ class Process:
     def stop(self) -> int:
         """Stop the process with SIGINT, or by force after a timeout; return its exit code.
 
-        A process that has not written any output has not started its work and is killed at once.
+        A process that has not written any output has not started its work and is killed immediately.
         """
         if self._process.poll() is None and not self._has_output:
             self._process.kill()
@@ -103,7 +103,7 @@ class Process:
 
 
 class Interrupts:
-    """Handler of Ctrl-C and SIGTERM while processes run: raises at once, and again at the next wait for events.
+    """Handler of Ctrl-C and SIGTERM while processes run: raises immediately, and again at the next wait for events.
 
     The interpreter discards an exception raised in a destructor. The second check makes sure that the request to stop
     is not lost.

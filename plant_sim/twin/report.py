@@ -70,9 +70,9 @@ class TrialReport:
         T: Throw failures (plugs that fall outside the cups at the release over them).
         S: Success, percent of all seedlings, eq. 1 of the paper. The rates are meaningful for a completed trial only;
             `record` and `text` omit those of an incomplete trial.
-        F_p: P in percent of all seedlings, eq. 2.
-        F_d: D in percent, eq. 3.
-        F_t: T in percent, eq. 4.
+        F_p: P as a percentage of all seedlings, eq. 2.
+        F_d: D as a percentage, eq. 3.
+        F_t: T as a percentage, eq. 4.
         intervals: 95 % confidence intervals of S, F_p, F_d and F_t, exact binomial, percent.
         cycles: Rows transplanted.
         cycle_time_s: Mean time of a cycle, s.

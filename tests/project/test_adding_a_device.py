@@ -13,6 +13,7 @@ from typing import Final
 
 import pytest
 
+from tests.machine_code import give_machine_code
 from tests.paths import DOCS, ROOT
 
 GUIDE: Final = (DOCS / "adding-a-device.md").read_text(encoding="utf-8")
@@ -63,7 +64,7 @@ def apply(block: str, root: Path) -> str:
 
 def run(root: Path, *arguments: str, timeout_s: float) -> str:
     """Run Python in a source tree and return its output; on failure, fail the test with that output."""
-    environment = {**os.environ, "PYTHONPATH": str(root)}
+    environment = {**os.environ, "PYTHONPATH": str(root), "NUMBA_CACHE_DIR": str(root.with_name("machine-code"))}
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=root,
@@ -89,6 +90,7 @@ def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
             target = root / name
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, target)
+    give_machine_code(root / "plant_sim", root.with_name("machine-code"))
     files = {apply(block, root) for block in blocks("diff")}
     assert len(files) <= SOURCE_FILES, sorted(files)
     (scenario,) = blocks("python")

@@ -42,10 +42,12 @@ def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 def imported(line: CommandLine) -> dict[str, set[str]]:
     """Return the optional modules that each command imports for its help text.
 
-    Each command runs in a fork of an interpreter that has imported only the table of commands.
+    Each command runs in a fork of an interpreter that has imported only the table of commands and two slow modules that
+    many commands of the plant import.
     """
     program = (
         "import json, os, sys\n"
+        f"{'import numba, numpy' if line is PLANT else ''}\n"
         f"from {line.package}.cli.main import COMMAND_LINE\n"
         "for name in COMMAND_LINE.commands:\n"
         "    if child := os.fork():\n"

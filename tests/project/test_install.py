@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 
 from controller.common.extras import EXTRAS
+from tests.machine_code import give_machine_code
 from tests.paths import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -186,6 +187,7 @@ def test_the_installed_wheel_runs_outside_the_tree_and_is_uninstalled_completely
     top = {path.name for path in site.iterdir()}
     assert top == {*PACKAGES, DIST_INFO}
     link = borrow_dependencies(environment)
+    give_machine_code(site / "plant_sim", environment.folder / "cache" / "seedling-transplanter")
     for script in SCRIPTS:
         assert environment.run(script, "--version").stdout == f"seedling-transplanter {PROJECT['version']}\n"
     program = "import json, sys, controller.iomap.loader as l, plant_sim.machine.parameters as p\n"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.machine_code import give_machine_code
 from tests.paths import DOCS
 
 ROOT = DOCS.parent
@@ -32,6 +33,7 @@ def checkout(tmp_path: Path) -> Path:
             shutil.copytree(source, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(source, tmp_path / name)
+    give_machine_code(tmp_path / "plant_sim", tmp_path / "machine-code")
     (tmp_path / path_of_the_guide()).write_text("\n\n".join(blocks("python")), encoding="utf-8")
     return tmp_path
 
@@ -59,7 +61,7 @@ def test_the_code_of_the_guide_passes_its_command(arguments: tuple[str, ...], ch
         [sys.executable, "-m", *arguments, path_of_the_guide()],
         check=False,
         cwd=checkout,
-        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(checkout)},
+        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(checkout), "NUMBA_CACHE_DIR": str(checkout / "machine-code")},
         capture_output=True,
         text=True,
         timeout=LIMIT_S,

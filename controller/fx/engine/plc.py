@@ -311,7 +311,7 @@ class FxPlc:
         self.memory.M[8004], self.memory.D[8004] = True, 8067
 
     def _transfer(self, target: int, sources: tuple[int, ...]) -> None:
-        """Set the destination at once; the sources are reset at END."""
+        """Set the destination immediately; the sources are reset at END."""
         self.memory.S[target] = True
         self._leaving |= set(sources)
         self._leaving.discard(target)

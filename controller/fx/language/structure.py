@@ -48,12 +48,12 @@ class _StructureCheck:
         blocks: Open blocks of the circuit.
         driven: Whether the circuit has reached an output.
         on_step: Whether an output may be connected directly to the bus of a step.
-        branches: Number of open MPS.
+        branches: Number of open MPS instructions.
         levels: Open levels of master control.
-        steps: Number of consecutive STL, 0 = not in a step.
+        steps: Number of consecutive STL instructions; 0 = not in a step.
         joining: Whether another STL would add a state to the current step.
-        loops: Number of open FOR.
-        main_end: Whether FEND was passed.
+        loops: Number of open FOR instructions.
+        main_end: Whether FEND has been passed.
         labels: Instruction of each label.
         subroutines: Labels after FEND.
         calls: Instructions that reference a label.

@@ -56,7 +56,7 @@ class HmiOptions:
         key: Key file of the certificate.
         clients: File with the certificate authorities of the clients; None disables client certificates.
         serial: Serial line for RTU in addition to TCP; None selects TCP only.
-        max_connections: Connection limit; further connections are closed at once.
+        max_connections: Connection limit; further connections are closed immediately.
         idle_timeout_s: Idle time after the last request before a connection is closed, s.
     """
 

@@ -1,4 +1,4 @@
-"""Repeated analysis of the printed pepper trial: Table 4 compared with the paper's equation, table and optimum.
+"""Reanalysis of the printed pepper trial: Table 4 compared with the paper's equation, table and optimum.
 
 Figures are from [P], sections 3.4 and 3.5; computed figures are marked as such.
 """

@@ -141,7 +141,7 @@ def _fluctuates(levels: Levels) -> Callable[[Course, str], Verdict]:
 
 
 def _unchanged(levels: Levels, others: Levels, other_shares: tuple[str, ...]) -> Callable[[Course, str], Verdict]:
-    """Return a judge that requires an insignificant change in the rate, small compared with those of other rates."""
+    """Return a judge that requires the change in a rate to be insignificant and small compared with those in others."""
     error = (1 - CONFIDENCE) / (1 + len(other_shares))
 
     def judge(course: Course, share: str) -> Verdict:

@@ -79,6 +79,7 @@ class Pair:
         self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
         self.fx = FxPlc(self.ladder, input_filter_ms=self.filter_ms)
         self._writes: dict[Bit | Word, int] = {}
+        self._states: list[bool] = []
 
     def write(self, device: Bit | Word, value: int) -> None:
         """Write a device in both PLCs before the next scan."""
@@ -107,7 +108,9 @@ class Pair:
         self.moving += True in soft
         self.tape.append((self._writes, now_ms, list(levels), soft))
         self._writes = {}
-        self.visited |= {name for number, name in STEPS if self.soft.memory.S[number]}
+        if self._states != self.soft.memory.S:
+            self._states = self.soft.memory.S.copy()
+            self.visited |= {name for number, name in STEPS if self._states[number]}
         if soft != fx:
             outputs = [f"Y{number:o}" for number in range(len(soft)) if soft[number] != fx[number]]
             raise Differs(
@@ -206,9 +209,9 @@ class Mirror(Plc):
     """PLC with the running program that also passes all inputs to a PLC with the exported program.
 
     Attributes:
-        found: Differences in all instances. They are collected because a runtime would treat an exception as a scan
+        found: Differences across all instances. They are collected because a runtime would treat an exception as a scan
             fault.
-        compared: Number of compared scans in all instances.
+        compared: Number of compared scans across all instances.
     """
 
     found: ClassVar[list[str]] = []

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from ast import literal_eval
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from types import CodeType
 from typing import Any, Final
@@ -58,8 +58,7 @@ class StProgram:
 
     def __init__(self, text: str) -> None:
         head, _, body = re.sub(r"\(\*.*?\*\)", "", text).rpartition("END_VAR\n")
-        (program,) = parsed(f"{head}END_VAR\nEND_PROGRAM\n").children
-        self.variables = {v.name: v for v in _declarations(program)}
+        self.variables = {v.name: v for v in _declared(f"{head}END_VAR\nEND_PROGRAM\n")}
         self._body = body.replace("END_PROGRAM\n", "")
 
     @cached_property
@@ -84,7 +83,7 @@ def _statements(body: str) -> list[str]:
 
 
 def _fold(statement: str) -> tuple[str, dict[str, str]]:
-    """Replace the parenthesised expressions of a statement with names; return the statement and the expressions.
+    """Replace parenthesised expressions and conditions of a statement with names; return statement and expressions.
 
     Parsing time grows faster than the length of the text, and most of these expressions differ only in variable names.
     """
@@ -102,24 +101,59 @@ def _fold(statement: str) -> tuple[str, dict[str, str]]:
     text, count = " ".join(statement.split()), 1
     while count:
         text, count = re.subn(r"(\w+)? ?\(([^()]*)\)", fold, text)
-    return text, pieces
+
+    def fold_condition(found: re.Match[str]) -> str:
+        name = f"bracket_{len(pieces)}"
+        pieces[name] = found[1]
+        return f"IF {name} THEN"
+
+    return re.sub(r"IF (.+?) THEN", fold_condition, text), pieces
 
 
 def _shape(statement: str) -> tuple[str, dict[str, str]]:
-    """Return a statement with short names, and the names that they replace.
+    """Return a statement with short names and other numbers, and the names and numbers that they replace.
 
     Parsing the text of the machine takes a minute. Short names reduce the length of the text, and statements that
-    differ only in their names are parsed once.
+    differ only in their names and numbers are parsed once.
     """
     numbers: dict[str, str] = {}
 
     def numbered(found: re.Match[str]) -> str:
         word = found[0]
+        if word.isdigit():
+            return numbers.setdefault(word, str(len(numbers)))
         short = SHORT[len(numbers)] if len(numbers) < len(SHORT) else f"n{len(numbers)}"
         return word if word in KEYWORDS else numbers.setdefault(word.lower(), short)
 
-    shape = re.sub(r"\b[A-Za-z_]\w*\b(?![(#])", numbered, " ".join(statement.split()))
+    shape = re.sub(r"(?<!#)\b(?:[A-Za-z_]\w*|\d+)\b(?![(#])", numbered, " ".join(statement.split()))
     return shape, {number: name for name, number in numbers.items()}
+
+
+def _declared(text: str) -> Iterator[Declaration]:
+    """Yield the declared variables of a text without statements.
+
+    Of the declarations of a section that differ only in name and number of the address, the first is parsed: parsing
+    all those of the machine takes seconds.
+    """
+    kept: list[str] = []
+    models: dict[str, str] = {}
+    found: list[tuple[str, str, str]] = []
+    section = ""
+    for line in text.splitlines():
+        if (declaration := re.fullmatch(r" +(\w+)(?: AT %(\w+?)([\d.]+))? (:.*)", line)) is None:
+            section = line
+            kept.append(line)
+            continue
+        name, area, number, rest = declaration.groups(default="")
+        shape = f"{section} {area} {rest}"
+        if shape not in models:
+            models[shape] = name.lower()
+            kept.append(line)
+        found.append((name.lower(), area + number, models[shape]))
+    (program,) = parsed("\n".join(kept) + "\n").children
+    parsed_ones = {declaration.name: declaration for declaration in _declarations(program)}
+    for name, place, model in found:
+        yield replace(parsed_ones[model], name=name, address=place)
 
 
 def _declarations(program: Tree[Any]) -> Iterator[Declaration]:
@@ -204,13 +238,13 @@ class _Python:
         assert name in FUNCTIONS or re.fullmatch(r"(D?INT|LINT)_TO_(D?INT|LINT)", name), name
         return name if name in FUNCTIONS else "int"
 
-    @staticmethod
-    def constant(literal: Tree[Any]) -> str:
+    def constant(self, literal: Tree[Any]) -> str:
         if literal.data in ("true", "false"):
             return str(literal.data).title()
         assert literal.data in ("integer_literal", "bit_string_literal"), literal.data
         number = literal.children[-1]
-        return str(int(str(number if isinstance(number, Token) else number.children[-1])))
+        value = str(int(str(number if isinstance(number, Token) else number.children[-1])))
+        return str(int(self._names.get(value, value)))
 
 
 def within(value: int, limit: int) -> int:

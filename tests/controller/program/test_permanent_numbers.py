@@ -37,7 +37,7 @@ def test_new_entries_take_numbers_that_were_never_used() -> None:
 
 
 def test_new_alarms_are_appended() -> None:
-    """A new alarm has a higher number than all listed alarms below S990, or than all listed alarms."""
+    """A new alarm follows all listed alarms below S990, and a new warning follows all listed alarms."""
     listed = read_list()
     numbers = [entry.number for entry in listed if entry.kind == "alarm"]
     last = max(number for number in numbers if number < WARNINGS_FROM)

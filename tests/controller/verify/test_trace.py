@@ -73,7 +73,7 @@ def test_trace_may_begin_with_retained_values() -> None:
 
 
 def test_fallback_trace_is_one_scan_from_a_state() -> None:
-    """If a goal is violated only in the third scan and the limit is two, the trace is one scan from a state."""
+    """If a goal is violated only in the third scan and the limit is two, the trace is a single scan from a state."""
     items = (
         Out(y(0), when=m(2) & t(0) & ~m(8002)),
         Out(m(2), when=m(1)),

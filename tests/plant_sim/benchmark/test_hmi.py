@@ -73,7 +73,7 @@ def test_clients_read_fifty_times_a_second_each(capsys: pytest.CaptureFixture[st
 
 
 def test_the_server_survives_malformed_frames_and_closed_connections(capsys: pytest.CaptureFixture[str]) -> None:
-    """Every complete frame has an answer, and the next client is served."""
+    """Every complete frame gets an answer, and the next client is served."""
     with HmiRig() as rig:
         hmi_load.malformed(rig.server.port, 400, 60, seed=3)
         answered = last_report(capsys)["answered"]
@@ -124,7 +124,7 @@ def test_the_text_contains_every_figure() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(300)
 def test_complete_benchmark_with_real_processes() -> None:
-    """After a short run, all figures are present, all clients have received answers, and all browsers events."""
+    """After a short run, all figures are present; each client has received answers and each browser events."""
     figures = HmiFigures(
         **measure_punctuality(waits_s=1, quiet_s=1, loaded_s=2), **measure_service(frames=500, connections=200)
     )

@@ -265,7 +265,7 @@ def test_a_plug_falls_for_its_time() -> None:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.010, 0.100])
 def test_a_plug_meets_the_cups_at_their_position_at_landing(late_s: float) -> None:
-    """Evaluated 100 ms late at 45 mm/s, the cups are 4.5 mm on; the plug landed 0.1 mm inside or outside 16 mm."""
+    """Evaluated 100 ms late at 45 mm/s, cups are 4.5 mm further on; the plug landed 0.1 mm inside or outside 16 mm."""
     for off_m, place in ((0.0159, Location.IN_CUP), (0.0161, Location.LOST_THROW)):
         row = Row()
         seedling = next(row.waiting)

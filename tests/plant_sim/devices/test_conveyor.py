@@ -142,7 +142,7 @@ def test_without_the_forward_bit_the_belt_runs_backward() -> None:
 
 
 def test_a_tray_driven_backward_stops_against_the_magazine_and_steps_are_lost() -> None:
-    """The tray returns over 95 mm in just over 0.5 s; for the rest of the 5 s the motor is driven but blocked."""
+    """The tray moves back 95 mm in just over 0.5 s; for the rest of the 5 s the motor is driven but blocked."""
     rig, conveyor = make_conveyor()
     rig.run(500, *FORWARD)
     rig.run(5_000, "tray_run")
@@ -187,7 +187,7 @@ class TestLostSteps:
 
     @pytest.mark.parametrize(("share", "loses"), [(1.0, False), (0.6, False), (0.2, True)])
     def test_a_weak_motor_loses_steps_in_its_ramp_and_then_follows_the_drive(self, share: float, loses: bool) -> None:
-        """The ramp needs 14.75 kg * 4 m/s2 + 15 N = 74 N; at 0.2 m/s there are 180 N / (1 + (0.2 / 0.6)^2) = 162 N."""
+        """A ramp needs 14.75 kg * 4 m/s2 + 15 N = 74 N; the limit at 0.2 m/s is 180 N / (1 + (0.2 / 0.6)^2) = 162 N."""
         rig, conveyor = make_conveyor()
         conveyor.params["holds_n"] *= share
         rig.run(2_000, *FORWARD)

@@ -95,7 +95,7 @@ class TestStart:
         The supply, 601.3 kPa less 10 kPa to open the check valve, soon fills the 23 cm3 behind the piston to
         591.3 kPa; 35 N of friction are overcome at 71.3 kPa across it, so the other side must fall to 520.0 kPa. From
         its V = 22 + 490.87 * 0.598 = 315.5 cm3 it loses C * 1e5 a second: t = V / (n C 1e5) * ln(551.3 / 520.0), n
-        between 1 (slow) and 1.2 (fast); 0.21 to 0.25 s with the default. Before that 21 ms of valve and spool.
+        between 1 (slow) and 1.2 (fast); 0.21 to 0.25 s with the default. Valve and spool add 21 ms before that.
         """
         slow_ms = 1000 * 315.5e-6 / (throttle_m3_s_pa * 1e5) * math.log(551.3 / 520.0)
         rig = make_rig({"slide.throttle_conductance_m3_s_pa": throttle_m3_s_pa}, x_m=x_m)
@@ -192,7 +192,7 @@ class TestEnds:
         assert abs(slide.speed_m_s) < 1e-6
 
     def test_the_bumper_softens_the_stop(self) -> None:
-        """Stopping 10.4 kg from 0.15 m/s takes a mean 60 N within 2 mm; a hard stop within 1 ms takes 1560 N."""
+        """Stopping 10.4 kg from 0.15 m/s within 2 mm takes a mean force of 60 N, within 1 ms (hard stop) 1560 N."""
         rig = make_rig(x_m=0.3)
         slide = rig.left.slide
         speeds_m_s = rig.trace(lambda: slide.speed_m_s, 4_000, "left.slide_inward")
@@ -283,7 +283,7 @@ class TestFaults:
     """Jams and decoupled magnets."""
 
     def test_a_jammed_slide_stops_and_continues_when_released(self) -> None:
-        """The air in front of it has been exhausted: after release the slide accelerates freely."""
+        """The air in front of the slide has been exhausted, so after release it accelerates freely."""
         rig = make_rig()
         slide = rig.left.slide
         rig.run(1_000, "left.slide_inward")

@@ -41,9 +41,9 @@ def test_the_slide_stops_about_6_mm_after_its_coil(x_m: float, coil: str) -> Non
     """The delay is 24.2 ms in the valve, 2 ms until its spool opens the exhaust, and the time to vent the driving tube.
 
     The brake engages when the pressure is 300 kPa gauge there. The tube, 18.2 cm3, is vented through valve and tube,
-    0.76e-8 m3/(s Pa), from 594 to 401 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 401) = 7.8 to 9.4 ms. These
-    34 to 36 ms are 5.1 to 5.4 mm. Then 150 N and 35 N stop 10.4 kg within 0.6 mm, or 0.9 mm with the remaining drive
-    force.
+    0.76e-8 m3/(s Pa), from 594 to 401 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 401) = 7.8 to 9.4 ms. These 34
+    to 36 ms correspond to 5.1 to 5.4 mm. Then 150 N and 35 N stop 10.4 kg within 0.6 mm, or 0.9 mm with the remaining
+    drive force.
     """
     rig = make_rig(x_m=x_m)
     slide = rig.left.slide

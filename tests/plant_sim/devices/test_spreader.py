@@ -1,8 +1,8 @@
 """The spreader: a DC motor, its brake, its belt and its end switches.
 
-Motor 24 V, 5.25 ohm, 105 V s/m (and N/A) at the belt; 28 kg in all, 60 N of friction. Steady speed
-(24 V - 60 N * 5.25 ohm / 105 N/A) / 105 V s/m = 0.200 m/s. Its back-EMF brakes with 105^2 / 5.25 = 2100 N s/m, so it
-gets there with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and from then on lags 0.2 * 13.3 ms = 2.67 mm.
+Motor 24 V, 5.25 ohm, 105 V s/m (and N/A) at the belt; 28 kg in all, 60 N of friction. Steady speed (24 V - 60 N * 5.25
+ohm / 105 N/A) / 105 V s/m = 0.200 m/s. Its back-EMF brakes with 105^2 / 5.25 = 2100 N s/m, so it reaches this speed
+with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and from then on lags 0.2 * 13.3 ms = 2.67 mm.
 """
 
 import math
@@ -113,7 +113,8 @@ def test_a_jammed_spreader_stops_and_continues_when_released() -> None:
 def test_a_slipping_belt_transmits_its_slip_force_only() -> None:
     """120 N less 60 N accelerate 8 kg at 7.5 m/s2: 0.0375 m/s after 5 ms. An intact belt transmits 180 N: 0.063 m/s.
 
-    The 180 N: 480 N from the motor less 60 N accelerate 28 kg at 15 m/s2; 8 kg of it need 120 N, plus 60 N of friction.
+    Derivation of the 180 N: 480 N from the motor less 60 N accelerate 28 kg at 15 m/s2; 8 kg of this need 120 N, plus
+    60 N of friction.
     """
     speeds_m_s = []
     for slips_n in (120.0, 190.0):

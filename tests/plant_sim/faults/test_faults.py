@@ -236,7 +236,7 @@ def test_a_leak_vents_the_supply() -> None:
 
 
 def test_a_closed_throttle_slows_the_stroke_that_it_exhausts() -> None:
-    """With the outer throttle closed to a third, the slide moves inward at a third of its speed, outward as before."""
+    """With the outer throttle closed to a third, the slide moves in at a third of its speed and out as before."""
 
     def times_ms(rig: Rig) -> tuple[int, int]:
         inward = rig.run_until(lambda: rig.left.slide.position_m > 0.15, IN)

@@ -302,7 +302,7 @@ def test_the_ends_of_a_rating_are_within_it(claw_pressure_mpa: float) -> None:
 
 @pytest.mark.parametrize(("starts_below_pa", "is_warned"), [(0.606e6, False), (0.604e6, True)])
 def test_the_cracking_pressure_adds_to_the_claw_pressure(starts_below_pa: float, is_warned: bool) -> None:
-    """Claws at 0.6 MPa behind a check valve with 5 kPa cracking pressure."""
+    """Claws at 0.6 MPa require at least 0.605 MPa because their check valve has a cracking pressure of 5 kPa."""
     values: dict[str, Value] = {"crop.claw_pressure_mpa": 0.6, "supply.compressor_on_pa": starts_below_pa}
     assert bool(MACHINE.with_values(values).warnings) is is_warned
 

@@ -52,7 +52,7 @@ def test_v4_speed_with_throttled_exhaust_is_independent_of_pressure(gauge_bar: i
 
 
 def test_v4_speed_is_independent_of_the_load() -> None:
-    """With choked exhaust, 400 N at 6 and at 8 bar give equal speeds within 0.2 %."""
+    """With choked exhaust, the speeds under 400 N at 6 and at 8 bar are equal to within 0.2 %."""
     way_ms = [passes_ms(x, 0.9) - passes_ms(x, 0.5) for x in (meter_out(p, 400.0)["position_m"] for p in (6e5, 8e5))]
     assert way_ms[0] == pytest.approx(way_ms[1], rel=0.002)
 
@@ -178,7 +178,7 @@ def test_heat_transfer_damps_a_trapped_load() -> None:
 
 @pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
 def test_sticking_is_exact(share: float, moves: bool) -> None:
-    """With a force just below static friction nothing changes by one bit in 20 s; just above it, the load moves."""
+    """With a force just below static friction not a single bit changes in 20 s; just above it, the load moves."""
     bench = trapped(0.0, 90.0)
     bench.all_params[0]["friction"]["coulomb_n"] = 60.0
     bench.all_params[0]["weight_n"] = share * 90.0
@@ -197,7 +197,7 @@ def test_an_arm_at_rest_is_bit_identical(step_s: float) -> None:
 
 
 def test_a_stopped_arm_comes_to_rest_and_stays() -> None:
-    """Stopped half way, slide and lift are at rest within 2 s and then do not change by one bit for a minute."""
+    """Stopped halfway, slide and lift are at rest within 2 s, and then not a single bit changes for a minute."""
     bench = machine_bench()
     bench.run(1.5, [PLUS, OFF, OFF])
     bench.run(0.4, [PLUS, MINUS, OFF])
@@ -255,7 +255,7 @@ def test_the_magnet_decouples_at_the_catalogue_force() -> None:
 
 @pytest.mark.parametrize(("throttle_m3_s_pa", "catches"), [(0.4e-9, True), (0.735e-9, False)])
 def test_the_piston_recouples_to_the_carriage_at_low_speed(throttle_m3_s_pa: float, catches: bool) -> None:
-    """Driven back past a stationary carriage, it couples at 0.08 m/s but not at 0.147; the limit is 0.10 m/s."""
+    """Driven back past a resting carriage, the piston couples at 0.08 but not at 0.147 m/s; the limit is 0.10 m/s."""
     bench = machine_bench()
     bench.ideal = True
     bench.feed(0.5e6)

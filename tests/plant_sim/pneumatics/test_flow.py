@@ -116,7 +116,7 @@ def test_the_flow_is_continuous(at: float) -> None:
 
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
 def test_a_closed_chamber_keeps_p_v_to_the_n(exponent: float) -> None:
-    """Compressed to half in 500 steps without heat, p = p0 2^n to 1e-5 (second order); expanded again, p0 to 1e-9."""
+    """Compression to half in 500 steps without heat gives p0 2^n to 1e-5 (second order); expansion gives p0 to 1e-9."""
     gas = make_gas(exponent)
     chamber = make_chambers(gas, (200e-6, 3e5))
     way_m3 = np.linspace(200e-6, 100e-6, 501)
@@ -138,7 +138,7 @@ def test_slow_and_fast_are_the_limits_of_the_walls() -> None:
 
 
 def test_the_energy_balance_is_adiabatic_without_wall_and_isothermal_with_a_large_wall() -> None:
-    """Closed forms p V^1.4 (to 1e-4) and p V (to 1e-3), compressed to half within a second."""
+    """In a compression to half within a second, p V^1.4 is constant to 1e-4 or, with a large wall, p V to 1e-3."""
     for wall_w_m2_k, exponent, tolerance in ((0.0, KAPPA, 1e-4), (1e6, 1.0, 1e-3)):
         gas = make_gas(KAPPA, thermal=True, wall_w_m2_k=wall_w_m2_k)
         chamber = make_chambers(gas, (200e-6, 3e5))
@@ -160,7 +160,7 @@ def test_heat_transfer_to_the_walls() -> None:
 
 
 def test_the_final_temperature_of_adiabatic_filling() -> None:
-    """Filled from 1 to 6 bar abs out of a main at T0: T2 = kappa T0 / (1 + (kappa - 1) p1/p2), to 0.3 %.
+    """A chamber filled from 1 to 6 bar abs by a main at T0 reaches T2 = kappa T0 / (1 + (kappa - 1) p1/p2), to 0.3 %.
 
     Energy: m2 cv T2 = m1 cv T0 + (m2 - m1) cp T0, with m = p V / (R T). This gives 384.7 K.
     """
@@ -180,7 +180,7 @@ def test_the_final_temperature_of_adiabatic_venting() -> None:
 
 
 def test_the_time_to_fill_while_choked() -> None:
-    """A volume of 1 L fills from 1 to 3 bar abs out of 12 bar in 1.671 s, +-2 steps: dp/dt = C rho0 R T0 p_main.
+    """A main at 12 bar fills 1 L from 1 to 3 bar abs in 1.671 s, +-2 steps: dp/dt = C rho0 R T0 p_main / V.
 
     The flow is choked throughout because 3/12 is below b = 0.3.
     """

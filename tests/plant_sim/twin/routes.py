@@ -77,8 +77,7 @@ STOPS = declared_stops()
 def sampled(stops: Sequence[Stop], share: int, of: int) -> list[ParameterSet]:
     """Return test parameters for every step; one fraction of them runs by default, the others with ``--nightly``.
 
-    Tests that interrupt every step take different fractions, so that together they cover all steps by default. The
-    same step of the two arms never falls into the same fraction.
+    The same step of the two arms never falls into the same fraction.
 
     Args:
         stops: The steps.
@@ -93,6 +92,19 @@ def sampled(stops: Sequence[Stop], share: int, of: int) -> list[ParameterSet]:
         marks = () if number % of == share else pytest.mark.nightly
         parameters.append(pytest.param(stop, id=str(stop), marks=marks))
     return parameters
+
+
+def interrupted(share: int) -> list[ParameterSet]:
+    """Return test parameters for every step, for one of three tests that interrupt every step.
+
+    By default, each test takes a quarter of the steps of the arms, so that together they cover every step on at least
+    one arm, and a third of the steps of the feeder.
+
+    Args:
+        share: Index of the test, 0 to 2.
+    """
+    arms, feeder = ([stop for stop in STOPS if (stop.side is None) == alone] for alone in (False, True))
+    return sampled(arms, share, of=4) + sampled(feeder, share, of=3)
 
 
 @dataclass(frozen=True)
@@ -166,7 +178,7 @@ def stop_over_standing_cups(twin: Twin, side: Side) -> None:
 
 
 def homing_after(step: str, into_ms: int, *, discard: bool = False) -> Act:
-    """Return an action that stops in emergency some time into a step of row 2, clears the stop, and starts homing."""
+    """Return an action that presses the emergency stop some time into a step of row 2, clears it and starts homing."""
 
     def act(twin: Twin, side: Side) -> None:
         run_to(step)(twin, side)

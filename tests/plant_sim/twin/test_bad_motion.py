@@ -19,6 +19,7 @@ from controller.program.tags import SIDES
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.pepper.nominal import MotionWatch, RowMotion
+from plant_sim.twin import trial as complete_trial
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial
@@ -27,6 +28,8 @@ from tests.sampling import first_of
 SEEDS = (1, 2, 3)
 SEEDLINGS = 72 * len(SEEDS)
 STANDSTILL_MS = 120_000
+LIMITS_MS = first_of([120_000, complete_trial.TRAY_LIMIT_MS])
+"""Time limits of a trial that does not complete, ms; a tray takes less than 60 s."""
 
 
 class Pooled(NamedTuple):
@@ -148,8 +151,10 @@ def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: floa
 
 
 @pytest.mark.timeout(240)
-def test_a_detected_overrun_stops_the_machine_before_any_damage() -> None:
-    """Without a brake, the arm leaves its switch band before clamping: alarm, Held, no stem touched."""
+@pytest.mark.parametrize("limit_ms", LIMITS_MS)
+def test_a_detected_overrun_stops_the_machine_before_any_damage(limit_ms: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a brake, the arm leaves its switch band before clamping; an alarm holds the machine in time."""
+    monkeypatch.setattr(complete_trial, "TRAY_LIMIT_MS", limit_ms)
     report, _ = trial(1, {"slide.brake_n": 0.0})
     assert not report.completed
     assert set(report.alarms) == {f"{side} slide moved off the pick position after arriving" for side in SIDES}
@@ -157,8 +162,12 @@ def test_a_detected_overrun_stops_the_machine_before_any_damage() -> None:
 
 
 @pytest.mark.timeout(240)
-def test_a_leaking_check_valve_stops_the_machine_before_any_damage() -> None:
+@pytest.mark.parametrize("limit_ms", LIMITS_MS)
+def test_a_leaking_check_valve_stops_the_machine_before_any_damage(
+    limit_ms: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With a leaking check valve the slide drifts off its position; the machine stops, and nothing is gripped."""
+    monkeypatch.setattr(complete_trial, "TRAY_LIMIT_MS", limit_ms)
     leaks = tuple(Fault("leaking_check_valve", f"{side}.slide.minus", size=5e-10) for side in SIDES)
     report, _ = trial(1, faults=leaks)
     assert not report.completed
@@ -166,14 +175,18 @@ def test_a_leaking_check_valve_stops_the_machine_before_any_damage() -> None:
     assert report.P == report.D == report.T == 0
 
 
-def test_late_release_increases_throw_failures_only() -> None:
-    """With delays of 200, 300, 400 ms instead of 60, at 45 mm/s the cups are 6, 11, 15 mm ahead; tolerance 16 mm."""
-    late = [undisturbed(), *(pooled(release_delay=delay) for delay in (20, 30, 40))]
+@pytest.mark.parametrize("delays", first_of([((30, 40),), ((20, 30, 40),)]))
+def test_late_release_increases_throw_failures_only(delays: tuple[int, ...]) -> None:
+    """Release delays of 200, 300 and 400 ms instead of 60 ms increase throw failures only.
+
+    At 45 mm/s the cups are 6, 11 and 15 mm ahead; the tolerance is 16 mm.
+    """
+    late = [undisturbed(), *(pooled(release_delay=delay) for delay in delays)]
     assert all(trials.pick == late[0].pick and trials.carry == late[0].carry for trials in late)
     assert all(later.throw > sooner.throw for sooner, later in pairwise(late))
     assert late[-1].throw > 0.3 * SEEDLINGS
     offsets = [trials.mean("throw_along_m") for trials in late]
-    assert [offset - offsets[0] for offset in offsets[2:]] == pytest.approx([0.0108, 0.0153], abs=0.0015)
+    assert [offset - offsets[0] for offset in offsets[-2:]] == pytest.approx([0.0108, 0.0153], abs=0.0015)
 
 
 @pytest.mark.parametrize("how", first_of(["fault", "set"]))

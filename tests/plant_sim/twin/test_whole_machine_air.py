@@ -56,7 +56,7 @@ def test_air_mass_is_conserved() -> None:
 
 
 def test_a_machine_at_rest_does_not_change() -> None:
-    """With all coils off, the state of arms and conveyor does not change by one bit in ten minutes; no air leaves."""
+    """With all coils off, not a single bit of the state of arms and conveyor changes in ten minutes; no air leaves."""
     twin = Twin()
     plant = twin.plant
     plant.planting_frequency_per_min = 0.0
@@ -88,7 +88,7 @@ def test_45_cups_a_minute_are_sustained_over_twenty_trays() -> None:
 def test_missed_cups_at_72_a_minute_are_reported_with_their_causes() -> None:
     """Of 1,440 cups, 119 are missed: during the tray change (right row 1) and while the right arm is in the centre.
 
-    A cycle of row 3 takes 9.5 s of the 10 s for twelve cups, so delays cannot be recovered.
+    A cycle of row 3 takes 9.5 s of the 10 s for twelve cups, so delays cannot be made up.
     """
     report = twenty_trays(72.0)
     assert report.completed, report.reason

@@ -21,7 +21,7 @@ from plant_sim.twin.monitors import guard
 MACHINE = load_machine()
 Device = Conveyor | Cylinder | Spreader
 TRAY_MS = 90_000
-"""Time limit of a tray at 45 cups/min, ms: three throws of each arm 16 s apart and the tray change, with a margin."""
+"""Time limit of a tray at 45 cups/min, ms: three throws of each arm 16 s apart, plus the tray change and a margin."""
 
 
 def other_side(side: Side) -> Side:

@@ -161,9 +161,9 @@ def bon(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def ans(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """ANS T n S: set the annunciator S after the drive has been on for n times 100 ms; T is the timer.
+    """ANS T n S: set the annunciator S after the drive input has been on for n times 100 ms; T is the timer.
 
-    With the drive off, T is reset and S is unchanged. The scan sets M8048, M8049 and D8049.
+    With the drive input off, T is reset and S is unchanged. The scan sets M8048, M8049 and D8049.
     """
     timer = operands[0]
     if not isinstance(timer, DeviceOperand):
@@ -199,7 +199,7 @@ def anr(cpu: Cpu, _operands: tuple[Operand, ...], _wide: bool) -> Action:
 
 
 def ref(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """REF d n: read (X) or write (Y) n terminals from d at once; d ends in 0, n is a multiple of 8 (fx2n.md 1.4).
+    """REF d n: read (X) or write (Y) n terminals from d immediately; d ends in 0, n is a multiple of 8 (fx2n.md 1.4).
 
     Outputs outside the range retain their terminal levels.
     """
@@ -231,7 +231,7 @@ def _read_terminals(cpu: Cpu, span: slice) -> None:
 
 
 def reff(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """REFF n: set the input filter of X0-X17 to n ms (0-60, D8020), and read these inputs at once (fx2n.md 1.4)."""
+    """REFF n: set the input filter of X0-X17 to n ms (0-60, D8020), and read these inputs immediately (fx2n.md 1.4)."""
     time_ms = reader(cpu, operands[0], wide)
 
     def run() -> None:

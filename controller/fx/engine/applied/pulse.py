@@ -3,9 +3,9 @@
 An FX2N generates these pulses in hardware, independent of the scan. Here the number of pulses is computed exactly from
 the scan times, and Y is the level of the train at the scan time: a train faster than half the scan rate is not visible
 in the Y image, but its count is correct. The sum of the pulses of PLSY and PLSR is in D8140, D8141 for Y0 and in D8142,
-D8143 for Y1. M8029 comes on with the last pulse and goes off with the drive. When the drive goes off, the pulses stop
-at once, and the next drive starts from the beginning. All details are from memory. The state of a train is stored
-between scans and rebuilt when the CPU goes to RUN.
+D8143 for Y1. M8029 comes on with the last pulse and goes off with the drive input. When the drive input goes off, the
+pulses stop immediately, and the next train starts from the beginning. All details are from memory. The state of a train
+is stored between scans and rebuilt when the CPU goes to RUN.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ Profile = list[tuple[int, Fraction]]
 
 
 class _Train:
-    """Pulse train of one instruction at Y0 or Y1, from the start of its drive.
+    """Pulse train of one instruction at Y0 or Y1, starting when the instruction is first driven.
 
     Attributes:
-        out: Pulses output so far; in the first half of a pulse Y is on.
+        out: Pulses output so far; in the first half of a pulse the output is on.
         running: Whether the instruction was driven in the last scan.
     """
 
@@ -67,7 +67,7 @@ class _Train:
         self._special[COMPLETE] = done
 
     def stop(self) -> None:
-        """End the train when the drive goes off."""
+        """End the train when the drive input goes off."""
         if self.running:
             self.running = False
             self._put(False)
@@ -77,7 +77,7 @@ class _Train:
 def plsy(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """PLSY s1 s2 Y: s2 pulses of s1 Hz (1-20,000), on for half of each; s2 = 0: endless.
 
-    s1 may change during the train; s2 is read when the drive comes on.
+    s1 may change during the train; s2 is read when the drive input comes on.
     """
     frequency, number = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     train, set_number, previous_ms = _Train(cpu, operands[2]), 0, 0
@@ -102,8 +102,8 @@ def plsy(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 def plsr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """PLSR s1 s2 s3 Y: s2 pulses, up to s1 Hz (10-20,000) and down again, each ramp 10 steps in s3 ms (1-5000).
 
-    The operands are read when the drive comes on. If there are too few pulses for the ramps, the fastest steps are
-    omitted.
+    The operands are read when the drive input comes on. If there are too few pulses for the ramps, the fastest steps
+    are omitted.
     """
     frequency, number, ramp = (reader(cpu, operand, wide) for operand in operands[:3])
     train, start_ms, set_number = _Train(cpu, operands[3]), 0, 0

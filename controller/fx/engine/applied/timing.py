@@ -23,7 +23,7 @@ def absd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """ABSD s1 C d n: bit i of n (1-64) from d is on while the counter is within the i-th pair of words from s1.
 
     A pair contains the count that turns the bit on and the count that turns it off (2 n words, fx2n.md 1.2); if the
-    second is lower, the bit is on outside this range. With the drive off the bits are unchanged.
+    second is lower, the bit is on outside this range. With the drive input off, the bits are unchanged.
     """
     table, counter, count = (
         words(cpu, operands[0], wide),
@@ -50,7 +50,7 @@ def incd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """INCD s1 C d n: one of n bits (1-64) from d is on; the next follows when C reaches the bit's word from s1.
 
     C is reset with each bit; C+1 contains the number of the bit. After the last bit, M8029 is on for one scan and the
-    first bit follows. When the drive goes off, both counters and the bits are cleared.
+    first bit follows. When the drive input goes off, both counters and the bits are cleared.
     """
     table, counters = words(cpu, operands[0], wide), words(cpu, operands[1], wide)
     cells, row = bits(cpu, operands[2])
@@ -76,9 +76,9 @@ def incd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 
 
 def ttmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """TTMR d n: store the duration of the drive in d, in units of 1 s, 100 ms or 10 ms for n = 0, 1 or 2.
+    """TTMR d n: store the on time of the drive input in d, in units of 1 s, 100 ms or 10 ms for n = 0, 1 or 2.
 
-    d+1 contains the duration in units of 100 ms. When the drive goes off, d retains the last time and d+1 becomes 0.
+    d+1 contains the time in units of 100 ms. When the drive input goes off, d retains the last time and d+1 becomes 0.
     Both stop at 32,767.
     """
     row, unit, since = words(cpu, operands[0], wide), reader(cpu, operands[1], wide), None
@@ -100,10 +100,10 @@ def ttmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 
 
 def stmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """STMR T n d: four bits from d, driven by one timer of n times 100 ms that starts at every change of the drive.
+    """STMR T n d: four bits from d, driven by one timer of n times 100 ms that starts when the drive changes.
 
-    d: off-delay of n. d+1: on for n when the drive goes off. d+2: on for n when the drive comes on. d+3: the drive,
-    delayed by n.
+    d: off-delay of n. d+1: on for n when the drive input goes off. d+2: on for n when it comes on. d+3: the drive
+    input, delayed by n.
     """
     timer = operands[0]
     if not isinstance(timer, DeviceOperand):
@@ -131,8 +131,8 @@ def stmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 def ramp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """RAMP s1 s2 d n: d changes from s1 to s2 in n scans, counted in d+1. M8029 is on when d has reached s2.
 
-    In the next scan d restarts from s1, or remains at s2 if M8026 is on. In the first driven scan d is s1. When the
-    drive goes off, d is unchanged and d+1 is cleared.
+    In the next scan d restarts from s1, or remains at s2 if M8026 is on. In the first scan in which the instruction is
+    driven, d is s1. When the drive input goes off, d is unchanged and d+1 is cleared.
     """
     first, last, count = (reader(cpu, operands[place], wide) for place in (0, 1, 3))
     target, special, was = words(cpu, operands[2], wide), cpu.memory.M, False

@@ -80,7 +80,7 @@ def bin_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def cmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """CMP s1 s2 d: d = s1 > s2, d+1 = equal, d+2 = s1 < s2; unchanged when the drive goes off (fx2n.md 1.2)."""
+    """CMP s1 s2 d: d = s1 > s2, d+1 = equal, d+2 = s1 < s2; unchanged when the drive input goes off (fx2n.md 1.2)."""
     left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     cells, row = bits(cpu, operands[2])
 

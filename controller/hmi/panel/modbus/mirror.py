@@ -95,7 +95,7 @@ class Mirror:
         return self.status[number] | self.status[number + 1] << 16
 
     def update(self, blocks_read: Sequence[tuple[ReadBlock, Sequence[int]]]) -> None:
-        """Store all blocks of one poll at once."""
+        """Store all blocks of one poll together."""
         for block, values in blocks_read:
             span = slice(block.first, block.first + block.count)
             if block.kind == "R":

@@ -173,7 +173,7 @@ class PanelProcess:
     """Panel in a separate process."""
 
     def __init__(self, live: LiveMachine, folder: Path, *, first_run: bool = False, port: int = 0) -> None:
-        users = folder / "users.json"
+        users = folder / ("first-users.json" if first_run else "users.json")
         if not first_run and not users.exists():
             Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
         tags = folder / "tags.csv"

@@ -8,9 +8,9 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 from urllib.parse import urlsplit
 
 import pytest
@@ -62,6 +62,34 @@ def live(tmp_path: Path) -> Iterator[LiveMachine]:
 def panel(live: LiveMachine, tmp_path: Path) -> Iterator[PanelProcess]:
     with PanelProcess(live, tmp_path) as process:
         yield process
+
+
+class Station(NamedTuple):
+    """Machine and panel of several tests, with their folder."""
+
+    live: LiveMachine
+    panel: PanelProcess
+    folder: Path
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[Station]:
+    with LiveMachine(folder) as live, PanelProcess(live, folder) as panel:
+        yield Station(live, panel, folder)
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
+    """Machine in Stopped; a test that uses it leaves it in Stopped, in continuous mode and without alarms."""
+    with started(tmp_path_factory.mktemp("stopped")) as station:
+        yield station
+
+
+@pytest.fixture(scope="module")
+def manual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
+    """Machine for jogging; a test that uses it leaves it in manual mode with its outputs off."""
+    with started(tmp_path_factory.mktemp("manual")) as station:
+        yield station
 
 
 class Screen:
@@ -130,16 +158,25 @@ def expect_state(screen: Screen, state: State) -> None:
     expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[state].en, timeout=TIMEOUT_MS)
 
 
+def clear(screen: Screen, live: LiveMachine) -> None:
+    """Clear an emergency stop whose button has been released."""
+    screen.press("[data-command=clear]")
+    live.until_state(State.STOPPED)
+
+
 def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
-    """Log in, start manual mode, and return the jog button of an output."""
+    """Log in, start manual mode unless it is started, and return the jog button of an output."""
     screen.log_in("maintain")
     screen.open("manual")
-    screen.press("[data-command=mode_manual]")
-    live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.MANUAL, "manual")
-    screen.press("[data-command=reset]")
-    live.until_state(State.IDLE)
-    screen.press("[data-command=start]")
-    live.until_state(State.EXECUTE)
+    if live.state != State.EXECUTE:
+        live.fast()
+        screen.press("[data-command=mode_manual]")
+        live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.MANUAL, "manual")
+        screen.press("[data-command=reset]")
+        live.until_state(State.IDLE)
+        screen.press("[data-command=start]")
+        live.until_state(State.EXECUTE)
+        live.real_time()
     button = screen.find(f"main [data-jog='{OUTPUT}']")
     expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
     return button
@@ -173,10 +210,10 @@ def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
 
 @pytest.mark.timeout(240)
 def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
-    """The run of the README can be operated from the browser and transplants 144 seedlings.
+    """The run of the README can be operated from the browser and transplants 72 seedlings.
 
     The times of the button presses determine how long the seedlings are held and how many break. The page must
-    therefore show the figures of the report of this run, which counts each of the 144 seedlings once.
+    therefore show the figures of the report of this run, which counts each of the 72 seedlings once.
     """
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = str(reserved.getsockname()[1])
@@ -187,6 +224,8 @@ def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: B
         "run",
         "--by-hand",
         "--keep",
+        "--trays",
+        "1",
         "--pace",
         str(FLAT_OUT),
         "--port",
@@ -211,7 +250,7 @@ def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: B
             expect(screen.find("header [data-fact=state]")).to_contain_text(complete, timeout=180_000)
             counted = next(line for line in run.stdout if line.startswith("seedlings "))
             total, in_cups, *lost = map(int, re.findall(r"\d+", counted))
-            expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{in_cups} / 144")
+            expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{in_cups} / 72")
             expect(screen.find("[data-fact=lost]")).to_have_text(" / ".join(map(str, lost)))
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
@@ -219,15 +258,14 @@ def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: B
         run.send_signal(signal.SIGINT)  # on SIGINT the run stops its own processes
         run.communicate()
     assert run.returncode == 0, errors
-    assert in_cups + sum(lost) == total == 144
-    assert in_cups > 120
+    assert in_cups + sum(lost) == total == 72
+    assert in_cups > 60
     assert "Traceback" not in errors
 
 
-def test_emergency_stop_is_shown_on_every_page_and_acknowledged(
-    live: LiveMachine, panel: PanelProcess, browser: Browser
-) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station, browser: Browser) -> None:
+    live = stopped.live
+    with Screen(browser, stopped.panel.url) as screen:
         screen.log_in("operate")
         screen.press("[data-box=emergency_stop]")
         live.until_state(State.ABORTED)
@@ -249,10 +287,12 @@ def test_emergency_stop_is_shown_on_every_page_and_acknowledged(
         screen.press("[data-box=emergency_stop]")
         expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "false")
         expect(banner).to_contain_text("latched")
+        clear(screen, live)
 
 
-def test_output_follows_pointer_and_key(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> None:
+    live = manual.live
+    with Screen(browser, manual.panel.url) as screen:
         button = ready_to_jog(screen, live)
         for end in ("up", "leave", "blur"):
             button.hover()
@@ -278,10 +318,11 @@ def test_output_follows_pointer_and_key(live: LiveMachine, panel: PanelProcess, 
 
 
 @pytest.mark.parametrize("loss", ["page closed", "panel frozen", "panel killed"])
-def test_lost_socket_releases_the_output_within_the_timeout(
-    live: LiveMachine, panel: PanelProcess, browser: Browser, loss: str
-) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, browser: Browser, loss: str) -> None:
+    live = manual.live
+    with ExitStack() as stack:
+        panel = manual.panel if loss == "page closed" else stack.enter_context(PanelProcess(live, manual.folder))
+        screen = stack.enter_context(Screen(browser, panel.url))
         button = ready_to_jog(screen, live)
         button.hover()
         screen.page.mouse.down()
@@ -300,8 +341,9 @@ def test_lost_socket_releases_the_output_within_the_timeout(
         screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
 
 
-def test_refused_jog_ends_and_shows_the_reason(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_refused_jog_ends_and_shows_the_reason(stopped: Station, browser: Browser) -> None:
+    live = stopped.live
+    with Screen(browser, stopped.panel.url) as screen:
         screen.log_in("maintain")
         screen.open("manual")
         button = screen.find(f"main [data-jog='{OUTPUT}']")
@@ -335,28 +377,28 @@ def test_outdated_values_are_distinguished_from_a_pause(
         expect(screen.find("[data-fact=link]")).to_contain_text("No data")
 
 
-def test_page_reconnects_after_a_restart_of_the_panel(live: LiveMachine, tmp_path: Path, browser: Browser) -> None:
-    with PanelProcess(live, tmp_path) as first:
+def test_page_reconnects_after_a_restart_of_the_panel(stopped: Station, browser: Browser) -> None:
+    with PanelProcess(stopped.live, stopped.folder) as first:
         screen = Screen(browser, first.url)
         screen.page.goto(first.url)
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
     expect(screen.find("[data-part=stale]")).to_be_visible()
-    with PanelProcess(live, tmp_path, port=urlsplit(first.url).port or 0):
+    with PanelProcess(stopped.live, stopped.folder, port=urlsplit(first.url).port or 0):
         expect(screen.find("[data-part=stale]")).to_be_hidden(timeout=TIMEOUT_MS)
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
         screen.page.context.close()
 
 
-def test_first_run_asks_for_both_passwords(live: LiveMachine, tmp_path: Path, browser: Browser) -> None:
-    with PanelProcess(live, tmp_path, first_run=True) as panel, Screen(browser, panel.url) as screen:
+def test_first_run_asks_for_both_passwords(stopped: Station, browser: Browser) -> None:
+    with PanelProcess(stopped.live, stopped.folder, first_run=True) as panel, Screen(browser, panel.url) as screen:
         screen.set_first_passwords()
         screen.log_in("operate")
         screen.find("[data-action=logout]").click()
         expect(screen.find("[data-fact=level]")).to_have_text(texts.TEXTS["level.view"].en)
 
 
-def test_view_level_is_asked_to_log_in(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> None:
+    with Screen(browser, stopped.panel.url) as screen:
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
         button = screen.find("[data-command=stop]")
         expect(button).to_have_attribute("aria-disabled", "true")
@@ -366,9 +408,10 @@ def test_view_level_is_asked_to_log_in(live: LiveMachine, panel: PanelProcess, b
         expect(screen.find("[data-force]").first).to_be_hidden()
 
 
-def test_parameter_is_checked_before_it_is_sent(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+def test_parameter_is_checked_before_it_is_sent(stopped: Station, browser: Browser) -> None:
+    live = stopped.live
     clamp = live.machine.tags.sp.clamp
-    with Screen(browser, panel.url) as screen:
+    with Screen(browser, stopped.panel.url) as screen:
         screen.log_in("operate")
         screen.open("parameters")
         row = screen.find("[data-set-point=clamp]")
@@ -384,8 +427,9 @@ def test_parameter_is_checked_before_it_is_sent(live: LiveMachine, panel: PanelP
         expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
 
 
-def test_forced_input_is_shown_on_every_page(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_forced_input_is_shown_on_every_page(stopped: Station, browser: Browser) -> None:
+    live = stopped.live
+    with Screen(browser, stopped.panel.url) as screen:
         screen.log_in("maintain")
         screen.press("[data-command=mode_manual]")
         expect(screen.find("header [data-fact=mode]")).to_have_text(MODES[Mode.MANUAL].en.capitalize())
@@ -399,10 +443,13 @@ def test_forced_input_is_shown_on_every_page(live: LiveMachine, panel: PanelProc
         screen.open("io")
         screen.press("[data-force='X22=2']")
         expect(screen.find("[data-part=forced]")).to_be_hidden()
+        screen.open("overview")
+        screen.press("[data-command=mode_continuous]")
+        live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.CONTINUOUS, "continuous")
 
 
-def test_selected_language_is_stored(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_selected_language_is_stored(stopped: Station, browser: Browser) -> None:
+    with Screen(browser, stopped.panel.url) as screen:
         expect_state(screen, State.STOPPED)
         screen.find("[data-action=language]").select_option("zh")
         for _ in range(2):
@@ -428,9 +475,10 @@ VISIBLE_TEXTS = """() => {
 """Script that returns all texts of the page except tag names and the names of the languages."""
 
 
-def test_every_page_is_chinese(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
+def test_every_page_is_chinese(stopped: Station, browser: Browser) -> None:
     """After an emergency stop and a refused command, every text on every page and in the login dialog is Chinese."""
-    with Screen(browser, panel.url) as screen:
+    live = stopped.live
+    with Screen(browser, stopped.panel.url) as screen:
         screen.log_in("operate")
         screen.press("[data-box=emergency_stop]")
         live.until_state(State.ABORTED)
@@ -449,13 +497,17 @@ def test_every_page_is_chinese(live: LiveMachine, panel: PanelProcess, browser: 
         screen.find("[data-action=login]").click()
         shown = screen.page.evaluate(VISIBLE_TEXTS)
         assert [text for text in shown if latin_words(text)] == [], "login dialog"
+        screen.find("dialog [data-action=close]").click()
+        screen.open("overview")
+        screen.press("[data-box=emergency_stop]")
+        clear(screen, live)
 
 
 @pytest.mark.parametrize(("width", "height"), first_of([(390, 844), (800, 1280), (1280, 800)]))
 def test_every_page_fits_with_named_controls_of_touch_size(
-    live: LiveMachine, panel: PanelProcess, browser: Browser, width: int, height: int
+    stopped: Station, browser: Browser, width: int, height: int
 ) -> None:
-    with Screen(browser, panel.url, width, height) as screen:
+    with Screen(browser, stopped.panel.url, width, height) as screen:
         screen.log_in("maintain")
         for page in PAGES:
             screen.open(page)
@@ -473,8 +525,8 @@ def test_every_page_fits_with_named_controls_of_touch_size(
             assert nameless == []
 
 
-def test_tabs_are_selected_with_the_arrow_keys(live: LiveMachine, panel: PanelProcess, browser: Browser) -> None:
-    with Screen(browser, panel.url) as screen:
+def test_tabs_are_selected_with_the_arrow_keys(stopped: Station, browser: Browser) -> None:
+    with Screen(browser, stopped.panel.url) as screen:
         screen.find("[role=tab][data-page=overview]").focus()
         for page in (*PAGES[1:], PAGES[0]):
             screen.page.keyboard.press("ArrowRight")

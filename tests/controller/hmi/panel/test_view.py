@@ -24,6 +24,7 @@ from controller.hmi.panel.view.state import delta
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
+from controller.program.tags import SIDES
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
@@ -46,7 +47,10 @@ VIEWS = st.fixed_dictionaries(
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelRig]:
-    with PanelRig(tmp_path_factory.mktemp("panel"), at_work()) as rig:
+    """Machine just before the end of its first cycle: the rig runs in real time, and a cycle takes 8 s."""
+    twin = at_work()
+    twin.run_until(lambda: any(twin.in_step(f"{side} arm", "release delay") for side in SIDES), within_ms=30_000)
+    with PanelRig(tmp_path_factory.mktemp("panel"), twin) as rig:
         yield rig
 
 

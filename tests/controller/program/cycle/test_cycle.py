@@ -241,7 +241,7 @@ def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("descend_at_count", [9, 11, 12, 20])
 def test_the_arm_goes_down_at_the_set_cup_and_not_before(side: Side, descend_at_count: int) -> None:
-    """The claws are spread at about cup 6; the raised arm is lowered at the set cup, at the latest at the twelfth."""
+    """The claws are spread at about cup 6; the raised arm is lowered at the set cup, no later than at the twelfth."""
     run = tray_run(descend_at_count=descend_at_count)
     lowered_ms = signed(outputs_of(run, side, 1))["+lift_extend"][0]
     cups_ms = cups_before(run, side, 1, lowered_ms)
@@ -261,7 +261,7 @@ def test_going_down_late_can_cost_a_cup(side: Side, descend_at_count: int, relea
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
-    """Twelve cups at 100/min take 7.2 s, a cycle at least 8 s: every row misses cups and is released on a cup edge."""
+    """Twelve cups at 100/min take 7.2 s and a cycle at least 8 s: each row misses cups and is released on an edge."""
     run = tray_run(cups_per_min=100.0)
     missed = 0
     for row in ROWS:

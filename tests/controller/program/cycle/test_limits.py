@@ -1,4 +1,4 @@
-"""Time limits of all steps: each raises its alarm in time, its arm stops, the other arm proceeds to feed.
+"""Time limits of all steps: each raises its alarm in time and stops its arm, and the other arm proceeds to feed.
 
 No seedling is lost. The limits are read from the declared sequences; a step that is not reached fails the test.
 """

@@ -234,7 +234,8 @@ def test_a_jammed_tray_raises_the_question_and_is_conveyed_out_after_homing() ->
 
 
 def test_a_tray_met_at_full_speed_is_a_jam_and_not_in_place() -> None:
-    """If X15 turns on again in the index step, the belt stops; an alarm follows in 0.2 s; homing creeps to the tray."""
+    """If X15 turns on again during the index step, the belt stops and an alarm follows within 0.2 s; homing then moves
+    the tray in at creep speed."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "index", within_ms=2 * TRAY_MS)
     twin.plant.conveyor.beam.stuck = True
@@ -263,7 +264,7 @@ def test_a_beam_that_flickers_during_the_index_step_is_not_a_jam() -> None:
 
 
 def test_a_leaving_tray_is_not_taken_for_a_new_one_if_the_beam_flickers_off() -> None:
-    """If X15 is off for 50 ms in mid-tray, the question is asked, the tray conveyed out and the next one brought in."""
+    """If X15 is off for 50 ms in mid-tray, the question is asked, the tray leaves and the next one is brought in."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)
     twin.run_for(1_000)

@@ -22,6 +22,7 @@ from tests.plant_sim.twin.twin_rig import (
     until_picking,
     until_step,
 )
+from tests.sampling import one_in
 
 STEPS = ("approach row", "close claws", "slide to feed", "spread", "wait for cups", "converge")
 PANEL_LIMIT_MS = 500
@@ -49,7 +50,7 @@ def hold(twin: Twin) -> None:
 # hold
 
 
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("step", one_in(2, STEPS))
 def test_after_a_hold_in_any_step_work_resumes_with_the_held_rows(step: str) -> None:
     """After a hold the arms rest at feed and the reason is reported; unhold resumes work without homing or losses."""
     twin = in_row_1("left", step)
@@ -182,7 +183,7 @@ def test_complete_as_both_arms_leave_feed_transplants_both_rows() -> None:
 
 @pytest.mark.parametrize("step", ["lift from row", "lower over cups"])
 def test_abort_switches_every_coil_off_in_its_scan_and_clear_ends_it(step: str) -> None:
-    """Abort leads to Aborted without an emergency stop; clear, home and start resume without losses."""
+    """Abort leads to Aborted without an emergency stop; clear, home and start resume work without losses."""
     twin = in_row_1("right", step)
     twin.run_for(100)
     twin.command("abort")

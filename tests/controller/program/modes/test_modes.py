@@ -189,7 +189,7 @@ def test_one_cycle_is_one_row_of_each_arm_every_time() -> None:
 
 
 def test_continuous_work_stops_after_the_ordered_trays_and_can_be_restarted() -> None:
-    """With a target of two trays, one of three is left in Complete; a second run with a target of one tray takes it."""
+    """With a target of two trays, one of three remains in Complete; a second run with a target of one empties it."""
     twin = at_work({"trays_target": 2}, trays=3)
     to_complete(twin)
     assert twin.plant.counts().in_tray == 72

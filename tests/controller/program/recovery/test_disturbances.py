@@ -13,7 +13,7 @@ from controller.program.tags import SIDES, Side
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import home_again
 from tests.controller.program.recovery.cable import CableLink
-from tests.plant_sim.twin.routes import STOPS, Route, Stop, finish, route_to, sampled
+from tests.plant_sim.twin.routes import Route, Stop, finish, interrupted, route_to
 from tests.plant_sim.twin.twin_rig import arm_of, at_work, tags_of, undisturbed, until_picking, until_step
 
 CLAW_LIMIT_MS = 3_000
@@ -38,7 +38,7 @@ def check_trial(twin: Twin, route: Route) -> None:
     assert route.discards or route.loosens or counts == wanted
 
 
-@pytest.mark.parametrize("stop", sampled(STOPS, 0, of=3))
+@pytest.mark.parametrize("stop", interrupted(0))
 def test_a_link_lost_in_any_step_derives_no_state_from_assumed_inputs(stop: Stop) -> None:
     """A link loss of half a second leads to Aborted; clear, home and start resume work without losses."""
     route = route_to(stop)
@@ -198,7 +198,8 @@ def test_a_store_that_hangs_is_a_store_fault() -> None:
 
 
 def test_cups_are_not_counted_by_the_loss_and_return_of_the_link() -> None:
-    """While the tractor is at rest with the flag under the sensor, link losses count no cup."""
+    """While the tractor is at rest with the flag under the sensor, the loss of the link does not cause a cup to be
+    counted."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     counter = tags_of(twin, "left").cup_counter.value

@@ -11,7 +11,7 @@ from controller.program.states import State
 from controller.program.tags import ROWS, SIDES, TAKEN
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import clear, home_again, press_emergency_stop, questions
-from tests.plant_sim.twin.routes import BRISK, STOPS, Stop, finish, route_to, sampled
+from tests.plant_sim.twin.routes import BRISK, Stop, finish, interrupted, route_to
 from tests.plant_sim.twin.twin_rig import at_work, tags_of, undisturbed, until_step
 
 OFF_MS = 1_000
@@ -55,7 +55,7 @@ def check_at_rest(twin: Twin, for_ms: int) -> None:
     assert all(low <= high <= low + CREEP_M for low, high in zip(low_m, lift_heights_m(twin), strict=True))
 
 
-@pytest.mark.parametrize("stop", sampled(STOPS, 2, of=3))
+@pytest.mark.parametrize("stop", interrupted(2))
 def test_power_loss_in_every_step(stop: Stop) -> None:
     """After a power loss during a step, nothing moves before X0 is pressed, and the trial can be finished."""
     route = route_to(stop)

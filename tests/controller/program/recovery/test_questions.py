@@ -315,7 +315,7 @@ def test_answer_none_conveys_the_tray_out_and_brings_in_the_next(is_seen: bool) 
 
 
 def test_memory_lost_with_a_full_tray_in_place() -> None:
-    """Both arms count as holding a row, the tray question is asked, and the complete tray is emptied."""
+    """Both arms count as holding a row, the tray question is asked, and the full tray is emptied."""
     twin = machine()
     twin.home()
     lose_memory(twin)

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import re
+from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from plant_sim.crop.expectation import Shares
 from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import CropSpec
 from plant_sim.machine.parameters import load_machine
+from plant_sim.study.pepper import calibration_study as fits
 from plant_sim.study.pepper.calibration import (
     FITTED,
     calibrate,
@@ -26,6 +29,7 @@ from plant_sim.study.pepper.calibration_study import calibration_study
 from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion
 from plant_sim.study.report.parts import Table
 from tests.paths import DOCS
+from tests.sampling import first_of
 
 MACHINE = load_machine()
 SPEC = MACHINE.seedling
@@ -74,7 +78,7 @@ def test_the_nominal_motion_is_the_motion_of_the_twin(motion: NominalMotion) -> 
 
 
 def test_foam(motion: NominalMotion) -> None:
-    """Up to 7.5 mm there are few P and many D; from 15 mm on, more P and far fewer D; T hardly changes."""
+    """Up to 7.5 mm there are few P and many D; from 15 mm on there are more P and far fewer D; T hardly changes."""
     foam = courses(SPEC, motion).foam
     p, d, t = (percent(foam, name) for name in "PDT")
     assert p[:3].max() < min(3.5, p[4])
@@ -87,7 +91,7 @@ def test_foam(motion: NominalMotion) -> None:
 
 
 def test_age(motion: NominalMotion) -> None:
-    """Up to 43 d P and D are high; from 52 d on both fall further. The 9 points that eq. 5 loses there are all T."""
+    """Up to 43 d P and D are high; from 52 d on both fall further. The drop of 9 points in eq. 5 there is due to T."""
     age = courses(SPEC, motion).age
     p, d, t = (percent(age, name) for name in "PDT")
     assert (p[:2] > 1.5 * p[4]).all()
@@ -156,7 +160,12 @@ def test_the_guide_contains_the_quality_of_the_fit(motion: NominalMotion) -> Non
     assert f"{len(off):,} points of the design region" in text
 
 
-def test_the_study_compares_the_machine_with_a_new_fit(motion: NominalMotion) -> None:
+@pytest.mark.parametrize("start", first_of([copy, middle]))
+def test_the_study_compares_the_machine_with_a_new_fit(
+    motion: NominalMotion, monkeypatch: pytest.MonkeyPatch, start: Callable[[SeedlingSpec], SeedlingSpec]
+) -> None:
+    """By default the fit starts at the values of the machine; from the middle of all bounds it takes longer."""
+    monkeypatch.setattr(fits, "middle", start)
     study = calibration_study(MACHINE, seed=1)
     tables = {part.name: part for part in study.parts if isinstance(part, Table)}
     assert len(tables["motion"].rows) == 12

@@ -18,6 +18,7 @@ from plant_sim.study.errors import StudyError
 from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.study import Study, drawing
 from plant_sim.study.runner import RunOptions
+from plant_sim.study.throughput import driving
 from plant_sim.study.throughput.bottleneck import first_late
 from plant_sim.study.throughput.chart import gantt_chart
 from plant_sim.study.throughput.driving import CONFIRMING_TRIALS, ground_speed_km_h
@@ -36,7 +37,10 @@ from plant_sim.twin.trial import run_trial
 
 MACHINE = load_machine()
 FREQUENCIES = (50, 60)
-OPTIONS = RunOptions(trials=1, seed=3, workers=1, machine=MACHINE, io_map=load_io_map(DEFAULT_IO_MAP))
+SEEDLINGS = 72
+OPTIONS = RunOptions(
+    trials=1, seed=3, workers=1, machine=MACHINE, io_map=load_io_map(DEFAULT_IO_MAP), seedlings=SEEDLINGS
+)
 
 
 @cache
@@ -46,9 +50,17 @@ def paces() -> CyclePaces:
 
 
 @cache
+def paces_of_the_study() -> CyclePaces:
+    """Return the paces that the study has observed."""
+    return CyclePaces(OPTIONS)
+
+
+@cache
 def study() -> Study:
     """Return a study between a pace without gaps and one with gaps."""
-    return throughput_study(OPTIONS, frequencies_per_min=FREQUENCIES, spacing_m=0.5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(driving, "CyclePaces", lambda _: paces_of_the_study())
+        return throughput_study(OPTIONS, frequencies_per_min=FREQUENCIES, spacing_m=0.5)
 
 
 def test_the_set_points_at_the_default_frequency_are_the_defaults_of_the_program() -> None:
@@ -160,10 +172,10 @@ def test_the_chart_of_a_round_is_reproducible_byte_for_byte(tmp_path: Path) -> N
 def test_the_limit_is_between_the_last_frequency_without_gap_and_the_first_with_one() -> None:
     """The resolution is 1/min: runs of the search miss no cup at the limit and at least one at the next frequency."""
     limits = json.loads(study().json())["limits_per_min"]
-    limit = limits["without_gap"]
+    limit, observed = limits["without_gap"], paces_of_the_study().observed
     assert FREQUENCIES[0] <= limit < FREQUENCIES[1]
-    assert paces()(limit).missed_cups == 0
-    assert paces()(limit + 1).missed_cups > 0
+    assert observed[limit].missed_cups == 0
+    assert observed[limit + 1].missed_cups > 0
     assert min(limits[f"row {row}"] for row in ROWS) == limit
     assert limits["settled"] == FREQUENCIES[1]
 
@@ -185,7 +197,7 @@ def test_the_recommendation_agrees_with_the_trials() -> None:
 
 
 def test_the_report_contains_recommendation_cause_and_bottleneck() -> None:
-    """The other arm in the centre causes the first gaps; the slide accounts for most of that path."""
+    """The other arm in the centre causes the first gaps; the slide accounts for most of the critical path."""
     found = study()
     bottleneck = json.loads(found.json())["bottlenecks"]["without-tray-change"]
     assert (bottleneck["device"], bottleneck["row"]) == ("slide", 3)
@@ -211,11 +223,11 @@ def test_a_trial_can_be_repeated_with_its_seed_and_setting() -> None:
     for point in record["points"]:
         (trial,) = point["trials"]
         assert trial["completed"]
-        assert trial["P"] + trial["D"] + trial["T"] + trial["in_cups"] == trial["seedlings"] == 144
+        assert trial["P"] + trial["D"] + trial["T"] + trial["in_cups"] == trial["seedlings"] == SEEDLINGS
     trial, setting = record["points"][1]["trials"][0], setting_at(MACHINE, 60)
     assert record["points"][1]["set"] == setting.values
     again = run_trial(
-        seed=trial["seed"], seedlings=144, parameters=setting.machine(MACHINE), set_points=setting.set_points()
+        seed=trial["seed"], seedlings=SEEDLINGS, parameters=setting.machine(MACHINE), set_points=setting.set_points()
     )
     assert {name: getattr(again, name) for name in trial} == trial
     assert {(each["trays"], each["set"][FREQUENCY]) for each in record["observed"]} >= {(4, 50.0), (4, 60.0)}
@@ -245,7 +257,7 @@ def test_the_longest_motion_is_a_single_motion_of_one_arm() -> None:
 
 
 def test_air_and_success_are_those_of_the_trials() -> None:
-    """Air per seedling is the air of the trial, from power-up to its end, divided by 144."""
+    """Air per seedling is the air of the trial, from power-up to its end, divided by 72."""
     for point in json.loads(study().json())["points"]:
         assert point["S_low"] < point["S"] < point["S_high"]
         assert point["S_sd"] is None
@@ -256,7 +268,7 @@ def test_air_and_success_are_those_of_the_trials() -> None:
 def test_the_command_contains_frequencies_and_a_given_spacing() -> None:
     """An assumed spacing is omitted, so that a repeated study reports it as assumed again."""
     assert study().command == (
-        "python -m plant_sim study throughput --trials 1 --seed 3 --seedlings 144 --frequencies 50,60 --spacing 0.5"
+        "python -m plant_sim study throughput --trials 1 --seed 3 --seedlings 72 --frequencies 50,60 --spacing 0.5"
     )
 
 
