@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 
 from controller.core import machine_code
-from controller.core.devices import Memory
+from controller.core.devices import WORD_MAX, Memory
 from controller.core.expr import Bit, Timer, Word
 from controller.core.llvm_ir import translate
 from controller.core.machine_code import MachineCode, MachineExecution
@@ -89,19 +89,39 @@ def test_thousands_of_arbitrary_programs(items: list[Rung | Sequence], story: li
     check_arbitrary_program(items, story)
 
 
-def test_a_step_that_is_left_and_entered_in_the_same_scan_remains_active() -> None:
-    """A transfer to a step cancels the reset of that step at END."""
-    back_and_forth = [
-        Step("one", go=[To("two", x(0))], waits_for="X0"),
-        Step("two", go=[To("one", x(0))], waits_for="X0"),
-    ]
-    program = program_of(Set(s(20), when=x(1)), Sequence("any", 20, back_and_forth))
+def scanned(program: Program, *scans: tuple[int, tuple[int, ...]]) -> Plc:
+    """Run both executions with scans given as time in ms and X numbers that are on; return the machine code."""
     plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
-    for now_ms, on in ((0, (1,)), (10, (0,)), (20, (0,)), (30, ())):
+    for now_ms, on in scans:
         for plc in plcs:
             plc.scan(now_ms, levels(*on))
         assert differences(*plcs) == []
-    assert [plcs[1].memory.S[20], plcs[1].memory.S[21]] == [True, False]
+    return plcs[1]
+
+
+def test_a_step_that_is_left_and_entered_in_the_same_scan_remains_active() -> None:
+    """A transfer to a step cancels the reset of that step at END."""
+    steps = [Step(title, go=[To(other, x(0))], waits_for="X0") for title, other in (("one", "two"), ("two", "one"))]
+    program = program_of(Set(s(20), when=x(1)), Sequence("any", 20, steps))
+    plc = scanned(program, (0, (1,)), (10, (0,)), (20, (0,)), (30, ()))
+    assert [plc.memory.S[20], plc.memory.S[21]] == [True, False]
+
+
+def test_a_step_takes_one_transfer_in_a_scan() -> None:
+    """A transfer that resets the condition of the preceding one does not make the next one possible."""
+    steps = [
+        Step("one", go=[To("two", m(0)), To("three", x(0))], waits_for="X0"),
+        *(Step(title, go=[], waits_for="nothing") for title in ("two", "three")),
+    ]
+    program = program_of(Set(s(20), when=x(1)), Set(m(0), when=x(2)), Sequence("any", 20, steps, consumes=m(0)))
+    plc = scanned(program, (0, (1,)), (10, (0, 2)), (20, ()))
+    assert plc.memory.S[20:23] == [False, True, False]
+
+
+def test_a_retentive_timer_stops_at_the_largest_value() -> None:
+    program = program_of(OnDelay(Timer(250), 100, when=x(0)))
+    plc = scanned(program, (0, (0,)), (4_000_000, (0,)), (8_000_000, (0,)))
+    assert plc.memory.TV[250] == WORD_MAX
 
 
 # ---- program of the machine -------------------------------------------------------------------------------------
