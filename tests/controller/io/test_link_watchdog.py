@@ -46,5 +46,5 @@ def test_a_late_exchange_expires_the_watchdog() -> None:
 
 
 def test_the_limit_must_be_positive() -> None:
-    with pytest.raises(ValueError, match="at least 1 ms"):
+    with pytest.raises(ValueError, match="at least 1, not 0"):
         LinkWatchdog(limit_ms=0)
