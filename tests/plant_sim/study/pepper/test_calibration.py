@@ -17,6 +17,8 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.study.pepper import calibration_study as fits
 from plant_sim.study.pepper.calibration import (
     FITTED,
+    PRESSURES_MPA,
+    _pressure_residuals,
     calibrate,
     courses,
     design_region,
@@ -177,3 +179,15 @@ def test_the_study_compares_the_machine_with_a_new_fit(
     assert json.loads(study.json())["single_factor"]["age"]["T"][6] == pytest.approx(
         percent(courses(SPEC, motion).age, "T")[6]
     )
+
+
+def test_throw_failures_rise_between_the_two_highest_pressures() -> None:
+    """The residuals are smaller if T rises from 0.65 to 0.75 MPa than if it is constant (paper, section 3.3)."""
+    level = np.full(PRESSURES_MPA.shape, 0.01)
+    rising = level.copy()
+    rising[-2] = 0.0
+    constant, risen = (
+        _pressure_residuals(Shares(P=level, D=level, T=throw, missed=level, cut=level, slipped=level)).sum()
+        for throw in (level, rising)
+    )
+    assert risen < constant
