@@ -92,7 +92,7 @@ def timer(n: int, preset: Operand, power: str) -> list[str]:
 
 
 def counter(n: int, preset: Operand, power: str) -> list[str]:
-    """Return the lines of OUT C: up to the preset, or, from C200 on, up and down with 32-bit wrap-around."""
+    """Return the lines of OUT C: it counts up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
     if is_32_bit_counter(n):
         counts = (
             f"wide({preset.number})" if isinstance(preset, DeviceOperand) else signed(getattr(preset, "value", 0), 32)

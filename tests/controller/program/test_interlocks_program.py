@@ -51,7 +51,7 @@ def anything(random: Random, plc: Plc) -> None:
 
 
 def jog_any(random: Random, plc: Plc) -> None:
-    """Put the machine in manual mode with a random jogged output."""
+    """Put the machine in manual mode and jog a randomly chosen output."""
     machine = TAGS.machine
     plc.write(machine.mode, Mode.MANUAL)
     plc.write(machine.state, State.EXECUTE)

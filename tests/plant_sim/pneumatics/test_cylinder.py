@@ -26,7 +26,7 @@ BAR_PA = 1e5
 
 
 def meter_out(gauge_pa: float, load_n: float) -> Any:
-    """V4: a 50/20 cylinder extends 1 m against a load, exhaust C = 0.54 dm3/(s bar), from a full rod side."""
+    """V4: a 50/20 cylinder extends 1 m against a load; exhaust C = 0.54 dm3/(s bar), rod side pressurised."""
     bench = textbook_bench(0.050, 0.020, load_kg=1.0, throttle_m3_s_pa=0.54e-8)
     bench.all_params[0]["weight_n"] = -load_n
     bench.feed(gauge_pa)

@@ -1,7 +1,8 @@
 """Binary floating point: FLT INT ECMP EZCP EADD ESUB EMUL EDIV (FNC 49, 110-129).
 
-A number is an IEEE 754 single in two data registers, low word first; a constant K or H counts as an integer (from
-memory). Registers that do not contain a finite number cause an operation error. Flags are from memory.
+A number is an IEEE 754 single in two data registers, low word first; a constant K or H is treated as an integer.
+Registers that do not contain a finite number cause an operation error. The treatment of constants and the behaviour of
+the flags have not been verified against the manual.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ def test_a_switch_that_is_on_too_early_is_ignored_and_raises_an_alarm(
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_switch_that_flickers_on_confirms_no_position_and_raises_no_alarm(side: Side) -> None:
-    """If the feed switch is on for 100 ms halfway, the slide continues to feed."""
+    """If the feed switch comes on for 100 ms halfway along the stroke, the slide continues to the feed position."""
     twin = switched_on({"trays_target": 1})
     run_to("slide to feed")(twin, side)
     twin.run_for(500)
