@@ -39,6 +39,7 @@ from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 
 SCAN_MS = 10
 TIMEOUT_S = 60.0
+SLOW_PERCENT = 25
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
 
@@ -109,8 +110,9 @@ class LiveMachine:
     def fast(self) -> None:
         self.pace.set(FLAT_OUT)
 
-    def real_time(self) -> None:
-        self.pace.set(REAL_TIME)
+    def slow(self) -> None:
+        """Slow down so far that a browser on a busy computer renews a lease in time."""
+        self.pace.set(SLOW_PERCENT)
 
     def until(self, condition: Callable[[], bool], description: str, within_s: float = TIMEOUT_S) -> None:
         """Wait until a condition holds after a scan."""

@@ -176,7 +176,7 @@ def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
         live.until_state(State.IDLE)
         screen.press("[data-command=start]")
         live.until_state(State.EXECUTE)
-        live.real_time()
+        live.slow()
     button = screen.find(f"main [data-jog='{OUTPUT}']")
     expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
     return button
@@ -299,7 +299,7 @@ def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> No
             screen.page.mouse.down()
             live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on, to end by {end}")
             held_from_ms = live.now_ms
-            live.until(lambda since=held_from_ms: live.now_ms > since + 2 * JOG_LEASE_MS, "held")  # type: ignore[misc]
+            live.until(lambda since=held_from_ms: live.now_ms > since + JOG_LEASE_MS + 2 * SCAN_MS, "held")  # type: ignore[misc]
             assert live.on(OUTPUT), "not renewed"
             if end == "leave":
                 screen.page.mouse.move(5, 5)
@@ -328,7 +328,7 @@ def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, bro
         screen.page.mouse.down()
         live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on")
         held_from_ms = live.now_ms
-        live.until(lambda: live.now_ms > held_from_ms + 2 * JOG_LEASE_MS, "held")
+        live.until(lambda: live.now_ms > held_from_ms + JOG_LEASE_MS + 2 * SCAN_MS, "held")
         assert live.on(OUTPUT), "not renewed"
         if loss == "page closed":
             screen.page.close()
