@@ -85,7 +85,7 @@ def history_text(options: argparse.Namespace, *, now_ms: int) -> str:
 
     Args:
         options: Options of ``history``.
-        now_ms: Wall clock, ms since 1970 UTC; relative times count back from it.
+        now_ms: Wall clock, ms since 1970 UTC; relative times are subtracted from it.
 
     Raises:
         HistoryError: A file or an option is invalid.

@@ -26,7 +26,7 @@ from controller.fx.language.reading import load_ladder
 
 FORMATS: Final = ("il", "gx-csv", "st")
 STEPPER_HZ: Final = 955
-"""Pulse frequency for 0.2 m/s of the conveyor, Hz: 1.8 degrees per step, gear ratio 3 : 1, 40 mm drum."""
+"""Pulse frequency for a conveyor speed of 0.2 m/s, Hz: 1.8 degrees per step, gear ratio 3 : 1, 40 mm drum."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Command ``prove``: prove the machine's program, report as text or JSON, write traces."""
+"""Command ``prove``: prove the machine's program, print a report as text or JSON, and write traces."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def prove_command(
         traces: Folder for the traces of violated goals.
 
     Returns:
-        The text to print, and True if everything is proved.
+        The text to print, and whether everything is proved.
 
     Raises:
         ModelError: A goal is unknown.

@@ -50,7 +50,7 @@ def replay_command(specification: Specification, path: Path) -> tuple[Iterable[s
         path: Trace file.
 
     Returns:
-        The scans as text, and True if the goal still holds after them.
+        The scans as text, and whether the goal holds after them.
 
     Raises:
         ModelError: The file is not a trace, or belongs to another program.

@@ -38,7 +38,7 @@ from controller.program.tags import SetPointError
 RETRY_S = 0.5
 """Interval between attempts to reach the field I/O, s."""
 REMIND_S = 5.0
-"""Interval between messages that the field I/O does not respond, s."""
+"""Interval between repeated reports that the field I/O does not respond, s."""
 SWITCH_INTERVAL_S = 0.0005
 """Thread switch interval, s: maximum time that the scan waits for another thread; one tenth of Python's default."""
 
@@ -60,9 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--panel-limit-ms",
         type=int,
         default=None,
-        help="timeout of the operator panel, ms: if no Modbus request and no line on standard input (an empty one "
-        "suffices) arrives for this time, the machine completes the cycle and holds; active after the first one "
-        "(default: no timeout)",
+        help="timeout of the operator panel, ms: if neither a Modbus request nor a line on standard input (which may "
+        "be empty) arrives within this time, the machine completes the cycle and holds; active after the first request "
+        "or line (default: no timeout)",
     )
     parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
     parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
@@ -89,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--simulated-time",
         action="store_true",
-        help="for a plant in lock step: each scan advances the time by one period, independent of the wall clock; a "
+        help="for a plant in lock step: each scan advances the time by one period, independently of the wall clock; a "
         "panel can pause the time and change its speed. Never use this for a real machine",
     )
     parser.add_argument(

@@ -7,9 +7,9 @@ from pathlib import Path
 
 
 def user_cache_folder() -> Path:
-    """Return ``seedling-transplanter`` in the user's cache folder, which need not exist.
+    """Return the path of ``seedling-transplanter`` in the user's cache folder; the folders need not exist.
 
-    The user's cache folder is ``%LOCALAPPDATA%`` on Windows, else ``$XDG_CACHE_HOME`` or ``~/.cache``.
+    The user's cache folder is ``%LOCALAPPDATA%`` on Windows, otherwise ``$XDG_CACHE_HOME`` or ``~/.cache``.
 
     Raises:
         RuntimeError: The user has no home folder.

@@ -38,7 +38,7 @@ class CommandModule(Protocol):
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser that reports an invalid argument in one line and exits with code 2, including for subcommands."""
+    """Parser, also of subcommands, that reports an invalid argument in one line and exits with code 2."""
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit."""

@@ -17,7 +17,7 @@ def lock_file(path: Path) -> BaseFileLock:
     """Lock a file for this process; the operating system releases the lock when the process ends.
 
     Args:
-        path: File to lock. It need not exist. Its folder is created if missing, but not the parent of that folder.
+        path: File to lock. It need not exist. Its folder is created if missing; the parent of that folder must exist.
             The lock is a separate file in the same folder, `<name>.lock`.
 
     Returns:

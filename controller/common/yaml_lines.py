@@ -66,7 +66,8 @@ _COMPILED: Final[Mapping[type[yaml.BaseLoader | yaml.SafeLoader], Any]] = (
 """Compiled counterpart of each loader, ten times faster."""
 _NESTING = "[{-:?"
 _MAX_NESTING: Final = 5_000
-"""Limit for the compiled loaders, which overflow the stack at a nesting depth of some ten thousand levels."""
+"""Number of characters of `_NESTING` from which the Python loader is used; the compiled loaders overflow the stack at
+a depth of about 10,000."""
 
 
 def read_yaml(
@@ -77,7 +78,7 @@ def read_yaml(
     Args:
         path: Path of the file.
         error_type: Type of the error of an invalid file.
-        loader: Resolver of the types of scalars. The default resolves none: YAML 1.1 would read ``off`` as false,
+        loader: Loader that resolves the types of scalars. The default resolves none; YAML 1.1 reads ``off`` as false,
             ``010`` as 8 and ``1:30`` as 90.
 
     Raises:
@@ -103,7 +104,7 @@ def read_yaml(
 
 
 def _compose(text: str, loader: type[yaml.BaseLoader | yaml.SafeLoader]) -> yaml.Node | None:
-    """Return the node tree; the Python loader decides on texts that the compiled one rejects, and describes errors."""
+    """Return the node tree; the Python loader reads texts that the compiled one rejects, and reports errors."""
     fast = _COMPILED.get(loader)
     if fast is not None and sum(map(text.count, _NESTING)) < _MAX_NESTING:
         with suppress(yaml.YAMLError):
@@ -137,7 +138,7 @@ def line_of(node: yaml.Node) -> int:
 def value_of(node: yaml.Node) -> object:
     """Return a bool for a plain true or false, an int for a plain decimal, otherwise the text.
 
-    A list or a mapping remains a node.
+    A list or a mapping is returned as a node.
     """
     if not isinstance(node, yaml.ScalarNode):
         return node
@@ -156,8 +157,8 @@ def unfold(node: yaml.MappingNode, depth: int = 2, convert: Callable[[yaml.Node]
     Args:
         node: The mapping.
         depth: Number of nested levels, 1 for the keys of the mapping only.
-        convert: Converts a scalar, and a list or a mapping below the last level. The default leaves the latter
-            nodes, which no model accepts. A ValueError is recorded as a fault.
+        convert: Function that converts a scalar, or a list or mapping below the last level. The default returns lists
+            and mappings as nodes, which no model accepts. A ValueError is recorded as a fault.
     """
     located = LocatedMapping({}, {(): line_of(node)})
 

@@ -28,7 +28,7 @@ _REMEDIES = {
 
 
 class StrictModel(BaseModel):
-    """Model without unknown keys or type conversions."""
+    """Model that rejects unknown keys and does not convert types."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -49,7 +49,7 @@ def validated(model: type[_Model], located: LocatedMapping, context: object = No
 def complaints(error: ValidationError, model: type[BaseModel], values: object) -> list[tuple[KeyPath, str]]:
     """Return the path of every invalid value with problem and remedy, unknown keys first.
 
-    A misspelt key also makes the correct key missing: only the misspelling is reported.
+    If a key is misspelt, the correct key is also missing; only the misspelling is reported.
 
     Args:
         error: Validation error.
@@ -69,7 +69,7 @@ def complaints(error: ValidationError, model: type[BaseModel], values: object) -
 
 
 def _path(location: KeyPath, values: object) -> KeyPath:
-    """Return the part of an error location that exists in the values: without the types of a union."""
+    """Return the part of an error location that exists in the values, without the types of a union."""
     for depth, part in enumerate(location):
         is_key = isinstance(values, Mapping) and part in values
         if not is_key and not (isinstance(values, list) and isinstance(part, int)):

@@ -18,7 +18,7 @@ _Name = TypeVar("_Name", bound=str)
 
 
 class Section:
-    """Mapping of the file.
+    """Mapping in a YAML file.
 
     Attributes:
         path: Path of the file.

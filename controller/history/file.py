@@ -1,6 +1,6 @@
 """History file: one SQLite database in WAL mode with a size limit.
 
-The limit is divided: three quarters for the tables, a sixteenth for the write-ahead log (WAL), and the rest for
+Three quarters of the limit are for the tables, a sixteenth is for the write-ahead log (WAL), and the rest is for
 growth by one batch of rows and for SQLite's index of the log. The oldest rows are deleted to make room for new ones,
 and their pages are reused.
 """
@@ -22,7 +22,7 @@ MIN_LIMIT_BYTES: Final = 4_000_000
 BUSY_S: Final = 0.2
 """Longest wait for a reader, s; during the wait, rows are queued."""
 VACUUM_PAGES: Final = 64
-"""Pages returned to the file system per vacuum step."""
+"""Number of pages returned to the file system per vacuum step."""
 _INSERT: Final = {
     table: f"INSERT INTO {table} VALUES ({', '.join('?' * len(columns))})"  # noqa: S608 - internal names
     for table, columns in TABLES.items()
@@ -157,7 +157,7 @@ class HistoryFile:
             return 0
 
     def _delete_oldest(self) -> bool:
-        """Delete the rows in the lowest 1/64 of the id range and runs left empty; return True if a row was deleted."""
+        """Delete the rows in the lowest 1/64 of the id range, and empty runs; return True if a row was deleted."""
         before = self._db.total_changes
         bounds = [self._db.execute(f"SELECT min(id), max(id) FROM {table}").fetchone() for table in _JOURNALS]  # noqa: S608
         filled = [(lowest, highest) for lowest, highest in bounds if lowest is not None]

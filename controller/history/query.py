@@ -1,4 +1,4 @@
-"""History queries: rows for a panel, pages for an export. They also work while a controller is writing the history.
+"""History queries: rows for a panel, pages for an export. Queries also work while a controller is writing the history.
 
 A reader holds a transaction only for one answer or one page, so that the writer can always checkpoint its write-ahead
 log.
@@ -36,7 +36,7 @@ class RowSelection:
     Attributes:
         since_ms: Start of the wall-clock interval, ms, inclusive; None = from the first row.
         until_ms: End of the wall-clock interval, ms, exclusive; None = to the newest row.
-        last: Maximum number of rows, the newest ones; None = all rows.
+        last: Maximum number of rows, counted from the newest; None = all rows.
     """
 
     since_ms: int | None = None

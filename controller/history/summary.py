@@ -28,7 +28,7 @@ class AlarmTotal:
         number: Number of the annunciator.
         text: Message of the alarm.
         count: Number of activations.
-        active_ms: Total time that the alarm was set and not shelved after its activations on this day, ms.
+        active_ms: Total time for which the alarm was set and not shelved, counted from its activations on this day, ms.
     """
 
     number: int
@@ -50,7 +50,7 @@ class DayTotal:
         trays: Number of trays emptied.
         cycles: Number of completed cycles of both arms.
         cycle_ms: Sum of the cycle times, ms.
-        missed_cups: Sum of the cups missed since the previous cycle of the same arm; 0 for the first recorded cycle.
+        missed_cups: Number of cups missed, attributed to the next cycle of the arm; 0 for the first recorded cycle.
         alarms: Totals of the alarms by annunciator number.
     """
 

@@ -2,7 +2,7 @@
 
 A forced input bypasses interlocks, so motion is inhibited: inputs can be forced only while the machine is
 Stopped in manual mode, and the runtime then writes the safe state of every output. Forcing ends automatically when the
-machine leaves this state or mode, or when the forcing client does not renew it in time.
+machine leaves this state or mode, or when the forcing client does not renew it within `LEASE_MS`.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from controller.core.retentive_store import RetentiveStore
 
 
 class RetentiveWriter(Protocol):
-    """Writer of retentive values from the scan to a store."""
+    """Interface of a writer that stores the retentive values of the scan."""
 
     def submit(self, values: Mapping[str, int]) -> None:
         """Request storage of the values; a later call replaces a request whose write has not started."""
@@ -52,7 +52,7 @@ class DirectRetentiveWriter:
 
 
 class ThreadedRetentiveWriter:
-    """Writer in a background thread. It saves only the newest values, which are always the complete memory."""
+    """Writer in a background thread. It saves only the newest values, which always comprise the complete memory."""
 
     def __init__(self, store: RetentiveStore) -> None:
         self._store = store

@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 STORE_LIMIT_MS = 1_000
 """Longest time that outputs wait for the retentive store, ms; a longer wait sets a store fault."""
 SCAN_LIMIT_MS = 200
-"""Longest time from one scan to the next, ms; the FX2N's D8000 (docs/sources/fx2n.md 1.4)."""
+"""Longest time from one scan to the next, ms, as in D8000 of the FX2N (docs/sources/fx2n.md 1.4)."""
 REOPEN_MS = 500
 """Interval between attempts to reopen a lost link, ms."""
 
@@ -247,7 +247,7 @@ class Runtime:
         self._watchdog.feed(now_ms)
 
     def _reopen(self, now_ms: int) -> bool:
-        """Try to reopen the link: in every scan before the timeout, at intervals once the link is lost."""
+        """Try to reopen the link: in every scan before the timeout, then every `REOPEN_MS`."""
         if self._watchdog.expired(now_ms + self._wait_ms):
             self.link_lost = True
             self._inputs = self.machine.io_map.safe_inputs()
@@ -267,7 +267,7 @@ class Runtime:
             self.link_lost = True
 
     def _submit_retentive(self) -> None:
-        """Submit changed retentive values. After an error, submit again: an idle machine changes no value."""
+        """Submit changed retentive values. After an error, submit them again even if no value changes."""
         image = self.plc.retentive_image()
         if image != self._submitted_image or self._retentive_writer.error is not None:
             self._submitted_image = image

@@ -1,9 +1,9 @@
 """Alarm table of the program: annunciators S900-S999 with severity, texts and causes, and the rungs that set them.
 
 S numbers are permanent because panels, logs and operators refer to them. A number is never changed or reused; a new
-alarm gets the first free number after the last one in use below S990, a new warning the first after the last warning.
-Severity is a separate field and does not depend on the number. As on the FX2N, D8049 contains the lowest number that is
-on, regardless of severity.
+alarm gets the first free number after the last one in use below S990, and a new warning gets the number after that of
+the last warning. Severity is a separate field and does not depend on the number. As on the FX2N, D8049 contains the
+lowest number of an annunciator that is on, regardless of severity.
 """
 
 from __future__ import annotations
@@ -26,25 +26,27 @@ SLIDE_LIMIT_MS: Final = 5_000
 """Time limit for slide motion, ms: twice the 2.6 s of the longest stroke (378.5 mm at 800 mm row spacing, 0.143 m/s),
 rounded down."""
 LIFT_LIMIT_MS: Final = 2_500
-"""Time limit for lift motion, ms: more than three times the 0.75 s for 150 mm at 0.2 m/s."""
+"""Time limit for lift motion, ms: more than three times the travel time of 0.75 s (150 mm at 0.2 m/s)."""
 SPREAD_LIMIT_MS: Final = 2_500
-"""Time limit for spreading and converging, ms: more than two and a half times the 0.94 s for 187 mm at 0.2 m/s."""
+"""Time limit for spreading and converging, ms: more than two and a half times the travel time of 0.94 s (187 mm at
+0.2 m/s)."""
 TRAY_OUT_LIMIT_MS: Final = 3_200
 """Time limit for conveying a tray out, ms. 540 mm at 0.2 m/s take 2.9 s including the ramps. If the limit were much
-longer and the sensor stuck, the next tray would be conveyed out as well."""
+longer and the sensor were stuck, the next tray would be conveyed out as well."""
 CLAW_LIMIT_MS: Final = 3_000
 """Time limit for a claw step, ms. The maximum dwell setting is 2 s; a claw coil still blocked by an interlock or by
 delayed outputs after 3 s indicates a fault."""
 OFF_HOME_MS: Final = 1_000
 """Delay of the alarm for an arm that is no longer at home, ms; longer than switch bounce."""
 STOP_STUCK_MS: Final = 5_000
-"""Delay of the stuck button alarm, ms. Longer than any intended press of X24; clearing requires 3 s."""
+"""Delay of the stuck button alarm, ms. Longer than any intended press of X24; clearing an emergency stop
+requires 3 s."""
 TRAY_LOST_MS: Final = 500
 """Delay of the alarm for a tray at rest that is no longer detected by the front edge sensor, ms; longer than sensor
 bounce."""
 IN_DOUBT_MS: Final = 200
-"""Delay of the alarm for implausible switches, ms: two switches of one device are on at the same time, or one comes on
-too early, for longer than input filters and cables can explain."""
+"""Delay of the alarm for implausible switches, ms. Input filters and cables can cause two switches of one device to be
+on at the same time, or one to come on too early, only for a shorter time."""
 UNBIDDEN_MS: Final = 500
 """Delay of the alarm for an arm at rest that leaves or reaches a switch, ms; longer than switch bounce."""
 LONE_CUPS: Final = 6
@@ -106,7 +108,7 @@ class Alarm:
     Attributes:
         bit: S bit; its number is permanent.
         key: Key of the alarm, unique per arm.
-        side: Arm that it belongs to; None for the machine.
+        side: Arm to which the alarm belongs; None for the machine.
         text: Message and checks for the operator.
         severity: Severity, independent of the S number.
         stops_work: True if the alarm holds the machine.
@@ -184,7 +186,7 @@ class Annunciators:
         Args:
             key: Key of the alarm, unique per arm.
             number: Permanent S number.
-            side: Arm that it belongs to; None for the machine.
+            side: Arm to which the alarm belongs; None for the machine.
             severity: Severity of the alarm.
             stops_work: True if the alarm holds the machine. Default: True except for warnings.
             text: Message and checks. Default: the entry of this key in `alarm_texts.ALARMS`.
@@ -302,7 +304,7 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
 
 
 class ArmAlarms:
-    """Annunciators of one arm other than step time limits."""
+    """Annunciators of one arm other than those of the step time limits."""
 
     def __init__(self, arm: ArmTags, alarms: Annunciators, limit: StepLimits) -> None:
         self.overrun = alarms.add_to_arm("overrun", arm.side)
@@ -315,7 +317,7 @@ class ArmAlarms:
 
 
 def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
-    """Return the rungs of the arm alarms other than step time limits: overrun and implausible sensors.
+    """Return the rungs of the alarms of one arm other than those of the step time limits.
 
     The plausibility alarms are off in manual mode because the operator moves the arm to find the faulty switch. The
     interlocks still apply.

@@ -1,4 +1,4 @@
-"""Transplanting cycle of one arm and its bookkeeping, declared once for both sides.
+"""Transplanting cycle and bookkeeping of one arm; the declaration is the same for both sides.
 
 "Throw" is the term of the papers for the release of the seedlings over the cups.
 """
@@ -171,7 +171,10 @@ def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> lis
 
 
 def _claws(tags: Tags, a: ArmTags) -> list[Rung]:
-    """Return the rungs of the claw dwell timers, which run only while the coil is actually on; claws have no sensor."""
+    """Return the rungs of the claw dwell timers, which run only while the coil is actually on.
+
+    No sensor detects whether the claws are open or closed.
+    """
     out = ~tags.system.outputs_held
     return [
         OnDelay(a.t_closing, tags.sp.clamp, when=a.coils["claws_close"] & out),
@@ -180,7 +183,10 @@ def _claws(tags: Tags, a: ArmTags) -> list[Rung]:
 
 
 def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
-    """Return the power-up rungs: unknown claws count as closed and loaded; a row not yet lifted is in doubt."""
+    """Return the power-up rungs: claws in an unknown state count as closed and loaded.
+
+    A row in progress that has not been lifted is in doubt.
+    """
     unknown = FIRST_SCAN & ~a.claws_known
     lifted = all_of(FIRST_SCAN, real, ~a.down, ~a.at_feed)
     rows: list[Rung] = []
@@ -196,7 +202,7 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     """Return the rungs of the cup counter, which runs in every state.
 
     The edge that releases a row is count 0; the twelfth edge after it may release the next row. Every edge, counted or
-    not, restarts the pulse interval, so a bouncing flag counts once.
+    not, restarts the pulse interval, so a flag that bounces is counted only once.
     """
     machine, sp = tags.machine, tags.sp
     waiting = steps["wait for cups"] | steps["wait to lower"]
@@ -220,7 +226,7 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
 
 
 def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]:
-    """Return the row rungs: the next row is the first one not taken; lifting the arm takes a row."""
+    """Return the row rungs: the next row is the first one not taken; a row is taken when the arm lifts it."""
     real = ~tags.system.link_lost
     jogged = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
     driven = a.loaded & (a.coils["slide_inward"] | a.coils["slide_outward"])
@@ -246,7 +252,7 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
 
 
 def _at_or_beyond(a: ArmTags, row: int) -> Expr:
-    """Return the condition that a switch at or beyond a row is on; it stops the slide even if implausible."""
+    """Return the condition that any switch at or beyond a row is on; even an implausible switch stops the slide."""
     return any_of(*(a.sensed_at_pick[pick] for pick in ROWS if pick >= row))
 
 
@@ -304,7 +310,7 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
 
 
 def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, released: Expr) -> list[Rung]:
-    """Return the rungs that store the row of seedlings in the claws, in automatic and manual mode.
+    """Return the rungs that store the state of the claws and of the row they take or put back, in all modes.
 
     Claws count as closed from the closing request until the end of the opening dwell.
     """

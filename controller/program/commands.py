@@ -1,4 +1,4 @@
-"""Command table: operator commands without a wire, as M bits that are on for one scan."""
+"""Command table: operator commands that are not wired to an input, as M bits that are on for one scan."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Commands:
         self.reset = self._add("reset", "reset alarms; home unless in manual mode", 1)
         self.start = self._add("start", "start; in Suspended, search for a tray again", 2)
         self.stop = self._add("stop", "finish the running cycle, move home, then Stopped", 3)
-        self.hold = self._add("hold", "continue the running cycle as far as feed, then hold", 4)
+        self.hold = self._add("hold", "continue the running cycle until the arms are at feed, then hold", 4)
         self.unhold = self._add("unhold", "resume after a hold", 5)
         self.suspend = self._add("suspend", "start no new row until the unsuspend command", 6)
         self.unsuspend = self._add("unsuspend", "resume after a suspend command", 7)
@@ -68,7 +68,7 @@ class Commands:
         self.tray_same = self._add("tray_same", "answer: the stored tray is at the pick position", group="answer")
         self.tray_full = self._add("tray_full", "answer: a full tray is at the pick position", group=ANSWER)
         self.tray_none = self._add(
-            "tray_none", "answer: no usable tray; convey it out and feed the next one", group=ANSWER
+            "tray_none", "answer: no usable tray; convey out any tray and feed the next one", group=ANSWER
         )
         self.count_reset = self._add("count_reset", "reset the counts of trays, cycles and missed cups", group="count")
         self.loaded_yes: dict[str, Bit] = {}

@@ -1,4 +1,4 @@
-"""Homing of one arm from any position: the first of seven cases that applies."""
+"""Homing of one arm from any position, by the first of seven cases that applies."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ chamber may be empty; the first stroke inward would then have no back pressure."
 def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
     """Return the homing sequence; its first step selects one of seven cases.
 
-    1. Unknown claws count as closed and loaded, see `arm.conditioning`.
+    1. Claws in an unknown state count as closed and loaded, see `arm.conditioning`.
     2. A row in progress is put back and stays full if the arm is still down, or if the arm rose without a command
        before the claws had gripped, because half-closed claws must not lift a row.
     3. A loaded arm away from feed moves fully up, then out.
     4. An empty arm away from feed moves out low if it is down, otherwise up and then out.
-    5. A loaded arm at feed moves up and remains ready.
+    5. A loaded arm at feed moves up and is then ready.
     6. An empty arm at feed opens its claws, moves up, converges and moves down.
-    7. If the case cannot be determined, the step waits for the operator.
+    7. If the case cannot be determined, the first step waits for an answer from the operator.
     """
     a = tags.arms[side]
     steps = [
@@ -93,7 +93,7 @@ def _to_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
 
 
 def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
-    """Return the steps at feed that lead to the initial state, or to loaded and ready."""
+    """Return the steps at feed that lead to the initial state, or to the loaded and ready state."""
     a = tags.arms[side]
     want = a.want
     return [

@@ -99,7 +99,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "outward clear",
-            "a loaded arm moves out only when up, an empty arm when up, or down with open claws",
+            "a loaded arm moves out only when up; an empty arm when up, or when down with open claws",
             ("slide_outward",),
             a.up | all_of(a.down, ~a.loaded, ~a.claws_closed),
         ),

@@ -15,7 +15,7 @@ from controller.program.tags import FIRST_SCAN, STEPPED, Tags
 CLEAR_HOLD_MS = 3_000
 """Time for which X24 must be held to clear an emergency stop, ms."""
 STEP_PRESS_MS = 2_000
-"""Time after which an unused press in step mode expires, ms, so that motion does not start unexpectedly late."""
+"""Time after which an unused press in step mode expires, ms, so that motion does not start long after the press."""
 
 
 @dataclass(frozen=True, slots=True)

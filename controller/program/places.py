@@ -19,20 +19,20 @@ LIFT_LEAST_MS: Final = 250
 """Shortest plausible travel time of the lift, ms. 138 mm (150 mm less both switch bands) take 0.7 s at 0.2 m/s, or
 0.32 s if a jam has vented the chamber ahead of the piston."""
 BELT_LEAST_MS: Final = 800
-"""Shortest plausible travel time of the belt, ms. 187 mm less both switch bands take 0.9 s at 0.2 m/s; a driven motor
-is hardly faster."""
+"""Shortest plausible travel time of the belt, ms. 187 mm less both switch bands take 0.9 s at 0.2 m/s; the motor
+cannot run much faster."""
 HOP_LEAST_MS: Final = 100
 """Shortest plausible travel time between two rows, ms: half of the 0.2 s that 31 mm (43 mm less both switch bands) take
 at 0.15 m/s."""
 LIFT_WHOLE_MS: Final = 1_500
-"""Time for the full lift stroke with margin, ms: twice the 0.75 s at 0.2 m/s."""
+"""Time for the full lift stroke with margin, ms: twice the travel time of 0.75 s at 0.2 m/s."""
 SLIDE_WHOLE_MS: Final = 3_500
 """Time for the full slide stroke with margin, ms: a third more than the 2.6 s of the longest stroke, 378.5 mm at 800 mm
 row spacing, at 0.143 m/s."""
 BELT_WHOLE_MS: Final = 1_300
-"""Time for the full belt travel with margin, ms: a third more than the 0.94 s at 0.2 m/s."""
+"""Time for the full belt travel with margin, ms: a third more than the travel time of 0.94 s at 0.2 m/s."""
 REST_MS: Final = 1_000
-"""Delay from the last coil going off until the arm counts as at rest, ms; the arm stops within a fraction of it."""
+"""Delay from the last coil going off until the arm counts as at rest, ms; the arm stops in a fraction of this time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class SwitchedDevice:
     Attributes:
         arm: Arm of the device.
         name: One of `DEVICES`; part of the names of its relays.
-        places: Relays for the place and the last place, by switch. The first place is distant from the others.
+        places: Relays for the place and the last place, by switch, beginning with the place farthest from the others.
         to_end: Coil that drives to an end, by the switch at that end.
         whole_ms: Time for the full stroke with margin, ms.
-        travelled: Relay: the time to any other place has elapsed.
-        among_rows: Relay: the travel time between two places other than the first has elapsed.
+        travelled: Relay: the shortest travel time to any other place has elapsed.
+        among_rows: Relay: the shortest travel time between two places other than the first has elapsed.
     """
 
     arm: ArmTags

@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Mode(IntEnum):
-    """Operating modes: 1 Production and 3 Manual as in PackML, user-defined modes above (fx2n.md 1.8 and 5)."""
+    """Operating modes: 1 Production and 3 Manual as in PackML; higher numbers are user-defined (fx2n.md 1.8 and 5)."""
 
     CONTINUOUS = 1
     MANUAL = 3
@@ -60,4 +60,5 @@ HOLDS = (State.HOLDING, State.HELD)
 HOMED_FROM = (State.STOPPED, State.HELD, State.COMPLETE)
 """States in which reset is accepted."""
 MODE_CHANGES = (State.STOPPED, State.IDLE, State.HELD, State.COMPLETE)
-"""States in which the mode may change. In Idle the arms must be at home, so changing to or from manual is refused."""
+"""States in which the mode may change. Idle requires the arms to be at home, so a change to or from manual is
+refused there."""

@@ -41,15 +41,16 @@ of 80 mm takes 128 ms. The input filter and half a scan add 15 ms: 333 - 254 - 1
 of the timer (machine.yaml)."""
 
 SLIDE_LEAST_X10_MS: Final = 90
-"""Shortest plausible travel from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
+"""Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
 take 1.2 s at 0.15 m/s; the value is three quarters of that. A different row spacing requires a different value
 (machine.yaml)."""
 
 ROW_PITCH_MM: Final = 43.0
 FINGER_OVERHANG_MM: Final = 25.0
-"""Inward reach of the fingers past the stems: half of the 50 mm spring strip (paper), assumed to grip at its middle."""
+"""Inward reach of the fingers past the stems: half of the 50 mm spring strip (paper), which is assumed to grip
+at its middle."""
 ARMS_MAY_MEET: Final = int(2 * FINGER_OVERHANG_MM < ROW_PITCH_MM)
-"""1 if both arms may be at row 3 at the same time. They are one row pitch apart there, so their fingers must not
+"""1 if both arms may be at row 3 at the same time. They are then one row pitch apart, and their fingers must not
 overlap."""
 
 FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
@@ -308,7 +309,7 @@ class ArmTags:
         self.distrusted = {
             name: retentive_m.bit(
                 f"{name} switch distrusted",
-                f"switches of the {name} are not trusted until it was driven to its end",
+                f"switches of the {name} are not trusted until it has been driven to its end",
             )
             for name in DEVICES
         }

@@ -97,7 +97,7 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
 
 
 def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
-    """Return the rungs for the phase of the tray and the request and permit for the next tray."""
+    """Return the rungs that set the phase of the tray and the request and permit for the next tray."""
     t, arms, machine, sp, commands = tags.tray, tags.arms, tags.machine, tags.sp, tags.commands
     rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
     all_taken = all_of(*(row.equals(TAKEN) for row in rows))
@@ -117,7 +117,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),
         Mov(MOVING_OUT, t.phase, when=t.emptied),
-        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # this tray or the next one: the operator must check
+        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # which tray is unknown: the operator must check
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not a row in progress
         *(Mov(TAKEN, row, when=none) for row in rows),

@@ -36,11 +36,11 @@ class _OperatorPresses:
         }
 
     def off(self) -> Presses:
-        """Return the levels if no command is given."""
+        """Return the levels when no command is given."""
         return self._nothing
 
     def press(self, command: Bit) -> Presses:
-        """Return the levels if only one command is given."""
+        """Return the levels when only one command is given."""
         return {**self._nothing, command: True}
 
 

@@ -58,7 +58,7 @@ class Cell(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Bits of a number: 32 for counters from C200 and start ticks, else 16."""
+        """Width of a number in bits: 32 for start ticks and for counters from C200, otherwise 16."""
         return 32 if self.kind == "TS" or (self.kind == "CV" and is_32_bit_counter(self.number)) else 16
 
     def __str__(self) -> str:
@@ -153,7 +153,7 @@ def operand_of(operand: Word | int, memory: Mapping[Cell, z3.ExprRef]) -> z3.Bit
 
 
 def compare(relation: str, left: z3.BitVecRef, right: z3.BitVecRef | int) -> z3.BoolRef:
-    """Compare two signed numbers of any width."""
+    """Return the comparison of two signed numbers of any width as a formula."""
     needed = right.bit_length() + 1 if isinstance(right, int) else right.size()
     width = max(left.size(), needed)
     one, two = widened(left, width), widened(right, width)

@@ -1,8 +1,8 @@
 """Proof by induction over one scan: if all goals hold before the scan, they hold after it, for all inputs.
 
-A goal is proved if it holds after the first scan at the first power-up, and if no further scan, whether in normal
-operation or the first one after a loss of power, can violate it from a memory in which all goals hold. The solver
-reports which goals a proof depends on; the proof is valid only if these are proved too.
+A goal is proved if it holds after the first scan at the first power-up, and if no other scan that starts from a memory
+in which all goals hold can violate it, either in normal operation or as the first scan after a loss of power. The
+solver reports which goals a proof depends on; the proof is valid only if these are proved too.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class _Scan:
 
 
 def describe_failure(model: Model, failure: Failure) -> list[str]:
-    """Return a description of the failed scan for the author of the invariants."""
+    """Return a description of the scan that violates the goal, for the author of the invariants."""
     others = [
         cell
         for cell, value in failure.before.items()
@@ -180,7 +180,7 @@ def describe_failure(model: Model, failure: Failure) -> list[str]:
 def unproved(verdicts: Iterable[Verdict]) -> dict[str, frozenset[str]]:
     """Return the unproved goals, each with the unproved goals that its own proof depends on.
 
-    Goals that depend on each other are proved together because each holds independently at the first power-up.
+    Goals that depend on each other are proved together: each of them holds after the first scan without the others.
     """
     verdicts = tuple(verdicts)
     failed: dict[str, frozenset[str]] = {v.goal.name: frozenset() for v in verdicts if not v.proved}

@@ -1,8 +1,8 @@
 """Progress: every step can be left, and every specified way out reaches its goal.
 
-A step can be left if there is a state in which every goal holds and the step is on, and one scan later the step is off;
+A step can be left if it is off one scan after some state in which it is on and all requirements and invariants hold;
 the state need not be reachable. A way out must meet a stronger condition: it reaches its goal from every state in which
-every goal and its start condition hold.
+its start condition and all requirements and invariants hold.
 """
 
 from __future__ import annotations

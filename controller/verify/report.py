@@ -80,11 +80,11 @@ class Report:
 
     @property
     def good(self) -> bool:
-        """True if every goal is proved or, for progress goals, possible."""
+        """True if every result is `PROVED` or, for steps and ways out, `POSSIBLE`."""
         return all(row.result in GOOD for row in self.rows)
 
     def text(self) -> str:
-        """Return a table followed by the details of the goals not proved."""
+        """Return a table followed by the details of the goals that are not proved."""
         width = max((len(row.name) for row in self.rows), default=0)
         kind = max((len(row.kind) for row in self.rows), default=0)
         result = max((len(row.result) for row in self.rows), default=0)

@@ -21,8 +21,8 @@ PAUSE_BITS: Final = 8
 class Search:
     """Consecutive scans from power-up, created on demand.
 
-    The search starts from the first power-up, or from a loss of power in any state in which every goal holds; only the
-    retentive devices survive it. Traces from the first power-up are searched for first.
+    The search starts from the first power-up, or from a loss of power in any state in which every goal holds; only
+    retentive devices keep their values through a loss of power. Traces from the first power-up have priority.
     """
 
     def __init__(self, model: Model, clock: Callable[[], float]) -> None:

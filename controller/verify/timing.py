@@ -54,7 +54,7 @@ class FreeTimers:
 
 
 class ExactTimers:
-    """Timers that count the ticks of the scan by the rules of `controller.core.compile`."""
+    """Timers that count the ticks of the scan according to the rules of `controller.core.compile`."""
 
     def __init__(self, ticks: Mapping[int, z3.BitVecRef], clock_1_s: z3.BoolRef) -> None:
         """Set the time of one scan.
@@ -68,7 +68,7 @@ class ExactTimers:
 
     @classmethod
     def aged(cls, label: str) -> ExactTimers:
-        """Return a scan time before which timers may have run for any length of time because their start is unknown."""
+        """Return the time of a scan before which timers with an unknown start may have run for any length of time."""
         tick = z3.BitVecVal(LONG, 32)
         return cls(dict.fromkeys((MS_1, MS_10, MS_100), tick), z3.Bool(f"1 s clock@{label}"))
 

@@ -148,7 +148,7 @@ class MbapConnection(asyncio.BufferedProtocol):
         """Answer every complete frame in the buffer.
 
         Returns:
-            Number of bytes consumed, the answers, and False if a header is not valid Modbus TCP.
+            The number of bytes consumed, the answers, and whether all headers are valid Modbus TCP.
         """
         used = 0
         answers: list[bytes] = []

@@ -165,7 +165,7 @@ class _InputRegisters(_Packed, ReadInputRegistersResponse):
 
 
 Handler = Callable[[Any, bytes], ModbusPDU]
-"""Function that executes a request, given a device with the table and the data of the request."""
+"""Function that executes a request, given a device that has the table and the data of the request."""
 P = TypeVar("P", bound=ModbusPDU)
 
 

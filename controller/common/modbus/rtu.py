@@ -1,8 +1,8 @@
 """Modbus RTU server on a serial line: frames delimited by length and checksum, one device at one address.
 
-In the specification, an idle time of 3.5 characters ends a frame. Adapters and operating systems add further gaps,
-so a request is accepted when its length is reached and its checksum is valid. Other data (noise, requests to other
-units and their answers) is skipped byte by byte. Source: Modbus over Serial Line V1.02, 2.5.1.
+According to the specification, an idle time of 3.5 characters ends a frame. Adapters and operating systems add further
+gaps, so a request is accepted when its length is reached and its checksum is valid. Other data (noise, requests to
+other units and their answers) is skipped byte by byte. Source: Modbus over Serial Line V1.02, 2.5.1.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Modbus address map of the FX3U, restricted to the devices of the FX2N.
 
-An FX2N has no Modbus slave, but commercial panels know the map of its successor (fx2n.md 3.1: bit devices, D, D8000, TN
-and CN are documented in the manual; the two words per counter for C200 and above are common knowledge and fit
-the addresses). The R area, which an FX2N lacks, holds the status registers of the controller (`status_registers`).
+An FX2N has no Modbus slave, but commercial panels support the map of its successor (fx2n.md 3.1: bit devices, D, D8000,
+TN and CN are documented in the manual; the two words per counter from C200 are generally known and consistent with
+the addresses). The R area, which an FX2N lacks, contains the status registers of the controller (`status_registers`).
 """
 
 from __future__ import annotations

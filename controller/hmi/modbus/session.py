@@ -47,8 +47,8 @@ class HmiState:
         audit: Callback for every write.
         identity: Vendor, product and revision.
         refused_writes: Number of refused writes since the start.
-        jogger: Session that jogs an output; the last one to press a jog button.
-        forcer: Session that forces inputs; the last one to force one.
+        jogger: Session that jogs an output: the last one that pressed a jog button.
+        forcer: Session that forces inputs: the last one that forced an input.
         commands: Commands by coil address.
         set_points: Names and words of the writable set-points by register address.
         spans: Address spans by table.
@@ -251,7 +251,7 @@ class HmiSession(ModbusDevice):
     def _jog_is_active(self, jog: Command) -> bool:
         """Return whether the jog of this client is still active: not refused, released or taken over.
 
-        An order of the previous jogger may arrive in the same scan as the press and take precedence once.
+        An order of the previous session may arrive in the same scan as the press and take precedence in that scan.
         """
         if self._state.jogger is not self:
             return False
@@ -299,7 +299,9 @@ class HmiSession(ModbusDevice):
     def _set_pace(self, values: Sequence[int]) -> None:
         pace = self._state.source.pace
         if pace is None:
-            raise self._refused("pace", str(values[0]), ExcCodes.ILLEGAL_ADDRESS, "not a simulation: time is real")
+            raise self._refused(
+                "pace", str(values[0]), ExcCodes.ILLEGAL_ADDRESS, "not a simulation: the speed cannot be changed"
+            )
         pace.set(values[0])
         self._state.invalidate_status_words()
         self._note("pace", str(values[0]))

@@ -1,8 +1,8 @@
 """Status registers (R area): controller diagnostics, cycle data, the alarm list and panel requests.
 
 An FX2N has no R devices, so these registers do not overlap with devices of the program. 32-bit values are stored low
-word first, as in the FX. The writable registers are not devices of the program either: alarm acknowledgement and
-shelving, the operator name for the audit log, the pace of simulated time, and forced inputs.
+word first, as in the FX. The writable registers are not devices of the program either; they are for alarm
+acknowledgement and shelving, the operator name for the audit log, the pace of simulated time, and forced inputs.
 """
 
 from __future__ import annotations

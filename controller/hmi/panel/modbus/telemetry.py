@@ -1,4 +1,4 @@
-"""Telemetry from a second Modbus source: positions, pressures and seedling counts that the controller lacks.
+"""Telemetry from a second Modbus source: positions, pressures and seedling counts that the controller does not provide.
 
 A CSV file defines the tags; if no file is specified, the page shows no telemetry. Columns: `name` (its suffix is the
 unit), `table` (holding, input, coil, discrete), `address`, `words` (1, or 2 with the high word first), `scale` (value
@@ -30,7 +30,7 @@ Table = Literal["holding", "input", "coil", "discrete"]
 
 
 class TagFileError(InputError):
-    """Raised for an invalid file of telemetry tags; one line with file, line number, error and remedy."""
+    """Raised for an invalid file of telemetry tags; the message is one line with file, line, error and remedy."""
 
 
 class TelemetryTag(BaseModel):
@@ -184,7 +184,7 @@ class Telemetry:
 
 
 def _request_groups(tags: Iterable[TelemetryTag]) -> list[list[TelemetryTag]]:
-    """Group tags into as few requests as possible, none of which reads an address without a tag."""
+    """Group tags into the smallest number of requests that read no address without a tag."""
     groups: list[list[TelemetryTag]] = []
     for tag in sorted(tags, key=lambda tag: (tag.table, tag.address)):
         last = groups[-1] if groups else None

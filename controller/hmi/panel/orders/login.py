@@ -141,7 +141,7 @@ class Users:
         self._stored = stored
 
     def _store(self, file: _UsersFile) -> None:
-        """Write to a temporary file with mode 600 and rename it: the file is never incomplete or readable by others."""
+        """Write a temporary file with mode 600, then rename it; the file is never incomplete or readable by others."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self._path.with_name(f"{self._path.name}.{secrets.token_hex(4)}.new")
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

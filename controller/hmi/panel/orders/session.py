@@ -25,7 +25,7 @@ class BrowserSession:
     Attributes:
         forced: Inputs forced by this browser, by the value of the octal label.
         pressed: Buttons of the operator box held by this browser.
-        release_required: True after a jog that ended without a release; the button must be released first.
+        release_required: True after a jog that ended without a release; the next jog requires a release of the button.
     """
 
     def __init__(self) -> None:

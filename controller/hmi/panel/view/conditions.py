@@ -17,7 +17,7 @@ _GROUP: Final = Text("({text})", "（{text}）")
 _CONSTANTS: Final = {True: Text("always", "始终"), False: Text("never", "从不")}
 _RELATIONS: Final = {"==": "=", "!=": "≠", "<": "<", "<=": "≤", ">": ">", ">=": "≥"}
 _VALUES: Final = {"tray.phase": "phase"}
-"""Text prefix for the values of each word listed; values of other words are shown as numbers."""
+"""Key prefix of the texts for the values of a word, by word name; values of other words are shown as numbers."""
 
 
 def condition_text(condition: Expr) -> Text:

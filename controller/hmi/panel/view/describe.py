@@ -85,7 +85,7 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
 
 
 def _alarmed_devices(machine: Transplanter) -> dict[int, str]:
-    """Return the device of each alarm by annunciator: the device that its step moves or its switches detect."""
+    """Return the device of each alarm, by annunciator number: the one moved by the step or detected by the switches."""
     devices: dict[int, str] = {}
     for side, arm in machine.tags.arms.items():
         moved = {bit: f"{side}.{_DEVICE_OF[name]}" for name, bit in arm.want.items()}

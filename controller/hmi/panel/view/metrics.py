@@ -27,7 +27,7 @@ _PREFIX: Final = "transplanter"
 
 
 class Metrics(Collector):
-    """Collector that reads the mirror on request; values of the controller are omitted while it does not respond."""
+    """Collector that reads the mirror on request; controller values are omitted if the controller does not respond."""
 
     def __init__(
         self,

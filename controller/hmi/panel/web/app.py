@@ -360,7 +360,7 @@ async def _body(request: Request, model: type[Body]) -> Body | None:
 
 
 def _whole_number(request: Request, name: str, default: str) -> int | None:
-    """Return a non-negative integer of the query; None if it is malformed."""
+    """Return a non-negative integer from the query; None if it is malformed."""
     text = request.query_params.get(name, default)
     return int(text) if text.isascii() and text.isdecimal() and len(text) <= 18 else None
 
