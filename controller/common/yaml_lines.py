@@ -37,12 +37,12 @@ class InvalidValue(NamedTuple):
 
 @dataclass
 class LocatedMapping:
-    """Mapping of a file with the lines of its keys.
+    """Mapping in a file, with the lines of its keys.
 
     Attributes:
         values: Values of the mapping, as input of a model.
         lines: Line of each key and each list entry, from 1.
-        faults: Invalid values found so far; ``values`` does not contain duplicate or invalid keys.
+        faults: Invalid values found; ``values`` does not contain duplicate or invalid keys.
     """
 
     values: dict[str, object]

@@ -1,4 +1,4 @@
-"""Interlocks: named rules and the only rungs that write Y.
+"""Interlocks: named rules, and the only rungs that write outputs (Y).
 
 Sequences request outputs. A coil is on only while all of its rules allow it, in every state and regardless of the
 source of the request.

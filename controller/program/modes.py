@@ -82,7 +82,7 @@ def state_table(tags: Tags) -> list[StateChange]:
             tuple(state for state in s if state not in {s.ABORTING, s.ABORTED}),
             s.ABORTING,
             machine.abort,
-            "emergency stop, abort, link, scan or store fault",
+            "emergency stop, abort command, or fault of link, scan or store",
         ),
     ]
 

@@ -1,4 +1,4 @@
-"""Safety requirements of the machine in terms of terminals, coils and the effect of coils.
+"""Safety requirements of the machine in terms of terminals, coils and the effects of coils.
 
 The interlocks rely on the stored states of the program. The monitors derive the same facts from the coils and store
 them separately. The proof (`python -m controller prove`) shows that the monitors and the stored states never disagree;

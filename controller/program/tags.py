@@ -104,7 +104,7 @@ class SetPoints:
             "waiting time without a cup pulse until Suspended; default: 3 cup intervals",
         )
         self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
-        self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
+        self.settle = add("settle x10 ms", 10, 5, 200, "time for which the slide must stay on its switch before clamping")
         self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
         self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
         self.pause_at_feed = add(
@@ -203,7 +203,7 @@ class MachineTags:
         self.jogs = {output: self.jog.equals(1 + n) for n, output in enumerate(JOGGED)}
         self.t_jog_lease = Timer(224, "jog lease", "time since the last jog command")
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
-        self.stop_held = Timer(100, "stop held", "time X24 is held after an emergency stop, to clear")
+        self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
 
 
 class ArmTags:
@@ -268,7 +268,7 @@ class ArmTags:
         self.count_valid = m.bit("count valid", "twelve cups counted or a row released since power-up")
         self.cups_confirmed = m.bit("cups confirmed", "the operator has confirmed that the cups are empty")
         self.no_cups = m.bit("no cups", "waiting for cups, and no cup within the limit")
-        self.row_running = m.bit("row running", "a row has been released: cups that pass beyond twelve are missed")
+        self.row_running = m.bit("row running", "a row has been released, so cups after the twelfth are missed")
         self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next row to pick") for row in ROWS}
         self.row_full = m.bit("row full", "the next row is full")
         self.row_in_progress = m.bit("row in progress", "a row is clamped but not yet lifted")
@@ -300,7 +300,7 @@ class ArmTags:
         self.over_row = m.bit("overran", "the slide left its row after arriving")
 
         self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
-        self.claws_closed = retentive_m.bit("claws closed", "the last claw command was close")
+        self.claws_closed = retentive_m.bit("claws closed", "the last claw command was to close")
         self.claws_known = retentive_m.bit("claws known", "the last claw command is known")
         self.clamped = retentive_m.bit("clamped", "claws closed for their dwell time")
         self.on_row = retentive_m.bit(

@@ -1,1 +1,1 @@
-"""Formal verification of a Program: proofs for all inputs, and counter-example traces."""
+"""Formal verification of a program: proofs for all inputs, and counter-example traces."""

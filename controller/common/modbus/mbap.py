@@ -113,7 +113,7 @@ class MbapConnection(asyncio.BufferedProtocol):
         return self._buffer[self._filled :]
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Answer the complete requests received so far and store the remaining bytes."""
+        """Answer the complete requests in the buffer and store the remaining bytes."""
         self._filled += nbytes
         transport = self._transport
         if transport is None or self._device is None or transport.is_closing():

@@ -20,7 +20,7 @@ MOMENTARY: Final[tuple[Button, ...]] = ("start", "stop", "reset")
 
 
 class BrowserSession:
-    """Inputs and buttons held by one browser.
+    """Forced inputs and pressed buttons of one browser.
 
     Attributes:
         forced: Inputs forced by this browser, by the value of the octal label.
