@@ -28,7 +28,7 @@ from controller.program.tags import (
 
 
 def cycle(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
-    """Return the transplanting cycle (paper, section 1.2): pick a row, lift, move out, spread, lower, throw, converge."""
+    """Return the cycle (section 1.2 of the paper): pick a row, lift, move out, spread, lower, throw, converge."""
     a, machine, sp = tags.arms[side], tags.machine, tags.sp
     want = a.want
     steps = [

@@ -104,7 +104,7 @@ class SetPoints:
             "waiting time without a cup pulse until Suspended; default: 3 cup intervals",
         )
         self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
-        self.settle = add("settle x10 ms", 10, 5, 200, "time for which the slide must stay on its switch before clamping")
+        self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
         self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
         self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
         self.pause_at_feed = add(
