@@ -30,7 +30,7 @@ def plot(
         tags: Names or patterns of columns instead of the default ones.
 
     Returns:
-        Written files: the timing diagram of boolean and text columns, the trends of numbers, each as PNG and
+        Written files: the timing diagram of boolean and text columns, and the trends of numeric columns, each as PNG and
         SVG.
 
     Raises:
