@@ -23,7 +23,7 @@ from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import LiveError, Process
 
 STOLEN_LIMIT_S = 0.01
-"""Maximum steal time (processor time taken by the host) of a calm second, s: one tick of its accounting."""
+"""Maximum steal time (processor time taken by the host) in a calm second, s: one tick of the steal-time counter."""
 LATE_GOAL_MS: Final = 2.0
 RATIO_GOAL: Final = 2.0
 LEAST_RATIO: Final = 1.0
@@ -48,10 +48,10 @@ _MB: Final = 1_000_000
 
 @dataclass(frozen=True)
 class HmiFigures:
-    """Figures of the operator interface; `p99` is the 99th percentile of a lateness.
+    """Figures of the operator interface; `p99` is the 99th percentile of the lateness.
 
     Attributes:
-        bare_p99_ms: Lateness of a loop that only waits 10 ms, on the idle computer, ms, as a measure of its noise.
+        bare_p99_ms: Lateness of a loop that only waits 10 ms, ms; a measure of the timing noise of the idle computer.
         bare_latest_ms: Maximum lateness of the bare loop, ms.
         bare_missed: Waits of the bare loop that ended after the next deadline.
         quiet_p99_ms: Lateness of the scans of a running machine while no client is connected, ms.
@@ -66,7 +66,7 @@ class HmiFigures:
         calm_missed: Scans in the calm seconds that ended after the next was due.
         calm_s: Number of calm seconds.
         stolen_pct: Steal time during the measurement, % of one processor.
-        beside_p99_ms: Lateness of a bare loop at the same time, ms, as a lower limit for that of the scans.
+        beside_p99_ms: Lateness of a bare loop run at the same time, ms; a lower limit for the lateness of the scans.
         beside_latest_ms: Maximum lateness of that loop, ms.
         beside_missed: Waits of that loop that ended after the next deadline.
         answers_per_s: Answered requests of the eight clients, 1/s.
@@ -76,8 +76,8 @@ class HmiFigures:
         many_per_s: Read requests answered by the controller over eight connections, 1/s.
         reference_many_per_s: Read requests answered by the pymodbus server over eight connections, 1/s.
         memory_before_mb: Resident memory of the controller before the mutated frames and the connections, MB.
-        memory_after_mb: Resident memory of the controller after them and one more successful request, MB.
-        frames_answered: Number of complete mutated frames; all were answered.
+        memory_after_mb: Resident memory of the controller after these and one more successful request, MB.
+        frames_answered: Number of complete mutated frames, all of which were answered.
     """
 
     bare_p99_ms: float
@@ -140,7 +140,7 @@ def measure_hmi() -> HmiFigures:
     """Measure lateness, throughput and robustness in sequence.
 
     Raises:
-        LiveError: A process failed, or the machine did not reach a state.
+        LiveError: A process failed, or the machine did not reach a required state.
     """
     return HmiFigures(**measure_punctuality(), **measure_service())
 
@@ -159,7 +159,7 @@ def measure_punctuality(
         Lateness figures of `HmiFigures`.
 
     Raises:
-        LiveError: A process failed, or the machine did not reach a state.
+        LiveError: A process failed, or the machine did not reach a required state.
     """
     with _bare_loop(waits_s) as waiting:
         bare = _waited(waiting)
@@ -322,7 +322,7 @@ def _waited(waiting: Process) -> Punctuality:
 
 
 def _until(controller: Process, state: State, limit_s: float) -> None:
-    """Wait until the controller reports a state."""
+    """Wait until the controller reports the given state."""
     while (event := _read_record(controller, limit_s)).get("state") != state:
         if event.get("state") in (State.HELD, State.ABORTED):
             raise LiveError(f"{state.name} not reached: {event['text']} {event['reason']}".rstrip())

@@ -50,7 +50,7 @@ _SOUND: Final = (
 
 
 class SilentServerError(Exception):
-    """Protocol violation or missing response of the server under measurement."""
+    """Protocol violation or missing response of the measured server."""
 
 
 def request(function_code: int, first: int, count: int) -> bytes:
@@ -79,7 +79,7 @@ def connect(port: int) -> socket.socket:
 
 
 def waits(seconds: int) -> None:
-    """Wait for periodic deadlines like the scan loop, and print the lateness histogram."""
+    """Wait for periodic deadlines, as the scan loop does, and print the lateness histogram."""
     late, missed, never = Histogram(), 0, threading.Event()
     due_ns = time.perf_counter_ns()
     for _ in range(seconds * 1_000_000_000 // WAIT_NS):
@@ -174,7 +174,7 @@ def _rate(port: int, count: int) -> float:
 
 
 def malformed(port: int, frames: int, cycles: int, seed: int) -> None:
-    """Send mutated frames, then connect and disconnect; print the number of answered frames.
+    """Send mutated frames, then connect and disconnect repeatedly; print the number of answered frames.
 
     Every complete frame must be answered. After any other frame the server must close the connection.
     """
@@ -208,7 +208,7 @@ def _send_mutated(port: int, frames: int, rng: random.Random) -> int:
 
 
 def _mutated(rng: random.Random) -> bytes:
-    """Return a valid frame with errors in its request, less often in its header or length."""
+    """Return a frame with random errors in its request and, less often, in its length or header."""
     pdu = bytearray.fromhex(rng.choice(_SOUND))
     for _ in range(rng.randint(1, 3)):
         pdu[rng.randrange(len(pdu))] = rng.randrange(256)

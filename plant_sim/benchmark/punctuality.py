@@ -1,4 +1,4 @@
-"""Lateness of scans: statistics of a histogram, and the lateness and steal time of each second of a run."""
+"""Lateness of scans: statistics of a histogram, and the lateness and steal time in each second of a run."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ NOTHING = Punctuality(math.nan, math.nan, 0)
 
 @dataclass(frozen=True, slots=True)
 class Second:
-    """Lateness of the scans of one second, and the steal time of that second, s."""
+    """Lateness of the scans in one second, and the steal time in that second, s."""
 
     late: list[int]
     missed: int
@@ -60,7 +60,7 @@ class Second:
 
 
 def measured_seconds(line: socket.socket, for_s: int) -> list[Second]:
-    """Return the lateness of the scans in each of the next `for_s` seconds, from the controller's registers."""
+    """Return the lateness of the scans in each of the next `for_s` seconds, read from the controller."""
     seconds = []
     before_late, before_missed = read_counts(line)
     before_stolen_s = _stolen_s()
@@ -75,7 +75,7 @@ def measured_seconds(line: socket.socket, for_s: int) -> list[Second]:
 
 
 def total(seconds: Sequence[Second]) -> Punctuality:
-    """Return the statistics of several seconds together."""
+    """Return the combined statistics of several seconds."""
     counts = [sum(buckets) for buckets in zip(*(second.late for second in seconds), strict=True)]
     return Punctuality.of(counts, sum(second.missed for second in seconds))
 

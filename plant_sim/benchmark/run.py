@@ -40,7 +40,7 @@ class Figures(HmiFigures):
     Attributes:
         scan_us: CPU time of one scan of the complete program, mean over the recorded inputs of a trial, us.
         worst_scan_us: CPU time of one scan in the slowest tenth of the trial, us.
-        plant_us: CPU time of 10 ms of plant time under the recorded outputs of the same trial, us.
+        plant_us: CPU time for 10 ms of plant time with the outputs recorded in the same trial, us.
         tick_us: CPU time of one tick of the twin (link, scan, memory, observers, plant), us.
         plant_ratio: Ratio of simulated time to CPU time for the plant alone.
         twin_ratio: Ratio of simulated time to CPU time for a complete trial in lock step, set-up included, with the
@@ -90,7 +90,7 @@ class Figures(HmiFigures):
 
 
 def measure(*, seed: int = 1) -> Figures:
-    """Measure a trial, the PLC and the plant alone with the recorded images of the trial, and the operator interface.
+    """Measure a trial, the PLC alone and the plant alone with the images of this trial, and the operator interface.
 
     Args:
         seed: Seed of the trial.
@@ -99,7 +99,7 @@ def measure(*, seed: int = 1) -> Figures:
         Benchmark figures; CPU times are those of this process.
 
     Raises:
-        LiveError: A process of the operator interface failed, or its machine did not reach a state.
+        LiveError: A process of the operator interface failed, or its machine did not reach a required state.
     """
     Twin(seed=seed).scan()  # compiles or loads the plant
     began_s = time.process_time()
@@ -153,7 +153,7 @@ def _record(seed: int, scans: int) -> tuple[list[list[bool]], list[list[bool]], 
 
 
 def _replay_scans(inputs: list[list[bool]]) -> list[float]:
-    """Return the CPU time of every scan of a fresh PLC under recorded inputs, s."""
+    """Return the CPU time of every scan of a fresh PLC with recorded inputs, s."""
     machine = build(load_io_map(DEFAULT_IO_MAP))
     plc = Plc(machine.program)
     plc.write(machine.tags.sp.trays_target, 2)
@@ -167,7 +167,7 @@ def _replay_scans(inputs: list[list[bool]]) -> list[float]:
 
 
 def _replay_plant(outputs: list[list[bool]], seed: int) -> float:
-    """Return the CPU time of a fresh plant under recorded outputs, s."""
+    """Return the CPU time of a fresh plant with recorded outputs, s."""
     plant = Plant(load_io_map(DEFAULT_IO_MAP), load_machine(), seed=seed, trays=2)
     began_s = time.process_time()
     for image in outputs:

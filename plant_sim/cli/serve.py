@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--lock-step-ms",
         type=int,
         default=None,
-        help="advance plant time by this time at each output write, instead of in real time",
+        help="milliseconds of plant time per write of the outputs, instead of real time",
     )
     parser.add_argument(
         "--allow-remote",

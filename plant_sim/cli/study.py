@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data",
         metavar="SET",
-        help="published data set instead of the twin: paper with pepper-rsm, printed or reconciled with cabbage-rsm",
+        help="published data set to use instead of the twin: paper (pepper-rsm), printed or reconciled (cabbage-rsm)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--out", type=Path, metavar="DIR", help="new folder for report, tables and pictures")

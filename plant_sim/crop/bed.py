@@ -10,7 +10,7 @@ class Bed:
 
     Attributes:
         trays_m: Travel of the trays, m.
-        is_placed: True if one of them is at the pick position.
+        is_placed: True if a tray is at the pick position.
     """
 
     __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "is_placed", "trays_m")
@@ -42,7 +42,7 @@ class Bed:
         Args:
             trays: Number of each tray and its offset past the pick position, m.
             trays_m: Travel of the trays, m.
-            is_placed: True if one of them is at the pick position.
+            is_placed: True if a tray is at the pick position.
             turned: Angle of each skewed tray, rad.
         """
         self._turned = turned

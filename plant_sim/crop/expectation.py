@@ -43,7 +43,7 @@ class Shares(NamedTuple):
         D: Lost while carrying.
         T: Lost while throwing, the papers' term for the release over the cups.
         missed: Not gripped.
-        cut: Cut while picking. Each of `missed`, `cut` and `slipped` ignores the others, so their sum exceeds `P`.
+        cut: Cut while picking. The fractions `missed`, `cut` and `slipped` overlap, so their sum exceeds `P`.
         slipped: Plug not pulled out.
     """
 
@@ -80,5 +80,5 @@ def expected(mechanics: Mechanics, motion: HandlingMotion) -> Shares:
     carried = picked * ndtr(mechanics.break_margin(motion.force_n, motion.held_s))
     sd_m = mechanics.drift_sd_m(motion.force_n, motion.fall_s)
     off = np.hypot(motion.throw_along_m, motion.throw_across_m) / sd_m
-    beside = 1 - chndtr((motion.catch_m / sd_m) ** 2, 2, off**2)  # two normal deviations around an offset point
+    beside = 1 - chndtr((motion.catch_m / sd_m) ** 2, 2, off**2)  # two normal deviations, with an offset mean
     return Shares(1 - picked, picked - carried, carried * beside, 1 - seen, cut, slipped)

@@ -17,14 +17,14 @@ class HandlingSpec:
         grip_tolerance_m: Largest offset of the claw row from a column at which the stems are gripped, and
             largest displacement of clamped seedlings before they tear, m.
         reach_m: Largest offset from a column at which claws touch its stems, m.
-        down_tolerance_m: Largest height above the lower limit at which the arm is down for gripping, m.
-        pitch_tolerance_m: Largest deviation of the belt travel from either pitch, m.
+        down_tolerance_m: Largest height above the lower limit at which the arm counts as down for gripping, m.
+        pitch_tolerance_m: Largest deviation of the belt travel from tray pitch or cup pitch, m.
         put_back_rise_m: Rise below which clamped seedlings can be put back unharmed, m.
         extraction_rise_m: Rise at which a plug is out of its cell, m.
         stem_clearance_rise_m: Rise below which an arm collides with seedlings standing in the tray, m.
         tray_half_width_m: Half of the tray width across the machine, m.
-        feed_tolerance_m: Largest distance from the feed at which the slide is at feed, m.
-        throw_rise_m: Largest height above the lower limit for opening over the cups, m.
+        feed_tolerance_m: Largest distance from the feed at which the slide counts as at feed, m.
+        throw_rise_m: Largest height above the lower limit at which the claws may open over the cups, m.
         drop_height_m: Distance from plug to cup with the arm down, m.
     """
 

@@ -44,7 +44,7 @@ class SeedlingSpec:
     Attributes:
         height_m: Length of free stem below the lowest leaf at 51 d, m.
         height_sd_m: Standard deviation of this height, m.
-        growth_mm_d: Growth of this height, mm/d.
+        growth_mm_d: Growth rate of this height, mm/d.
         finger_height_m: Length of free stem required by the fingers, m.
         lean_sd_m: Standard deviation of the stem position in either direction, m.
         gap_m: Half of the clear gap between the pads of open claws with foam of 10 mm, m.

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from plant_sim.crop.traits import TYPICAL, Traits, draw_traits
 
 CELLS_ALONG = 12
-"""Cells of a tray in the direction of travel; also claws per arm. Source: docs/sources/machine.md 1."""
+"""Number of cells of a tray in the direction of travel, and of claws per arm. Source: docs/sources/machine.md 1."""
 
 COLUMNS = 6
-"""Columns of cells across a tray: three pick positions for each arm. Source: docs/sources/machine.md 1."""
+"""Number of columns of cells across a tray: three pick positions for each arm. Source: docs/sources/machine.md 1."""
 
 TRAY_CELLS = COLUMNS * CELLS_ALONG
-"""Cells of a tray."""
+"""Number of cells of a tray."""
 
 
 class Location(enum.IntEnum):
@@ -54,7 +54,7 @@ class Seedling:
 
 @dataclass(frozen=True, slots=True)
 class SeedlingCounts:
-    """Number of seedlings by location; the first six always add up to the total.
+    """Number of seedlings by location; the first six numbers always add up to the total.
 
     Attributes:
         in_tray: In a cell, gripped or not.

@@ -148,7 +148,7 @@ class Claws(Cylinder):
         return self._spec.moment_nm_pa * across_pa / self._spec.finger_m
 
     def swing(self, *, is_open: bool) -> None:
-        """Set fingers, valve and air to the open or closed end as an initial condition, without motion."""
+        """Set fingers, valve and air to the open or closed state as an initial condition, without motion."""
         state, params = self.state, self.params
         state["valve"]["spool"] = state["valve"]["target"] = 1.0 if is_open else -1.0
         self.place(self._spec.stroke_m if is_open else 0.0)

@@ -19,7 +19,7 @@ _ABSENT_M = -1e9
 _AT_REST_M_S = 1e-9
 """Speed below which the belt is treated as stationary, m/s.
 
-If motor force and friction were in balance, the belt would only come to rest asymptotically.
+Without this limit, a belt on which motor force and friction balance would come to rest only asymptotically.
 """
 
 CONVEYOR = np.dtype(
@@ -212,7 +212,7 @@ def step_conveyor(c: Any, params: Any, run: bool, forward: bool, at_s: float, st
 
 @compiled
 def _update_beam(c: Any, params: Any, before_m: float, at_s: float, step_s: float) -> None:
-    """Update the beam after tray motion."""
+    """Update the through-beam sensor after tray motion."""
     way_m = c.trays_m - before_m
     on = False
     share = 1.0
@@ -238,7 +238,7 @@ class Conveyor(View):
         in_magazine: Number of trays left in the magazine.
         beam: On while a tray interrupts the through-beam.
         magazine_empty: On while the magazine is empty.
-        skew_m: Skew of the next tray placed: lead of its front corner at the beam, m.
+        skew_m: Skew of the next tray placed: lead of its front corner on the beam side, m.
         skewed_m: Skew of the skewed trays on the belt by tray number, m.
         withheld: True while the magazine is prevented from placing a tray.
     """
@@ -325,7 +325,7 @@ class Conveyor(View):
         return 4 * round(lag_m / float(self.params["cycle_m"]))
 
     def follow(self, trays_m: float) -> bool:
-        """Update the trays to a new tray travel.
+        """Update the tray positions to a new tray travel.
 
         Args:
             trays_m: Tray travel, m.

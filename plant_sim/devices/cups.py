@@ -75,7 +75,7 @@ class CupsSpec:
         require(
             0.5 + self.pulse_share + 2 * self.pulse_jitter < 1.0,
             "pulse_share",
-            "with pulse_jitter leaves no gap between flags if one is counted twice; reduce one of them",
+            "with pulse_jitter leaves no gap between flags if a flag is counted twice; reduce either parameter",
         )
         require(0.0 <= self.sensor_lead_m < self.pitch_m, "sensor_lead_m", "must be less than one pitch")
         require(self.plug_m < self.mouth_m, "plug_m", "must be narrower than the mouth of a cup")

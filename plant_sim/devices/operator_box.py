@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class OperatorBox:
     """Button states, True while pressed (for the emergency stop: while latched).
 
-    Contact polarity is defined by the wiring, not here.
+    Contact polarity is defined by the wiring, not by this class.
 
     Attributes:
         start: Machine start.

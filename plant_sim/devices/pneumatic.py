@@ -22,7 +22,7 @@ class AirSpec:
     Attributes:
         polytropic_exponent: Polytropic exponent of air, 1 (slow, isothermal) to 1.4 (fast, adiabatic).
         wall_time_s: Time constant of the relaxation to wall temperature, s.
-        thermal: True to compute the temperature from the energy balance instead.
+        thermal: True if the temperature is computed from the energy balance instead of the two parameters above.
         wall_w_m2_k: Heat transfer to the walls with `thermal`, W/(m2 K).
     """
 
@@ -141,7 +141,7 @@ class FrictionSpec:
     Attributes:
         coulomb_n: Friction in motion, N.
         static_n: Breakaway friction, N.
-        stribeck_m_s: Speed at which half of the difference between the two has decayed, m/s.
+        stribeck_m_s: Speed at which half of the difference between `static_n` and `coulomb_n` has decayed, m/s.
         viscous_n_s_m: Viscous coefficient, N s/m.
     """
 

@@ -32,7 +32,7 @@ A position switch turns on within `band_m` of `at_m` and turns off `hysteresis_m
 """
 
 _BOUNCES = 5.0
-"""Intervals within the bounce time, alternately closed and open; the first and the last are closed."""
+"""Number of intervals in the bounce time, alternately closed and open; the first and the last are closed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ class SlideSpec:
     Attributes:
         bore_m: Bore, m.
         stroke_m: Stroke, m.
-        carried_kg: Carriage and arm, kg.
-        piston_kg: Piston, kg.
+        carried_kg: Mass of carriage and arm, kg.
+        piston_kg: Mass of the piston, kg.
         throttle_conductance_m3_s_pa: Sonic conductance of the meter-out throttles, m3/(s Pa).
         magnet_holds_n: Force above which the magnets decouple, N.
         magnet_n_m: Stiffness of the magnetic coupling, N/m.

@@ -13,16 +13,16 @@ from plant_sim.machine.plant import Plant
 
 SIZES: dict[str, tuple[float, ...]] = {
     "late_sensor": (0.2,),  # longer than a slide takes to cross the band of a switch, shorter than any limit
-    "missed_pulses": (0.05,),  # one pulse in every second row of twelve
+    "missed_pulses": (0.05,),  # about one pulse in two rows of twelve
     "doubled_pulses": (0.05,),
     "slow_valve": (0.1, 0.5),  # double the switching time of a valve, and longer than a claw dwell
     "leak": (2e-9, 2e-8),  # a pinhole, and a half-detached tube
-    "closed_throttle": (0.3, 0.02),  # slower but in time, and almost closed
+    "closed_throttle": (0.3, 0.02),  # slower strokes without a timeout, and almost closed
     "leaking_check_valve": (5e-10, 5e-9),  # dirt in the seat, and a broken seat
     "low_supply": (0.35e6, 0.1e6),  # strokes still complete, and strokes no longer complete
     "low_claw_supply": (0.10e6,),  # lower rating of the grippers
-    "failing_supply": (0.0,),  # the receiver supplies the rest of the trial
-    "dropping_arm": (5e-10, 5e-9),  # same as the check valves
+    "failing_supply": (0.0,),  # no delivery: the receiver supplies the rest of the trial
+    "dropping_arm": (5e-10, 5e-9),  # same as for the leaking check valves
     "decoupled_magnet": (20.0,),  # less than the carriage acceleration requires
     "slipping_belt": (15.0,),  # less than the friction
     "stalled_stepper": (0.1, 0.02),  # sufficient only for an empty belt, and insufficient for any load

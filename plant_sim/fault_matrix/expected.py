@@ -14,8 +14,8 @@ class Expectation:
     A case that affects neither production nor seedlings does not need an alarm.
 
     Attributes:
-        alarms: Keys of the permitted first alarms, and 'no tray' or 'no cups' of a Suspended machine.
-        harm: Permitted monitor violations that no program can prevent: kinds of incident, names of monitors.
+        alarms: Keys of the permitted first alarms, and 'no tray' or 'no cups' for a Suspended machine.
+        harm: Permitted violations that no program can prevent: kinds of incident or names of monitors.
         loses: True if seedlings may be lost or left behind.
         note: Reason for missing or late detection, and a possible remedy; empty if detection is always in time.
         stops: Permitted number of stops.
@@ -51,8 +51,8 @@ def _undetected(note: str, *harm: str, loses: bool = False) -> Expectation:
 
 _PASSED_ROW = (
     "a row has a single switch, at which the slide brakes; a slide that does not detect the switch or brakes too "
-    "weakly overruns the standing seedlings before detection is possible. The arm is low, its claws are open and "
-    "converged, and it causes no damage"
+    "weakly overruns the standing seedlings before detection is possible. This causes no damage, because the arm is "
+    "low with its claws open and converged"
 )
 _CLAWS = (
     "the claws have no sensor, so neither a failure to close (the row stays in its tray) nor a failure to open (the "
@@ -69,9 +69,9 @@ _CREEPS = (
 )
 _TOLERATED = "the stroke takes longer or shorter but completes in time"
 _ENDS_LATER = "the step takes longer by this delay but ends before its timeout"
-"""Note on a late switch. A belt switch that releases late also makes the return appear too short, which is detected."""
+"""Note on a late switch. If a belt switch turns off late, the return stroke appears too short; this is detected."""
 _TRAY_TOO_FAR = (
-    "the tray stops in a wrong position while its only sensor reports it in place; a second sensor at the other "
+    "the tray stops in the wrong position while its only sensor reports it in place; a second sensor at the other "
     "corner, past the first, would detect it"
 )
 
@@ -199,7 +199,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     },
     "low_supply": {
         "supply": _damaging(
-            _AIR, f"{_PASSED_ROW}; a pressure switch (`air_pressure_ok`) detects it at once", "arm_through_tray"
+            _AIR, f"{_PASSED_ROW}; a pressure switch (`air_pressure_ok`) detects it immediately", "arm_through_tray"
         ),
     },
     "low_claw_supply": {
@@ -213,7 +213,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "failing_supply": {
         "compressor": _damaging(
             _AIR,
-            "the receiver supplies the machine to the end of the trial; a pressure switch "
+            "the receiver supplies the machine until the end of the trial; a pressure switch "
             "(`air_pressure_ok`) detects it before a stroke is late",
             "arm_through_tray",
         ),

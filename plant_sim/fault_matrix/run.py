@@ -198,7 +198,7 @@ def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
 
 
 def _recover(twin: Twin, outcome: Outcome) -> None:
-    """Observe, repair, clear, answer, home and start.
+    """Observe the machine, repair and clear it, answer its questions, and home and start it.
 
     Raises:
         NotReachedError: The machine does not resume.

@@ -41,7 +41,7 @@ class Fault:
         if self.end_ms is not None and self.end_ms <= self.start_ms:
             raise FaultError(f"{self.name}: ends at {self.end_ms} ms; must end after its start at {self.start_ms} ms")
         if FAULTS[self.kind].permanent and (self.start_ms, self.end_ms) != (0, None):
-            raise FaultError(f"{self.name}: is set before the run and permanent; remove its times")
+            raise FaultError(f"{self.name}: is set before the run and is permanent; remove its times")
 
     def _validate_size(self) -> None:
         size = FAULTS[self.kind].size

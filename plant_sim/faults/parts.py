@@ -45,7 +45,7 @@ class Flags:
 
     @property
     def kinds(self) -> np.ndarray:
-        """Kind of each flag; may be set to an array of kinds, or to a kind for a random fraction of the flags."""
+        """Kind of each flag; may be set to an array of kinds, or to a kind and a fraction of random flags."""
         return np.array(self._params["kind"])
 
     @kinds.setter

@@ -1,6 +1,6 @@
 """Remote I/O of the machine: Y image, X image, and an output watchdog that trips when writes stop.
 
-The behaviour follows industrial couplers (armed by the first write, safe levels on timeout, latched),
+The behaviour is that of industrial couplers (armed by the first write, safe levels on timeout, latched),
 except that this watchdog cannot be disabled. Source: docs/sources/ecosystem.md 6.
 """
 

@@ -14,7 +14,7 @@ COLUMNS = ("name", "table", "address", "words", "scale", "signed", "none", "writ
 def tag_csv() -> str:
     """Return the header and one line per tag.
 
-    Values of two words have the high word first. In a tag with `none`, all bits set means that no value is available.
+    Values of two words have the high word first. If `none` is yes, all bits set means that no value is available.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

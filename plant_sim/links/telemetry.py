@@ -160,9 +160,11 @@ TELEMETRY = (
     TelemetryPoint("D", 7, 1, 1, "seedlings lost while carrying", lambda m: m.plant.counts().D),
     TelemetryPoint("T", 8, 1, 1, "seedlings fallen outside the cups", lambda m: m.plant.counts().T),
     TelemetryPoint("total", 9, 1, 1, "seedlings at the start", lambda m: m.plant.counts().total),
-    TelemetryPoint("left.missed_cups", 10, 1, 1, "left cups that passed empty", lambda m: m.plant.missed_cups["left"]),
     TelemetryPoint(
-        "right.missed_cups", 11, 1, 1, "right cups that passed empty", lambda m: m.plant.missed_cups["right"]
+        "left.missed_cups", 10, 1, 1, "cups of the left row that passed empty", lambda m: m.plant.missed_cups["left"]
+    ),
+    TelemetryPoint(
+        "right.missed_cups", 11, 1, 1, "cups of the right row that passed empty", lambda m: m.plant.missed_cups["right"]
     ),
     *_arm_points("left", 12),
     *_arm_points("right", 16),
@@ -201,7 +203,7 @@ TELEMETRY = (
         34,
         1,
         0.01,
-        "percentage in cups of the seedlings in cups or lost so far (the paper's S at the end of a trial)",
+        "seedlings in cups as a percentage of those in cups or lost so far (the paper's S at the end of a trial)",
         _success_pct,
         may_be_none=True,
     ),

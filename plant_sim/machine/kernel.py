@@ -73,7 +73,7 @@ ARM = np.dtype(
 
 `stirred` counts the steps with any motion. `freed_s` and `gripped_s` are the times at which the claws last opened far
 enough to be free of the stems, and closed far enough to grip. `clamp_pa` is the pressure that closes the fingers;
-`clamped` is 1 while closed fingers have their holding force, `slips` counts losses of it.
+`clamped` is 1 while closed fingers have their holding force, and `slips` counts the losses of this force.
 """
 
 ARM_PARAMS = np.dtype(

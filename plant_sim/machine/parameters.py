@@ -150,7 +150,7 @@ class Machine:
             require(
                 turn <= 1.5,
                 f"{section}_port.dead_volume_m3",
-                f"makes the air spring too stiff: {turn:.3g} rad of oscillation per step, at most 1.5; increase "
+                f"makes the air spring too stiff: {turn:.3g} rad of oscillation per step (limit 1.5); increase "
                 "the volume or the moving mass, or reduce simulation.step_s",
             )
 

@@ -1,12 +1,12 @@
-"""Air consumption of a cylinder and its tubes, computed with the data-sheet formula behind Table 1 of the paper.
+"""Air consumption of a cylinder and its tubes, computed with the data-sheet formula used for Table 1 of the paper.
 
 For each stroke the swept volume counts at absolute pressure. The tube counts at gauge pressure only, because it
 retains air at atmospheric pressure. Both volumes are referred to atmospheric pressure:
 
     Q = n [pi/4 D^2 H (p + 0.1) + pi/4 d^2 L p] / 0.1
 
-D and d are the bore and the inner diameter of the tube, H and L their lengths, p the gauge pressure in MPa
-and n the number of single strokes per minute. The rod is neglected.
+D is the bore, H the stroke, d the inner diameter of the tube, L its length, p the gauge pressure in MPa and
+n the number of single strokes per minute. The rod is neglected.
 Source: data sheet of a cylinder manufacturer, docs/sources/plant.md 0.1 and 4.
 """
 

@@ -35,7 +35,7 @@ class When:
     after_ms: int = 0
 
     def holds(self, twin: Twin) -> bool:
-        """Return whether the time, state or step has been reached."""
+        """Return True if the time, state or step has been reached."""
         if self.at_ms is not None:
             return twin.now_ms >= self.at_ms
         if self.state is not None:
@@ -81,7 +81,7 @@ class Check:
         name: Name of the checked value.
         wanted: Expected value as text.
         read: Function that returns the actual value.
-        holds: Predicate of the actual value.
+        holds: Predicate that the actual value must satisfy.
     """
 
     where: str
@@ -218,7 +218,7 @@ _PLACES = tuple(SeedlingCounts.__slots__)
 
 
 def run_scenario(scenario: Scenario, *, prepare: Callable[[Twin], object] | None = None) -> ScenarioReport:
-    """Run a scenario in simulated time under the safety monitors; a violation ends it.
+    """Run a scenario in simulated time under the safety monitors; a violation ends the run.
 
     Incidents with seedlings and trays do not end the run, because a scenario can expect them.
 
@@ -264,7 +264,7 @@ def _play(scenario: Scenario, twin: Twin) -> None:
 
     Raises:
         NotReachedError: The time limit has expired.
-        FaultError: An action adds a fault that is active, or ends one that is not.
+        FaultError: An action adds a fault that is already active, or ends one that is not active.
     """
     until = scenario.until
     for action in scenario.actions:

@@ -30,8 +30,8 @@ def plot(
         tags: Names or patterns of columns instead of the default ones.
 
     Returns:
-        Written files: the timing diagram of boolean and text columns, the trends of numbers, each as PNG and
-        SVG.
+        Written files: the timing diagram of boolean and text columns, and the trends of numeric columns, each as PNG
+        and SVG.
 
     Raises:
         RecordingError: A tag does not exist, or the pictures cannot be written.

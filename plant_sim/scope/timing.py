@@ -51,7 +51,7 @@ class Lane:
 
 
 def default_tags(recording: Recording, side: str) -> list[str]:
-    """Return the columns of the diagram of one arm: the machine, its steps and wires, the step of the other arm."""
+    """Return the columns of the diagram of one arm: machine, steps and wires of the arm, step of the other arm."""
     other = "right" if side == "left" else "left"
     wanted = ["state", "alarms", "faults", "step.tray_feeder", f"step.{other}_arm", f"step.{side}_arm"]
     wires = [name for name in recording.labels if name.partition(".")[2].partition(".")[0] != other]

@@ -37,7 +37,7 @@ class Curve(NamedTuple):
         column: Column to draw.
         colour: Colour.
         dashed: True for the opposing chamber.
-        label: Label at the end; empty if colour and line style identify it.
+        label: Label at the end of the curve; empty if colour and line style identify it.
     """
 
     column: str

@@ -9,7 +9,7 @@ from plant_sim.scope.errors import RecordingError
 from plant_sim.scope.store import Recording, RecordingWindow
 
 _LEAVES_M = 0.02
-"""Slide position at which an arm has left the feed."""
+"""Slide position beyond which an arm has left the feed, m."""
 
 _MARGIN_MS = 200
 

@@ -2,7 +2,7 @@
 
 By default time is simulated: the plant advances by one scan at each write of the outputs, the controller sets the pace,
 and a panel can pause simulated time and change its speed. A busy computer slows the trial down without changing its
-result. In real time both follow the wall clock, as on a real machine.
+result. In real time, plant and controller follow the wall clock, as on a real machine.
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ class LiveTrial:
     """Trial on a running plant and controller, with an operator at the push buttons.
 
     Attributes:
-        panel: Address line of the panel; empty if there is no panel.
+        panel: Line with the address of the panel; empty if there is no panel.
     """
 
     def __init__(
@@ -259,7 +259,7 @@ class LiveTrial:
         return self._operator.telemetry()["time_ms"] / 1000
 
     def _follow(self, for_s: float) -> None:
-        """Process the controller's events for a time."""
+        """Process the controller's events for `for_s` seconds."""
         until_s = time.perf_counter() + for_s
         while (left_s := until_s - time.perf_counter()) > 0:
             self._interrupts.check()

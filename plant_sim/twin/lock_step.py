@@ -113,7 +113,7 @@ class Twin:
         self.runtime.observers.append(ProductionLog(self.machine, self.events.append))
 
     def power_cycle(self, off_ms: int = 1_000) -> None:
-        """Kill the controller between two scans, wait for the plant's watchdog to trip, and restart the controller."""
+        """Kill the controller between two scans, and restart it after `off_ms` of plant time."""
         self.module.advance(off_ms)
         self.clock.advance(off_ms)
         self.power_on()
@@ -185,7 +185,7 @@ class Twin:
         return [name for name, number in self._steps if active[number]]
 
     def in_step(self, sequence: str, step: str) -> bool:
-        """Return whether a step is active."""
+        """Return True if a step is active."""
         return self.plc.memory.S[self._sequences[sequence][step].number]
 
     def outputs(self) -> set[str]:

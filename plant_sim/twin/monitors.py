@@ -61,7 +61,7 @@ def opposite_coils(twin: Twin) -> Check:
 
 
 def dead_in_emergency_stop(twin: Twin) -> Check:
-    """Check that no coil is on in the scan that reads the emergency stop or in any later scan."""
+    """Check that no coil is on in any scan that reads the emergency stop as pressed."""
     button = twin.io_map["emergency_stop"]
     coils = [point for point in twin.io_map.outputs if point.tag not in INDICATORS]
 
@@ -207,7 +207,7 @@ def collect_violations(twin: Twin) -> dict[str, str]:
 
 
 def is_on(twin: Twin, output: Point) -> bool:
-    """Return whether an output is on in the image last written."""
+    """Return True if an output is on in the image last written."""
     return output.active(twin.runtime.released[output.number])
 
 

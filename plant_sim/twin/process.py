@@ -22,7 +22,7 @@ class ChildError(Exception):
     """Unexpected end of a child process, which has printed the reason to standard error.
 
     Attributes:
-        exit_code: Its exit code.
+        exit_code: Exit code of the process.
     """
 
     def __init__(self, name: str, exit_code: int) -> None:
@@ -103,7 +103,7 @@ class Process:
 
 
 class Interrupts:
-    """Handler of Ctrl-C and SIGTERM while processes run: raises immediately, and again at the next wait for events.
+    """Handler of Ctrl-C and SIGTERM while processes run: raises immediately, and again at the next `check`.
 
     The interpreter discards an exception raised in a destructor. The second check makes sure that the request to stop
     is not lost.

@@ -131,9 +131,9 @@ def overrides(twin: Twin, *outputs: str) -> list[bool]:
 def repair(twin: Twin, fault: Fault) -> None:
     """Repair a fault as a maintenance technician would, and wait for the air pressure.
 
-    The affected slide or lift is stroked with its manual overrides until its chambers contain the normal amount of air
-    at rest; otherwise the next stroke would be uncontrolled. After a failure of the air supply this applies to all
-    slides and lifts.
+    The chambers of the affected slide or lift are set to their normal pressure at rest, as if it had been stroked
+    with its manual overrides; otherwise its next stroke would be uncontrolled. After a failure of the air supply, this
+    applies to all slides and lifts.
 
     Raises:
         FaultError: The fault is unknown.

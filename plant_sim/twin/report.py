@@ -41,7 +41,7 @@ class RowTimes:
 
     Attributes:
         cycles: Number of cycles.
-        mean_s: Mean time from leaving feed to the return to feed.
+        mean_s: Mean time from leaving feed to returning to feed.
         waiting_s: Mean part of that time spent waiting for cups.
     """
 
@@ -77,7 +77,7 @@ class TrialReport:
         cycles: Rows transplanted.
         cycle_time_s: Mean time of a cycle, s.
         cycle_times: Times by arm and row.
-        missed_cups: Cups that passed empty after the twelfth, both rows.
+        missed_cups: Cups that passed empty after the twelfth since a release, total of both rows.
         missed_cups_by_row: Missed cups by row.
         missed_cups_by_cause: Missed cups by cause: tray change, other arm in the centre, or the travel time to row 1,
             2 or 3.

@@ -41,13 +41,13 @@ def run_trial(
     Args:
         seed: Seed of the plant; the same seed gives the same report, except for `wall_s`.
         trays: Trays in the magazine, 72 seedlings each.
-        seedlings: Number of seedlings, instead of `trays`; the last tray may have empty cells.
+        seedlings: Number of seedlings, used instead of `trays`; the last tray may have empty cells.
         io_map: I/O map; None = the default map.
         parameters: Machine parameters; None = the defaults.
         set_points: Initial values of set-points, by name of `SetPoints`.
         faults: Faults of the plant.
         record: Path of a recording of the run; None = no recording.
-        progress: Called after every scan.
+        progress: Function called after every scan.
 
     Returns:
         Report of the complete or incomplete trial.

@@ -61,7 +61,7 @@ def test_every_example_of_the_table_is_a_fault_of_the_machine(row: tuple[str, ..
         ("jammed:left.slide@5s", "'jammed:left.slide@5s': not a fault; write KIND:TARGET, "),
         (
             "missing_cells:tray_1=5@3s..",
-            "missing_cells:tray_1: is set before the run and permanent; remove its times",
+            "missing_cells:tray_1: is set before the run and is permanent; remove its times",
         ),
         ("missing_cells:tray_3=5", "missing_cells:tray_3: not a tray; did you mean tray_2?"),
     ],
