@@ -217,7 +217,7 @@ def test_symbolic_scan_equals_the_real_scan(items: list[Rung | Sequence], scans:
 
 
 def chained(*ways: list[tuple[str, Expr]], consumes: Bit | None = None) -> Sequence:
-    """Return a sequence of steps with these transfers, each named by its number."""
+    """Return a sequence of steps with these transfers; each step is named by its number."""
     steps = [Step(str(n), [To(*way) for way in row], waits_for="anything") for n, row in enumerate(ways)]
     return Sequence("chained", 20, steps, consumes=consumes)
 

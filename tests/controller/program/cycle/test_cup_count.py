@@ -103,7 +103,7 @@ def test_after_a_power_loss_twelve_edges_must_pass(side: Side) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_after_a_power_loss_the_operator_can_confirm_empty_cups(side: Side) -> None:
-    """After the confirmation the row is released on the next edge; the following row waits for twelve cups."""
+    """After the operator confirms empty cups, one edge releases the row; the following row waits for twelve cups."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     twin.power_cycle(15_000)

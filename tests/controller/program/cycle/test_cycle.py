@@ -1,4 +1,4 @@
-"""One cycle of an arm: order of outputs, duration of each phase, cup count and shared centre.
+"""One cycle of an arm: order of outputs, duration of each phase, cup count and use of the shared centre.
 
 The bounds are calculated manually from machine.yaml. A cylinder needs at least 15 ms for its valve, 4 ms for its tube
 and the travel time at the speed that its throttle permits. The upper bound adds the longest start delay: the air in

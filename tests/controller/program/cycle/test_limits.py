@@ -184,7 +184,7 @@ def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
 
 
 def test_a_slide_that_cannot_stop_in_its_row_overruns_it_twice() -> None:
-    """Without its brake the slide coasts 17 mm instead of 6 mm and passes the row, first inward, then outward."""
+    """Without its brake the slide coasts 17 mm instead of 6 mm and passes its row inward and again outward."""
     twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.brake_n": 0.0}))
     twin.run_until(lambda: twin.alarms() != [], within_ms=30_000)
     assert twin.alarms() == ["right: overrun"]

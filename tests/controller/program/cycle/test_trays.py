@@ -117,7 +117,7 @@ def test_a_tray_that_slips_back_while_it_settles_is_advanced_again() -> None:
 
 
 def test_a_new_run_takes_the_next_trays() -> None:
-    """With a target of one tray, the run is Complete after the first of two; pressing X0 twice starts the second."""
+    """With a target of one tray, the run ends after the first of two trays; pressing X0 twice starts the second run."""
     twin = at_work({"trays_target": 1}, trays=2)
     counts = to_complete(twin, within_ms=TRAY_MS)
     assert counts.in_tray == 72

@@ -75,7 +75,7 @@ class Stroke(NamedTuple):
 
 
 def strokes(recorder: ChangeRecorder, side: Side) -> list[Stroke]:
-    """Return the intervals of the outputs of an arm in order of their start, except those of a single scan.
+    """Return the intervals of the outputs of an arm in order of their start, except those of only one scan.
 
     A step whose end position is already reached still turns its coil on for one scan.
     """
@@ -309,7 +309,7 @@ def test_an_empty_arm_at_feed_opens_moves_up_converges_and_moves_down(side: Side
 
 @pytest.mark.parametrize("side", SIDES)
 def test_an_arm_pushed_away_from_home_is_brought_back(side: Side) -> None:
-    """If an arm is moved to the tray and raised by its manual valves in Stopped, homing moves it up, out and home."""
+    """If the valves of an arm at home are operated manually in Stopped, homing moves the arm up, out and home."""
     twin = stopped_after_row_1(side)
     operate_manually(twin, f"{side}.slide_inward", for_ms=1_000)
     operate_manually(twin, f"{side}.lift_retract", for_ms=600)

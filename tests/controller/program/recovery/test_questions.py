@@ -1,4 +1,4 @@
-"""Questions that homing asks if neither memory nor sensors can decide, and the effect of each answer."""
+"""Questions that homing asks if memory and sensors do not determine the state, and the effect of each answer."""
 
 from __future__ import annotations
 
