@@ -50,7 +50,7 @@ def written(answer: bytes) -> bool:
 
 
 def until(condition: Callable[[], bool], bystander: Client) -> None:
-    """Wait until the server thread meets a condition; each request of `bystander` runs its event loop once."""
+    """Wait until a condition holds; each request of `bystander` makes the event loop of the server run once."""
     for requests in count():
         done = condition()
         bystander.ask(READ_D0)  # also after success: the thread may still be in this iteration

@@ -186,7 +186,7 @@ def test_consecutive_set_points_are_changed_all_or_none(rig: HmiRig, client: Cli
 
 
 def test_function_23_reads_the_values_before_its_write_takes_effect(rig: HmiRig, client: Client) -> None:
-    """Function 23 writes first, but the read returns the memory of the last scan."""
+    """The read returns the values of the last scan, because the write takes effect in the next scan."""
     old = set_point(rig, "clamp")
     answer = client.ask(struct.pack(">BHHHHBH", 23, 521, 1, 521, 1, 2, 33))
     assert answer == struct.pack(">BBH", 23, 2, old)
@@ -413,7 +413,7 @@ def test_closed_connection_ends_the_jog(manual: HmiRig, client: Client, abortive
 
 @pytest.mark.parametrize(("first", "second"), [(OUTPUT, OTHER_OUTPUT), (OTHER_OUTPUT, OUTPUT)])
 def test_second_client_takes_over_the_jog_permanently(manual: HmiRig, client: Client, first: str, second: str) -> None:
-    """The jog of the second client stays on, whichever client sends its telegram first before a scan."""
+    """The jog of the second client stays on, regardless of which client sends the first telegram before a scan."""
     other = manual.client()
     manual.press(client, jog_command(first))
     manual.twin.run_for(50)
@@ -457,7 +457,7 @@ def test_disconnect_of_the_first_client_keeps_the_jog_of_the_second(manual: HmiR
 
 
 def test_refused_jog_does_not_flood_the_refusals(rig: HmiRig, client: Client) -> None:
-    """Outside manual mode the press is refused, and further polling by the client adds few refusals."""
+    """Outside manual mode a jog command is refused; polling by its client adds at most three refusals."""
     refusals = rig.twin.machine.tags.machine.refusals
     before = rig.twin.plc.read(refusals)
     rig.press(client, jog_command(OUTPUT))

@@ -169,7 +169,7 @@ def test_a_tripped_module_rejects_writes_until_the_safe_image_is_written(rig: Ri
 
 
 def test_a_safe_image_in_several_transfers_re_arms_the_module(make_rig: RigMaker) -> None:
-    """The module is re-armed once all transfers of the safe image have been written."""
+    """The module is re-armed after the last transfer of the safe image."""
     rig = make_rig(scattered(IO_MAP))
     rig.link.open()
     rig.link.write_outputs(ALL_OFF)

@@ -52,7 +52,7 @@ def test_transfers_are_split_at_gaps_and_ordered_by_offset() -> None:
 
 
 class ScriptedServer:
-    """Server with scripted responses: each request frame is answered with given bytes or not at all."""
+    """Server that answers each request frame with scripted bytes or not at all."""
 
     GOODBYE = b"goodbye"
 

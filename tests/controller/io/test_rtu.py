@@ -19,10 +19,10 @@ from tests.controller.hmi.hmi_rig import READ_D0, HmiRig
 
 UNIT = 17
 LONG_START = bytes([UNIT, 16, 0, 0, 0, 100, 200])
-"""Start of a long request, which is recognized as incomplete only by the idle time of the line."""
+"""Start of a long request; only the idle time of the line shows that it is incomplete."""
 READ_M0 = read_pdu(1, 0, 8)
 SILENCE_S = 0.3
-"""Time within which a pending response arrives, s."""
+"""Time without a byte after which no response is expected, s."""
 
 
 def framed(pdu: bytes, unit: int = UNIT) -> bytes:

@@ -76,7 +76,7 @@ class Cabinet:
         self.now_ms = 0
 
     def tick(self, *on: int, after_ms: int = 10) -> str:
-        """Scan with these inputs of X0 to X2 on and return the levels written to Y0, Y1 and Y2."""
+        """Scan with only these of X0 to X2 on and return the levels written to Y0, Y1 and Y2."""
         self.strip.inputs[:3] = [number in on for number in range(3)]
         count = len(self.strip.written)
         self.runtime.tick(self.now_ms)

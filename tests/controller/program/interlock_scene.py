@@ -114,7 +114,7 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
 
 
 def putting_back(scene: Scene, side: Side) -> bool:
-    """Return True if the arm is lowered onto the row on which it has just closed its claws."""
+    """Return True if the arm is being lowered onto the row on which it has just closed its claws."""
     arm, home = TAGS.arms[side], MACHINE.homings[side]
     return bool(scene.has(home["lower to put back"]) and scene.has(arm.on_row) and scene.has(arm.at_wanted_row))
 

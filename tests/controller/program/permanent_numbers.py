@@ -24,7 +24,7 @@ class Entry(NamedTuple):
     Attributes:
         kind: "alarm" or "tag".
         name: Alarm key, with the side in front for an arm alarm, or name of the HMI tag.
-        table: "S" for an alarm, else the Modbus table.
+        table: "S" for an alarm; the Modbus table for a tag.
         number: S number or zero-based Modbus address.
     """
 

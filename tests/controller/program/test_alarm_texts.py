@@ -38,8 +38,10 @@ MOTIONS = {
     "claws_open": ("slide_at_", "not opened", "未张开"),
     "claws_close": ("slide_at_pick_", "not closed", "未闭合"),
 }
-"""By output: the switch at the end of its motion, and parts of the message. The claws have no switch and move only
-while the slide is on one of its switches."""
+"""Switch at the end of the motion of each output, and parts of the message in English and Chinese.
+
+The claws have no switch of their own; their entries name the slide switches at which they move.
+"""
 
 
 def tag_names(text: str) -> set[str]:

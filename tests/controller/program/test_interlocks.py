@@ -56,7 +56,7 @@ def known(expr: Expr, stimulus: Stimulus) -> bool | None:
 
 
 def values_of(device: Device, expr: Expr) -> Iterator[int]:
-    """Yield both values of a bit, or every number with which a word is compared and one more."""
+    """Yield both values of a bit, or every number to which a word is compared and the largest of them plus 1."""
     if isinstance(device, Bit):
         yield from (0, 1)
         return
@@ -130,7 +130,7 @@ def outputs_on(plc: Plc, stimulus: Stimulus) -> set[str]:
 
 @cache
 def allowing() -> list[Stimulus]:
-    """Return one stimulus per coil that turns the coil on and gives a value to every device that it reads."""
+    """Return, for each coil, a stimulus that turns it on and gives a value to every device in its condition."""
     found = []
     for side, output in COILS:
         condition = coil(side, output)
@@ -148,7 +148,7 @@ def test_every_coil_can_be_on(side: Side | None, output: str) -> None:
 
 @pytest.mark.parametrize("index", range(len(COILS)), ids=[tag_of(*name) for name in COILS])
 def test_no_one_or_two_changes_to_an_allowed_situation_allow_a_forbidden_one(index: int) -> None:
-    """No change of one or two devices on which a coil depends turns on a forbidden combination."""
+    """In a situation that turns a coil on, no change of one or two devices turns on a forbidden combination."""
     plc = outputs_alone()
     base = dict.fromkeys(every_device(), 0) | allowing()[index]
     changes = [(device, value) for device, values in every_device().items() for value in values - {base[device]}]
@@ -171,7 +171,7 @@ def every_device() -> dict[Device, set[int]]:
     ("side", "rule", "output"), RULES, ids=[f"{tag_of(side, output)}: {rule.name}" for side, rule, output in RULES]
 )
 def test_every_rule_is_needed(side: Side | None, rule: Rule, output: str) -> None:
-    """If this rule alone is removed, there is a situation in which the coil is on although it is forbidden."""
+    """If only this rule is removed, the coil is on in a situation in which the rule forbids it."""
     others = [other.allow for other in rules_of(side) if other is not rule and output in other.outputs]
     stimulus = example(all_of(request_of(side, output), *others, ~rule.allow))
     assert stimulus is not None, "already prevented by the other rules"

@@ -1,4 +1,4 @@
-"""Permanent numbers: annunciators and HMI registers never change, and new entries only take new numbers."""
+"""Permanent numbers: those of annunciators and HMI registers never change, and new entries take unused numbers."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_severity_is_independent_of_the_number() -> None:
 
 
 def test_first_out_prefers_the_more_severe_alarm() -> None:
-    """Of several alarms in one scan, the first rung that finds `first out` at 0 stores its alarm."""
+    """The rungs that set `first out` are ordered by severity, so the most severe of simultaneous alarms is stored."""
     first_out = MACHINE.tags.machine.first_out
     (block,) = (block for block in MACHINE.program.blocks if block.title == "alarms")
     values = [rung.source for rung in block.rungs() if isinstance(rung, Mov) and rung.target == first_out]

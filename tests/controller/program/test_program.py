@@ -75,7 +75,7 @@ def test_limits_leave_room_for_a_slow_motion_and_not_for_a_jam() -> None:
 
 
 def test_the_limit_of_a_leaving_tray_stops_the_next_one_before_its_first_row_has_passed() -> None:
-    """A tray of 540 mm leaves in 2.75 s at 200 mm/s; the next one, 45 mm behind it, has overrun by 100 mm at 3.4 s."""
+    """A tray of 540 mm leaves in 2.75 s at 200 mm/s; after 3.4 s the next, 45 mm behind it, has overrun by 100 mm."""
     watch = MACHINE.feeder.steps[1].watch
     assert watch is not None
     assert 1.1 * 2_750 <= watch.ms <= 3_400

@@ -157,8 +157,7 @@ def test_a_command_without_an_obstacle_is_accepted(command: Command) -> None:
 
 
 def test_of_several_obstacles_the_first_of_the_table_is_reported() -> None:
-    """If the stop button is pressed as well, it is reported as the obstacle to the start command, because it comes
-    first in the table."""
+    """If X24 is pressed as well, it is reported as the reason for refusing start, because it is first in the table."""
     obstacles = MACHINE.orders.obstacles(TAGS.commands.start)
     for first in range(1, len(obstacles)):
         before = situation(next(c for c in TAGS.commands if c.name == "start"), first, seed=2)

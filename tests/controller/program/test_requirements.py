@@ -19,7 +19,7 @@ MOVES = "lift_extend"
 
 
 class Case(NamedTuple):
-    """Situation that a requirement forbids, and the device that makes it forbidden."""
+    """Situation that a requirement forbids, and the condition whose inversion makes it allowed."""
 
     requirement: str
     on: str
@@ -242,7 +242,7 @@ CASES_OF_THE_MACHINE = [case for cases in OF_THE_MACHINE.values() for case in ca
 
 @pytest.mark.parametrize(("side", "case"), CASES_OF_AN_ARM, ids=_named)
 def test_a_requirement_of_an_arm_forbids_exactly_what_is_demanded(side: Side, case: Case) -> None:
-    """A forbidden situation becomes allowed if its decisive device is inverted."""
+    """A forbidden situation becomes allowed if its decisive condition is inverted."""
     on = set(case.on.split())
     assert breaks(f"{side}: {case.requirement}", on, side)
     assert not breaks(f"{side}: {case.requirement}", on ^ {case.turned}, side)
@@ -250,7 +250,7 @@ def test_a_requirement_of_an_arm_forbids_exactly_what_is_demanded(side: Side, ca
 
 @pytest.mark.parametrize("case", CASES_OF_THE_MACHINE, ids=_named)
 def test_a_requirement_of_the_machine_forbids_exactly_what_is_demanded(case: Case) -> None:
-    """A forbidden situation becomes allowed if its decisive device is inverted."""
+    """A forbidden situation becomes allowed if its decisive condition is inverted."""
     on = set(case.on.split())
     assert breaks(case.requirement, on, "left")
     assert not breaks(case.requirement, on ^ {case.turned}, "left")

@@ -47,7 +47,7 @@ def test_an_interlock_is_proved() -> None:
 
 @pytest.mark.parametrize(("one", "two"), [(x(0), ~m(1)), (~m(2), x(1))])
 def test_incomplete_interlock_is_broken_with_a_trace(one: Expr, two: Expr) -> None:
-    """If one half of an interlock is missing, there is a trace from the first power-up."""
+    """If one half of an interlock is missing, the goal is broken by a trace from the first power-up."""
     row = row_of(specification_of(*locked(one=one, two=two), never=MOTORS_TOGETHER))
     assert row.result is Result.BROKEN
     assert row.trace is not None
@@ -55,7 +55,10 @@ def test_incomplete_interlock_is_broken_with_a_trace(one: Expr, two: Expr) -> No
 
 
 def test_a_requirement_may_need_an_invariant() -> None:
-    """The outputs of mutually exclusive steps are proved exclusive only with an invariant about the steps."""
+    """Outputs of two steps overlap in the scan of a transfer unless each also requires the other step to be off.
+
+    The steps are proved exclusive at the end of every scan with an invariant that states this.
+    """
     steps = [Step("a", [To("b", x(0))], waits_for="b"), Step("b", [To("a", x(1))], waits_for="a")]
     items = (Set(s(20), when=m(8002)), Sequence("two", 20, steps), Out(y(0), when=s(20)), Out(y(1), when=s(21)))
     # In the scan of a transfer both steps are on when the outputs are evaluated.
@@ -92,7 +95,7 @@ def test_wrong_invariant_invalidates_dependent_proofs() -> None:
 
 
 def test_goal_with_a_wrong_invariant_is_broken_if_it_has_a_trace() -> None:
-    """A requirement that follows from a wrong invariant is broken only if a trace violates it."""
+    """A requirement that depends on a wrong invariant is reported as broken only if a trace violates it."""
     wrong = {"wrong": ~m(1)}
     open_, fenced = Out(m(2), when=x(1)), Out(m(2), when=m(2) & x(1))
     for gate, result in ((open_, Result.BROKEN), (fenced, Result.CONDITIONAL)):
@@ -111,7 +114,7 @@ def test_mutually_dependent_goals_are_proved_together() -> None:
 
 
 def test_invariant_that_is_false_initially_is_rejected() -> None:
-    """A condition that persists but is false initially is not an invariant."""
+    """The proof of an invariant that persists but is false initially fails at the first power-up."""
     model = Model(specification_of(Set(m(0), when=x(0)), invariants={"on": m(0)}))
     assert failed_at(model) == [Moment.FACTORY]
 
@@ -159,14 +162,14 @@ def test_devices_are_lost_or_retained_as_in_the_plc(rung: Rung, in_first_scan: E
 
 
 def test_edge_memories_are_lost_with_power() -> None:
-    """A terminal that goes off without power causes no falling edge; one that is on afterwards causes a rising edge."""
+    """After a power loss, a terminal that has gone off causes no falling edge; one that is on causes a rising edge."""
     for edge, moments in ((PulseFalling(m(0), when=x(0)), []), (Pulse(m(0), when=x(0)), [Moment.FACTORY])):
         quiet = {"no edge in the first scan": ~(m(8002) & m(0))}
         assert failed_at(Model(specification_of(edge, invariants=quiet))) == moments
 
 
 def test_monitor_state_survives_a_loss_of_power_and_is_unknown_initially() -> None:
-    """A remembered monitor bit survives a loss of power and is unknown initially; other monitor bits start off."""
+    """A remembered monitor bit survives a loss of power and is unknown initially; other monitor bits are off."""
     items, monitors = (Set(m(500), when=x(0)),), (Set(m(10), when=x(0)),)
     forgotten, unknown = m(500) & ~m(10), m(10) & ~m(500)
 
@@ -181,7 +184,7 @@ def test_monitor_state_survives_a_loss_of_power_and_is_unknown_initially() -> No
 
 
 def test_invariant_about_monitor_state_must_be_established_by_the_program() -> None:
-    """An invariant about a monitor bit fails at the first power-up unless a rung of the monitor establishes it."""
+    """An invariant about a remembered bit fails at the first power-up unless a rung of the monitor establishes it."""
     for monitor, expected in ((Out(m(11), when=m(10)), [Moment.FACTORY]), (Rst(m(10)), [])):
         specification = specification_of(monitors=(monitor,), remembered=(m(10),), invariants={"off": ~m(10)})
         assert failed_at(Model(specification)) == expected

@@ -20,7 +20,7 @@ from tests.controller.verify.verify_rig import GOAL, report_of, row_of, specific
 
 
 def chain(*ways: Expr | None) -> tuple[Set, Sequence]:
-    """Return consecutive steps, each with a transfer to the next one if it has a condition."""
+    """Return consecutive steps, each with a transfer to the next step unless its condition is None."""
     go = [[] if way is None else [To(str(n + 1), way)] for n, way in enumerate(ways)]
     steps = [Step(str(n), to, waits_for="anything") for n, to in enumerate([*go, []])]
     return Set(s(20), when=m(8002)), Sequence("chain", 20, steps)
@@ -43,7 +43,7 @@ def test_step_is_left_by_a_transfer_or_without_transfers_by_a_reset() -> None:
 
 
 def test_step_without_an_exit_is_a_dead_end() -> None:
-    """A last step that is never reset is detected."""
+    """A last step that is never reset is reported as a dead end."""
     assert exit_of("S21 chain: 1", *chain(x(0))) == ("impossible", "it has no transfer and no block resets it")
 
 
@@ -61,7 +61,7 @@ def test_step_set_again_in_every_scan_cannot_be_left() -> None:
 
 
 def test_step_with_a_dwell_can_be_left() -> None:
-    """A step can be left if the end of its dwell is the only way to leave it."""
+    """A step whose only transfer fires at the end of its dwell can be left."""
     steps = [Step("dwell", [To("after", t(200))], dwell=Dwell(Timer(200), 500)), Step("after", [], waits_for="nothing")]
     assert exit_of("S20 dwell: dwell", Sequence("dwell", 20, steps)) == ("possible", "to S21 dwell: after")
 
@@ -115,11 +115,11 @@ def test_failing_way_out_is_described_scan_by_scan() -> None:
     ("elapsed", "result"), [(True, Result.PROVED), (False, Result.UNPROVED), (None, Result.UNPROVED)]
 )
 def test_a_way_out_may_wait_for_a_timer(elapsed: bool | None, result: Result) -> None:
-    """If a latch is cleared by holding a button for some time, the way out must state that the timer has elapsed."""
+    """If a timer delays the clearing of a latch, the way out is proved only if it states that the timer has elapsed."""
     items = (OnDelay(Timer(0), 3_000, when=x(1)), Rst(STUCK, when=t(0)), Set(STUCK, when=x(0) & ~t(0)))
     orders = {x(1): True} if elapsed is None else {x(1): True, t(0): elapsed}
     assert row_of(latch(*items, out=way(orders)), "clear it").result is result
-    # A timer that is not driven has not elapsed, even if the way out states so.
+    # A timer that is not driven has not elapsed, even if the way out states that it has.
     assert row_of(latch(*items, out=way({t(0): True})), "clear it").result is Result.UNPROVED
 
 

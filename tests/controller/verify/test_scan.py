@@ -209,7 +209,7 @@ def number(term: z3.ExprRef) -> int:
 @SCANS
 @given(programs(), STIMULI)
 def test_symbolic_scan_equals_the_real_scan(items: list[Rung | Sequence], scans: list[Scanned]) -> None:
-    """All devices of an arbitrary program are equal after every scan while inputs change and power is lost."""
+    """Both scans of an arbitrary program give all devices the same values while inputs change and power is lost."""
     pair = Pair(items, exact)
     for given_now in scans:
         pair.memory = pair.scan(given_now)
@@ -217,7 +217,7 @@ def test_symbolic_scan_equals_the_real_scan(items: list[Rung | Sequence], scans:
 
 
 def chained(*ways: list[tuple[str, Expr]], consumes: Bit | None = None) -> Sequence:
-    """Return a sequence of steps with these transfers, each named by its number."""
+    """Return a sequence of steps with these transfers; each step is named by its number."""
     steps = [Step(str(n), [To(*way) for way in row], waits_for="anything") for n, row in enumerate(ways)]
     return Sequence("chained", 20, steps, consumes=consumes)
 
@@ -255,7 +255,7 @@ RULES: list[list[Rung | Sequence]] = [
 
 @pytest.mark.parametrize("items", RULES)
 def test_symbolic_scan_of_each_rule(items: list[Rung | Sequence]) -> None:
-    """All devices of a program for one rule are equal after every scan of the terminal sequence, run twice."""
+    """Both scans of a program for one rule give all devices the same values in two passes of the terminal sequence."""
     pair = Pair(items, exact)
     for on in WALK * 2:
         pair.memory = pair.scan(walked(on))
@@ -311,6 +311,6 @@ def test_aged_timer_has_run_since_its_start_tick(timer: int, base_ms: int, run_m
 
 
 def test_move_of_32_bits_is_rejected() -> None:
-    """A rung that moves a 32-bit counter into a register is rejected with an error that names it."""
+    """A rung that moves a 32-bit counter into a register is rejected with an error that names the move."""
     with pytest.raises(ModelError, match="MOV C200 to D0: 32 bits"):
         Model(specification_of(Mov(Word("C", 200), d(0))))

@@ -43,7 +43,7 @@ DWELLING = (
 
 
 def test_trace_from_power_up_through_steps_and_dwells() -> None:
-    """If the fourth step violates the goal, the trace waits exactly for the dwell before it."""
+    """If the fourth step violates the goal, the trace waits for exactly the dwell of the step before it."""
     specification = specification_of(*DWELLING, never=y(0))
     row = row_of(specification)
     trace = found(row)
@@ -73,7 +73,7 @@ def test_trace_may_begin_with_retained_values() -> None:
 
 
 def test_fallback_trace_is_one_scan_from_a_state() -> None:
-    """If a goal is violated only in the third scan and the limit is two, the trace is a single scan from a state."""
+    """If a goal is violated only in the third scan and the limit is two, the trace is one scan from some state."""
     items = (
         Out(y(0), when=m(2) & t(0) & ~m(8002)),
         Out(m(2), when=m(1)),
@@ -154,7 +154,7 @@ def test_text_of_a_trace() -> None:
 
 
 def test_trace_uses_the_1_s_clock_of_the_plc() -> None:
-    """If a goal is violated when the 1 s clock goes off, the trace waits for the end of the half second."""
+    """If a goal is violated when the 1 s clock turns off, the trace waits for the second half of the period."""
     items = (Out(y(0), when=m(1) & ~m(8013)), Set(m(1), when=m(8013)))
     trace = found(row_of(specification_of(*items, never=y(0))))
     assert [scan.at_ms % 1000 < 500 for scan in trace.scans] == [True, False]

@@ -111,7 +111,7 @@ class LiveMachine:
         self.pace.set(FLAT_OUT)
 
     def slow(self) -> None:
-        """Slow down so far that a browser on a busy computer renews a lease in time."""
+        """Slow simulated time down so that a browser on a busy computer renews a jog lease before it expires."""
         self.pace.set(SLOW_PERCENT)
 
     def until(self, condition: Callable[[], bool], description: str, within_s: float = TIMEOUT_S) -> None:

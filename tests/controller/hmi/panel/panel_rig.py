@@ -49,7 +49,7 @@ class Browser:
         self._expected = 0
 
     def read(self) -> dict[str, Any]:
-        """Read one message and check that no view is missing."""
+        """Read one message and check that no view update is missing."""
         message: dict[str, Any] = json.loads(self.socket.recv(timeout=TIMEOUT_S))
         if message["type"] == "reply":
             self._replies[message["id"]] = message
@@ -101,7 +101,7 @@ def apply(view: dict[str, Any], changes: dict[str, Any]) -> None:
 
 
 class PanelRig:
-    """Running panel; scans follow the clock between `__enter__` and `__exit__`."""
+    """Running panel; the controller scans in real time between `__enter__` and `__exit__`."""
 
     def __init__(
         self,
@@ -155,7 +155,7 @@ class PanelRig:
         self._stack.close()
 
     def client(self, peer: str | None = None) -> httpx.Client:
-        """Return a client with separate cookies, local or with the given peer address."""
+        """Return a client with its own cookies; it is local unless a peer address is given."""
         headers = {"origin": self.origin} | ({} if peer is None else {PEER: peer})
         return self._stack.enter_context(httpx.Client(base_url=self.origin, headers=headers, timeout=TIMEOUT_S))
 

@@ -41,7 +41,7 @@ TAGS = {point.tag.rpartition(".")[2] for point in (*MACHINE.io_map.inputs, *MACH
 SET_POINTS = set(MACHINE.tags.sp.names())
 NAMES = {"PackML", "Modbus", "JSON"}
 SYMBOLS = {"S", "P", "D", "T", "X", "Y", "n", "I", "O", "mm", "kPa", "N"}
-"""Quantities of the paper, device kinds, I/O and SI unit symbols."""
+"""Symbols of quantities in the paper, of device kinds, of I/O and of SI units."""
 OPTIONS = {"set"}
 """Command-line options quoted in a text: --set."""
 ALLOWED = TAGS | SET_POINTS | NAMES | SYMBOLS | OPTIONS

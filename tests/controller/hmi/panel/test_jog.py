@@ -1,4 +1,4 @@
-"""Jogging from a browser: the output is released however the jog ends."""
+"""Jogging from a browser: the output turns off however the jog ends."""
 
 from __future__ import annotations
 

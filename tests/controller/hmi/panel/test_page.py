@@ -65,7 +65,7 @@ def panel(live: LiveMachine, tmp_path: Path) -> Iterator[PanelProcess]:
 
 
 class Station(NamedTuple):
-    """Machine and panel of several tests, with their folder."""
+    """Machine and panel shared by several tests, and their folder."""
 
     live: LiveMachine
     panel: PanelProcess
@@ -80,20 +80,20 @@ def started(folder: Path) -> Iterator[Station]:
 
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Machine in Stopped; a test that uses it leaves it in Stopped, in continuous mode and without alarms."""
+    """Machine in Stopped; each test must leave it in Stopped, in continuous mode and without alarms."""
     with started(tmp_path_factory.mktemp("stopped")) as station:
         yield station
 
 
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Machine for jogging; a test that uses it leaves it in manual mode with its outputs off."""
+    """Machine for jogging; each test must leave it in manual mode with its outputs off."""
     with started(tmp_path_factory.mktemp("manual")) as station:
         yield station
 
 
 class Screen:
-    """Page in a browser that must not cause any unexpected event during the test.
+    """Page in a browser; no unexpected event may occur during the test.
 
     Attributes:
         unexpected: Console errors, and requests to hosts other than the panel.
@@ -165,7 +165,7 @@ def clear(screen: Screen, live: LiveMachine) -> None:
 
 
 def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
-    """Log in, start manual mode unless it is started, and return the jog button of an output."""
+    """Log in, start manual mode if necessary, and return the jog button of an output."""
     screen.log_in("maintain")
     screen.open("manual")
     if live.state != State.EXECUTE:
@@ -210,10 +210,10 @@ def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
 
 @pytest.mark.timeout(240)
 def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
-    """The run of the README can be operated from the browser and transplants 72 seedlings.
+    """A manually operated run, as in the README, completes, and the page shows the seedling counts of its report.
 
-    The times of the button presses determine how long the seedlings are held and how many break. The page must
-    therefore show the figures of the report of this run, which counts each of the 72 seedlings once.
+    The times of the button presses determine how long the seedlings are held and how many break. The expected counts
+    are therefore taken from the report, which counts each of the 72 seedlings once.
     """
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = str(reserved.getsockname()[1])

@@ -12,7 +12,7 @@ from tests.plant_sim.twin.routes import run_to
 from tests.plant_sim.twin.twin_rig import ChangeRecorder, arm_of, scan_ms, switched_on, tags_of, undisturbed, until_step
 
 EDGE_TO_OPENING_MS = range(50, 80)
-"""Release delay of 60 ms with the tolerance of the timer base, the input filter and the scan, ms."""
+"""Permitted time from a cup edge to the opening of the claws, ms: the release delay of 60 ms with its tolerances."""
 
 
 class Cups:
@@ -31,7 +31,7 @@ class Cups:
         return [c.at_ms for c in self._outputs.of(f"{self._side}.") if c.on and c.name == "claws_open"]
 
     def between(self, from_ms: int, to_ms: int) -> list[int]:
-        """Return the edges later than `from_ms` and up to `to_ms`."""
+        """Return the edges after `from_ms`, up to and including `to_ms`."""
         return [at_ms for at_ms in self.edges_ms if from_ms < at_ms <= to_ms]
 
     def _see(self, twin: Twin) -> None:
@@ -47,7 +47,7 @@ def machine() -> Twin:
 
 
 def until_opening(twin: Twin, side: Side) -> int:
-    """Run until the claws open over the cups; return the time."""
+    """Run until the claws open over the cups and return the time at which they do."""
     return until_step(twin, f"{side} arm", "open claws", within_ms=60_000)
 
 
@@ -103,7 +103,7 @@ def test_after_a_power_loss_twelve_edges_must_pass(side: Side) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_after_a_power_loss_the_operator_can_confirm_empty_cups(side: Side) -> None:
-    """After the confirmation the row is released on the next edge; the following row waits for twelve cups."""
+    """After the operator confirms empty cups, one edge releases the row; the following row waits for twelve cups."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     twin.power_cycle(15_000)
@@ -170,7 +170,7 @@ def test_a_flag_that_bounces_at_standstill_counts_once(side: Side) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_at_twice_the_planting_rate_are_all_counted(side: Side) -> None:
-    """At 150 cups/min the minimum pulse interval, which suppresses a bouncing flag, suppresses no cup."""
+    """At 150 cups/min, every cup is counted despite the minimum pulse interval that suppresses a bouncing flag."""
     twin = machine()
     twin.home()
     twin.plant.planting_frequency_per_min = 150.0

@@ -1,4 +1,4 @@
-"""One cycle of an arm: order of outputs, duration of each phase, cup count and shared centre.
+"""One cycle of an arm: order of outputs, duration of each phase, cup count and use of the shared centre.
 
 The bounds are calculated manually from machine.yaml. A cylinder needs at least 15 ms for its valve, 4 ms for its tube
 and the travel time at the speed that its throttle permits. The upper bound adds the longest start delay: the air in
@@ -29,13 +29,13 @@ PICK_MM = {1: 192.5, 2: 235.5, 3: 278.5}  # 300 mm minus 107.5, 64.5 and 21.5
 BAND_MM = 5.0
 OVERSHOOT_MM = 1.0  # minimum, past the centre of a row switch
 BUMPER_MM = 2.0  # travel prevented by the bumper at feed
-RELEASE_DELAY_MS = 60  # 333 ms from the pulse until the cups are below the claws, minus 254 to fall, 15 to detect it
+RELEASE_DELAY_MS = 60  # 333 ms from the pulse until the cup is below the claws, minus 254 to fall and 15 to detect
 LATE_MS = 45
-"""Tolerance of a phase, ms: one scan to read, one to filter, and 2 mm more overshoot than the minimum."""
+"""Tolerance of a phase, ms: one scan for reading, one for filtering, and 2 mm more overshoot than the minimum."""
 START_IN_MS = 720
 """Tolerance of inward travel, ms: 317 cm3 in front of the piston vent from 5.9 to 5.2 bar (35 N on 491 mm2).
 
-Through 0.735e-9 m3/(s Pa) this takes 0.4 s; the rest is a margin.
+Through 0.735e-9 m3/(s Pa) this takes 0.4 s; the rest is margin.
 """
 START_OUT_MS = 350
 """Tolerance of outward travel, ms: the same calculation with 120 to 160 cm3."""
@@ -156,12 +156,12 @@ def outputs_of(run: Run, side: Side, row: int) -> list[Change]:
 
 
 def releases_ms(run: Run, side: Side) -> list[int]:
-    """Return the times at which the claws opened over the cups: for the initially assumed row, then for rows 1 to 3."""
+    """Return the times at which the claws opened over the cups, for the row assumed at the start and rows 1 to 3."""
     return signed(run.outputs.of(f"{side}."))["+claws_open"]
 
 
 def cups_before(run: Run, side: Side, row: int, until_ms: int) -> list[int]:
-    """Return the cup edges since the release of the previous row."""
+    """Return the times of the cup edges from the release of the previous row to `until_ms`."""
     return signed(run.sensors.of(f"{side}.", releases_ms(run, side)[row - 1], until_ms))["+cup_pulse"]
 
 
@@ -220,10 +220,10 @@ def test_rows_are_taken_from_the_feed_inward_by_both_arms() -> None:
     [(0.600, {1: 8_350, 2: 8_850, 3: 9_450}, 9_000), (0.800, {1: 9_750, 2: 10_250, 3: 10_850}, 10_400)],
 )
 def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: dict[int, int], mean_ms: int) -> None:
-    """Each time is within 0.1 s of the expected one, and the mean at 600 mm is at most 9 s.
+    """Each cycle time is within 0.1 s of the expected time; the mean for a row spacing of 600 mm is at most 9 s.
 
-    At 800 mm each motion of the slide is 100 mm longer, which takes 668 ms. For row 1 the slide starts from the
-    position to which homing has pressed it, and the air in front of the piston takes 0.3 s to vent.
+    At 800 mm each stroke of the slide is 100 mm longer, which takes 668 ms. For row 1 the slide starts from its end
+    stop, where homing has filled the cylinder, and the air in front of the piston takes 0.3 s to vent.
     """
     parameters = MACHINE.with_values({"layout.row_spacing_m": row_spacing_m})
     twin = at_work({"trays_target": 1}, parameters=parameters)
@@ -241,7 +241,7 @@ def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("descend_at_count", [9, 11, 12, 20])
 def test_the_arm_goes_down_at_the_set_cup_and_not_before(side: Side, descend_at_count: int) -> None:
-    """The claws are spread at about cup 6; the raised arm is lowered at the set cup, no later than at the twelfth."""
+    """The claws are spread at about cup 6; the raised arm is lowered at the set cup, at the latest at the twelfth."""
     run = tray_run(descend_at_count=descend_at_count)
     lowered_ms = signed(outputs_of(run, side, 1))["+lift_extend"][0]
     cups_ms = cups_before(run, side, 1, lowered_ms)
@@ -252,7 +252,7 @@ def test_the_arm_goes_down_at_the_set_cup_and_not_before(side: Side, descend_at_
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize(("descend_at_count", "released_at"), [(9, 12), (11, 12), (12, 13), (20, 13)])
 def test_going_down_late_can_cost_a_cup(side: Side, descend_at_count: int, released_at: int) -> None:
-    """Lowering takes 0.8 s of a 1.33 s cup interval: an arm that goes down at cup 12 is ready for release at cup 13."""
+    """Lowering takes 0.8 s of a 1.33 s cup interval: an arm lowered at cup 12 is ready to release at cup 13."""
     run = tray_run(descend_at_count=descend_at_count)
     assert len(cups_before(run, side, 1, releases_ms(run, side)[1])) == released_at
     missed = {cycle.row: cycle.missed_cups for cycle in run.twin.cycles() if cycle.side == side}
@@ -261,7 +261,7 @@ def test_going_down_late_can_cost_a_cup(side: Side, descend_at_count: int, relea
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
-    """Twelve cups at 100/min take 7.2 s and a cycle at least 8 s: each row misses cups and is released on an edge."""
+    """Twelve cups at 100/min take 7.2 s and a cycle at least 8 s; each row misses cups and is released on an edge."""
     run = tray_run(cups_per_min=100.0)
     missed = 0
     for row in ROWS:
@@ -272,7 +272,7 @@ def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
         down_ms = next(
             change.at_ms for change in outputs_of(run, side, row) if change.name == "lift_extend" and not change.on
         )
-        assert all(not down_ms < cup_ms < cups_ms[-1] - 20 for cup_ms in cups_ms), "an earlier cup was in time"
+        assert all(not down_ms < cup_ms < cups_ms[-1] - 20 for cup_ms in cups_ms), "an earlier cup could have been used"
         missed += len(cups_ms) - 12
         assert cycle_of(run.twin, side, row).missed_cups == missed
 
@@ -336,7 +336,7 @@ def test_arms_that_may_meet_go_to_row_3_together() -> None:
 
 
 def test_the_priority_of_the_left_arm_does_not_interrupt_the_right_arm_in_the_centre() -> None:
-    """With this seed the right arm starts for row 3 first, and the left arm waits until it has left the centre."""
+    """If the right arm starts for row 3 first, the left arm waits until the right arm has left the centre."""
     run = tray_run()
     left_ms, right_ms = leaves_feed_ms(run.outputs, "left")[2], leaves_feed_ms(run.outputs, "right")[2]
     passes_ms = signed(run.sensors.of("right.", right_ms, left_ms))["+slide_at_pick_2"]

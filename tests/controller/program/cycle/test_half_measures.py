@@ -30,7 +30,7 @@ def to_jogging(twin: Twin) -> Twin:
 
 
 def test_the_feeder_in_step_mode_rests_at_the_end_of_each_step() -> None:
-    """Each step ends by itself during a long pause between presses, and the next tray stops in place."""
+    """Each feeder step ends without a further press, its outputs turn off, and the next tray stops in place."""
     twin = at_work({"step_sequence": 3}, trays=2, mode=Mode.STEP)
     for side in SIDES:
         for row in ROWS:
@@ -48,7 +48,7 @@ def test_the_feeder_in_step_mode_rests_at_the_end_of_each_step() -> None:
 
 
 def test_one_press_covers_cup_delay_and_opening() -> None:
-    """In step mode an arm over its cups releases its row on time after one press, regardless of the next press."""
+    """In step mode one press is enough for an arm to release its row on time; the opening needs no second press."""
     twin = at_work({"trays_target": 1})
     until_step(twin, "left arm", "wait for cups")
     twin.run_until(lambda: bool(arm_of(twin, "left").grip.held), within_ms=60_000, what="a row is held")

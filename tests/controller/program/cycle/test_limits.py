@@ -1,4 +1,4 @@
-"""Time limits of all steps: each raises its alarm in time and stops its arm, and the other arm proceeds to feed.
+"""Time limits of all steps: if one expires, its alarm is raised, its arm stops, and the other arm proceeds to feed.
 
 No seedling is lost. The limits are read from the declared sequences; a step that is not reached fails the test.
 """
@@ -34,17 +34,17 @@ from tests.plant_sim.twin.twin_rig import (
 )
 
 TICK_MS = 100
-"""A limit timer counts ticks of 100 ms; it may be up to one tick short."""
+"""Tick of a limit timer, ms; a limit may expire up to one tick early."""
 PUSH_M = 0.008
-"""Distance beyond the switch band of a row (5 mm, 1 mm hysteresis) but short of the next row, 43 mm further, m."""
+"""Displacement out of the switch band of a row (5 mm, 1 mm hysteresis) that does not reach the next row (43 mm), m."""
 
 
 WATCHED = [stop for stop in STOPS if stop.step.watch and not stop.works_claws]
-"""Every declared step with a time limit that is ended by a sensor; test_disturbances.py covers the claw steps."""
+"""Declared steps with a time limit that are ended by a sensor; test_disturbances.py covers the claw steps."""
 
 
 def actuator(twin: Twin, stop: Stop) -> Device:
-    """Return the device that a step moves, found by its first output; a second output may hold the lift up."""
+    """Return the device that the first output of a step moves; a second output may hold the lift up."""
     if stop.side is None:
         return twin.plant.conveyor
     arm = arm_of(twin, stop.side)
@@ -116,7 +116,7 @@ def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: 
     [("lift from row", "slide to feed", "spread"), ("slide to feed", "wait to lower", "lift_extend")],
 )
 def test_no_arm_starts_a_release_while_holding(left_late_until: str, step: str, never: str) -> None:
-    """After an alarm while the left arm moves, the right arm neither spreads a row at feed nor lowers a spread row."""
+    """After an alarm in Execute, the right arm neither spreads a row at feed nor lowers a spread row."""
     twin = at_work({"trays_target": 1, "descend_at_count": 9})
     until_picking(twin, "right", 1)
     slide = arm_of(twin, "left").slide
@@ -184,7 +184,7 @@ def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
 
 
 def test_a_slide_that_cannot_stop_in_its_row_overruns_it_twice() -> None:
-    """Without its brake the slide coasts 17 mm instead of 6 mm and passes the row, first inward, then outward."""
+    """Without its brake the slide coasts 17 mm instead of 6 mm and passes its row inward and again outward."""
     twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.brake_n": 0.0}))
     twin.run_until(lambda: twin.alarms() != [], within_ms=30_000)
     assert twin.alarms() == ["right: overrun"]

@@ -86,7 +86,7 @@ def test_a_switch_that_flickers_on_confirms_no_position_and_raises_no_alarm(side
     ],
 )
 def test_an_implausible_switch_is_checked_before_it_is_trusted(step: str, switch: str, device: str, power: str) -> None:
-    """While the switch is still stuck, pressing X0 repeatedly does no harm, and the alarm is raised again."""
+    """If X0 is pressed repeatedly while the switch is still stuck, the alarm is raised again and nothing is damaged."""
     twin = switched_on({"trays_target": 1})
     run_to(step)(twin, "left")
     sensor = arm_of(twin, "left").sensors[switch]
@@ -129,7 +129,7 @@ def test_an_alarm_with_a_switch_still_stuck_is_not_reset() -> None:
 
 
 def test_another_row_spacing_needs_another_minimum_travel_time() -> None:
-    """At 350 mm the slide travels from row 1 to feed in less than the default minimum time, which raises an alarm."""
+    """At 350 mm row spacing the default minimum travel time raises an alarm; the one calculated for 350 mm does not."""
     twin = at_work({"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}, parameters=NARROW)
     twin.run_until(lambda: twin.alarms() != [], within_ms=TRAY_MS)
     assert {alarm.partition(": ")[2] for alarm in twin.alarms()} == {"slide switches"}

@@ -35,7 +35,7 @@ from tests.sampling import first_of
 NO_TRAY_MS = 12_000
 TRAY_OUT_MS = 3_200
 TICK_MS = 100
-"""A limit timer counts ticks of 100 ms from its start; it may be up to one tick short."""
+"""Tick of a limit timer, ms; a limit may expire up to one tick early."""
 
 
 def why_suspended(twin: Twin) -> set[str]:
@@ -84,7 +84,7 @@ def test_a_tray_is_also_changed_between_empty_arms() -> None:
 
 
 def test_the_next_tray_arrives_in_time() -> None:
-    """Tray and gap move 540 mm at 200 mm/s, 20 mm in the index step and 25 mm in creep pulses, then rest for 0.2 s."""
+    """A tray change takes 2.7 s to move 540 mm, 0.1 s to index, at most 0.3 s to creep and 0.2 s to settle."""
     twin = at_work(trays=2)
     steps = ChangeRecorder.of_steps(twin)
     until_step(twin, "tray feeder", "settle", within_ms=2 * TRAY_MS)
@@ -117,7 +117,7 @@ def test_a_tray_that_slips_back_while_it_settles_is_advanced_again() -> None:
 
 
 def test_a_new_run_takes_the_next_trays() -> None:
-    """With a target of one tray, the run is Complete after the first of two; pressing X0 twice starts the second."""
+    """With a target of one tray, the run ends after the first of two trays; pressing X0 twice starts the second run."""
     twin = at_work({"trays_target": 1}, trays=2)
     counts = to_complete(twin, within_ms=TRAY_MS)
     assert counts.in_tray == 72
@@ -177,7 +177,7 @@ def test_x0_repeats_the_search_for_a_tray() -> None:
 
 
 def test_arms_over_the_cups_release_their_rows_while_no_tray_comes() -> None:
-    """Twelve cups at 20/min take 36 s, so the tray is reported missing long before the last rows are released."""
+    """The tray is reported missing before the last rows are released, because twelve cups at 20/min take 36 s."""
     parameters = MACHINE.with_values({"cups.planting_frequency_per_min": 20.0})
     twin = at_work(parameters=parameters)
     until_step(twin, "tray feeder", "no tray", within_ms=4 * TRAY_MS)
@@ -234,8 +234,7 @@ def test_a_jammed_tray_raises_the_question_and_is_conveyed_out_after_homing() ->
 
 
 def test_a_tray_met_at_full_speed_is_a_jam_and_not_in_place() -> None:
-    """If X15 turns on again during the index step, the belt stops and an alarm follows within 0.2 s; homing then moves
-    the tray in at creep speed."""
+    """If X15 turns on during the index step, the belt stops with an alarm, and homing creeps the tray into place."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "index", within_ms=2 * TRAY_MS)
     twin.plant.conveyor.beam.stuck = True
@@ -264,7 +263,7 @@ def test_a_beam_that_flickers_during_the_index_step_is_not_a_jam() -> None:
 
 
 def test_a_leaving_tray_is_not_taken_for_a_new_one_if_the_beam_flickers_off() -> None:
-    """If X15 is off for 50 ms in mid-tray, the question is asked, the tray leaves and the next one is brought in."""
+    """If X15 is off for 50 ms while a tray leaves, the question is asked; the next tray is brought in afterwards."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)
     twin.run_for(1_000)
@@ -303,7 +302,7 @@ def test_a_tray_under_the_beam_after_a_failed_search_raises_the_question() -> No
 
 @pytest.mark.parametrize("gap_m", first_of([0.058, 0.040, 0.045, 0.071]))
 def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -> None:
-    """A creep pulse is 3.6 mm; for any distance left after the index step, the tray stops within 2 mm of its place."""
+    """For any distance left after the index step, creep pulses of 3.6 mm stop the tray within 2 mm of its place."""
     twin = at_work(trays=4, parameters=MACHINE.with_values({"conveyor.gap_m": gap_m}))
     for number in range(4):
         assert abs(twin.plant.conveyor.offset_m(number)) <= 0.0020
@@ -315,7 +314,7 @@ def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -
 def test_a_beam_stuck_on_does_not_convey_the_next_tray_out_as_well() -> None:
     """If X15 is stuck on as a tray leaves, the full tray behind it overruns by at most 100 mm; nothing is lost.
 
-    After it is manually pulled back behind the beam, the full tray is brought into place like any other tray.
+    After the operator has pulled it back behind the beam, the full tray is brought into place like any other tray.
     """
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)

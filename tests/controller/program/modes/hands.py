@@ -42,7 +42,7 @@ def to_continuous(twin: Twin) -> None:
 
 
 def in_manual(side: Side = "left") -> Twin:
-    """Return a machine in manual mode with empty arms at home; row 1 of the side has been released over the cups."""
+    """Return a machine in manual mode with empty arms at home; row 1 of this side has been released over the cups."""
     twin = switched_on({"trays_target": 1})
     run_row_1(twin, side)
     stop(twin)

@@ -1,4 +1,4 @@
-"""Fast substitute for the machine: switches that follow the coils after plausible times, cups and trays.
+"""Fast substitute for the machine: cups, trays, and switches that follow the coils after plausible times.
 
 It models no air, seedlings or collisions. It is used to run a program through its states many times.
 """

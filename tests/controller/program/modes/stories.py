@@ -160,7 +160,7 @@ class Rig:
             self._plc.memory.M[number] = on
 
 
-# acts
+# actions
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class Wait:
     scans: int
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.scan(self.ms, self.scans)
 
 
@@ -183,7 +183,7 @@ class Press:
     then: Wait
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         for name in self.commands:
             rig.press(name)
         self.then.on(rig)
@@ -197,7 +197,7 @@ class Renew:
     scans: int
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         for _ in range(self.scans):
             rig.press(self.output)
             rig.scan(50)
@@ -211,7 +211,7 @@ class Button:
     held: Wait
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.button(self.tag, pressed=True)
         self.held.on(rig)
         rig.button(self.tag, pressed=False)
@@ -220,14 +220,14 @@ class Button:
 
 @dataclass(frozen=True)
 class Terminal:
-    """Terminal with a forced level during another act."""
+    """Terminal with a forced level during another action."""
 
     number: int
     level: bool
     then: Act
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.terminal(self.number, self.level)
         self.then.on(rig)
         rig.terminal(self.number, None)
@@ -241,7 +241,7 @@ class SystemBit:
     then: Wait
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         bit = rig.tags.system.bits()[self.index]
         rig.write({bit: 1})
         self.then.on(rig)
@@ -256,7 +256,7 @@ class SetPoint:
     value: int
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.write({getattr(rig.tags.sp, self.name): self.value})
 
 
@@ -267,19 +267,19 @@ class PowerLoss:
     memory_lost: bool
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.lose_power(memory_lost=self.memory_lost)
 
 
 @dataclass(frozen=True)
 class Shortage:
-    """Lack of cups or trays during another act."""
+    """Lack of cups or trays during another action."""
 
     cups: bool
     meanwhile: Act
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.supply(cups=not self.cups, trays=self.cups)
         self.meanwhile.on(rig)
         rig.supply()
@@ -294,7 +294,7 @@ class ToAndFro:
     then: Wait
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         for name, wait in zip(self.orders, (self.between, self.then), strict=True):
             rig.press(name)
             wait.on(rig)
@@ -310,7 +310,7 @@ class GoOn:
     stop: str = "stop"
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.repair()
         orders = ((self.stop,), ("clear",), (f"mode_{self.mode.name.lower()}", *self.answers), ("reset",))
         for commands in orders:
@@ -331,7 +331,7 @@ class StepOn:
     presses: int
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         rig.write({rig.tags.sp.step_sequence: self.sequence})
         for _ in range(self.presses):
             rig.press("step")
@@ -346,7 +346,7 @@ class Await:
     scans: int
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         for _ in range(self.scans):
             rig.scan(50)
             if rig.read(self.step):
@@ -355,21 +355,21 @@ class Await:
 
 @dataclass(frozen=True)
 class InTurn:
-    """Acts performed one after another."""
+    """Actions performed one after another."""
 
     acts: tuple[Act, ...]
 
     def on(self, rig: Rig) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
         for act in self.acts:
             act.on(rig)
 
 
 class Act(Protocol):
-    """Event of a scenario."""
+    """Action of a scenario."""
 
     def on(self, rig: Rig, /) -> None:
-        """Perform the act on a rig."""
+        """Perform the action on a rig."""
 
 
 @dataclass(frozen=True)
@@ -379,7 +379,7 @@ class Story:
     Attributes:
         follows: True if the switches follow the coils; otherwise they are random.
         seed: Seed of the initial monitor states and of the random terminals.
-        acts: Events in order.
+        acts: Actions in order.
     """
 
     follows: bool

@@ -117,7 +117,7 @@ WORK = GoOn(Mode.CONTINUOUS, ("cups_empty",), AT_ONCE, stop="abort")
 
 
 def rare(side: Side) -> dict[str, tuple[Act, ...]]:
-    """Return situations that are rare in random scenarios, each as a sequence of acts."""
+    """Return situations that are rare in random scenarios, each as a sequence of actions."""
 
     def until(title: str) -> tuple[Act, ...]:
         return WORK, Await(MACHINE.cycles[side][title], 600)

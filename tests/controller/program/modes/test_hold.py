@@ -34,7 +34,7 @@ def state_reasons(twin: Twin) -> list[tuple[str, str]]:
 
 
 def in_row_1(side: Side, step: str) -> Twin:
-    """Return a machine whose arm has just entered a step with row 1, or with row 2 if the step with row 1 is over."""
+    """Return a machine whose arm has just entered this step for the first time since it began to approach row 1."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     if step != "approach row":
@@ -87,7 +87,7 @@ def test_a_hold_by_an_alarm_has_another_reason_and_cannot_be_resumed(side: Side)
 
 @pytest.mark.parametrize("side", SIDES)
 def test_unhold_is_refused_while_an_arm_is_not_ready(side: Side) -> None:
-    """If a row is held and the upper switch is off in Held, unhold is refused with that reason until it is on again."""
+    """While the upper switch of an arm that holds a row is off in Held, unhold is refused with this reason."""
     twin = in_row_1(side, "slide to feed")
     hold(twin)
     switch = arm_of(twin, side).sensors["lift_up"]
@@ -153,7 +153,7 @@ def test_a_suspension_without_cups_is_not_ended_by_command() -> None:
 
 @pytest.mark.parametrize(("side", "after_ms"), [("left", 0), ("right", 10)])
 def test_complete_releases_the_held_rows_and_starts_no_row(side: Side, after_ms: int) -> None:
-    """If complete is given during an approach, that row is transplanted before Complete; the other rows remain."""
+    """If complete is commanded during an approach, that row is transplanted before Complete; the other rows remain."""
     twin = in_row_1(side, "approach row")
     twin.run_for(after_ms)
     twin.command("complete")
@@ -166,7 +166,7 @@ def test_complete_releases_the_held_rows_and_starts_no_row(side: Side, after_ms:
 
 
 def test_complete_as_both_arms_leave_feed_transplants_both_rows() -> None:
-    """If complete is given in the scan after both arms leave feed, both rows are transplanted before Complete."""
+    """If complete is commanded just after both arms leave feed, both rows are transplanted before Complete."""
     twin = switched_on({"trays_target": 1})
     twin.home()
     stop(twin)
@@ -210,7 +210,7 @@ def fall_silent(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a panel timeout the row is brought to feed and Held has this reason; pressing X0 twice resumes work."""
+    """After a panel timeout the row is brought to feed and the reason is reported; pressing X0 twice resumes work."""
     twin = in_row_1(side, "lift from row")
     fall_silent(twin, monkeypatch)
     twin.run_for(PANEL_LIMIT_MS - 20)

@@ -60,7 +60,7 @@ def last_refusal(twin: Twin) -> str:
 
 
 def test_every_output_can_be_jogged_alone() -> None:
-    """With the arms at home, each output can be jogged, the tray last, and no other output is on."""
+    """With the arms at home, each motion output can be jogged while all other motion outputs are off."""
     twin = in_manual()
     assert {*ROUND} == {*ARM_OUTPUTS}
     for output in [*(f"{side}.{name}" for side in SIDES for name in ROUND), "tray_run"]:
@@ -75,7 +75,7 @@ def test_every_output_can_be_jogged_alone() -> None:
 
 @pytest.mark.parametrize("presses", [1, 4])
 def test_an_output_goes_off_when_its_jog_is_not_renewed(presses: int) -> None:
-    """After the last command the output stays on for the lease time and at most one scan longer."""
+    """After the last command the output stays on for the lease time plus at most one scan."""
     twin = in_manual()
     recorder = ChangeRecorder.of_outputs(twin)
     for _ in range(presses):
@@ -215,7 +215,7 @@ def test_the_tray_is_blocked_while_an_arm_is_in_it() -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_row_discarded_in_manual_mode_is_counted_once_and_work_resumes(side: Side) -> None:
-    """Row 2 is gripped, lifted, brought to feed and discarded manually; automatic mode takes the other rows."""
+    """A row that is taken and discarded manually is not counted as a cycle; automatic mode takes the other rows."""
     twin = in_manual(side)
     cycles = twin.plc.read(tags_of(twin, side).cycles)
     take_row(twin, side)
@@ -243,7 +243,7 @@ def test_a_row_discarded_in_manual_mode_is_counted_once_and_work_resumes(side: S
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_row_brought_to_feed_in_manual_mode_is_released_in_automatic_mode(side: Side) -> None:
-    """Homing leaves the row at feed, and it is released over the cups first; nothing is lost."""
+    """Homing leaves the row at feed; after the start it is released over the cups, and nothing is lost."""
     twin = in_manual(side)
     take_row(twin, side)
     bring_to_feed(twin, side)
@@ -254,7 +254,7 @@ def test_a_row_brought_to_feed_in_manual_mode_is_released_in_automatic_mode(side
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_row_put_back_in_manual_mode_is_full_again(side: Side) -> None:
-    """If row 2 is gripped and released again in place, it is full and is taken like any other row."""
+    """If row 2 is gripped and released again in place, it is marked as full and is taken like any other row."""
     twin = in_manual(side)
     take_row(twin, side)
     jog(twin, f"{side}.claws_open", 600)

@@ -42,7 +42,7 @@ def press(twin: Twin) -> None:
 
 
 def step_to(twin: Twin, side: Side, title: str) -> list[str]:
-    """Press every half second until a step of the arm is on; return the steps passed."""
+    """Press once every half second until a step of the arm is on; return the steps that were on."""
     recorder = ChangeRecorder.of_steps(twin)
     for _ in range(300):
         press(twin)
@@ -92,7 +92,7 @@ def test_one_transfer_per_press_and_the_others_are_at_rest(side: Side) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_row_taken_in_step_mode_is_in_its_cups_and_automatic_mode_takes_the_rest(side: Side) -> None:
-    """After a complete cycle in step mode, continuous mode continues without losses or duplicates."""
+    """After a complete cycle in step mode, continuous mode transplants the remaining rows without losses."""
     twin = stepping(side)
     cycles = twin.plc.read(tags_of(twin, side).cycles)
     step_to(twin, side, "open claws")
@@ -203,7 +203,7 @@ def test_the_tray_feeder_is_stepped_through_while_rows_are_held() -> None:
 
 
 def test_stop_in_step_mode_is_immediate() -> None:
-    """X24 during a motion does not wait for the end of the cycle; homing brings the arm home and nothing is lost."""
+    """X24 stops a motion without waiting for the end of the cycle; after homing, work resumes without losses."""
     twin = stepping()
     step_to(twin, "left", "slide to feed")
     twin.press("stop")
@@ -217,7 +217,7 @@ def test_stop_in_step_mode_is_immediate() -> None:
 
 
 def test_step_mode_is_not_suspended_without_cups() -> None:
-    """While an arm is over cups at rest, the machine waits for the operator and is not Suspended."""
+    """While an arm waits over cups at rest, the machine stays in Execute."""
     twin = stepping()
     step_to(twin, "left", "wait for cups")
     twin.plant.planting_frequency_per_min = 0.0

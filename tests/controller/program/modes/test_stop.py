@@ -32,9 +32,9 @@ NO_CUPS_MS = 4_000
 """Three cup intervals at 45 cups/min, ms."""
 TICK_MS = 100
 STANDSTILL_MS = 1_000
-"""Time in which the cups slow down from 45 mm/s at 50 mm/s2, ms."""
+"""Time in which the cups slow down from 45 mm/s to rest at 50 mm/s2, ms."""
 NOT_ON_THE_WAY = {"wait at feed", "return to row", "wait to lower", "park", "parked"}
-"""Steps of an idle, an overrunning, a late and a parked arm."""
+"""Steps that are not part of an undisturbed cycle."""
 RAISING = {"raise empty", "lower empty"}
 CYCLE_STEPS = [
     step.title for step in build(load_io_map(DEFAULT_IO_MAP)).cycles["left"].steps if step.title not in NOT_ON_THE_WAY
@@ -144,7 +144,7 @@ def test_slow_cups_do_not_suspend() -> None:
 
 
 def nearly_counted(other: Side, cups: int) -> Twin:
-    """Return a machine whose arms both wait, one of them with this many cups left until its release."""
+    """Return a machine whose arms both wait for cups; the release of one of them is this many cups away."""
     twin, _ = both_waiting()
     counter = tags_of(twin, other).cup_counter.value
     twin.run_until(lambda: twin.plc.read(counter) == 12 - cups, within_ms=20_000, what=f"{cups} cups to come")
@@ -153,7 +153,7 @@ def nearly_counted(other: Side, cups: int) -> Twin:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_at_rest_on_one_side_block_only_new_cycles_of_the_other(side: Side) -> None:
-    """While the cups of one side are at rest, the other arm releases its row and starts no new one."""
+    """While the cups of one side are at rest, the other arm releases its row and starts no new cycle."""
     other = other_side(side)
     twin = nearly_counted(other, cups=2)
     arm = twin.plant.arms[side]
@@ -170,7 +170,7 @@ def test_cups_at_rest_on_one_side_block_only_new_cycles_of_the_other(side: Side)
 
 @pytest.mark.parametrize("side", SIDES)
 def test_six_cups_on_one_side_and_none_on_the_other_hold_the_machine(side: Side) -> None:
-    """While the cups of one side are at rest, the sixth cup of the other raises the alarm, and the row is parked."""
+    """While the cups of one side are at rest, the sixth cup of the other raises an alarm, and the row is parked."""
     other = other_side(side)
     twin = nearly_counted(side, cups=11)
     cups = ChangeRecorder(twin, lambda _: {"cup"} if twin.plant.arms[other].cups.pulse.read() else set())
@@ -234,7 +234,7 @@ def test_a_stop_before_the_third_cup_interval_waits_for_it_before_parking() -> N
 
 
 def test_a_stop_while_homing_is_immediate_and_homing_can_be_restarted() -> None:
-    """X24 stops homing at once in the first 0.8 s, while the arms move; later the tray is first brought into place."""
+    """X24 stops homing immediately while the arms move; if the tray is moving, it is first brought into place."""
     twin = switched_on({"trays_target": 1})
     for homing_ms in (200, 600, 900, 1_500, 2_500):
         twin.press("start")

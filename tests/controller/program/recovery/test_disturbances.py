@@ -85,7 +85,8 @@ def test_claws_that_did_not_open_do_not_count_as_open(side: Side, switch: str) -
 def test_claws_without_a_confirmed_position_raise_the_alarm_of_their_step(side: Side, step: str, switch: str) -> None:
     """If the position signal is lost permanently just after arrival, the alarm of the step is raised at its limit.
 
-    The arm is lowered late and opens less than a second after it is down. After repair and homing, work resumes.
+    The arm is lowered late, so it opens its claws less than a second after it is down. After repair and homing, work
+    resumes.
     """
     twin = at_work({"trays_target": 1, "descend_at_count": 12})
     until_picking(twin, side, 1)
@@ -183,7 +184,7 @@ def test_a_slow_store_causes_no_claw_stroke_to_be_skipped(step: str, takes_ms: i
 
 
 def test_a_store_that_hangs_is_a_store_fault() -> None:
-    """The store fault is raised within its limit, and no actuator alarm is raised."""
+    """If the store hangs, the store fault is raised within its limit, and no actuator alarm is raised."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     store = SlowStore(twin, 10**9)
@@ -198,8 +199,7 @@ def test_a_store_that_hangs_is_a_store_fault() -> None:
 
 
 def test_cups_are_not_counted_by_the_loss_and_return_of_the_link() -> None:
-    """While the tractor is at rest with the flag under the sensor, the loss of the link does not cause a cup to be
-    counted."""
+    """If the link is lost while the tractor is at rest with the flag under the sensor, no cup is counted."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     counter = tags_of(twin, "left").cup_counter.value
@@ -243,7 +243,7 @@ def test_a_discard_without_a_held_row_does_not_apply_to_the_next_row() -> None:
 
 
 def test_discard_answers_the_question() -> None:
-    """If it is unknown whether a row is held, discard is an answer: homing opens the claws over the cups."""
+    """If it is unknown whether a row is held, discard is accepted as the answer, and homing releases the row."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "close claws")
@@ -260,7 +260,7 @@ def test_discard_answers_the_question() -> None:
 
 
 def test_a_start_with_an_arm_that_left_home_is_refused() -> None:
-    """If the right arm is pushed inward in Idle, start is refused with that reason, and nothing moves."""
+    """If the right arm is pushed inward in Idle, start is refused, the reason is reported, and nothing moves."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     twin.press("stop")
@@ -301,7 +301,7 @@ def test_an_arm_that_left_home_by_itself_raises_an_alarm_and_causes_no_collision
 
 
 def test_the_reason_of_a_suspension_is_reported() -> None:
-    """If the cups of one side stop, the event contains the reason and names the side."""
+    """If the cups of one side stop, the event of the suspension states this reason and the side."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "wait for cups")
@@ -312,7 +312,7 @@ def test_the_reason_of_a_suspension_is_reported() -> None:
 
 
 def test_a_complete_batch_restarts_after_a_stop_and_a_power_loss() -> None:
-    """A finished batch is not continued after a stop and a power loss between Complete and the next homing."""
+    """If the machine is stopped and loses power after Complete, the next homing begins a new batch."""
     twin = at_work({"trays_target": 1}, trays=2)
     twin.run_until_state(State.COMPLETE, within_ms=120_000)
     twin.press("stop")
@@ -327,7 +327,7 @@ def test_a_complete_batch_restarts_after_a_stop_and_a_power_loss() -> None:
 
 
 def test_first_out_names_the_alarm_that_came_first() -> None:
-    """Of several alarms, the register contains the first one, regardless of their numbers."""
+    """Of several alarms, the register contains the one that was raised first, regardless of its number."""
     twin = at_work({"trays_target": 1})
     first_out = twin.machine.tags.machine.first_out
     assert twin.plc.read(first_out) == 0

@@ -23,7 +23,7 @@ STARTS_MS = 2_000
 STOPS_M = {"slide": 0.008, "lift": 0.018, "belt": 0.004}
 """Maximum stopping distances after loss of coil power, m: valve and tube, then brake, check valves or motor.
 
-Stated in docs/physics.md; at 600 mm row spacing and 0.5 MPa.
+The values, which are stated in docs/physics.md, apply to 600 mm row spacing and 0.5 MPa.
 """
 CREEP_M = 0.003
 """Rise of a lift that was moving down, m, until the air above its piston has reached the cylinder temperature."""

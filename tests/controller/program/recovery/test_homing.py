@@ -35,7 +35,7 @@ NOT_YET_MS = 10**9
 
 
 def machine() -> Twin:
-    """Return a machine in Stopped with one tray to empty."""
+    """Return a machine in Stopped with a target of one tray."""
     return switched_on({"trays_target": 1}, parameters=BRISK)
 
 
@@ -75,7 +75,7 @@ class Stroke(NamedTuple):
 
 
 def strokes(recorder: ChangeRecorder, side: Side) -> list[Stroke]:
-    """Return the intervals of the outputs of an arm in order of their start, except those of a single scan.
+    """Return the intervals of the outputs of an arm in order of their start, except those of only one scan.
 
     A step whose end position is already reached still turns its coil on for one scan.
     """
@@ -125,7 +125,7 @@ def resumes_with(twin: Twin, side: Side, row: int) -> None:
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("is_open", [False, True])
 def test_claws_in_an_unknown_state_count_as_closed_and_holding_a_row(side: Side, is_open: bool) -> None:
-    """On a new machine an arm low over the tray moves fully up, then out, and waits ready for release."""
+    """On a new machine an arm low over the tray moves fully up, then out, and is then ready to release a row."""
     twin = machine()
     arm_of(twin, side).place(x_m=0.15, is_open=is_open)
     assert is_loaded(twin, side)
@@ -230,7 +230,7 @@ def test_an_empty_arm_that_is_down_moves_out_without_lifting(side: Side, step: s
 
 @pytest.mark.parametrize("side", SIDES)
 def test_an_empty_arm_at_mid_height_moves_up_and_then_out(side: Side) -> None:
-    """An empty arm that is manually raised halfway over the tray is not moved out through the seedlings."""
+    """An empty arm that was manually raised halfway over the tray is lifted before it moves out over the seedlings."""
     twin = stopped_in(side, "approach row", 1_000)
     operate_manually(twin, f"{side}.lift_retract", for_ms=600)
     assert 0.03 < arm_of(twin, side).lift.rise_m < 0.12
@@ -309,7 +309,7 @@ def test_an_empty_arm_at_feed_opens_moves_up_converges_and_moves_down(side: Side
 
 @pytest.mark.parametrize("side", SIDES)
 def test_an_arm_pushed_away_from_home_is_brought_back(side: Side) -> None:
-    """An arm moved to the tray and raised by manual valve operation in Stopped moves up, out and home."""
+    """If the valves of an arm at home are operated manually in Stopped, homing moves the arm up, out and home."""
     twin = stopped_after_row_1(side)
     operate_manually(twin, f"{side}.slide_inward", for_ms=1_000)
     operate_manually(twin, f"{side}.lift_retract", for_ms=600)

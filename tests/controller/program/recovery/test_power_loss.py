@@ -22,10 +22,13 @@ ROW_IN_DOUBT = {
     ("homing", "put back"),
     ("homing", "decide"),
 }
-"""Steps between clamping and leaving the row, and the step that waits for the answer. In 'lift from row' the outputs
-stay on for 100 ms until the watchdog acts, which is too short for the arm to rise against the air above the piston."""
+"""Steps between clamping and leaving the row, and the step that waits for the answer.
+
+In 'lift from row' the outputs stay on for 100 ms until the watchdog trips. This is too short for the arm to rise
+against the air above the piston.
+"""
 TRAY_IN_DOUBT = {"creep", "settle"}
-"""Steps in which the tray may have overrun its sensor before the watchdog acted."""
+"""Steps in which the tray may have overrun its sensor before the watchdog tripped."""
 
 
 CREEP_M = 0.003
@@ -86,7 +89,7 @@ def tray_seen_ms() -> int:
     [(200, False, False), (180, True, False), (80, False, True), (40, True, False), (0, True, True)],
 )
 def test_power_loss_just_before_the_tray_is_in_place(earlier_ms: int, is_seen: bool, is_in_place: bool) -> None:
-    """After a power loss during creep the drive runs until the watchdog trips, so the operator must check the tray."""
+    """If power is lost during creep, the belt runs until the watchdog trips; if X15 is then on, a question is asked."""
     twin = at_work({"trays_target": 2}, trays=2, parameters=BRISK)
     twin.run_for(tray_seen_ms() - twin.now_ms - earlier_ms)
     assert twin.in_step("tray feeder", "creep")

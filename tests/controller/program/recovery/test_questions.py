@@ -1,4 +1,4 @@
-"""Questions that homing asks if neither memory nor sensors can decide, and the effect of each answer."""
+"""Questions that homing asks if memory and sensors do not determine the state, and the effect of each answer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.plant_sim.twin.twin_rig import (
 
 
 def machine(trays: int = 1) -> Twin:
-    """Return a machine in Stopped with one tray to empty."""
+    """Return a machine in Stopped with a target of one tray."""
     return switched_on({"trays_target": 1}, trays=trays, parameters=BRISK)
 
 
@@ -188,7 +188,7 @@ def test_answer_yes_for_an_arm_lifted_and_moved_to_feed_manually_marks_its_row_a
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("step", ["slide to feed", "wait for cups"])
 def test_a_discarded_row_is_released_over_the_cups(side: Side, step: str) -> None:
-    """After a discard command, homing spreads the row, lowers it over the cups and opens; the arm ends up at home."""
+    """After a discard command, homing spreads the row, releases it over the cups and moves the arm home."""
     twin = machine()
     run_to(step)(twin, side)
     twin.run_for(300)
@@ -215,7 +215,7 @@ def test_a_discarded_row_is_released_over_the_cups(side: Side, step: str) -> Non
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_discard_command_applies_to_one_row(side: Side) -> None:
-    """After a discard, the next row that is stopped on its way to feed stays in the claws."""
+    """After one row has been discarded, the next row stays in the claws if it is stopped on its way to feed."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     press_emergency_stop(twin)
@@ -236,7 +236,7 @@ def test_a_discard_command_applies_to_one_row(side: Side) -> None:
 
 
 def stopped_after_row_1(trays: int = 1) -> Twin:
-    """Return a machine in Stopped with both arms at home and part of the tray taken."""
+    """Return a machine in Stopped with both arms at home and a partly emptied tray."""
     twin = machine(trays)
     run_row_1(twin, "left")
     twin.press("stop")
@@ -246,7 +246,7 @@ def stopped_after_row_1(trays: int = 1) -> Twin:
 
 
 def push_tray(twin: Twin, *, until_seen: bool) -> None:
-    """Push the trays forward manually until the beam is interrupted, or free."""
+    """Push the trays forward manually until the beam is interrupted or, if `until_seen` is False, free."""
     while twin.plant.conveyor.beam.read() != until_seen:
         operate_manually(twin, "tray_run", "tray_forward", for_ms=50)
 
@@ -261,7 +261,7 @@ def lose_memory(twin: Twin) -> None:
 
 
 def test_answer_same_continues_with_a_tray_that_was_put_back() -> None:
-    """If the tray is pulled from under its sensor, the question is asked; 'same' is accepted once the tray is back."""
+    """If the tray is pulled from under its sensor, the question is asked; 'same' is accepted when the tray is back."""
     twin = stopped_after_row_1()
     operate_manually(twin, "tray_run", for_ms=200)
     assert held(twin) == {"tray"}

@@ -58,7 +58,7 @@ class HungField:
 
 @pytest.mark.parametrize("hangs_at_ms", [200, 210, 220, 230])
 def test_the_loss_of_a_hung_field_is_detected_within_its_limit(hangs_at_ms: int) -> None:
-    """If the field hangs between two scans, the fault is latched no more than 100 ms after the last good exchange."""
+    """If the field hangs between two scans, the fault is latched at most 100 ms after the last good exchange."""
     clock = SimulatedClock()
     field = HungField(clock)
     plc = Plc(MACHINE.program)
@@ -124,7 +124,7 @@ def test_a_scan_over_its_limit_is_latched(gap_ms: int, faulty: bool) -> None:
 
 
 def watched_panel(twin: Twin) -> Twin:
-    """Start the supervision of a panel that sends one request now."""
+    """Start the panel supervision with a single request."""
     twin.runtime._panel_limit_ms = PANEL_LIMIT_MS
     twin.runtime.panel_heartbeat()
     return twin
@@ -167,7 +167,7 @@ def test_a_panel_request_ends_its_timeout_warning() -> None:
 
 
 def test_a_panel_that_never_connected_does_not_hold_the_machine() -> None:
-    """If a limit is set but no panel has ever connected, the machine works."""
+    """A panel timeout has no effect if no panel has ever connected."""
     twin = at_work({"trays_target": 1})
     twin.runtime._panel_limit_ms = PANEL_LIMIT_MS
     twin.run_for(5_000)
