@@ -1,4 +1,4 @@
-"""Wheel and source distribution: built, installed outside the tree, run and uninstalled."""
+"""Wheel and source distribution: built, installed outside the source tree, run and uninstalled."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def test_a_smaller_limit_shrinks_the_file(tmp_path: Path) -> None:
 
 
 def test_a_reader_with_an_open_transaction_does_not_make_the_file_grow(tmp_path: Path) -> None:
-    """While a transaction is open, the write-ahead log cannot be checkpointed, and rows are rejected until it ends."""
+    """While a reader has an open transaction, the log cannot be checkpointed; at the size limit, rows are rejected."""
     path, limit_bytes = tmp_path / "history.sqlite", 4 * MB
     file = filled(path, limit_bytes, 100)
     with open_history(path) as reader:
