@@ -1,4 +1,4 @@
-"""Set-up of the test run: compilation of plant and program, and the default sample of tests on both arms."""
+"""Set-up of the test run: compile the plant and the program, and select the default arm of tests for both arms."""
 
 from pathlib import Path
 from typing import Final
@@ -19,11 +19,11 @@ SAMPLED: Final = tuple(
         "plant_sim/twin",
     )
 )
-"""Folders of scenarios on the whole machine."""
+"""Folders of the scenarios that run on the complete machine."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile plant and program, or load their cached machine code, in the process that starts the workers."""
+    """Compile the plant and the program, or load their cached machine code, in the process that starts the workers."""
     if not hasattr(config, "workerinput"):
         assert Twin().plant.x
 
@@ -32,7 +32,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run a scenario that exists for both arms on one of them by default, and on both with ``--nightly``.
 
-    The program of an arm is declared once and instantiated for both. The arm is chosen by a checksum of the test's
+    The program of an arm is declared once and instantiated for both arms. The arm is chosen by a checksum of the test's
     name and other parameters, so that about half of the scenarios run on each.
     """
     for item in items:

@@ -1,4 +1,4 @@
-"""Machine code of a copy of the plant: that of the checkout, so that a copy need not be compiled again."""
+"""Machine code for a copy of the plant, taken from the checkout so that the copy need not be compiled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.paths import ROOT
 def give_machine_code(package: Path, cache: Path) -> None:
     """Copy the cached machine code of the checkout to a cache folder, for a copy of the plant with the same sources.
 
-    If numba stores it elsewhere or the sources differ, the copy is compiled.
+    If numba stores the machine code elsewhere or the sources differ, the copy is compiled on first use.
 
     Args:
         package: Folder of the copied plant.
@@ -25,5 +25,5 @@ def give_machine_code(package: Path, cache: Path) -> None:
 
 
 def _stored_name(folder: Path) -> str:
-    """Return the name under which numba stores the machine code of the sources in a folder."""
+    """Return the name of the folder in which numba stores the machine code of the sources in a folder."""
     return f"{folder.name}_{sha1(str(folder).encode(), usedforsecurity=False).hexdigest()}"

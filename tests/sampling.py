@@ -1,4 +1,4 @@
-"""Samples of parametrised tests: part of the values by default, all of them with ``--nightly``."""
+"""Samples of parametrised tests: some of the values by default, all of them with ``--nightly``."""
 
 from collections.abc import Iterable
 
@@ -7,17 +7,17 @@ from _pytest.mark import ParameterSet
 
 
 def first_of(values: Iterable[object], count: int = 1) -> list[ParameterSet]:
-    """Return parameters of which the first ones run by default and the others with ``--nightly`` only.
+    """Return parameters of which the first `count` run by default and the others only with ``--nightly``.
 
     Args:
-        values: Parameters; a tuple holds the values of several arguments.
+        values: Parameters; a tuple contains the values of several arguments.
         count: Number of parameters that run by default.
     """
     return [_parameter(value, by_default=n < count) for n, value in enumerate(values)]
 
 
 def one_in(every: int, values: Iterable[object]) -> list[ParameterSet]:
-    """Return parameters of which one in so many, from the first on, runs by default and the others nightly only."""
+    """Return parameters of which one in `every`, starting with the first, runs by default; the others run nightly."""
     return [_parameter(value, by_default=n % every == 0) for n, value in enumerate(values)]
 
 

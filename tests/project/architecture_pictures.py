@@ -1,4 +1,4 @@
-"""Pictures of docs/architecture.md, drawn from imports, program and kernel.
+"""Pictures of docs/architecture.md, drawn from the imports, the program and the kernel.
 
 Run `python -m tests.project.architecture_pictures --out docs` to regenerate them.
 """
@@ -60,7 +60,7 @@ def imported(tree: ast.Module) -> Iterator[str]:
 
 
 def imports() -> dict[str, set[str]]:
-    """Return the packages that each package imports, without itself."""
+    """Return the packages that each package imports, except itself."""
     uses: dict[str, set[str]] = {}
     for side in SIDES:
         for path in sorted((ROOT / side).rglob("*.py")):
@@ -95,7 +95,7 @@ def reduced(uses: Mapping[str, set[str]]) -> list[tuple[str, str]]:
 
 
 def svg(width: int, height: int, title: str, parts: Sequence[str]) -> str:
-    """Return an SVG file."""
+    """Return the text of an SVG file."""
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         f'role="img" aria-label="{escape(title)}">'
@@ -175,7 +175,7 @@ def column(title: str, steps: Sequence[tuple[str, str]]) -> str:
 
 
 def both_sides(titles: Sequence[str]) -> list[str]:
-    """Return titles with each adjacent pair for left and right merged into one."""
+    """Return the titles with each adjacent pair of a left and a right title merged into one."""
     found: list[str] = []
     for title in titles:
         rest = title.removeprefix("right ")
@@ -187,7 +187,7 @@ def both_sides(titles: Sequence[str]) -> list[str]:
 
 
 def scan() -> str:
-    """Return the picture of one scan: the program's blocks between input and output images."""
+    """Return the picture of one scan: the blocks of the program between the input and output images."""
     program = build(load_io_map(DEFAULT_IO_MAP)).program
     return column(
         "One scan",
@@ -254,7 +254,7 @@ def write(folder: Path) -> list[Path]:
 def main() -> None:
     """Regenerate the pictures."""
     options = argparse.ArgumentParser(prog="architecture_pictures", description="Draw the pictures of architecture.md.")
-    options.add_argument("--out", type=Path, required=True, help="folder of the pictures")
+    options.add_argument("--out", type=Path, required=True, help="folder for the pictures")
     for path in write(options.parse_args().out):
         print(path)  # noqa: T201
 

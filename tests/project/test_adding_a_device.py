@@ -1,4 +1,4 @@
-"""Guide "Adding a device": its edits of four source files work on a copy of the project."""
+"""Guide "Adding a device": its edits to four source files work in a copy of the project."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TESTS: Final = (
     "tests/project/test_docs.py::test_reference_tables_are_those_of_program_and_plant",
     "tests/project/test_docs.py::test_the_tag_list_is_that_of_the_program",
 )
-"""Tests run in the copy: program, I/O map, plant and generated tables."""
+"""Tests run in the copy by default: scenario, alarm texts, permanent numbers and generated tables."""
 NIGHTLY_TESTS: Final = (
     "tests/controller/program",
     "tests/controller/events",
@@ -80,7 +80,7 @@ def run(root: Path, *arguments: str, timeout_s: float) -> str:
 
 @pytest.fixture(scope="module")
 def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a copy of the tracked files with the edits and the scenario of the guide and regenerated tables."""
+    """Return a copy of the tracked files with the guide's edits, the guide's scenario and regenerated tables."""
     root = tmp_path_factory.mktemp("guide") / "project"
     git = shutil.which("git")
     assert git is not None

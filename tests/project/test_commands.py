@@ -29,7 +29,7 @@ OPTIONAL = {
     "statsmodels": set[str](),
     "joblib": set[str](),
 }
-"""Optional modules, each with the commands that import it before they run."""
+"""Optional modules, each with the commands that import it when their argument parser is built."""
 BASE = {"filelock", "pydantic", "pymodbus", "transitions", "yaml"}
 """Modules of the dependencies that are always installed."""
 
@@ -42,8 +42,8 @@ def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 def imported(line: CommandLine) -> dict[str, set[str]]:
     """Return the optional modules that each command imports for its help text.
 
-    Each command runs in a fork of an interpreter that has imported only the table of commands and two slow modules that
-    many commands of the plant import.
+    The parser of each command is built in a fork of an interpreter that has imported only the table of commands and,
+    for the plant, numba and numpy, which many of its commands import and which load slowly.
     """
     program = (
         "import json, os, sys\n"
@@ -122,7 +122,7 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
              "setitimer", "sigwait"):
     delattr(signal, name)
 """
-"""Start of a program that loads the standard library and removes the modules and names that Windows lacks."""
+"""Start of a program that loads standard modules and then removes the modules and names that Windows lacks."""
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
     ids=["ladder", "prove", "trial", "study of a table", "study with trials"],
 )
 def test_a_command_runs_without_posix(package: str, arguments: tuple[str, ...], expected: str, tmp_path: Path) -> None:
-    """Ladder, prove, trial and study run on Windows, the platform of GX Works2."""
+    """The commands ladder, prove, trial and study run without POSIX modules, as on Windows, where GX Works2 runs."""
     program = f"{WITHOUT_POSIX}\nfrom {package}.cli.main import main\nsys.exit(main(sys.argv[1:]))\n"
     done = python(program, *(each.format(folder=tmp_path) for each in arguments))
     assert (done.returncode, done.stderr.count("Error")) == (0, 0), done.stderr

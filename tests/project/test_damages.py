@@ -1,4 +1,4 @@
-"""Damages of the sources: every entry of damages.yaml applies to the current sources, and the tests detect it."""
+"""Damages: every entry of damages.yaml applies to the current sources, and the tests detect every damage."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ LIST: Final = Path(__file__).with_name("damages.yaml")
 COUNT: Final = 129
 """Number of entries; the list is fixed."""
 TESTS_TIMEOUT_S: Final = 900
-"""Longest run of the tests of one damage, s; a damage that makes them hang counts as detected."""
+"""Timeout for the tests of one damage, s; a damage that makes them hang counts as detected."""
 NO_TESTS_COLLECTED: Final = 5
-"""Exit code of pytest."""
+"""Exit code of pytest if no tests are collected."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Damage:
         new: Replacement of the fragment.
         tests: Test files that cover the damaged code.
         escapes: True if these tests are known to pass with the damage.
-        reason: Reason for the escape, else empty.
+        reason: Reason for the escape; empty if the tests detect the damage.
     """
 
     file: str
@@ -69,17 +69,17 @@ GROUPS, DAMAGES = load()
 
 
 def nearest_line(text: str, fragment: str) -> str:
-    """Return the line of a text that is most similar to a fragment."""
+    """Return the line of a text that is most similar to the first line of a fragment."""
     lines = [line.strip() for line in text.splitlines()]
     return next(iter(difflib.get_close_matches(fragment.splitlines()[0], lines, n=1, cutoff=0)), "")
 
 
 def problem(damage: Damage, root: Path = ROOT) -> str | None:
-    """Return a message with the remedy if an entry does not apply to the sources of a tree."""
+    """Return a message with the remedy if an entry does not apply to a source tree, otherwise None."""
     if damage.old == damage.new:
         return "`old` and `new` are equal; write the damage in `new`"
     if damage.escapes != bool(damage.reason):
-        return "`escapes: true` and `reason` are given together; add the missing one"
+        return "`escapes: true` and `reason` must be given together; add the missing one"
     path = root / damage.file
     if not path.is_file():
         return "`file` does not exist; write the file to which the code has moved"
@@ -169,7 +169,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def planted(damage: Damage, root: Path) -> Iterator[None]:
-    """Damage a file of a tree, and restore it at the end."""
+    """Damage a file of a source tree during the block, and restore it at the end."""
     path = root / damage.file
     text = path.read_text(encoding="utf-8")
     path.write_text(damage.applied_to(text), encoding="utf-8")
@@ -180,10 +180,10 @@ def planted(damage: Damage, root: Path) -> Iterator[None]:
 
 
 def run_tests(root: Path, files: tuple[str, ...]) -> tuple[int | None, str]:
-    """Run test files in a tree until the first failure; return the exit code, None for a timeout, and the output.
+    """Run test files in a source tree until the first failure; return the exit code (None on timeout) and the output.
 
     Machine code is cached beside the tree, and no bytecode is written, because a damaged and a restored file of the
-    same size and modification time would share it.
+    same size and modification time would share the same bytecode.
     """
     variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     variables |= {
@@ -208,7 +208,7 @@ def run_tests(root: Path, files: tuple[str, ...]) -> tuple[int | None, str]:
             pass
         finally:
             with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # including processes that the tests have left running
+                os.killpg(process.pid, signal.SIGKILL)  # including processes that the tests left running
             process.wait()
         output.seek(0)
         return code, output.read().decode(errors="replace")
@@ -218,7 +218,7 @@ def run_tests(root: Path, files: tuple[str, ...]) -> tuple[int | None, str]:
 @pytest.mark.timeout(TESTS_TIMEOUT_S + 60)
 @pytest.mark.parametrize("group", GROUPS)
 def test_the_tests_pass_without_damage(project: Path, group: str) -> None:
-    """Without a damage the tests pass, so that a failure shows that a damage is detected."""
+    """Without damage, the tests pass; a failure with damage therefore shows that the damage is detected."""
     code, output = run_tests(project, GROUPS[group])
     assert code == 0, output[-6_000:]
 

@@ -62,7 +62,7 @@ def anchors(page: Path) -> set[str]:
 
 
 def masked(text: str, number: str) -> list[str]:
-    """Return the lines of a text with the numbers that vary from run to run replaced."""
+    """Return the lines of a text with each match of the pattern `number` replaced by "#"."""
     return [re.sub(number, "#", line) for line in text.splitlines()]
 
 
@@ -78,7 +78,7 @@ def test_reference_tables_are_those_of_program_and_plant(tmp_path: Path) -> None
         if not (REFERENCE / path.name).exists() or path.read_bytes() != (REFERENCE / path.name).read_bytes()
     ]
     assert not old, (
-        f"docs/reference: {', '.join(old)} not up to date; run: .venv/bin/python -m controller docs --out "
+        f"docs/reference: not up to date: {', '.join(old)}; run: .venv/bin/python -m controller docs --out "
         "docs/reference && .venv/bin/python -m plant_sim docs --out docs/reference"
     )
     assert {path.name for path in REFERENCE.iterdir()} == {path.name for path in paths}
@@ -115,7 +115,7 @@ def test_relative_links_have_a_target(page: Path) -> None:
         path = (page.parent / target).resolve() if target else page
         assert path.exists(), f"{page.relative_to(ROOT)}: {link} has no target"
         assert path.is_relative_to(ROOT), f"{page.relative_to(ROOT)}: {link} is outside the repository"
-        assert not anchor or anchor in anchors(path), f"{page.relative_to(ROOT)}: {link} has no such heading"
+        assert not anchor or anchor in anchors(path), f"{page.relative_to(ROOT)}: there is no heading for {link}"
 
 
 EXAMPLES = {"tests/plant_sim/twin/test_my_story.py"}
@@ -150,8 +150,8 @@ def test_decisions_have_the_same_form_and_a_row_in_the_index() -> None:
         assert page.name.startswith(f"{number:04}-")
         title = re.match(rf"# {number}\. (.*)\n\nStatus: ", text)
         status = STATUS.search(text)
-        assert title, f"{page.name}: the first lines are '# {number}. <title>', an empty line, 'Status: ... Date: ...'"
-        assert status, f"{page.name}: the status line is 'Status: Accepted. Date: 2026-11-21.'"
+        assert title, f"{page.name}: must begin with '# {number}. <title>', an empty line, 'Status: ... Date: ...'"
+        assert status, f"{page.name}: the status line must have the form 'Status: Accepted. Date: 2026-11-21.'"
         assert re.findall(r"^## (.*)$", text, re.MULTILINE) == ["Context", "Decision", "Consequences"], page.name
         rows.append(f"| {number} | [{title[1]}]({page.name}) | {status[1]} | {status[2]} |")
     assert re.findall(r"^\| \d.*$", read(DOCS / "adr/README.md"), re.M) == rows
@@ -237,7 +237,7 @@ def test_the_hardware_guide_states_the_default_values_of_the_options() -> None:
 def test_the_sample_report_of_the_readme_is_up_to_date(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The report in the README and the progress line in the first guide match the output of `scripts/run --fast`."""
+    """The report in the README and the progress line in first-run.md match the output of `scripts/run --fast`."""
     monkeypatch.delenv("FORCE_COLOR", raising=False)
     assert "scripts/run --fast\n" in blocks(ROOT / "README.md", "sh")
     assert plant_main(["run", "--fast"]) == 0
@@ -246,13 +246,13 @@ def test_the_sample_report_of_the_readme_is_up_to_date(
     (sample,) = blocks(ROOT / "README.md", "text")
     report = iter(masked(printed.out, elapsed))
     for line in masked(sample, elapsed):
-        assert line == "..." or line in report, f"README.md: {line!r} is not printed there by scripts/run --fast"
+        assert line == "..." or line in report, f"README.md: scripts/run --fast does not print {line!r} at this point"
     (line,) = blocks(DOCS / "first-run.md", "text")
     assert line.strip() in printed.err
 
 
 def test_the_performance_page_has_the_form_of_the_measurement() -> None:
-    """The page contains exactly the figures that scripts/bench prints."""
+    """The page lists the same figures as scripts/bench prints; their values may differ."""
     number = r" *\d+(?:\.\d+)?"
     (page,) = blocks(DOCS / "performance.md", "text")
     assert masked(page, number) == masked(Figures(*[1.0] * len(fields(Figures))).text(), number)

@@ -1,8 +1,8 @@
 """Every command of every guide, executed as printed, in a separate folder for each page.
 
 The commands of a page run in order, because later ones read files that earlier ones have written. Files that a page
-expects from its reader (``my.il``, ``my_map.yaml``, ...) are prepared. Servers use free ports and are stopped with
-Ctrl-C once they are ready.
+expects its reader to have (``my.il``, ``my_map.yaml``, ...) are created beforehand. Servers use free ports and are
+stopped with Ctrl-C when they are ready.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ _, _, _EXCEPTIONS = (
     (DOCS / "README.md").read_text(encoding="utf-8").partition("## Commands that the tests do not run\n")
 )
 NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILINE))
-"""Commands that need hardware, and the hardware that they need, as listed in docs/README.md."""
+"""Commands that need hardware, each with the hardware that it needs, as listed in docs/README.md."""
 NOT_RUN_COUNT: Final = 2
 THIS_RUN: Final = re.compile(r"scripts/test\b")
-"""Command that runs the tests, including this one; another test runs the scenario of the scenario guide."""
+"""Command that runs the tests, including this one; test_scenario_guide.py runs the scenario of the guide."""
 SLOW: Final = {
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
     ".venv/bin/python -m plant_sim study throughput --json",
@@ -53,10 +53,10 @@ SLOW: Final = {
     "scripts/bench",
     "scripts/run --real-time",
 }
-"""Commands that take more than 20 s; they are run with ``--nightly`` only."""
+"""Commands that take more than 20 s; they are run only with ``--nightly``."""
 SERVERS: Final = {"serve", "run"}
 EXPECTED_CODES: Final = {"prove --without": 1, "replay --without": 1}
-"""Non-zero exit codes of commands that show a violated requirement, by a part of the command."""
+"""Non-zero exit codes of commands that report a violated requirement, by a part of the command."""
 
 
 def commands(page: Path) -> list[str]:
@@ -80,7 +80,8 @@ def with_commands(*, slow: bool) -> list[str]:
 def folder(tmp_path: Path) -> Path:
     """Return a folder that the commands can use as a checkout, with the files that a reader would have.
 
-    The scripts are those of the checkout, but scripts/setup does nothing because they use the environment of this test.
+    scripts/run and scripts/bench are those of the checkout. scripts/setup does nothing, because the commands use the
+    environment of this test.
     """
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     interpreter = tmp_path / ".venv/bin/python"
@@ -102,7 +103,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    """Run a command, Python commands in this process; return the exit code, the output and the error output."""
+    """Run a command, in this process if it is a Python command; return its exit code, output and error output."""
     words = shlex.split(command)
     if words[0] == ".venv/bin/python" and words[2] in MAIN:
         with contextlib.chdir(folder):
@@ -197,7 +198,7 @@ def is_server(command: str) -> bool:
 
 
 def recorded_history(folder: Path) -> None:
-    """Run a controller so that it writes its history, as after a first run."""
+    """Run a controller so that a history exists, as after a first run."""
     serve(f"{sys.executable} -m controller run", folder)
 
 
@@ -248,7 +249,7 @@ def test_the_slow_commands_of_a_page_run(name: str, folder: Path, capsys: pytest
 
 
 def test_every_exception_is_on_a_page() -> None:
-    """NOT_RUN and SLOW contain only existing commands, and no other command is excluded."""
+    """NOT_RUN and SLOW contain only commands that are on a page, and no page uses any other program."""
     everything = {command for page in PAGES.values() for command in commands(page)}
     assert len(NOT_RUN) == NOT_RUN_COUNT
     assert set(NOT_RUN) | SLOW <= everything

@@ -1,4 +1,4 @@
-"""Wheel and source distribution: built, installed outside the tree, run and uninstalled."""
+"""Wheel and source distribution: built, installed outside the source tree, run and uninstalled."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DATA = {
     "plant_sim/study/data/cabbage-table-2.csv",
     "plant_sim/study/data/pepper-table-4.csv",
 }
-"""Examples of the non-Python files, one of each kind."""
+"""Some of the non-Python files that the wheel must contain."""
 
 Files = dict[str, bytes]
 
@@ -60,7 +60,7 @@ class Distributions:
 
 @dataclass(frozen=True)
 class Environment:
-    """Virtual environment outside the tree."""
+    """Virtual environment outside the source tree."""
 
     folder: Path
 
@@ -76,7 +76,7 @@ class Environment:
         return Path(sysconfig.get_path("scripts", "venv", {"base": str(self.folder)}))
 
     def pip(self, *arguments: str, timeout_s: float = 60) -> None:
-        """Run pip of the test environment on this environment."""
+        """Run the pip of the test environment on this environment."""
         python = str(self.scripts / "python")
         run([sys.executable, "-m", "pip", "--python", python, "-q", *arguments], self.folder, timeout_s=timeout_s)
 
@@ -102,7 +102,7 @@ def run(
 
 
 def built(folder: Path, *options: str) -> Path:
-    """Build the checkout with a standard front end; return the folder of the distributions."""
+    """Build distributions of the checkout with the front end `build`; return their folder."""
     command = [sys.executable, "-m", "build", "--no-isolation", *options, "--outdir", str(folder), str(ROOT)]
     run(command, ROOT.parent)
     return folder
@@ -128,7 +128,7 @@ def environment(distributions: Distributions, tmp_path: Path) -> Iterator[Enviro
 
 
 def borrow_dependencies(environment: Environment) -> Path:
-    """Make the packages of the test environment importable in the environment; return the .pth file that does so."""
+    """Make the packages of the test environment importable in another environment; return the .pth file."""
     link = environment.site_packages / "dependencies.pth"
     link.write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
     return link
@@ -226,7 +226,7 @@ MISSING_COMMANDS: Mapping[str, tuple[str, ...]] = {
 
 
 def fresh(folder: Path, requirement: str) -> Environment:
-    """Install the wheel with its dependencies from the package index."""
+    """Return a new environment in which a requirement and its dependencies are installed."""
     run([sys.executable, "-m", "venv", "--without-pip", str(folder)], folder.parent)
     environment = Environment(folder)
     environment.pip("install", "--disable-pip-version-check", requirement, timeout_s=500)

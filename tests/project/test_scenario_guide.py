@@ -1,4 +1,4 @@
-"""Scenario guide: its code, pasted into the file named there, passes the checks of the guide's command."""
+"""Scenario guide: its code, pasted into the file that it names, passes the checks that its command runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def blocks(language: str) -> list[str]:
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """Return a copy of the project with the code of the guide pasted into the file of its command."""
+    """Return a copy of the project with the code of the guide pasted into the file that its command names."""
     for name in CHECKED:
         source = ROOT / name
         if source.is_dir():

@@ -1,4 +1,4 @@
-"""Scripts of the repository on a simulated computer: the steps of scripts/setup, and runs without any step.
+"""Scripts of the repository on a simulated computer: the steps that scripts/setup performs, and the other scripts.
 
 The computer is a folder of tools used as PATH. Its Python is a shell script that logs its arguments, so the tests are
 fast and need neither a network nor root privileges.
@@ -58,7 +58,7 @@ class Machine:
     started: list[subprocess.Popen[str]] = field(default_factory=list)
 
     def switch_off(self) -> None:
-        """Kill the processes that a failed test left running, and their children."""
+        """Kill the processes that a failed test has left running, and their children."""
         for process in self.started:
             with process:
                 if process.poll() is None:
@@ -258,7 +258,7 @@ def test_missing_tools_are_reported_to_other_users(machine: Machine, there: list
     expected = f"scripts/setup: the tests need {named}; ask the administrator to run: apt-get install -y {named}\n"
     assert machine.run("scripts/test") == (2, "", expected)
     assert not machine.log.exists()
-    assert machine.run("scripts/run")[0] == 0, "the virtual machine needs none of them"
+    assert machine.run("scripts/run")[0] == 0, "the simulated machine needs none of these tools"
 
 
 @pytest.mark.parametrize(("word", "extra"), [("run", "plant,studies,panel,parquet"), ("bench", "dev")])

@@ -42,7 +42,7 @@ def _far_east(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def morning_ms() -> int:
-    """Return the wall-clock time at which the run under test starts, ms."""
+    """Return the wall-clock time at which the newer run of the history starts, ms."""
     return utc_ms("2026-05-01T06:00")
 
 
@@ -77,7 +77,7 @@ def event(at_ms: int, kind: str, number: int = 0, text: str = "", detail: str = 
 
 
 def write(path: Path, rows: Sequence[RecordedRow], began_ms: int) -> None:
-    """Append a run; each row is (table, ms since the start of the run, columns of the table)."""
+    """Append a run; each row is (table, ms since the start of the run, values of the columns)."""
     file = HistoryFile(path, 4_000_000)
     file.append([HistoryRow(table, began_ms + at_ms, at_ms, values) for table, at_ms, values in rows])
     file.close()
@@ -138,7 +138,7 @@ def test_text_shows_the_newest_hundred_rows_by_default(tmp_path: Path, morning_m
     assert command(path).splitlines()[-1].split()[-1] == "2499"
     assert len(command(path, "--since", "2026-01-01").splitlines()) == 1 + 2_500
     assert len(command(path, "--last", "120").splitlines()) == 1 + 120
-    assert ids(path) == list(range(2, 2_502)), "all pages are read and no row is repeated"
+    assert ids(path) == list(range(2, 2_502)), "all pages must be read and no row repeated"
 
 
 # selection of rows
@@ -237,7 +237,7 @@ def shift(tmp_path: Path) -> Path:
         alarm(51 * MINUTE, 990, a.UNACKNOWLEDGED, a.NORMAL),
         alarm(110 * MINUTE, 941, a.NORMAL, a.LATCHED_UNACKNOWLEDGED),  # still set at the end of the run
         event(3 * HOUR, "tray", 2),
-        cycle(3 * HOUR, "left", 16_000, 3),  # counters have been reset; three cups missed since
+        cycle(3 * HOUR, "left", 16_000, 3),  # the counters were reset, and three cups have been missed since
         event(5 * HOUR, "state", 2),
     ]
     write(path, before, utc_ms("2026-05-01T22:00"))

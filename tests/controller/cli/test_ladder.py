@@ -1,4 +1,4 @@
-"""Command ``ladder``, and third-party programs run against the plant."""
+"""Command ``ladder``, and programs from ladder files run against the plant."""
 
 from __future__ import annotations
 
@@ -134,9 +134,9 @@ def test_invalid_input_is_reported_in_one_line(
 def test_the_exported_program_transplants_144_seedlings(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With the same button presses, each seedling ends where the original program puts it, without any incident.
+    """With the same button presses, the export puts each seedling where the original program does, without incidents.
 
-    The press times determine the cup positions when the arms arrive, and therefore how long the seedlings are held.
+    The times of the presses determine where the cups are when an arm reaches them, and thus how long it holds its row.
     """
     plants: list[Watched] = []
 

@@ -1,4 +1,4 @@
-"""Proof of the machine program, as functions and as a command; the monitors do not affect the program."""
+"""Proof of the machine program, called as functions and as commands; the monitors do not affect the program."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_every_requirement_and_invariant_is_proved() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_the_complete_proof_succeeds() -> None:
-    """The report of the complete proof also contains the steps and the ways out."""
+    """The complete proof also covers the steps and the ways out, and every goal holds."""
     assert list(proof(timeout_s=580)) == [*INDUCTION, *PROGRESS]
 
 
@@ -78,14 +78,14 @@ def exits(model: Model) -> Exits:
 
 
 def test_the_goals_do_not_contradict_each_other(exits: Exits) -> None:
-    """The exits are those of every step."""
+    """All goals hold together in at least one state, and the exits include every step."""
     assert exits.steps() == STEPS
     assert exits.consistent().holds
 
 
 @pytest.mark.parametrize("side", first_of(["left", "feeder", "right"], 2))
 def test_every_step_can_be_left(exits: Exits, side: str) -> None:
-    """Every step has an exit; the steps of an arm are declared once, and instantiated for both."""
+    """Every step has an exit; the steps of an arm are declared once and instantiated for both arms."""
     steps = [bit for bit in STEPS if (bit.name.split()[0] if bit.name.split()[0] in SIDES else "feeder") == side]
     assert steps
     assert [bit.name for bit in steps if not exits.step(bit).holds] == []
@@ -97,7 +97,7 @@ def test_every_step_can_be_left(exits: Exits, side: str) -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(300)
 def test_a_violation_is_reported_saved_and_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without the rule, the violation is printed and its trace saved; with the rule, the replay violates nothing."""
+    """Without a rule, the violation is printed and its trace saved; with the rule, the replay shows no violation."""
     assert main(["prove", "--without", RULE, "--goal", GOAL, "--traces", str(tmp_path)]) == 1
     report = capsys.readouterr().out
     assert f"{GOAL}: violated" in report
@@ -164,7 +164,7 @@ def test_a_trace_that_cannot_be_replayed_is_reported_in_one_line(
 def test_invalid_input_is_reported_in_one_line_with_exit_code_2(
     arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """An invalid name or path is reported in one line with the remedy."""
+    """An invalid name or path is reported in one line that states the remedy."""
     assert main(arguments) == 2
     printed = capsys.readouterr()
     assert (printed.out, printed.err.count("\n")) == ("", 1)
@@ -196,7 +196,7 @@ def test_monitors_write_no_device_of_the_program() -> None:
 
 
 def test_monitors_report_nothing_and_change_no_output_in_a_trial() -> None:
-    """A tray is emptied with the same outputs in every scan, with or without the monitors."""
+    """While a tray is emptied, the outputs of every scan are the same with and without the monitors."""
     alone, watched = Twin(trays=1, set_points={"trays_target": 1}), Twin(trays=1, set_points={"trays_target": 1})
     watched.machine = replace(watched.machine, program=SOUND.watched)
     watched.power_on()

@@ -73,7 +73,7 @@ class Bench:
         self.now_ms = start_ms
 
     def scan(self, *on: int, after_ms: int | None = None) -> list[bool]:
-        """Scan one period (or `after_ms`) after the last scan with these X numbers on, and return the Y image."""
+        """Scan one period (or `after_ms`) after the last scan with these X terminals on, and return the Y image."""
         if self.plc.scans:
             self.now_ms += self.scan_ms if after_ms is None else after_ms
         return self.plc.scan(self.now_ms, levels(*on))
@@ -116,6 +116,6 @@ class GatedStore(FileStore):
 
 
 def wait_until(writer: ThreadedRetentiveWriter, reached: Callable[[], bool]) -> bool:
-    """Wait until a condition set by the writer thread holds; return False on timeout."""
+    """Wait until the writer thread has made a condition true; return False on timeout."""
     with writer._wake:
         return writer._wake.wait_for(reached, PATIENT_S)

@@ -42,7 +42,7 @@ CONSTANTS = st.sampled_from([TRUE, FALSE])
 
 
 def _branches(inner: st.SearchStrategy[Expr]) -> st.SearchStrategy[Expr]:
-    """Return a strategy for trees built with & | ~ and for raw trees that are not flattened."""
+    """Return a strategy for trees built with & | ~ and for trees built from the classes, which are not flattened."""
     several = st.lists(inner, min_size=1, max_size=3).map(tuple)
     return st.one_of(
         st.builds(lambda a, b: a & b, inner, inner),
@@ -148,7 +148,7 @@ def test_boolean_operators_of_python_are_rejected(misuse: Callable[[], object]) 
 
 
 def test_a_word_compared_with_double_equals_is_not_a_condition() -> None:
-    """The `==` of words is Python equality, as tag tables need it; its result is rejected as a condition."""
+    """For words, `==` is Python equality, which tag tables need; its result is rejected as a condition."""
     with pytest.raises(TypeError, match="not a condition: False"):
         Bench(Out(m(9), when=d(0) == 3))  # type: ignore[arg-type, comparison-overlap]
 

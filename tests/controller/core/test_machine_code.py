@@ -51,7 +51,7 @@ def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) -> None:
-    """Run a program with both executions through power failures, and compare every device after every scan."""
+    """Run a program with power failures in both executions, and compare every device after every scan."""
     program = program_of(*items, set_points=((SET_POINT, SET_POINT_DEFAULT),))
     plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
     now_ms = 0
@@ -90,7 +90,7 @@ def test_thousands_of_arbitrary_programs(items: list[Rung | Sequence], story: li
 
 
 def scanned(program: Program, *scans: tuple[int, tuple[int, ...]]) -> Plc:
-    """Run both executions with scans given as time in ms and X numbers that are on; return the machine code."""
+    """Run both executions with scans (time in ms, X numbers that are on); return the PLC that runs machine code."""
     plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
     for now_ms, on in scans:
         for plc in plcs:
@@ -108,7 +108,7 @@ def test_a_step_that_is_left_and_entered_in_the_same_scan_remains_active() -> No
 
 
 def test_a_step_takes_one_transfer_in_a_scan() -> None:
-    """A transfer that resets the condition of the preceding one does not make the next one possible."""
+    """A transfer that resets its own condition does not let the next transfer of the step fire in the same scan."""
     steps = [
         Step("one", go=[To("two", m(0)), To("three", x(0))], waits_for="X0"),
         *(Step(title, go=[], waits_for="nothing") for title in ("two", "three")),
@@ -129,7 +129,7 @@ def test_a_retentive_timer_stops_at_the_largest_value() -> None:
 
 @dataclass
 class ExecutionPair(Pair):
-    """The program of the machine in both executions, with the interface of a pair of program and export."""
+    """Program of the machine in both executions; used in place of a pair of program and export."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -166,7 +166,7 @@ class ExecutionPair(Pair):
     [(5_000, 0), pytest.param(1_000_000, 2_000, marks=[pytest.mark.nightly, pytest.mark.timeout(3_600)])],
 )
 def test_the_program_of_the_machine_has_equal_devices_after_every_scan(scans: int, seed: int) -> None:
-    """Random scenarios with faults, power failures and late scans; outputs are on in more than a third of the scans."""
+    """The devices are equal in random scenarios with faults, power failures and late scans."""
     pairs = []
     for number in range(seed, seed + scans // A_STORY):
         *_, (pair, _) = stories(number, A_STORY, pair=ExecutionPair())
@@ -210,7 +210,7 @@ def test_values_written_between_scans_have_python_types() -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return an empty cache folder that is used instead of the user's."""
+    """Return an empty cache folder that is used instead of the user's cache folder."""
     monkeypatch.setattr(machine_code, "_folder", lambda: tmp_path)
     return tmp_path
 

@@ -287,7 +287,7 @@ def test_a_damaged_file_is_renamed_and_a_new_store_can_be_written(store: FileSto
 def test_the_new_state_is_synchronized_before_the_rename_and_the_folder_before_saving_ends(
     store: FileStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Killing the process cannot test the order: the page cache survives the process, but not a power failure."""
+    """The order is checked at each call of fsync; killing the process would not show it, as the page cache survives."""
     store.save({"D512": 1})
     synchronized: list[tuple[int, int, object]] = []
     fsync = os.fsync
@@ -353,7 +353,7 @@ def run_python(text: str, *arguments: object) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize("kill", range(25))
 def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(store: FileStore, kill: int) -> None:
-    """If a process that saves continuously is killed at a random time, its file contains the last complete state."""
+    """A process that saves continuously and is killed at a random time leaves the last saved state or the next one."""
     dice = random.Random(kill)
     devices = dice.choice([2, 2_000])
     process = run_python(SAVER, store.path, devices)
@@ -371,7 +371,7 @@ def test_a_file_of_a_process_killed_at_any_moment_contains_one_complete_state(st
 
 
 def test_a_kill_before_any_line_of_saving_leaves_the_old_or_the_new_state(store: FileStore) -> None:
-    """The file is valid if the process is killed before any line of Python that saving executes, in any module."""
+    """The file is complete if the process is killed before any line of Python that saving executes, in any module."""
     with run_python(KILLED_AT_EVERY_LINE, store.path) as process:
         assert process.stdout is not None
         results = [json.loads(line) for line in process.stdout]

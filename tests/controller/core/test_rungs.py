@@ -181,7 +181,7 @@ def test_a_32_bit_counter_counts_up_and_down_and_its_contact_follows_the_crossin
             value += -1 if down else 1
         value, before = 0 if reset else value, on
         assert bench.memory.CV[number] == value
-        # The value starts below the preset and changes by one: the contact is on if and only if it is not below.
+        # The value starts below the preset and changes by one, so the contact is on if and only if value >= preset.
         assert bench.memory.C[number] is (value >= preset)
 
 

@@ -34,7 +34,7 @@ def chain(*titles: str, last_to: str | None = None) -> Sequence:
 
 
 def seen(sequence: Sequence) -> list[Out]:
-    """Return rungs that copy the step bits to M20 and up during the scan if they follow the sequence."""
+    """Return rungs that copy S<n> to M<n>; placed after the sequence, they show which steps are on during the scan."""
     return [Out(m(bit.number), when=bit) for bit, _ in sequence]
 
 
@@ -116,7 +116,7 @@ def test_the_first_true_transition_is_taken_even_if_it_makes_a_later_one_true() 
 
 
 def test_conditions_of_transfers_are_mutually_exclusive() -> None:
-    """At most one transition of a step is true, because exports, proofs and drawings have no "else" branch."""
+    """At most one transition of a step is true, because exports, proofs and drawings have no "else" branches."""
     go = [To(title, when=x(n)) for n, title in enumerate("bcd")]
     sequence = Sequence("choice", FIRST, [step("a", *go), step("b"), step("c"), step("d")], enable=x(3))
     for buttons in product([False, True], repeat=4):
@@ -296,7 +296,7 @@ def test_a_request_lists_every_step_that_holds_it_and_a_limit_lists_its_step() -
 
 @dataclass(frozen=True)
 class Way:
-    """Transition that requires all `on` buttons on, all `off` buttons off and, with `after_dwell`, an elapsed dwell."""
+    """Transition taken if the `on` buttons are on, the `off` buttons off and, with `after_dwell`, the dwell is over."""
 
     to: int
     on: frozenset[int]
@@ -309,7 +309,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Row:
-    """Step with its transitions and its dwell in counts of 10 ms; None if it has no dwell."""
+    """Step with its transitions and its dwell in units of 10 ms (None if it has no dwell)."""
 
     ways: tuple[Way, ...]
     counts: int | None

@@ -35,7 +35,7 @@ SMALL = [
 
 
 class AlarmRig:
-    """Small machine with an alarm list. The reset clears alarms whose cause is absent; EMPTY clears by itself."""
+    """Small machine with an alarm list. The reset clears alarms whose cause is absent; EMPTY clears itself."""
 
     def __init__(self) -> None:
         fault = s(E_STOP) | s(JAM) | s(AIR)

@@ -68,7 +68,7 @@ CHART = [
 
 
 def play(rig: AlarmRig, number: int, actions: Iterable[str]) -> list[AlarmState]:
-    """Perform one action per scan on one alarm and its cause and return the state after each scan."""
+    """Perform one action per scan on one alarm or its cause, and return the state of the alarm after each scan."""
     present, states = False, []
     for action in actions:
         present = {"come": True, "go": False}.get(action, present)
@@ -296,7 +296,7 @@ def test_returned_unacknowledged_alarms_are_listed_after_active_ones() -> None:
 
 
 def test_the_first_out_mark_is_retained_after_the_reset() -> None:
-    """An alarm that is reset before it is acknowledged retains the mark until it leaves the list."""
+    """An alarm that is reset before it is acknowledged retains the first-out mark until it leaves the list."""
     rig = AlarmRig()
     rig.scan(AIR, WARNING)
     rig.scan(JAM, WARNING)
@@ -367,7 +367,7 @@ def perform(rig: AlarmRig, action: tuple[Any, ...]) -> None:
 @THOROUGH
 @given(st.lists(ACTIONS, max_size=40))
 def test_after_random_actions_no_alarm_is_lost_and_no_stopping_alarm_is_shelved(actions: list[tuple[Any, ...]]) -> None:
-    """Reports start from the last reported state, set alarms are listed, and only an operator acknowledges alarms."""
+    """Each report starts from the last reported state, set alarms are listed, and only operators acknowledge alarms."""
     rig, states = AlarmRig(), dict.fromkeys(CAUSES, NORMAL)
     for action in actions:
         count = len(rig.changes)

@@ -125,7 +125,7 @@ def test_a_tray_is_reported_when_its_last_row_is_lifted() -> None:
 
 
 def test_neither_a_new_run_nor_a_power_loss_is_reported_as_a_tray() -> None:
-    """The tray count is reset in a new run and restored after a power loss."""
+    """Neither the reset of the tray count in a new run nor its restoration after a power loss is reported as a tray."""
     twin = at_work({"trays_target": 1}, trays=2)
     to_complete(twin)
     twin.home()
@@ -172,7 +172,7 @@ def abort_by_power_cycle(twin: Twin) -> None:
 
 @pytest.mark.parametrize("abort", [abort_by_emergency_stop, abort_by_jam, abort_by_power_cycle])
 def test_an_aborted_cycle_is_not_reported(abort: Callable[[Twin], None]) -> None:
-    """If both arms are stopped on the way to feed with their first rows, the release after homing is not a cycle."""
+    """If both arms are stopped on the way to feed with their first rows, the release after homing is not reported."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "slide to feed")
@@ -258,7 +258,7 @@ def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> No
     asked_ms = twin.now_ms - 10
     twin.run_for(500)
     twin.command("left_loaded_yes")
-    answered_ms = twin.now_ms + 10  # the question is cleared in the scan after the one that changes the row
+    answered_ms = twin.now_ms + 10  # the question is cleared one scan after the stored row has changed
     twin.run_for(20)
     text = "Is the left arm holding seedlings?"
     assert questions(twin, "left_loaded") == [
@@ -268,7 +268,7 @@ def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> No
 
 
 def test_the_cup_question_is_asked_once_over_the_cups_until_it_is_answered() -> None:
-    """If a row is held after power-up, the question is asked when the claws are spread and stays until answered."""
+    """For the first row after power-up, the question is asked when the claws are spread and stays until answered."""
     twin = at_work({"trays_target": 1})
     twin.run_until(lambda: bool(questions(twin, "right_cups")), within_ms=10_000)
     assert twin.in_step("right arm", "wait to lower") or twin.in_step("right arm", "lower over cups")

@@ -37,7 +37,7 @@ OTHER_WAYS = [
     (TAGS.sp.no_tray, 10),
     (TAGS.sp.no_cups, 10),
 ]
-"""Set-points that select alternative paths through the sequences."""
+"""Set-point values that select alternative paths through the sequences."""
 
 
 STEPS = [(bit.number, bit.name) for sequence in MACHINE.program.sequences() for bit, _ in sequence]
@@ -46,7 +46,7 @@ DOWN = [MACHINE.io_map[f"{side}.lift_down"].number for side in SIDES]
 
 
 class Differs(AssertionError):  # noqa: N818 - a finding, not an error
-    """Difference between the Y images; the message states the scan and the outputs."""
+    """Difference between two PLCs; the message states the scan and the outputs or devices that differ."""
 
 
 Scan = tuple[dict[Bit | Word, int], int, list[bool], list[bool]]
@@ -55,7 +55,7 @@ Scan = tuple[dict[Bit | Word, int], int, list[bool], list[bool]]
 
 @dataclass
 class Pair:
-    """Program on the soft PLC and its export on the FX2N.
+    """Program on the soft PLC and its export on the simulated FX2N.
 
     Attributes:
         ladder: Program of the FX2N.
@@ -119,7 +119,7 @@ class Pair:
         return soft
 
     def differences(self) -> list[str]:
-        """Return the devices that differ in the two memories."""
+        """Return the devices whose values differ in the two memories."""
         soft, fx = self.soft.memory, self.fx.memory
         found = [
             f"{kind}{number}"
@@ -206,7 +206,7 @@ def _press(pair: Pair, world: StandIn, chance: Random) -> int:
 
 
 class Mirror(Plc):
-    """PLC with the running program that also passes all inputs to a PLC with the exported program.
+    """PLC that runs the program and passes all its inputs to a second PLC, which runs the export.
 
     Attributes:
         found: Differences across all instances. They are collected because a runtime would treat an exception as a scan
@@ -261,12 +261,12 @@ class Recorded:
         return cls(pair.tape)
 
     def first_output_difference(self, ladder: Ladder) -> int | None:
-        """Return the number of the first scan in which a program has a different Y image, or None."""
+        """Return the number of the first scan in which a program's Y image differs from the recorded one, or None."""
         plc = FxPlc(ladder, input_filter_ms=0)
         return next((n for n, scan in enumerate(self.scans) if _replayed(plc, scan) != scan[3]), None)
 
     def first_difference(self, ladder: Ladder) -> int | None:
-        """Return the number of the first scan after which outputs, relays or states differ, or None."""
+        """Return the number of the first scan after which outputs, relays or states differ from the export, or None."""
         reference, plc = FxPlc(EXPORTED, input_filter_ms=0), FxPlc(ladder, input_filter_ms=0)
         for number, scan in enumerate(self.scans):
             if _replayed(plc, scan) != _replayed(reference, scan):

@@ -25,7 +25,7 @@ KEYWORDS: Final = frozenset("IF THEN ELSIF ELSE END_IF AND OR NOT MOD TRUE FALSE
 
 
 def parsed(text: str) -> Tree[Any]:
-    """Return the syntax tree of the text; raise any parser error."""
+    """Return the syntax tree of the text, or raise the error of the parser."""
     return _parsed(text, "iec_source")
 
 
@@ -83,7 +83,7 @@ def _statements(body: str) -> list[str]:
 
 
 def _fold(statement: str) -> tuple[str, dict[str, str]]:
-    """Replace parenthesised expressions and conditions of a statement with names; return statement and expressions.
+    """Return a statement with its parenthesised expressions and conditions replaced by names, and the expressions.
 
     Parsing time grows faster than the length of the text, and most of these expressions differ only in variable names.
     """
@@ -111,7 +111,7 @@ def _fold(statement: str) -> tuple[str, dict[str, str]]:
 
 
 def _shape(statement: str) -> tuple[str, dict[str, str]]:
-    """Return a statement with short names and other numbers, and the names and numbers that they replace.
+    """Return a statement with short names and small numbers, and the name or number that each of them replaces.
 
     Parsing the text of the machine takes a minute. Short names reduce the length of the text, and statements that
     differ only in their names and numbers are parsed once.
@@ -132,8 +132,8 @@ def _shape(statement: str) -> tuple[str, dict[str, str]]:
 def _declared(text: str) -> Iterator[Declaration]:
     """Yield the declared variables of a text without statements.
 
-    Of the declarations of a section that differ only in name and number of the address, the first is parsed: parsing
-    all those of the machine takes seconds.
+    Of the declarations in a section that differ only in the name and the number of the address, only the first is
+    parsed, because parsing all declarations of the machine takes seconds.
     """
     kept: list[str] = []
     models: dict[str, str] = {}

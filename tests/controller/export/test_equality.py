@@ -37,7 +37,7 @@ def compared(scans: int, first_seed: int) -> list[Pair]:
 
 
 def test_export_has_the_same_outputs_in_every_scan() -> None:
-    """In 50,000 scans of random scenarios, outputs are on in more than a third, and nearly all steps are reached."""
+    """The outputs are equal in 50,000 scans, in over a third of which an output is on; nearly all steps are reached."""
     pairs = compared(SCANS, 0)
     assert sum(pair.scans for pair in pairs) == SCANS
     assert sum(pair.moving for pair in pairs) > SCANS // 3
@@ -47,7 +47,7 @@ def test_export_has_the_same_outputs_in_every_scan() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(1_200)
 def test_a_million_scans() -> None:
-    """The outputs are equal in a million scans; from seed 2000 on, every step is reached, some only once or twice."""
+    """The outputs are equal in a million scans; with these seeds every step is reached, some only once or twice."""
     pairs = compared(NIGHTLY_SCANS, 2_000)
     assert sum(pair.scans for pair in pairs) == NIGHTLY_SCANS
     assert set().union(*(pair.visited for pair in pairs)) == {name for _, name in STEPS}
@@ -122,7 +122,7 @@ def test_most_single_mutations_are_detected(every: int) -> None:
     """At least three quarters of the mutations change an output, a relay or a state.
 
     One instruction in 600, or with ``--nightly`` in 300, is inverted or has its constant changed. A mutation is not
-    detected if it has no effect in these 24,000 scans: the command or fault never occurs, or the condition is
+    detected if it has no effect in these 24,000 scans: its command or fault never occurs, or the condition is
     redundant. If one instruction in 100 is mutated, 96,000 scans (including these) detect 28 of 39 mutations.
     """
     candidates = [
@@ -160,7 +160,7 @@ def test_only_the_output_block_writes_y() -> None:
 
 
 def test_pulse_output_for_a_stepper_without_a_generator() -> None:
-    """If a pulse train is selected, only the rung of the run bit changes: its OUT becomes PLSY."""
+    """If a pulse train is selected, only the rung that drives the run bit changes: its OUT becomes PLSY."""
     run = next(
         bit
         for rung in MACHINE.program.block("interlocks and outputs").rungs()

@@ -255,7 +255,7 @@ def test_complete_text_is_parsed(program: Program) -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_complete_text_of_the_machine_is_parsed() -> None:
-    """The complete text is parsed in one piece, which takes over a minute; the other tests parse single statements."""
+    """The complete text is parsed as one unit, which takes over a minute; the other tests parse single statements."""
     assert parsed(TEXT).data == "iec_source"
 
 
@@ -324,7 +324,7 @@ def test_a_tag_becomes_an_identifier(tag: str, name: str) -> None:
 
 
 def test_tags_with_the_same_identifier_get_different_names() -> None:
-    """Names that differ only in case have different identifiers, and helper variables do not collide with devices."""
+    """Identifiers are unique regardless of case, and those of helper variables differ from those of tags."""
     items: list[Expr] = [Bit("X", 1, "a.b"), Bit("X", 2, "A_B"), Bit("X", 3, "a b"), Bit("X", 4, "now ms")]
     program = small(*(Out(Bit("M", n), when) for n, when in enumerate(items)), Out(Bit("Y", 0, "a.b"), X[1]))
     names = list(StProgram(structured_text(program)).variables)

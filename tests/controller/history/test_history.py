@@ -144,7 +144,7 @@ def test_ids_increase_over_all_tables_and_runs(tmp_path: Path) -> None:
 
 
 class Disk:
-    """Simulated disk of all histories, which can fail or block and signals write attempts."""
+    """Simulated disk of all histories; it can fail or block, and it signals each attempted and each completed write."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.attempts = threading.Semaphore(0)
@@ -166,7 +166,7 @@ class Disk:
 
 
 def wait(semaphore: threading.Semaphore) -> None:
-    assert semaphore.acquire(timeout=PATIENCE_S), "the writer has not written in time"
+    assert semaphore.acquire(timeout=PATIENCE_S), "the writer did not write within the timeout"
 
 
 def test_operator_actions_and_alarms_are_written_immediately_with_all_pending_rows(

@@ -53,7 +53,7 @@ def test_the_file_stays_within_its_limit_and_the_oldest_rows_of_all_tables_are_d
     filled(path, limit_bytes, 300, each=lambda _: sizes.append(size_bytes(path))).close()
     assert max(sizes) <= limit_bytes
     assert max(sizes[100:]) - min(sizes[100:]) < limit_bytes / 10, (
-        "the size is constant after three times the limit has been written"
+        "the size is nearly constant after the first 100 batches"
     )
     assert sizes[-1] > limit_bytes / 2, "no more rows are deleted than necessary"
     audit, events = table(path, "audit"), table(path, "events")
@@ -98,7 +98,7 @@ def test_a_smaller_limit_shrinks_the_file(tmp_path: Path) -> None:
 
 
 def test_a_reader_with_an_open_transaction_does_not_make_the_file_grow(tmp_path: Path) -> None:
-    """While a transaction is open, the write-ahead log cannot be checkpointed, and rows are rejected until it ends."""
+    """While a reader has an open transaction, the log cannot be checkpointed; at the size limit, rows are rejected."""
     path, limit_bytes = tmp_path / "history.sqlite", 4 * MB
     file = filled(path, limit_bytes, 100)
     with open_history(path) as reader:

@@ -36,7 +36,7 @@ def edited(line: int, old: str, new: str) -> str:
 
 
 def load_error(tmp_path: Path, content: str | bytes) -> str:
-    """Return the one-line error of this file, without the folder of its path."""
+    """Return the one-line message with which this content is rejected, without the folder of the file."""
     path = tmp_path / "io_map.yaml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(IoMapError) as caught:
@@ -86,7 +86,7 @@ def test_wires_match_the_paper(io_map: IoMap, tag: str, address: str, number: in
 
 
 def test_all_22_inputs_and_18_outputs_are_present_in_order(io_map: IoMap) -> None:
-    """The required points have the addresses of the paper; wired optional points follow them."""
+    """The required points are the first 22 X terminals and the first 18 Y terminals, in numerical order."""
     assert [point.number for point in io_map.inputs if not point.optional] == list(range(22))
     assert [point.number for point in io_map.outputs if not point.optional] == list(range(18))
     assert io_map.input_count == 1 + max(point.number for point in io_map.inputs)
@@ -124,7 +124,7 @@ def test_only_the_two_stops_are_normally_closed_and_assumed_pressed(io_map: IoMa
 
 
 def test_safe_images_are_raw_levels(tmp_path: Path) -> None:
-    """If the wiring is changed, the levels follow the polarity, and terminals without a wire are off."""
+    """If the wiring is changed, the safe levels follow the polarity, and terminals without a wire are off."""
     path = tmp_path / "io_map.yaml"
     text = TEXT.replace("X24, polarity: normally_closed", "X24, polarity: normally_open")
     path.write_text(text.replace("Y21, polarity: active_high", "Y31, polarity: active_low"))
@@ -134,7 +134,7 @@ def test_safe_images_are_raw_levels(tmp_path: Path) -> None:
 
 
 def test_delivered_safe_images_are_all_off(io_map: IoMap) -> None:
-    """A pressed normally closed stop leaves its terminal without voltage."""
+    """All safe levels are off, because a normally closed stop that is pressed removes the voltage from its terminal."""
     assert io_map.safe_inputs() == [False] * io_map.input_count
     assert io_map.safe_outputs() == [False] * io_map.output_count
 
@@ -436,7 +436,7 @@ def test_a_missing_file_and_a_folder_are_rejected(tmp_path: Path) -> None:
 
 @st.composite
 def damaged(draw: st.DrawFn) -> bytes:
-    """Draw the delivered file with one to five faults: lines lost, duplicated or moved, characters swapped, noise."""
+    """Draw the delivered file with one to five faults: lines lost, doubled or moved, characters swapped or replaced."""
     lines = TEXT.encode().splitlines(keepends=True)
     for _ in range(draw(st.integers(1, 5))):
         at = draw(st.integers(20, len(lines) - 1))  # below the comment at the top

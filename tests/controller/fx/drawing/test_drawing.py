@@ -62,7 +62,7 @@ class Box:
     bottom: float
 
     def overlaps(self, other: Box) -> bool:
-        # wires may touch, symbols may not overlap
+        # wires may touch, but symbols must not overlap
         return (
             min(self.right, other.right) - max(self.left, other.left) > 0.5
             and min(self.bottom, other.bottom) - max(self.top, other.top) > 0.5
@@ -195,7 +195,7 @@ def test_parallel_contacts_are_below_each_other() -> None:
 
 
 def test_structure_of_blocks() -> None:
-    """In (X0 X1 + X2) (X3 + X4), X3 is to the right of X1, X2 below X0, and X4 below X3."""
+    """In (X0 X1 + X2) (X3 + X4), X3 is to the right of X1, X2 is below X0, and X4 is below X3."""
     at = drawn("LD X0\nAND X1\nLD X2\nORB\nLD X3\nOR X4\nANB\nOUT Y0\nEND\n")
     columns = {name: round((box.left - MARGIN) / CELL) for name, box in at.items()}
     tops = {name: round((box.top - at["LD X0"].top) / ROW) for name, box in at.items()}
@@ -295,7 +295,7 @@ def test_a_chart_has_the_transfers_of_its_steps() -> None:
 
 
 def test_jump_ends_at_its_target_step() -> None:
-    """Direct transfers enter the next step from above, jumps enter their step from the left."""
+    """Direct transfers enter the next step from above; jumps enter their target step from the left."""
     svg = draw(ladder(STEPS))["steps_S0.svg"]
     root = ET.fromstring(svg)  # noqa: S314 - generated text
     groups = list(root.iter(f"{NAMESPACE}g"))

@@ -71,7 +71,7 @@ def test_file_is_complete(path: Path) -> None:
 
 
 def covered() -> set[str]:
-    """Return the mnemonics that the files name and use; only contact comparisons include prefix and suffix."""
+    """Return the mnemonics that a file both names and uses; DMOVP also counts as a use of MOV."""
     found: set[str] = set()
     for path in RUNNING:
         named = set(content(path)["name"].split(", "))

@@ -15,7 +15,7 @@ OFF = [False] * SIZES["Y"]
 
 
 def plc_of(text: str) -> FxPlc:
-    """Return a PLC that runs a program given as instructions separated by slashes, END excluded."""
+    """Return a PLC that runs a program given as instructions separated by slashes, without END."""
     return FxPlc(read_il("\n".join([*text.split(" / "), "END"])), input_filter_ms=0)
 
 
@@ -222,7 +222,7 @@ def test_ref_outputs_its_range_before_end() -> None:
     assert on(plc.scan(0, levels(1))) == {1}
     assert on(plc.refreshed) == set()
     assert on(plc.scan(10, levels(0, 1))) == {0, 1, 8}
-    assert on(plc.refreshed) == {1, 8}, "Y0 is still off at the terminals, Y1 on since the END before"
+    assert on(plc.refreshed) == {1, 8}, "at the terminals, Y0 is still off and Y1 has been on since the previous END"
     plc.scan(20, levels(0))
     assert plc.refreshed is None
 

@@ -19,11 +19,11 @@ Levels = tuple[bool, bool, bool, bool]
 
 @dataclass
 class Machine:
-    """A stack machine for contacts, blocks, branches and coils, with master control.
+    """Stack machine for contacts, blocks, branches and coils, with master control.
 
     Attributes:
         bits: Devices of the networks.
-        before: Last value of each edge device, by line.
+        before: Last value at each edge instruction, by line.
     """
 
     bits: dict[str, bool] = field(default_factory=lambda: dict.fromkeys((*INPUTS, *COILS, "M100"), False))
@@ -114,7 +114,7 @@ def blocks(depth: int) -> st.SearchStrategy[list[Line]]:
 
 @st.composite
 def branched(draw: st.DrawFn) -> list[Line]:
-    """Return branches of a rung, each with contacts or a block in series, and several outputs."""
+    """Draw the branches of a rung; each has up to two contacts or blocks in series and one output."""
     lines: list[Line] = []
     for name in ("MPS", *draw(st.lists(st.just("MRD"), max_size=2)), "MPP"):
         series = SERIES | blocks(1).map(lambda block: [*block, ("ANB", "")])

@@ -16,7 +16,7 @@ COILS = ("Y0", "Y1", "Y2")
 Action = tuple[str, str, str]
 """Contact, instruction, device."""
 Chart = list[tuple[tuple[str, ...], list[Action]]]
-"""Steps in memory order: the required states and the actions."""
+"""Steps in program order, each with its required states and its actions."""
 
 
 @dataclass
@@ -25,7 +25,7 @@ class Machine:
 
     Attributes:
         bits: Devices of the chart.
-        active: Steps that were on at their last execution, by position.
+        active: Positions of the steps that were on at their last execution.
     """
 
     bits: dict[str, bool] = field(

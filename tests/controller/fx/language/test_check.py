@@ -15,7 +15,7 @@ def found(text: str) -> list[tuple[int, str]]:
 
 
 def only_finding(text: str, line: int, *parts: str) -> bool:
-    """Return whether there is exactly one finding, in this line and with these parts."""
+    """Return whether there is exactly one finding, in this line and with these parts in its text."""
     return [(at, [part in words for part in parts]) for at, words in found(text)] == [(line, [True] * len(parts))]
 
 

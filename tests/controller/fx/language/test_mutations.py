@@ -46,7 +46,7 @@ def cut(text: str, rng: random.Random) -> str:
 
 
 def token(text: str, rng: random.Random) -> str:
-    """Replace a word with another one, which may come from the same text."""
+    """Delete or double a word, or replace it with a token or with another word of the text."""
     words = list(re.finditer(r"[^\s\"]+", text))
     if not words:
         return text
@@ -56,7 +56,7 @@ def token(text: str, rng: random.Random) -> str:
 
 
 def line(text: str, rng: random.Random) -> str:
-    """Delete, repeat, move or join lines."""
+    """Delete, repeat, exchange or join lines."""
     lines = text.split("\n")
     at, other = rng.randrange(len(lines)), rng.randrange(len(lines))
     match rng.randrange(4):
@@ -104,7 +104,7 @@ def all_fields(ladder: Ladder) -> tuple[object, ...]:
 
 
 def read_or_rejected(read: Callable[[Text], Ladder], text: Text, about: str = "") -> Ladder | None:
-    """Return the program, or None after checking the format of every error."""
+    """Return the program, or None if it is rejected; check the format of every error."""
     try:
         return read(text)
     except LadderError as error:
@@ -127,7 +127,7 @@ def normal(word: str) -> str:
 
 
 def words_of_list(text: str) -> list[list[str]]:
-    """Return the words of a list, line by line, without comments and step numbers, by an independent parser."""
+    """Return the words of a list by line, without comments and step numbers, independently of the tested parser."""
     lines = []
     for one in re.split(r"\r\n|\r|\n", text):
         words = re.split(r";|//|'|\(\*", one, maxsplit=1)[0].replace(",", " ").replace("\t", " ").split(" ")

@@ -20,7 +20,7 @@ _OPERAND = re.compile(
 
 
 def operand(text: str) -> Operand:
-    """Return an operand: "D0", "K-5", "HFF", "X10", "K4M0", "D20V0"."""
+    """Return the operand that a text denotes, for example "D0", "K-5", "HFF", "X10", "K4M0" or "D20V0"."""
     match = _OPERAND.match(text)
     assert match, text
     kind, number = match["kind"], match["number"]
@@ -34,7 +34,7 @@ def operand(text: str) -> Operand:
 
 
 def poke(memory: Memory, name: str, value: int | bool) -> None:
-    """Set a bit, a word, the contact ("T0 contact") or the start ("T0 start") of a timer or counter."""
+    """Set a bit, a word, the contact of a timer or counter ("T0 contact") or the start of a timer ("T0 start")."""
     device, _, part = name.partition(" ")
     kind, number = device[0], int(device[1:], 8 if device[0] in "XY" else 10)
     if part == "contact" or kind in "XYMS":
@@ -55,7 +55,7 @@ def bits(head: str, levels: str) -> dict[str, int]:
 
 
 class Bench:
-    """A CPU that runs single instructions."""
+    """CPU that runs single instructions."""
 
     def __init__(self, before: State | None = None) -> None:
         self.cpu = Cpu()
@@ -89,7 +89,7 @@ class Bench:
 
 
 def assert_same(memory: Memory, expected: Memory) -> None:
-    """Compare two memories and report only the devices that differ."""
+    """Check that two memories are equal; the message lists only the devices that differ."""
     different = {
         f"{field}[{n}]": (was, wanted)
         for field in Memory.__slots__

@@ -22,7 +22,7 @@ APPLIED = sorted(name for name, form in FORMS.items() if form.kind.name in {*ACT
 
 @st.composite
 def devices(draw: st.DrawFn, kind: str) -> DeviceOperand:
-    """Return any device of a kind, preferably at the ends of the range."""
+    """Draw a device of a kind, often near the ends of its range."""
     if kind in "VZ":
         return DeviceOperand(kind, draw(st.integers(0, 7)))
     ranges = {"M": [(0, 3071), (8000, 8255)], "D": [(0, 7999), (8000, 8255)]}.get(kind, [(0, SIZES[kind] - 1)])
@@ -33,7 +33,7 @@ def devices(draw: st.DrawFn, kind: str) -> DeviceOperand:
 
 @st.composite
 def operands_of(draw: st.DrawFn, place: str, wide: bool) -> Operand:
-    """Return any operand that is valid for a role."""
+    """Draw an operand that is valid in a role."""
     kind = draw(st.sampled_from(sorted(OPERAND_KINDS[place] - {"D.b"})))
     if kind in ("K", "H"):
         value = draw(SMALL | (st.integers(-(2**31), 2**31 - 1) if wide else WORD))
@@ -54,7 +54,7 @@ def instructions(draw: st.DrawFn) -> tuple[Form, tuple[Operand, ...]]:
 
 @st.composite
 def memories(draw: st.DrawFn) -> Memory:
-    """Return a memory with small numbers in most registers, arbitrary ones in the others, and random bits."""
+    """Draw a memory with small and arbitrary numbers in the registers, and arbitrary bits."""
     memory = Memory()
     values = draw(st.lists(SMALL | WORD, min_size=5, max_size=9))
     for words in (memory.D, memory.TV, memory.CV):

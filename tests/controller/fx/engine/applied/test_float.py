@@ -18,7 +18,7 @@ LARGEST = {"D0": -1, "D1": 0x7F7F}
 
 
 def single(number: int, value: float) -> dict[str, int]:
-    """Return the two registers that contain a number."""
+    """Return the values of the two registers, from D<number> on, that contain a single-precision number."""
     low, high = struct.unpack("<hh", struct.pack("<f", value))
     return {f"D{number}": low, f"D{number + 1}": high}
 

@@ -146,13 +146,13 @@ def test_pwm_is_on_for_its_width() -> None:
     assert level_at(815)
     pwm(False)
     assert not bench.memory.Y[3]
-    assert level_at(903), "the next drive starts a period"
+    assert level_at(903), "a new period starts when the input turns on again"
     bench.set({"D0": 0})
     assert not level_at(903)
 
 
 def test_plsr_accelerates_and_decelerates() -> None:
-    """At 1000 Hz and 100 ms, steps of 10 ms contain 1 to 10 pulses, 55 in each ramp; the remaining 90 take 90 ms."""
+    """With 1000 Hz and ramps of 100 ms, a ramp has ten steps with 1 to 10 pulses; the other 90 pulses take 90 ms."""
     bench = Bench()
     plsr = bench.level("PLSR K1000 K200 K100 Y0")
     times = (0, 10, 20, 100, 190, 200, 280, 289, 290, 400)
@@ -172,7 +172,7 @@ def test_plsr_accelerates_and_decelerates() -> None:
 
 
 def test_plsr_with_few_pulses_uses_only_low_frequencies() -> None:
-    """Steps of 10 ms contain 1, 2, 3 pulses. With 7 pulses only the first two steps fit; one pulse runs at 200 Hz."""
+    """With 7 pulses, each ramp has only its first two steps (1 and 2 pulses); the seventh pulse runs at 200 Hz."""
     assert [(hz, float(pulses)) for hz, pulses in profile(1000, 7, 100)] == [
         (100, 1.0),
         (200, 2.0),

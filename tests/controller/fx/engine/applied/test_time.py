@@ -156,7 +156,7 @@ def test_ttmr_out_of_range(text: str, before: State) -> None:
 
 
 def stmr_trace(drives: str, preset: int = 3) -> list[str]:
-    """Return the four bits after each scan; scans are 100 ms apart."""
+    """Return one string for each of the four bits, with its level after each scan; scans are 100 ms apart."""
     bench = Bench()
     stmr = bench.level(f"STMR T10 K{preset} M0")
     shown = []
