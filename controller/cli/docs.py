@@ -191,9 +191,9 @@ def instruction_table(_: Transplanter) -> str:
         rows.append((", ".join(names), "" if kind.fnc is None else kind.fnc, " / ".join(kind.operands), supported))
     heading = ("instruction", "FNC", "operands", "supported")
     marks = (
-        "Nearly all FNC numbers and operand orders were confirmed in independent sources. Operand types, step counts "
-        "by device type, and details of applied instructions are based on general knowledge and have not been checked "
-        "against a Mitsubishi manual."
+        "Most FNC numbers are taken from third-party sources. Unless [fx2n.md](../sources/fx2n.md) names a source, the "
+        "remaining numbers, the operand types, the step counts by device type and the details of applied instructions "
+        "are based on general knowledge and have not been checked against a Mitsubishi manual."
     )
     return (
         f"# Instructions\n\n{GENERATED}\n\n{marks}\n\n{table(heading, rows)}\n## Special devices\n\n"

@@ -1,4 +1,4 @@
-"""Homing of one arm from any position, by the first of seven cases that applies."""
+"""Homing of one arm from any position, by the first of seven rules that applies."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ chamber may be empty; the first stroke inward would then have no back pressure."
 
 
 def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
-    """Return the homing sequence; its first step selects one of seven cases.
+    """Return the homing sequence; its first step selects the first of these rules that applies.
 
-    1. Claws in an unknown state count as closed and loaded, see `arm.conditioning`.
+    1. Claws in an unknown state count as closed and loaded (`arm.conditioning`); rule 3 or 5 then applies.
     2. A row in progress is put back and stays full if the arm is still down, or if the arm rose without a command
        before the claws had gripped, because half-closed claws must not lift a row.
     3. A loaded arm away from feed moves fully up, then out.
     4. An empty arm away from feed moves out low if it is down, otherwise up and then out.
-    5. A loaded arm at feed moves up and is then ready.
+    5. A loaded arm at feed moves up and remains ready.
     6. An empty arm at feed opens its claws, moves up, converges and moves down.
-    7. If the case cannot be determined, the first step waits for an answer from the operator.
+    7. If memory and sensors do not determine the rule, the step waits for an answer from the operator.
     """
     a = tags.arms[side]
     steps = [
@@ -93,7 +93,7 @@ def _to_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
 
 
 def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
-    """Return the steps at feed that lead to the initial state, or to the loaded and ready state."""
+    """Return the steps at feed that lead to the initial state, or to loaded and ready."""
     a = tags.arms[side]
     want = a.want
     return [

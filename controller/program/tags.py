@@ -36,9 +36,9 @@ NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
 
 RELEASE_DELAY_X10_MS: Final = 6
 """Delay from the releasing cup pulse to the open coil. The pulse occurs 15 mm before the cup is under the claw, 333 ms
-at 45 plants/(min row). After the coil comes on, valve, air and fingers take 126 ms (simulated at 0.40 MPa) and the fall
-of 80 mm takes 128 ms. The input filter and half a scan add 15 ms: 333 - 254 - 15 = 64 ms, rounded down to whole units
-of the timer (machine.yaml)."""
+at 45 plants per minute per row. After the coil comes on, valve, air and fingers take 126 ms (simulated at 0.40 MPa),
+and the fall of 80 mm takes 128 ms. The input filter and half a scan add 15 ms: 333 - 254 - 15 = 64 ms, rounded down to
+whole units of the timer (machine.yaml)."""
 
 SLIDE_LEAST_X10_MS: Final = 90
 """Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
@@ -309,7 +309,7 @@ class ArmTags:
         self.distrusted = {
             name: retentive_m.bit(
                 f"{name} switch distrusted",
-                f"switches of the {name} are not trusted until it has been driven to its end",
+                f"switches of the {name} are not trusted until it has been driven to its end stop",
             )
             for name in DEVICES
         }

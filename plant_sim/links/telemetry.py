@@ -203,7 +203,7 @@ TELEMETRY = (
         34,
         1,
         0.01,
-        "seedlings in cups as a percentage of those in cups or lost so far (the paper's S at the end of a trial)",
+        "seedlings in cups as a percentage of those in cups or lost (at the end of a trial: S of the paper)",
         _success_pct,
         may_be_none=True,
     ),

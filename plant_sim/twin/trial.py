@@ -21,7 +21,7 @@ from plant_sim.twin.report import TrialReport, make_report
 HOMING_LIMIT_MS = 60_000
 ROWS_A_TRAY = 6
 TRAY_LIMIT_MS = 600_000
-"""Time limit per tray, ms; at 20 plants/(min row) a tray takes 108 s."""
+"""Time limit per tray, ms; at 20 plants per minute per row a tray takes 108 s."""
 
 
 def run_trial(

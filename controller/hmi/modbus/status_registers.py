@@ -216,7 +216,7 @@ def bucket_names() -> Iterator[str]:
     """Yield the names of the histogram buckets."""
     for bound in BOUNDS_US:
         yield f"up to {bound / 1000:g} ms"
-    yield "longer"
+    yield f"more than {BOUNDS_US[-1] / 1000:g} ms"
 
 
 def _put(words: list[int], first: int, value: int, count: int) -> None:

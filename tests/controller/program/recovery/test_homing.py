@@ -1,4 +1,7 @@
-"""Homing in its seven cases (the first match applies): order of outputs, final position, memory, subsequent work."""
+"""Homing by rules 1 to 6 of `home.homing`: order of outputs, final position, memory, subsequent work.
+
+Rule 7, a question to the operator, is tested in `test_questions`.
+"""
 
 from __future__ import annotations
 
