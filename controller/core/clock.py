@@ -1,4 +1,4 @@
-"""Clocks of the core. No other core module reads the system time. Times are integers in ms."""
+"""Clocks of the core; no other core module reads the system time. Times are integers in ms."""
 
 from __future__ import annotations
 

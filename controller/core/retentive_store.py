@@ -13,7 +13,7 @@ FORMAT = "transplanter-retentive-1"
 
 
 class DamagedStoreError(ValueError):
-    """Raised for a damaged store. Its values are not used. The message is one line that includes the remedy."""
+    """Raised for a damaged store; its values are not used, and the message is one line that includes the remedy."""
 
 
 class RetentiveStore(Protocol):
