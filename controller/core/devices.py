@@ -90,8 +90,8 @@ class Memory:
     """Device memory of one PLC. Bits are bools and words are ints. Compiled code refers to these list objects.
 
     Attributes:
-        X: Input image: terminal levels after the input filter.
-        Y: Output image: terminal levels.
+        X: Input image (terminal levels after the input filter).
+        Y: Output image (terminal levels).
         M: Auxiliary relays and special relays.
         S: States; S900-S999 are annunciators.
         T: Timer contacts.

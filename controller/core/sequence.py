@@ -72,7 +72,7 @@ class Step:
     """One row of a sequence.
 
     A step that holds a request causes motion and must have a time limit (watch) or a fixed time (dwell).
-    A step that holds no request waits and must have a fixed time or a description of the awaited event (waits_for).
+    A step that holds no request waits and must have a fixed time or a description of the expected event (waits_for).
 
     Attributes:
         title: Title, unique within the sequence; shown to the operator.
@@ -80,7 +80,7 @@ class Step:
         hold: Requests that are on while the step is on.
         dwell: Dwell time of the step.
         watch: Time limit and alarm of a moving step.
-        waits_for: Description of the event that a waiting step awaits.
+        waits_for: Description of the event that the step waits for.
         ignores_enable: True if the transfers of the step fire regardless of the sequence's enable condition.
     """
 

@@ -15,8 +15,8 @@ from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Language
 from controller.program.texts import SIDES as SIDE_TEXTS
 
 GapCause = Literal["none", "tray", "centre", "row"]
-"""Cause of missed cups: the arm waited for a tray or for the other arm to leave the centre, or the motion of the row
-itself took too long; "none" if no cups were missed."""
+"""Cause of missed cups: the arm waited for a tray or for the other arm to leave the centre, or the arm's own motion
+took too long; "none" if no cups were missed."""
 
 _MIN_WAIT_MS: Final = 50
 """Shortest time at feed that counts as waiting, ms; an arm that does not wait is at feed for one or two scans."""

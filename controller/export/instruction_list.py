@@ -1,8 +1,8 @@
 """Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
 
 Sequences become STL steps, requests remain relays, Y is written once in the last block, and annunciators become ANS
-instructions. A separate block contains the functions that the soft PLC performs outside the program: it writes the
-initial set-points and switches M8049 on.
+instructions. A separate block contains the functions that the soft PLC performs outside the program: it resets
+all states, writes the initial set-points and switches M8049 on.
 """
 
 from __future__ import annotations

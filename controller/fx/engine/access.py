@@ -1,7 +1,7 @@
 """Operands of applied instructions as closures over CPU memory: words, bit groups, bits, index registers.
 
 Words are signed, as in an FX: 16 bits, or 32 bits in two consecutive registers, low word first. An instruction resolves
-all devices of an operand before it writes anything, so an operand out of range leaves the memory unchanged.
+all devices of an operand before it writes anything, so an out-of-range operand leaves the memory unchanged.
 """
 
 from __future__ import annotations

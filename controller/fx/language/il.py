@@ -5,7 +5,7 @@ commas. A label has its own line. A comment begins with `;`, `//` or `'` and ext
 enclosed in `(*` and `*)` at the end of the line. The meaning of a comment depends on its position:
 
 * after an instruction: the note of that instruction;
-* alone on a line, as `; X0 = start button`: the comment of a device;
+* alone on a line, in the form `; X0 = start button`: the comment of a device;
 * alone on lines directly before an instruction: its title, line by line; `;;` marks any text as a title;
 * elsewhere: ignored.
 """

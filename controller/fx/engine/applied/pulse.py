@@ -32,7 +32,8 @@ class _Train:
     """Pulse train of one instruction at Y0 or Y1, starting when the instruction is first driven.
 
     Attributes:
-        out: Number of pulses since the start, with fractions; during the first half of a pulse, the output is on.
+        out: Number of pulses since the start, including the fraction of the current one; the output is on during its
+            first half.
         running: Whether the instruction was driven in the last scan.
     """
 
@@ -67,7 +68,7 @@ class _Train:
         self._special[COMPLETE] = done
 
     def stop(self) -> None:
-        """End the train when the drive input goes off."""
+        """End the train when the drive input turns off."""
         if self.running:
             self.running = False
             self._put(False)
