@@ -1,4 +1,4 @@
-"""Clocks; the only core module that reads the system time. Times are integers in ms."""
+"""Clocks of the core; no other core module reads the system time. Times are integers in ms."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MonotonicClock:
 
 
 def utc_ms() -> int:
-    """Return the wall-clock time in ms since 1970 UTC, for timestamps of records; the program never uses it."""
+    """Return the wall-clock time in ms since 1970-01-01 UTC, for timestamps in records; the program never uses it."""
     return time.time_ns() // 1_000_000
 
 

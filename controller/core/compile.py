@@ -83,7 +83,7 @@ def _common_contact(item: Rung | Sequence) -> Expr | None:
     """Return the first contact of a rung if the rung writes nothing while that contact is open, otherwise None.
 
     Consecutive rungs with the same first contact are executed as branches (MPS, MRD, MPP) of that contact. A rung
-    that writes the contact itself is not part of a branch.
+    that writes the device of the contact is not part of a branch.
     """
     if not isinstance(item, _Latching):
         return None
@@ -93,7 +93,7 @@ def _common_contact(item: Rung | Sequence) -> Expr | None:
 
 
 class _Source:
-    """Line-by-line builder of the source of one function."""
+    """Line-by-line builder of the source code of one function."""
 
     def __init__(self, edges: Iterator[int]) -> None:
         self.lines: list[str] = []
@@ -214,7 +214,7 @@ def _reset(target: Bit | Word | Timer | Counter) -> tuple[str, ...]:
 
 
 def trigger(index: int, source: Bit, n: int) -> str:
-    """Return the trigger name of the n-th transfer out of a step of the index-th sequence."""
+    """Return the trigger name of the n-th transfer from a step of the index-th sequence."""
     return f"transfer_{index}_{source.number}_{n}"
 
 
@@ -224,10 +224,10 @@ def compile_program(program: Program, memory: Memory, transfers: Transfers) -> l
     Args:
         program: Program to compile.
         memory: Memory whose lists the functions access; E is resized to the number of edges in the program.
-        transfers: Functions to call for the transfers, keyed by `trigger` name.
+        transfers: Function that executes each transfer, keyed by the name returned by `trigger`.
 
     Returns:
-        One function per block, in scan order; its arguments are the tick counts of 100, 10 and 1 ms.
+        One function per block, in scan order. Its arguments are the scan time in ticks of 100, 10 and 1 ms.
     """
     memory.E[:] = [False] * _edges(program)
     namespace = {name: getattr(memory, name) for name in _LISTS} | transfers

@@ -87,11 +87,11 @@ def is_32_bit_counter(number: int) -> bool:
 
 @dataclass(slots=True)
 class Memory:
-    """Device memory of one PLC. Bits are bools, words are ints; compiled code references these list objects.
+    """Device memory of one PLC. Bits are bools and words are ints. Compiled code refers to these list objects.
 
     Attributes:
-        X: Input image, raw terminal levels (after the input filter).
-        Y: Output image, raw terminal levels.
+        X: Input image (terminal levels after the input filter).
+        Y: Output image (terminal levels).
         M: Auxiliary relays and special relays.
         S: States; S900-S999 are annunciators.
         T: Timer contacts.

@@ -1,6 +1,6 @@
 """Conditions as data: expressions over devices for compilation, export, proof and drawing.
 
-Write ``x.left.lift_down & ~m.hold | (d.count >= 12)``; never ``and``, ``or``, ``not`` (they raise).
+Write ``x.left.lift_down & ~m.hold | (d.count >= 12)``. The operators ``and``, ``or`` and ``not`` raise TypeError.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ COMPARISONS: Final[dict[str, Callable[[int, int], bool]]] = {
 class Word:
     """Word device: data register D, or the current value of a timer (T) or counter (C).
 
-    Comparisons return contacts: ``d.count >= 12``; equality is ``d.state.equals(6)``.
+    Comparisons return contacts, for example ``d.count >= 12``. Use ``d.state.equals(6)`` to test for equality.
     """
 
     kind: str
@@ -271,7 +271,7 @@ def leaves(expr: Expr) -> Iterator[Bit | Word]:
 
 
 def readable(expr: Expr) -> str:
-    """Return a condition with tag names in place of device addresses."""
+    """Return a condition as Markdown code, with tag names in brackets in place of device addresses."""
     names = {str(leaf): leaf.name for leaf in leaves(expr) if leaf.name}
     text = re.sub(r"[XYMSTCD]\d+", lambda match: f"[{names.get(match[0], match[0])}]", str(expr))
     return f"`{text}`"

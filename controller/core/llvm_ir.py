@@ -57,8 +57,9 @@ class LlvmProgram:
     """Program in LLVM IR.
 
     Attributes:
-        modules: One module per block, and the module of the scan; each can be compiled on its own.
-        entry: Name of the scan function; arguments: memory region, time in ms, and 1 in the first scan, else 0.
+        modules: One module for each distinct block, and one for the scan. Each can be compiled separately.
+        entry: Name of the scan function. Its arguments are the memory region, the time in ms, and a flag that is 1 in
+            the first scan and 0 in all others.
     """
 
     modules: tuple[str, ...]
@@ -68,7 +69,7 @@ class LlvmProgram:
 def translate(program: Program, layout: MemoryLayout) -> LlvmProgram:
     """Translate a program.
 
-    The name of a function is derived from its text, so that equal blocks have equal modules.
+    The name of a function is derived from its text, so that identical blocks have identical modules.
     """
     edges = iter(range(layout.bits["E"].length))
     blocks = [_block(block, layout, edges) for block in program.blocks]
@@ -122,7 +123,7 @@ def _transfers(program: Program) -> Iterator[Transfer]:
 
 
 class _FunctionBody:
-    """Builder of the body of one function. Conditions are values of type i1, words of type i64."""
+    """Builder of the body of one function. Conditions are values of type i1, and words are values of type i64."""
 
     def __init__(self, layout: MemoryLayout, edges: Iterator[int]) -> None:
         self._layout = layout
@@ -199,7 +200,7 @@ class _FunctionBody:
 
     @contextmanager
     def on(self, condition: str) -> Iterator[None]:
-        """Execute the operations of the block only if the condition holds."""
+        """Execute the operations added in the `with` block only if the condition is true."""
         inside, after = self._label(), self._label()
         self.add(f"br i1 {condition}, label %{inside}, label %{after}")
         self._lines.append(f"{inside}:")
@@ -238,7 +239,7 @@ class _FunctionBody:
                     self._latch(rung)
 
     def _latch(self, rung: Set | Rst | ZoneReset | Mov | Inc) -> None:
-        """Add the effect of a driven rung that writes nothing while it is not driven."""
+        """Add the effect of a rung that writes nothing unless it is driven."""
         match rung:
             case Set(target):
                 self.set_bit(target.kind, target.number, "true")

@@ -1,6 +1,7 @@
-"""Programs as machine code: translation by LLVM, object files cached by content, and the scan that executes them.
+"""Programs as machine code: compilation by LLVM, a cache of the object files, and execution of a scan.
 
-The object file of a block is reused until a rung of the block changes. No compiler is needed besides `llvmlite`.
+The object file of a block is reused until a rung of the block changes. The package `llvmlite` is the only compiler
+required.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _UNUSED_S: Final = 30 * 86_400.0
 
 
 class _Bits(ctypes.Array):  # type: ignore[type-arg]
-    """Row of bits in the memory region, with the methods of a list that the users of a memory call."""
+    """Row of bits in the memory region, with the list methods that are called on the lists of a `Memory`."""
 
     _type_ = ctypes.c_bool
     _length_ = 0
@@ -56,8 +57,8 @@ class MachineCode:
     """Machine code of a program.
 
     Attributes:
-        program: The program.
-        layout: Arrangement of its memory.
+        program: Program that was compiled.
+        layout: Arrangement of its device memory.
     """
 
     def __init__(self, program: Program) -> None:
@@ -65,7 +66,7 @@ class MachineCode:
         self.program = program
         self.layout = MemoryLayout(sum(isinstance(rung, Pulse | PulseFalling) for rung in program.rungs()))
         translation = translate(program, self.layout)
-        # An engine needs a module to start with, and owns its target machine; the functions come from object files.
+        # An engine requires an initial module and owns its target machine. The functions are loaded from object files.
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
         for text in translation.modules:
             self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object_code(text)))
@@ -81,7 +82,7 @@ def machine_code_of(program: Program) -> MachineCode:
 
 
 class MachineExecution:
-    """Execution of a program by machine code, on a memory of its own.
+    """Execution of a program as machine code on its own device memory.
 
     Attributes:
         memory: Device memory; its rows are views of one region.
@@ -102,7 +103,7 @@ class MachineExecution:
         self._address = ctypes.addressof(self._region)
 
     def run(self, now_ms: int, *, first: bool) -> None:
-        """Execute all blocks and END on the latched inputs."""
+        """Execute all blocks and the END processing with the latched inputs."""
         self._code.scan(self._address, now_ms, first)
 
     def image_of(self, spans: Iterable[tuple[str, slice]]) -> Callable[[], object]:
@@ -155,7 +156,7 @@ def _checksum(code: bytes) -> bytes:
 
 
 def _split(content: bytes) -> tuple[bytes, bytes]:
-    """Return the checksum and the object code of a cached file; a damaged object file would end the process."""
+    """Return the checksum and the object code in a cached file; a damaged object file would crash the process."""
     size = hashlib.sha256().digest_size
     return content[:size], content[size:]
 
@@ -178,7 +179,7 @@ def _cached(text: str) -> Path | None:
 
 @cache
 def _folder() -> Path | None:
-    """Return the writable folder of object files for this processor and this LLVM version, or None."""
+    """Return the writable cache folder for this processor and this LLVM version, or None."""
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_host_cpu_name()} {_features()}"
     version += f" {OPTIMISATION_LEVEL}"
     try:
@@ -191,7 +192,7 @@ def _folder() -> Path | None:
 
 
 def _delete_unused(folder: Path) -> None:
-    """Delete the object files that were last used 30 days or more before the latest one."""
+    """Delete the object files that were last used 30 days or more before the most recently used one."""
     used_s = {path: path.stat().st_mtime for path in folder.iterdir()}
     for path, at_s in used_s.items():
         if max(used_s.values()) - at_s >= _UNUSED_S:

@@ -1,4 +1,4 @@
-"""Arrangement of device memory in one region, for programs as machine code."""
+"""Arrangement of device memory in one region, for programs executed as machine code."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class MemoryLayout:
         self.size = at
 
     def bit(self, row: str, number: int) -> int:
-        """Return the position of a bit, bytes."""
+        """Return the position of a bit in bytes."""
         return self.bits[row].offset + number
 
     def word(self, row: str, number: int) -> int:
-        """Return the position of a word, bytes."""
+        """Return the position of a word in bytes."""
         return self.words[row].offset + number * WORD_BYTES

@@ -14,7 +14,7 @@ from controller.core.sequence import Sequence
 
 
 class ProgramError(ValueError):
-    """Raised for a program that breaks a rule: double coil, shared timer or output written outside its block."""
+    """Raised for a program that violates a rule: double coil, shared timer or output written outside its block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Program:
 
     @cached_property
     def retentive(self) -> tuple[Bit | Word, ...]:
-        """Retentive devices of the program, sorted by kind and number.
+        """Retentive devices of the program except states (S), sorted by kind and number.
 
         A timer or counter appears twice: as its contact and as its current value.
         """
@@ -111,7 +111,7 @@ class Program:
                         raise ProgramError(f"{rung.target} {rung.target.name}: driven by two OUT coils")
                     coils.add(rung.target)
                 if block.title != self.outputs and any(d.kind == "Y" for d in written_devices(rung)):
-                    raise ProgramError(f"block {block.title!r} writes Y; only {self.outputs!r} may")
+                    raise ProgramError(f"block {block.title!r} writes Y; only block {self.outputs!r} may write Y")
 
     def _check_timers(self) -> None:
         used: set[int] = set()
@@ -130,7 +130,7 @@ def _contact_and_value(device: Bit | Word) -> tuple[Bit | Word, ...]:
 
 
 def requests(sequences: Rows[Sequence]) -> dict[Bit, list[Expr]]:
-    """Return the conditions of all steps that hold a request, by request."""
+    """Return, for each request, the conditions under which the steps hold it."""
     conditions: dict[Bit, list[Expr]] = {}
     for sequence in sequences:
         for request in dict.fromkeys(request for _, step in sequence for request in step.hold):

@@ -13,14 +13,14 @@ FORMAT = "transplanter-retentive-1"
 
 
 class DamagedStoreError(ValueError):
-    """Raised for a damaged store, whose values are not used; the message is one line with the remedy."""
+    """Raised for a damaged store; its values are not used, and the message is one line that includes the remedy."""
 
 
 class RetentiveStore(Protocol):
     """Storage of the battery-backed devices."""
 
     def load(self) -> dict[str, int] | None:
-        """Return the values saved last; None if nothing has been saved."""
+        """Return the most recently saved values; None if nothing has been saved."""
         ...
 
     def save(self, values: Mapping[str, int]) -> None:
@@ -35,7 +35,7 @@ class MemoryStore:
         self.values: dict[str, int] | None = None
 
     def load(self) -> dict[str, int] | None:
-        """Return the values saved last; None if nothing has been saved."""
+        """Return the most recently saved values; None if nothing has been saved."""
         return None if self.values is None else dict(self.values)
 
     def save(self, values: Mapping[str, int]) -> None:
@@ -54,7 +54,7 @@ class FileStore:
         self.path = path
 
     def load(self) -> dict[str, int] | None:
-        """Return the values saved last; None if the file does not exist.
+        """Return the most recently saved values; None if the file does not exist.
 
         Raises:
             DamagedStoreError: The content of the file is not what `save` wrote.
@@ -101,12 +101,12 @@ class FileStore:
 
     def _damaged(self, problem: str) -> DamagedStoreError:
         return DamagedStoreError(
-            f"{self.path}: {problem}; retentive memory is lost, check rows and claws before resetting"
+            f"{self.path}: {problem}; retentive memory is lost; check rows and claws before resetting"
         )
 
 
 def _document(values: Mapping[str, int]) -> bytes:
-    """Return the file content for these values; `load` accepts no other text."""
+    """Return the file content for these values; `load` accepts no other content."""
     plain = dict(values)
     checksum = hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
     return json.dumps({"format": FORMAT, "values": plain, "sha256": checksum}).encode()

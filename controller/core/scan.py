@@ -28,7 +28,7 @@ from controller.core.sequence import Sequence, Transfer
 class StepMachine:
     """Sequence as a `transitions` machine. Its state is the step entered last; the S bits are authoritative.
 
-    The compiled scan calls a trigger only if the transfer's condition was true. The transfer sets the
+    The compiled scan calls a trigger only if the transfer's condition is true. The transfer sets the
     destination and queues the source to be reset at END.
     """
 
@@ -88,7 +88,7 @@ class Execution(Protocol):
     memory: Memory
 
     def run(self, now_ms: int, *, first: bool) -> None:
-        """Execute all blocks and END on the latched inputs.
+        """Execute all blocks and the END processing with the latched inputs.
 
         Args:
             now_ms: Time of the scan, ms.
@@ -115,7 +115,7 @@ class PythonExecution:
         self._blocks: list[BlockFunction] = compile_program(program, self.memory, transfers)
 
     def run(self, now_ms: int, *, first: bool) -> None:
-        """Execute all blocks and END on the latched inputs."""
+        """Execute all blocks and the END processing with the latched inputs."""
         memory = self.memory
         special = memory.M
         special[RUN_MONITOR] = True
@@ -150,7 +150,8 @@ class Plc:
         program: Program that is executed.
         memory: All devices.
         scans: Number of scans since start.
-        retentive_image: Returns a copy of the memory spans that contain all retentive devices, for change detection.
+        retentive_image: Function that copies the memory spans that contain all retentive devices, for comparison with
+            later copies.
     """
 
     def __init__(self, program: Program, *, input_filter_ms: int = 10, execution: Execution | None = None) -> None:
@@ -175,11 +176,11 @@ class Plc:
         """Run one scan.
 
         Args:
-            now_ms: Time of the scan, ms, read once by the caller; monotonic.
-            levels: Raw levels of the X terminals, indexed by octal value from X0.
+            now_ms: Monotonic time of the scan, ms. The caller reads the clock once per scan.
+            levels: Raw levels of the X terminals from X0, indexed by the octal value of the address.
 
         Returns:
-            Copy of the Y image: raw levels indexed by octal value.
+            Copy of the Y image: raw levels indexed by the octal value of the address.
         """
         self._filter.latch(now_ms, levels)
         self._execution.run(now_ms, first=self.scans == 0)

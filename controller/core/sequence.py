@@ -6,7 +6,7 @@ The semantics are those of the FX step ladder (docs/sources/fx2n.md 1.7), with t
 - A transfer sets the destination immediately and resets the source at END: both are on in the transfer scan,
   and a destination declared later is executed in the same scan. A step left and re-entered in one scan stays on.
 - If several transitions out of a step are true, the first one is taken.
-- A step's request (``hold``) is a coil driven by every step that holds it, written once after all sequences.
+- A request (``hold``) is a coil driven by every step that holds it. It is written once, after all sequences.
 - A step's dwell timer runs while the step is on and is reset when the scan reaches the step and the step is off.
 """
 
@@ -39,7 +39,7 @@ class Dwell:
 
     Attributes:
         timer: Timer reserved for the step, T0-T245; its contact is used in the step's transitions.
-        preset: Time in ms, or a word with counts of the timer's base.
+        preset: Time in ms, or a word that contains it in counts of the timer's base.
         when: Condition required for the time to run; the timer restarts when the condition becomes true again.
     """
 
@@ -72,7 +72,7 @@ class Step:
     """One row of a sequence.
 
     A step that holds a request causes motion and must have a time limit (watch) or a fixed time (dwell).
-    A step that holds no request waits and must have a fixed time or a description of the awaited event (waits_for).
+    A step that holds no request waits and must have a fixed time or a description of the expected event (waits_for).
 
     Attributes:
         title: Title, unique within the sequence; shown to the operator.
@@ -80,7 +80,7 @@ class Step:
         hold: Requests that are on while the step is on.
         dwell: Dwell time of the step.
         watch: Time limit and alarm of a moving step.
-        waits_for: Description of the event that a waiting step awaits.
+        waits_for: Description of the event that the step waits for.
         ignores_enable: True if the transfers of the step fire regardless of the sequence's enable condition.
     """
 
@@ -127,8 +127,9 @@ class Sequence:
             name: Name of the sequence.
             first_state: Number of the first step's S bit.
             steps: Rows of the sequence.
-            enable: Condition required for every transfer (M8040 of the FX, per sequence); None = always enabled.
-            consumes: Bit that every transfer resets (RST in the step), so that one press allows one transfer.
+            enable: Condition required for every transfer of this sequence (in the FX, M8040 disables the transfers of
+                all sequences); None = always enabled.
+            consumes: Bit that every transfer resets (RST in the step), so that one button press allows one transfer.
             drops_requests_when_blocked: True if a step drops its requests while a transition is true but not enabled.
 
         Raises:
@@ -152,7 +153,7 @@ class Sequence:
         return self.bits[title]
 
     def __iter__(self) -> Iterator[tuple[Bit, Step]]:
-        """Yield (S bit, step) in declaration order."""
+        """Yield (S bit, step) pairs in declaration order."""
         return ((self.bits[step.title], step) for step in self.steps)
 
     @property

@@ -80,6 +80,6 @@ class Specification:
 
     @property
     def watched(self) -> Program:
-        """Program with its monitors inserted after the outputs, before the last block, which resets the commands."""
+        """Program with its monitors inserted before the last block, which resets the commands."""
         *blocks, last = self.program.blocks
         return replace(self.program, blocks=(*blocks, self.monitors, last))

@@ -76,7 +76,7 @@ class AlarmChange:
     Attributes:
         at_ms: Time of the scan, ms.
         number: Number of the annunciator.
-        key: Key of the text.
+        key: Key of the alarm.
         before: Previous state.
         after: New state.
         by: Name of the operator; None = the machine.
@@ -101,7 +101,7 @@ class AlarmRow:
 
     Attributes:
         alarm: Alarm with its texts.
-        state: State, never normal.
+        state: State; never normal.
         first_out: True if this alarm was the first to stop work in the current episode.
         came_ms: Time of the last activation, ms; None if the alarm was shelved before its first activation.
         went_ms: Time at which the cause cleared, ms; None while the cause is present.
@@ -143,7 +143,7 @@ class _AlarmEntry:
         return AlarmState.LATCHED_ACKNOWLEDGED if self._acknowledged else AlarmState.LATCHED_UNACKNOWLEDGED
 
     def update(self, now_ms: int, plc: Plc) -> bool:
-        """Evaluate the annunciator and its cause; a recurring cause is a new alarm.
+        """Evaluate the annunciator and its cause; a cause that recurs counts as a new alarm.
 
         Returns:
             True if anything has changed.
@@ -175,7 +175,7 @@ class _AlarmEntry:
 
 
 class AlarmList:
-    """States of all alarms with acknowledging and shelving; an observer of the runtime.
+    """States of all alarms, with acknowledgement and shelving; an observer of the runtime.
 
     Actions are thread-safe. They are checked immediately and take effect in the next scan, before the new alarms of
     that scan, so that an alarm cannot be acknowledged before it appears in the list. After a restart the list is empty:
@@ -221,15 +221,15 @@ class AlarmList:
                 changed = True
                 self._update_state(entry, now_ms)
         if changed:
-            # the first-out of an episode is retained after the reset, until the next episode starts
+            # the first-out alarm of an episode is retained after the reset, until the next episode starts
             self._first_out = plc.read(self._first_out_word) or self._first_out
             self._rows = self._sorted_rows()
 
     def rows(self) -> tuple[AlarmRow, ...]:
         """Return the list after the last scan.
 
-        The first-out is followed by the unacknowledged, the returned unacknowledged, the acknowledged and the shelved
-        alarms; each group is sorted by severity.
+        The first-out alarm is followed by the unacknowledged, the returned unacknowledged, the acknowledged and the
+        shelved alarms; each group is sorted by severity.
         """
         return self._rows
 

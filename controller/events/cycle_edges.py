@@ -15,15 +15,16 @@ Edge = tuple[int, str, int]
 """Edge: time since the start of the cycle in ms, FX device, raw level of the device after the edge."""
 
 MAX_EDGES: Final = 2_000
-"""Maximum number of edges of one cycle, ten times the usual number; limits the memory used for a bouncing switch."""
+"""Maximum number of edges of one cycle, ten times the usual number. It limits the memory used for a bouncing switch."""
 
 
 class CycleEdges:
     """Recorder of the edges of both arms' cycles; an observer of the runtime, called before the production log.
 
-    As in the production log, a cycle starts in the scan that sets its first step. Its list starts with the levels of
-    the previous scan, at time 0, followed by the edges. Edges of one scan are in the order of execution: inputs, steps,
-    outputs. Only inputs and outputs of the arm are recorded, including its cup sensor, as raw levels of the terminals.
+    As in the production log, a cycle starts in the scan that sets its first step. The list of edges
+    starts with the levels of the previous scan, at time 0. Edges of one scan are in the order of execution: inputs,
+    steps, outputs. Of the inputs and outputs, only those of the arm, including its cup sensor, are recorded, as raw
+    terminal levels.
     """
 
     def __init__(self, machine: Transplanter) -> None:
@@ -57,7 +58,7 @@ class CycleEdges:
         self._image: list[bool] | None = None
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
-        """Evaluate the memory after a scan; if nothing has changed, this takes one comparison of lists."""
+        """Evaluate the memory after a scan; if nothing has changed, this takes only one list comparison."""
         memory = plc.memory
         image = memory.X[: self._inputs]
         for steps in self._steps:
@@ -74,7 +75,7 @@ class CycleEdges:
 
 
 class _ArmEdges:
-    """Edges of the last cycle of one arm."""
+    """Edges of the most recent cycle of one arm."""
 
     def __init__(self, devices: list[tuple[int, str]], start: int, end: int) -> None:
         """Create a recorder for one arm.
@@ -91,7 +92,7 @@ class _ArmEdges:
         self._recording = False
 
     def update(self, now_ms: int, before: Sequence[bool], after: Sequence[bool]) -> None:
-        """Record the changes of a scan."""
+        """Record the changes in a scan."""
         if after[self._start] and not before[self._start]:
             self._since_ms, self._recording = now_ms, True
             self._edges = [(0, name, int(before[index])) for index, name in self._devices]

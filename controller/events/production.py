@@ -15,8 +15,8 @@ from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Language
 from controller.program.texts import SIDES as SIDE_TEXTS
 
 GapCause = Literal["none", "tray", "centre", "row"]
-"""Cause of a late row: waiting for a tray, waiting for the other arm to leave the centre, or the duration of the row's
-own motion."""
+"""Cause of missed cups: the arm waited for a tray or for the other arm to leave the centre, or the arm's own motion
+took too long; "none" if no cups were missed."""
 
 _MIN_WAIT_MS: Final = 50
 """Shortest time at feed that counts as waiting, ms; an arm that does not wait is at feed for one or two scans."""
@@ -65,7 +65,7 @@ class CycleEvent:
         row: Picked row, 1 to 3.
         cycle_ms: Time from leaving feed until the arm is at feed again, down and converged, ms.
         waiting_ms: Part of this time spent waiting for cups, ms.
-        missed_cups: Number of missed cups of the arm since the last reset of the counts.
+        missed_cups: Number of cups missed by the arm since the last reset of the counts.
         gap_cause: Cause of the cups missed since the previous cycle.
     """
 

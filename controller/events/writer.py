@@ -35,7 +35,7 @@ class EventWriter:
 
         Args:
             form: "json" for one object per line, otherwise text.
-            out: File or pipe with a descriptor; it is redirected to the null device after a write error.
+            out: File or pipe with a file descriptor; it is redirected to the null device after a write error.
         """
         self._form = form
         self._out = out

@@ -1,7 +1,8 @@
 """Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
 
-Sequences become STL steps, requests remain relays, Y is written once in the last block, and annunciators become ANS. A
-separate block contains the functions that the soft PLC performs outside the program: initial set-points, and M8049.
+Sequences become STL steps, requests remain relays, Y is written once in the last block, and annunciators become ANS
+instructions. A separate block contains the functions that the soft PLC performs outside the program: it resets
+all states, writes the initial set-points and switches M8049 on.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ _BREAK: Final = {"LD": "LDI", "AND": "ANI", "OR": "ORI"}
 
 @dataclass(frozen=True, slots=True)
 class PulseTrain:
-    """An output that becomes a pulse train in the PLC (PLSY) instead of a level.
+    """Output to which the PLC writes a pulse train (PLSY) instead of a level.
 
     Attributes:
-        output: The Y device; PLSY needs a transistor output, Y0 or Y1.
+        output: The Y device; PLSY requires a transistor output, Y0 or Y1.
         frequency_hz: Pulses per second.
     """
 
@@ -115,7 +116,7 @@ def contacts(condition: Expr, join: str = "LD") -> Iterator[Instruction]:
 
     Args:
         condition: Condition to translate.
-        join: LD, AND or OR: connection to the preceding contacts.
+        join: Connection to the preceding contacts: LD, AND or OR.
 
     Examples:
         >>> x, m = Bit("X", 0), Bit("M", 5)

@@ -1,9 +1,9 @@
 """Variables of a program in Structured Text: names, types, addresses and declarations.
 
 Addresses: X and Y use the octal label as byte and bit (X12 is %IX1.2), M starts at %MX0.0, S at %MX1100.0, D at
-%MW1000. They do not overlap on platforms that number %MW by words of the memory that %MX numbers by bytes (from
-memory); platforms that number both by bytes need other addresses. Special relays and registers, timers and counters
-have no address.
+%MW1000. They do not overlap on platforms on which %MW addresses by word the same area that %MX addresses by byte
+(from memory); platforms that address both by byte need other addresses. Special relays and registers, timers and
+counters have no address.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def address(kind: str, number: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A variable declaration.
+    """Variable declaration.
 
     Attributes:
         name: Variable name.
@@ -96,12 +96,12 @@ class Variable:
 
 
 def plain(text: str) -> str:
-    """Convert a text to one that is valid in a comment."""
+    """Convert a text to a form that is valid in a comment."""
     return text.replace("(*", "( *").replace("*)", "* )").encode("ascii", "replace").decode()
 
 
 class Variables:
-    """Variables of the program; names are unique without regard to case."""
+    """Variables of the program; names are unique regardless of case."""
 
     def __init__(self, program: Program) -> None:
         """Name the devices of a program."""
@@ -169,7 +169,7 @@ class Variables:
             type=type_of(kind, number) if value else "BOOL",
             address=address(kind, number),
             first=first,
-            # the soft PLC starts without an active state, as does the exported program
+            # like the soft PLC, the exported program starts without an active state
             retain=kind != "S" and is_retentive(kind, number),
             comment=": ".join(part for part in (fx_name, tag, meaning) if part),
         )
@@ -186,7 +186,7 @@ class Variables:
 
 
 def type_of(kind: str, number: int) -> str:
-    """Return the type of the word of a device.
+    """Return the IEC type of a word device.
 
     Examples:
         >>> type_of("D", 0), type_of("C", 0), type_of("C", 200)

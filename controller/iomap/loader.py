@@ -1,7 +1,7 @@
 """Reader of the I/O map ``io_map.yaml``, which assigns every wire of the machine to a terminal.
 
 An invalid file is rejected with a one-line message that contains the file, the line, the tag, the problem
-and the remedy. The addresses of the paper are not mandatory: a wire may be assigned to another terminal, but every
+and the remedy. The addresses in the paper are not mandatory: a wire may be assigned to another terminal, but every
 tag that the program requires must have one.
 """
 
@@ -34,7 +34,7 @@ __all__ = ["DEFAULT_IO_MAP", "IoMap", "IoMapError", "ModbusTable", "Point", "Pol
 
 _PACKAGED_IO_MAP = Path(__file__).resolve().with_name("io_map.yaml")
 DEFAULT_IO_MAP = _PACKAGED_IO_MAP if _PACKAGED_IO_MAP.exists() else _PACKAGED_IO_MAP.parents[2] / "io_map.yaml"
-"""The machine's I/O map: part of the installed package, or at the root of a checkout."""
+"""Path of the machine's I/O map, in the installed package or at the root of a checkout."""
 
 
 class IoMapError(InputError):
@@ -49,11 +49,11 @@ class Point:
         tag: Name in the program, e.g. ``left.lift_down``.
         address: Terminal as written in the file, octal, e.g. ``X10``.
         device: ``X`` for an input, ``Y`` for an output.
-        number: Octal value of the address, 8 for X10: the index into an image.
+        number: Octal value of the address (8 for X10), used as the index into an image.
         meaning: Meaning of the active state.
         polarity: Relation between logical state and terminal level.
-        safe: Safe logical state: assumed for an input while the field link is lost, written to an output
-            in a fault.
+        safe: Safe logical state, which is assumed for an input while the field link is lost and written to an output
+            in the event of a fault.
         table: Modbus table of the I/O module.
         offset: Modbus offset in that table.
         optional: True if the machine can run without it.

@@ -116,7 +116,7 @@ def _kind(info: ValidationInfo) -> PointKind:
 class Modbus(StrictModel):
     """Modbus address of a point on the I/O module. The validation context is the kind of the point."""
 
-    table: Annotated[  # strict mode rejects the text of a member
+    table: Annotated[  # strict mode does not accept a string for an enum member
         ModbusTable, Field(strict=False, description="write discrete_input (inputs) or coil (outputs)")
     ]
     offset: int = Field(ge=0, le=65_535, description="write a decimal number from 0 to 65535, without quotes")

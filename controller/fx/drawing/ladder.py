@@ -22,7 +22,7 @@ CELL: Final = 136
 ROW: Final = 62
 """Height of a contact with its texts, px."""
 WIRE: Final = 22
-"""Height of the wire in its row, px."""
+"""Distance of the wire from the top of its row, px."""
 MARGIN: Final = 24
 BAND: Final = 22
 COLUMNS: Final = 9
@@ -40,7 +40,7 @@ def draw(ladder: Ladder) -> dict[str, str]:
     """Return the pictures of a program.
 
     Args:
-        ladder: A checked program.
+        ladder: Checked program.
 
     Returns:
         Text of each SVG file by file name: the rungs by block in order, then one chart for each
@@ -105,7 +105,7 @@ def _leg_size(leg: Leg) -> tuple[int, int]:
 
 
 def _folded(leg: Leg) -> tuple[list[Shape], Leg]:
-    """Split a leg that is too long for one row: return full rows of contacts, and the remaining leg."""
+    """Split a leg that is too long for one row, and return the full rows of contacts and the remaining leg."""
     tail, _ = _leg_size(Leg(None, leg.items))
     if not isinstance(leg.head, Series) or size(leg.head)[0] + tail <= COLUMNS:
         return [], leg
@@ -136,11 +136,11 @@ def _width(rung: Rung) -> int:
 
 @dataclass
 class _Page:
-    """One page.
+    """Page of a ladder diagram.
 
     Attributes:
-        left: x of the left rail.
-        right: x of the right rail.
+        left: x-coordinate of the left rail, px.
+        right: x-coordinate of the right rail, px.
     """
 
     ladder: Ladder
@@ -217,7 +217,7 @@ class _Page:
             self._picture.line(fork, y + WIRE, fork, last + WIRE)
 
     def _shape(self, shape: Shape, x: int, y: int, end: int) -> None:
-        """Draw contacts from x, with their wire up to `end`."""
+        """Draw contacts from `x`, and extend their wire to `end`."""
         width_end = x + CELL * size(shape)[0]
         if isinstance(shape, Contact):
             with self._picture.group("symbol", **{"data-at": str(shape.at)}):
@@ -281,7 +281,7 @@ class _Page:
         self._notes(self._comment(instruction), middle, y)
 
     def _box(self, instruction: Instruction, y: int, x: int) -> None:
-        """Draw an instruction as a box at the right rail, with its wire from x."""
+        """Draw an instruction as a box at the right rail, with a wire from `x`."""
         width = _output_width(instruction) - 16
         left = self.right - 8 - width
         self._picture.line(x, y, left, y)

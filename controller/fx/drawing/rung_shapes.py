@@ -23,7 +23,7 @@ ON_BUS: Final = frozenset({"STL", "RET", "MCR", "FOR", "NEXT", "SRET", "IRET", "
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """A contact or INV, identified by the index of its instruction."""
+    """Contact or INV, identified by the index of its instruction."""
 
     at: int
 
@@ -60,7 +60,7 @@ class Leg:
 
 @dataclass(slots=True)
 class Rung:
-    """A rung, or an instruction directly on the bus.
+    """Rung, or an instruction directly on the bus.
 
     Attributes:
         first: Index of the first instruction.

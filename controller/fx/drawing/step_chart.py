@@ -25,7 +25,7 @@ _GAP: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class ChartTransfer:
-    """A transfer from a step: SET or OUT of a state within the step.
+    """Transfer from a step: SET or OUT of a state within the step.
 
     Attributes:
         at: Index of the instruction.
@@ -42,7 +42,7 @@ class ChartTransfer:
 
 @dataclass(slots=True)
 class Chart:
-    """A group of steps connected by transfers.
+    """Group of steps connected by transfers.
 
     Attributes:
         titles: Title of each state, in program order.

@@ -1,7 +1,7 @@
 """Operands of applied instructions as closures over CPU memory: words, bit groups, bits, index registers.
 
 Words are signed, as in an FX: 16 bits, or 32 bits in two consecutive registers, low word first. An instruction resolves
-all devices of an operand before it writes anything, so an operand out of range leaves the memory unchanged.
+all devices of an operand before it writes anything, so an out-of-range operand leaves the memory unchanged.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Action = Callable[[], None]
 Level = Callable[[bool], None]
 """Operation executed in every scan; the argument is True if the instruction is driven."""
 ActionFactory = Callable[[Cpu, tuple[Operand, ...], bool], Action]
-"""Build the action of an instruction from its operands; the last argument is True for the 32-bit form."""
+"""Function that returns the action of an instruction with these operands; the last argument is True in 32-bit form."""
 LevelFactory = Callable[[Cpu, tuple[Operand, ...], bool], Level]
 
 Reader = Callable[[], int]
@@ -35,7 +35,7 @@ _SPANS: Final[dict[str, _Spans]] = {
     "D": (range(8000), range(8000, 8256)),
     "C": (range(200), range(200, 256)),
 }
-"""Ranges of consecutive devices; neither an operand nor its index crosses from one into the next (from memory)."""
+"""Ranges of consecutive devices; an operand, even an indexed one, is always within one range (from memory)."""
 
 
 def signed(value: int, width: int) -> int:
@@ -72,7 +72,7 @@ def within(value: int, low: int, high: int) -> int:
 def _offset(cpu: Cpu, index: str) -> Reader:
     """Return a reader of an index register: 16 bits, even in 32-bit forms.
 
-    In 32-bit forms an FX2N uses the pair V, Z (from memory).
+    An FX2N, in contrast, uses the pair V, Z in 32-bit forms (from memory).
     """
     if not index:
         return lambda: 0
@@ -80,7 +80,7 @@ def _offset(cpu: Cpu, index: str) -> Reader:
 
 
 def _finder(cpu: Cpu, number: int, index: str, spans: _Spans) -> Callable[[int], int]:
-    """Return a function that takes a device count and returns the first device; all must be within one span."""
+    """Return a function that takes a device count and returns the first device; all devices must be in one span."""
     offset = _offset(cpu, index)
 
     def find(count: int) -> int:
@@ -97,8 +97,8 @@ class Words:
     """Consecutive words of one operand.
 
     Attributes:
-        find: Function that maps a device count to the first device.
-        step: Devices in a word: 1, 2 for a pair of registers, 4 for each digit of a bit group.
+        find: Function that takes a device count and returns the first device.
+        step: Devices per word: 1 for a register, 2 for a pair of registers, 4 per digit of a bit group.
         get: Reader of the word that starts at a device.
         put: Writer of the word that starts at a device.
     """
@@ -193,7 +193,7 @@ def _long_counters(cpu: Cpu, device: DeviceOperand, spans: _Spans) -> Words:
 
 
 def _group(cpu: Cpu, digits: int, device: DeviceOperand, wide: bool) -> Words:
-    """Return the words of a bit group, low bit first, signed only if the group fills the word."""
+    """Return the words of a bit group, low bit first; they are signed only if the group fills the word."""
     cells, size = cpu.memory.bits(device.kind), 4 * digits
     spans = _SPANS[device.kind] if size <= width_of(wide) else ()
 
@@ -226,7 +226,7 @@ def reader(cpu: Cpu, operand: Operand, wide: bool) -> Reader:
 
 
 def writer(cpu: Cpu, operand: Operand, wide: bool) -> Writer:
-    """Return a function that writes an operand: the low 16 or 32 bits of a number, or fewer into a short bit group.
+    """Return a function that writes the low 16 or 32 bits of a number to an operand, or fewer to a short bit group.
 
     Args:
         cpu: CPU with the memory.
@@ -262,7 +262,7 @@ def bits(cpu: Cpu, operand: Operand) -> tuple[list[bool], Callable[[int], slice]
 
 
 def bit_reader(cpu: Cpu, operand: Operand) -> BitReader:
-    """Return a function that reads one bit, or a bit of a register."""
+    """Return a function that reads a bit device or a bit of a register."""
     if isinstance(operand, WordBit):
         data, number, bit = cpu.memory.D, operand.number, operand.bit
         return lambda: bool(data[number] >> bit & 1)
@@ -271,7 +271,7 @@ def bit_reader(cpu: Cpu, operand: Operand) -> BitReader:
 
 
 def bit_writer(cpu: Cpu, operand: Operand) -> BitWriter:
-    """Return a function that writes one bit, or a bit of a register."""
+    """Return a function that writes a bit device or a bit of a register."""
     if isinstance(operand, WordBit):
         data, number, mask = cpu.memory.D, operand.number, 1 << operand.bit
 

@@ -44,7 +44,7 @@ def plain_word(operand: Operand) -> str | None:
 
 
 def set_to(operand: Operand, *, on: bool) -> str:
-    """Return the line of SET or RST; RST also clears the value of a timer or counter, and sets a word to 0."""
+    """Return the statement for SET or RST; RST also clears the value of a timer or counter, and sets a word to 0."""
     match operand:
         case WordBit(number, bit):
             return f"put_bit({number}, {bit}, {on})"
@@ -58,7 +58,7 @@ def set_to(operand: Operand, *, on: bool) -> str:
 
 
 def driven_off(operand: Operand) -> str:
-    """Return the line of a coil that is executed without power."""
+    """Return the statement for a coil that is executed without power."""
     match operand:
         case WordBit(number, bit):
             return f"put_bit({number}, {bit}, False)"
@@ -70,7 +70,7 @@ def driven_off(operand: Operand) -> str:
 
 
 def timer(n: int, preset: Operand, power: str) -> list[str]:
-    """Return the lines of OUT T: on-delay, or retentive from T246 on."""
+    """Return the statements for OUT T: an on-delay timer, or a retentive timer from T246 on."""
     tick = {MS_100: "tick_100", MS_10: "tick_10"}.get(timer_base_ms(n), "tick_1")
     counts = plain_word(preset)
     if n >= RETENTIVE_TIMERS:
@@ -92,7 +92,7 @@ def timer(n: int, preset: Operand, power: str) -> list[str]:
 
 
 def counter(n: int, preset: Operand, power: str) -> list[str]:
-    """Return the lines of OUT C: it counts up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
+    """Return the statements for OUT C: count up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
     if is_32_bit_counter(n):
         counts = (
             f"wide({preset.number})" if isinstance(preset, DeviceOperand) else signed(getattr(preset, "value", 0), 32)

@@ -8,15 +8,15 @@ from typing import Final
 from controller.core.devices import MS_10, MS_100, Memory, timer_base_ms
 
 ZERO, BORROW, CARRY, COMPLETE = 8020, 8021, 8022, 8029
-"""Flags of arithmetic, and "execution complete"."""
+"""Arithmetic flags and the flag "execution complete"."""
 RETENTIVE_TIMERS: Final = 246
 
 OUT_OF_RANGE: Final = 6706
-"""Error code of an operand out of range (from memory), in D8067 with M8067."""
+"""Error code in D8067 for an operand that is out of range (from memory)."""
 
 
 class OperationError(ArithmeticError):
-    """Error of an applied instruction with its current operands; it sets M8067 and D8067, and the CPU continues.
+    """Raised for operands that are invalid at run time; M8067 and D8067 are set, and the CPU continues.
 
     Attributes:
         code: Error code in D8067.

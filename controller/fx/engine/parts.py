@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder, LadderError, Pointer
 
 END_POINTER = 63
-"""CJ P63 goes to END (docs/sources/fx2n.md 1.1, from memory)."""
+"""Label of END: CJ P63 jumps to END (docs/sources/fx2n.md 1.1, from memory)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class LadderStep:
     """Instructions between STL and the next STL or RET.
 
     Attributes:
-        number: Index of the step's activity memory.
+        number: Index of the step in the list of previously active steps.
         states: States of the step; if there are several (a join), all of them must be on.
         body: Indexes of the instructions.
     """
@@ -31,7 +31,7 @@ class Loop:
     """Instructions between FOR and NEXT.
 
     Attributes:
-        at: Index of the FOR.
+        at: Index of the FOR instruction.
         body: Repeated parts.
     """
 
@@ -40,12 +40,12 @@ class Loop:
 
 
 Part = int | LadderStep | Loop
-"""An instruction by its index, a step, or a loop."""
+"""Part of a program: an instruction (its index), a step or a loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The parts of a program.
+    """Parts of a program.
 
     Attributes:
         main: Main program, without its END. An FEND followed by code that a jump can reach ends the scan.
@@ -62,7 +62,8 @@ def parts_of(ladder: Ladder) -> Parts:
     """Return the parts of a program.
 
     Raises:
-        LadderError: A label, loop or jump is in a position that this engine does not support; one line each.
+        LadderError: A label, loop or jump is in a position that this engine does not support; the message has one line
+            for each fault.
     """
     return _PartReader(ladder).parts()
 

@@ -1,6 +1,6 @@
-"""An FX2N in RUN or STOP with a program in instruction-list form.
+"""Simulated FX2N, in RUN or STOP, with a program in instruction-list form.
 
-The module `special_devices` lists the special devices with a function; all others are plain memory.
+The module `special_devices` lists the special devices that have a function; all others are plain memory.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from controller.fx.language.instruction import Instruction, Ladder, WordBit
 from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS, steps
 
 STEPS_A_MS: Final = 12_500
-"""Execution rate of the FX2N, basic steps per ms, 0.08 us each (fx2n.md 1.3, from memory). The watchdog uses it."""
+"""Execution rate of the FX2N in basic steps per ms, for the watchdog: 0.08 us per step (fx2n.md 1.3, from memory)."""
 LONGEST_SCAN_MS: Final = 2_000
 """Time limit of every scan, ms, even if the program uses WDT."""
 CALL_DEPTH: Final = 5
 """Nesting limit of subroutines (from memory)."""
 WATCHDOG_ERROR: Final = 6105
-"""Code in D8061 with M8061: the scan took longer than D8000 (from memory)."""
+"""Error code in D8061: the scan took longer than the limit in D8000 (from memory)."""
 CALL_ERROR: Final = 6607
-"""Code in D8066 with M8066: subroutines are nested too deeply (from memory)."""
+"""Error code in D8066: subroutines are nested too deeply (from memory)."""
 FILTER_MS: Final = 8020
 WATCHDOG_MS: Final = 8000
 POWER_UP_WATCHDOG_MS: Final = 200
@@ -46,7 +46,7 @@ CLOCK_REGISTERS: Final = 8013
 
 
 class CpuError(Exception):
-    """A fatal program error; the CPU stops with its outputs off.
+    """Raised for a fatal program error; the CPU stops with its outputs off.
 
     Attributes:
         code: Error code.
@@ -60,7 +60,7 @@ class CpuError(Exception):
 
 
 class FxPlc:
-    """One FX2N.
+    """Simulated FX2N.
 
     Attributes:
         ladder: Program.
@@ -68,7 +68,7 @@ class FxPlc:
         memory: All devices.
         running: Whether the PLC is in RUN.
         error: Error that has stopped the PLC; None = none.
-        scans: Number of scans since STOP to RUN.
+        scans: Number of scans since the change from STOP to RUN.
         program: Function that executes steps 0 to END, given the time in ticks of 100, 10 and 1 ms.
     """
 
@@ -76,12 +76,12 @@ class FxPlc:
         """Load the program and go to RUN.
 
         Args:
-            ladder: A parsed program.
-            input_filter_ms: Filter of X0-X17; 0 = all filters off.
+            ladder: Parsed program.
+            input_filter_ms: Filter time of X0-X17, ms; 0 disables all filters.
             clock: Time of day at 0 ms; None = 2000-01-01 00:00:00.
 
         Raises:
-            LadderError: The program has a part that this engine does not support.
+            LadderError: The program contains a part that this engine does not support.
             ValueError: The input filter is invalid.
         """
         self.ladder = ladder
@@ -120,7 +120,7 @@ class FxPlc:
             levels: Raw levels of the X terminals in numerical order from X0.
 
         Returns:
-            The Y terminals: raw levels in numerical order (a copy); all off in STOP unless M8033 retains them.
+            Copy of the raw levels of the Y terminals in numerical order; all are off in STOP unless M8033 retains them.
         """
         self.cpu.refreshed = None
         self.cpu.latches = self._scan(now_ms, levels)
@@ -128,7 +128,7 @@ class FxPlc:
 
     @property
     def refreshed(self) -> list[bool] | None:
-        """Y terminals written by the last REF before END of the last scan (a copy); None = no REF."""
+        """Copy of the Y terminal levels written by the last REF before END of the last scan; None = no REF."""
         if self.cpu.refreshed is None:
             return None
         return self._no_outputs.copy() if self.memory.M[8034] else self.cpu.refreshed.copy()
@@ -177,7 +177,7 @@ class FxPlc:
             self.clear(latched=False)
 
     def power_cycle(self) -> None:
-        """Cycle the power: non-latched memory is cleared, and the CPU is in RUN."""
+        """Cycle the power: non-latched memory is cleared, and the CPU starts in RUN."""
         self.clear(latched=False)
         for number in range(8000, 8256):
             self.memory.M[number] = False
@@ -279,7 +279,7 @@ class FxPlc:
         return execute
 
     def _repeats(self, instruction: Instruction, at: int) -> Callable[[], int]:
-        """Return a function that reads the loop count: 1 if the number is below 1 or out of range (from memory)."""
+        """Return a function that reads the loop count: 1 if the operand is below 1 or out of range (from memory)."""
         count = reader(self.cpu, instruction.operands[0], wide=False)
 
         def times() -> int:

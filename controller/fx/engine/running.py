@@ -23,10 +23,10 @@ def run(ladder: Ladder, stimulus: Stimulus) -> list[dict[str, int]]:
 
     Returns:
         One record for each scan, after its END: the scan time in ms as "ms", and each watched device by its FX name. T0
-            and C0 are contacts, TN0 and CN0 current values; Y is the output image, which M8034 does not change.
+            and C0 are contacts, and TN0 and CN0 are current values. Y is the output image, which M8034 does not change.
 
     Raises:
-        LadderError: The program has a part that the engine does not support.
+        LadderError: The program contains a part that the engine does not support.
     """
     plc = FxPlc(ladder, input_filter_ms=stimulus.input_filter_ms)
     levels = [False] * SIZES["X"]
@@ -43,7 +43,7 @@ def run(ladder: Ladder, stimulus: Stimulus) -> list[dict[str, int]]:
 
 
 def _put(plc: FxPlc, levels: list[bool], values: Values) -> None:
-    """Set devices, X at the terminals and all others in memory."""
+    """Set device values: X at the terminals, all others in memory."""
     memory = plc.memory
     for place, value in values.items():
         match place.kind:

@@ -36,23 +36,23 @@ from controller.fx.language.operand_rules import OperandError
 from controller.fx.language.parsing import parse_operand
 
 CURRENT_VALUES: Final = {"TN": "T", "CN": "C"}
-"""Names of the current values of timers and counters, with their kind of device."""
+"""Device kind of each current-value name: TN for timers, CN for counters."""
 _DEPTH: Final = 4
-"""Levels of the file: inputs, entry, set, device."""
+"""Nesting levels of the file: inputs, entry, set, device."""
 _EXAMPLE: Final = "write - {at_ms: 0, set: {X0: 1}}"
 
 
 class StimulusError(InputError):
-    """Invalid stimulus file; one line for each error: file, line, key, error, remedy."""
+    """Raised for an invalid stimulus file; one line for each error: file, line, key, error, remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class WatchedDevice:
-    """A device whose value is set or watched.
+    """Device that is set or watched.
 
     Attributes:
-        kind: X Y M S T C D V Z, or TN or CN.
-        number: Device number, octal labels resolved.
+        kind: X, Y, M, S, T, C, D, V, Z, TN or CN.
+        number: Device number; for X and Y, the value of the octal label.
     """
 
     kind: str
@@ -98,7 +98,7 @@ class Stimulus:
         initial: Device values before the first scan.
         inputs: Times in ms, ascending, with the device values set before the first scan at or after each time.
         watch: Devices to record after END of each scan.
-        input_filter_ms: Filter of X0-X17; 0 = all filters off.
+        input_filter_ms: Filter time of X0-X17, ms; 0 disables all filters.
     """
 
     scan_ms: int
@@ -117,7 +117,7 @@ def device_of(name: str) -> WatchedDevice:
         (WatchedDevice(kind='X', number=8), WatchedDevice(kind='TN', number=0))
 
     Raises:
-        OperandError: The name is not a device, or not one that a stimulus can set or watch.
+        OperandError: The name is not a device that a stimulus can set or watch.
     """
     prefix = name[:2].upper()
     kind = CURRENT_VALUES.get(prefix)
@@ -193,7 +193,7 @@ class _Change(StrictModel):
     def _in_the_run(cls, at_ms: int, info: ValidationInfo) -> int:
         end_ms = cast("float", info.context)
         if not 0 <= at_ms <= end_ms:
-            raise ValueError(f"{at_ms} is outside the run; write 0 to {end_ms}, the last scan, or run more scans")
+            raise ValueError(f"{at_ms} is outside the run; write 0 to {end_ms} (the last scan), or run more scans")
         return at_ms
 
 

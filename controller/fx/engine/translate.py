@@ -4,7 +4,7 @@ Conditions become expressions and coils become assignments, so instructions are 
 and their verification marks are those of docs/sources/fx2n.md 1.1 and 1.7. Rules for cases not covered there:
 
 - An edge contact (LDP and similar) stores the level of its device when it is executed.
-- Leaving a step executes its coils once without power. A coil that another active step drives is left to that step;
+- Leaving a step executes its coils once without power. A coil that another active step drives is not affected;
   a PLF does not produce a pulse.
 - Timers that are skipped by a jump continue with the clock: their next current value includes the time in between.
 - While master control is off, nothing in its range has power. After a jump into its range, master control is on.
@@ -28,7 +28,7 @@ INDENT: Final = "    "
 TRANSFER_DISABLE: Final = 8040
 MOST_PARENTHESES: Final = 50
 LISTS: Final = ("X", "Y", "M", "S", "T", "C", "D", "TV", "TS", "CV", "CE", "E", "A", "W")
-"""Lists of the memory, edges, previous activity of steps, and remaining watchdog time in steps."""
+"""Lists of the memory, edges (E), previous activity of steps (A), and remaining watchdog time in basic steps (W)."""
 _CONTACTS: Final = {f"{join}{end}": (join, end) for join in JOINS for end in ("", "I", "P", "F")} | {
     "ANI": ("AND", "I"),
     "ORI": ("OR", "I"),
@@ -65,7 +65,7 @@ class Translation:
         calls: Indexes of the applied instructions, called as i<index>; those of type `Level` receive their drive state.
         comparisons: Indexes of the contact comparisons called as c<index>.
         transfers: Target and source states of each transfer, by name.
-        edges: Number of edge memories.
+        edges: Number of stored levels for edge detection.
         step_count: Number of steps.
     """
 
@@ -142,7 +142,7 @@ class Translator:
         return levels.union(*(self._levels(part.body) for part in body if isinstance(part, Loop)))
 
     def _body(self, body: tuple[Part, ...]) -> None:
-        """Write a body; with jumps, as sections of a loop that runs once."""
+        """Write a body; with labels, as the sections of a loop that is repeated only after a jump."""
         targets = {number_of(self._list[i]) for i in body if isinstance(i, int) and self._list[i].name == "P"}
         if not targets:
             for part in body:
@@ -192,7 +192,7 @@ class Translator:
         return total + 1
 
     def _write_step(self, step: LadderStep) -> None:
-        """Write a step: one branch for when its state is on, and one without power for when the state has gone off."""
+        """Write a step: one branch for the scans in which its state is on, and one without power for the next scan."""
         self._step = step
         self._add(f"if {' and '.join(f'S[{state}]' for state in step.states)}:")
         with self._deeper():
@@ -372,7 +372,7 @@ class Translator:
             self._add(f"if {power}:", *(f"    {line}" for line in action))
 
     def _action(self, i: int, form: Form) -> list[str]:
-        """Return the lines of an applied instruction; the most common ones need no call."""
+        """Return the Python lines for an applied instruction; the most common ones need no function call."""
         name, operands = form.kind.name, self._list[i].operands
         words = [None if form.wide else plain_word(operand) for operand in operands]
         match name, operands:
@@ -404,7 +404,7 @@ class Translator:
         return [*back, f"{variable} = {sections[label]}", "continue"]
 
     def _leave(self, i: int, step: LadderStep) -> None:
-        """Write the effect of an instruction when its step has gone off."""
+        """Write the effect of an instruction after its step has turned off."""
         instruction = self._list[i]
         name, operands, form = instruction.name, instruction.operands, FORMS.get(instruction.name)
         device = operands[0] if operands else None
@@ -440,7 +440,7 @@ def _is_step(device: DeviceOperand) -> bool:
 
 
 def _drivers(instructions: tuple[Instruction, ...], parts: Parts) -> dict[Operand, list[LadderStep]]:
-    """Return the steps that drive each coil."""
+    """Return, for each coil, the steps that drive it."""
     drivers: dict[Operand, list[LadderStep]] = {}
     for body in (parts.main, *parts.subroutines.values()):
         for step in body:

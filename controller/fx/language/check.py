@@ -3,13 +3,13 @@
 Rules:
 
 * A coil or timer driven by two OUT instructions: the last one executed takes effect. Different steps may drive the same
-  one (fx2n.md 1.7).
+  coil or timer (fx2n.md 1.7).
 * M, S, T or C that is read but never driven, or driven but never read. All M that are only read are reported in one
   line because a screen may write them. X (driven by the plant), Y (read by the plant), D (written and read by panels),
   special relays (driven by the CPU) and annunciators (read through D8049) are not reported. RST and ZRST count as
-  neither driving nor reading. A device whose number is known only at run time counts as all devices of its kind.
+  neither driving nor reading. A device number that is known only at run time counts as all devices of its kind.
 * The same timer in two consecutive steps: it is never off between them (docs/sources/fx2n.md 1.7).
-* Features that an FX2N lacks: more than 8,000 steps, bits of data registers.
+* Features that an FX2N does not have: more than 8,000 steps, bits of data registers.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A warning or an error about a program.
+    """Warning or error about a program.
 
     Attributes:
         severity: "error" = an FX2N cannot run the program.
@@ -52,7 +52,7 @@ class Usage:
     """FX2N resources used by a program.
 
     Attributes:
-        steps: Program steps, END included.
+        steps: Program steps, including END.
         devices: Number of different devices by kind, X Y M S T C D, without special devices.
     """
 
@@ -107,7 +107,7 @@ def _exceeded_limits(ladder: Ladder) -> Iterator[Finding]:
 
 @dataclass(slots=True)
 class _Step:
-    """A step, or the ladder outside all steps.
+    """Step, or the ladder outside all steps.
 
     Attributes:
         states: Joined states; empty = outside all steps.
@@ -155,7 +155,7 @@ def _double_coils(ladder: Ladder) -> Iterator[Finding]:
             continue
         lines = sorted(line for _, _, line in coils)
         where = ", ".join(map(str, lines[:-1])) + f" and {lines[-1]}"
-        text = f"OUT {device_name(*device)} is in lines {where}, the last one executed wins; drive it once"
+        text = f"OUT {device_name(*device)} is in lines {where}, and the last one executed takes effect; drive it once"
         yield Finding("warning", lines[1], text)
 
 
@@ -171,7 +171,7 @@ def _shared_timers(ladder: Ladder) -> Iterator[Finding]:
             if kind == "T":
                 first, second = sorted((here[kind, number], there[kind, number]))
                 text = f"T{number} runs in two consecutive steps, lines {first} and {second}, and is never "
-                yield Finding("warning", second, text + "off between them; use another timer in one")
+                yield Finding("warning", second, text + "off between them; use another timer in one of them")
 
 
 def _unused_labels(ladder: Ladder) -> Iterator[Finding]:
@@ -241,7 +241,7 @@ _COUNTED: Final = {
 
 
 def _count(instruction: Instruction, n: int) -> int | None:
-    """Return the device count of operand `n`, each bit group as one; None = known only at run time."""
+    """Return the number of devices in operand `n`, counting a bit group as one; None = known only at run time."""
     if instruction.name not in FORMS:
         return 1
     name = FORMS[instruction.name].kind.name
@@ -320,8 +320,8 @@ def _unpaired_devices(ladder: Ladder) -> Iterator[Finding]:
         else:
             yield Finding("warning", line, f"{_names(group)}: read but never driven; drive it or delete it")
     if relays:
-        text = f"{_names(relays)}: read but never driven; valid if a screen or panel writes it, else drive or "
-        yield Finding("warning", min(relays.values()), text + "delete")
+        text = f"{_names(relays)}: read but never driven; valid if a screen or panel writes it, otherwise drive or "
+        yield Finding("warning", min(relays.values()), text + "delete it")
     for line, group in driven.missing_from(read):
         yield Finding("warning", line, f"{_names(group)}: driven but never read; use it or delete it")
 
@@ -341,6 +341,6 @@ def _names(devices: Iterable[Key]) -> str:
 
 
 def _is_internal(device: Key) -> bool:
-    """Return whether a device is driven and read by the program alone."""
+    """Return whether a device is driven and read only by the program."""
     kind, number = device
     return kind in "MSTC" and number in RANGES[kind][0] and (kind != "S" or number not in ANNUNCIATORS)

@@ -1,11 +1,12 @@
 """Program files of the "Write to CSV File" command of GX Works2 and GX Developer (fx2n.md 2.1).
 
-UTF-16LE with a byte order mark, CRLF, tab-separated quoted fields, `""` for a quotation mark in a field. Three header
-rows (title, PLC type, names of the seven columns) precede one row for each instruction; each further operand has its
-own row. The verification marks of fx2n.md 2.1 apply here too. Columns are identified by position because their names
-depend on the language of the tool. The reader also accepts comma-separated fields and UTF-8, which other tools write.
+The files are UTF-16LE with a byte order mark and CRLF line ends. Fields are quoted and separated by tabs; `""`
+represents a quotation mark in a field. Three header rows (title, PLC type, names of the seven columns) precede one row
+for each instruction; each additional operand has its own row. The verification marks of fx2n.md 2.1 apply here too.
+Columns are identified by position because their names depend on the language of the tool. The reader also accepts
+comma-separated fields and UTF-8, which other tools write.
 
-A line statement is a title here; a PI statement becomes the note of its pointer. The file contains no device
+A line statement becomes a title; a PI statement becomes the note of its pointer. The file contains no device
 comments. The position of labels in the instruction column is from memory.
 """
 
@@ -47,7 +48,7 @@ def decode_text(data: bytes, source: str) -> str:
 
 @dataclass(slots=True)
 class _PendingInstruction:
-    """An instruction that may continue in the next rows."""
+    """Instruction that may continue in the next rows."""
 
     name: Token
     operands: list[Token]
@@ -123,7 +124,7 @@ class _CsvReader:
         if not operand and not notes:
             return
         if self.open is None:
-            self.findings.add(line, OPERAND + 1, shown, "there is no instruction above it; write it in column 3")
+            self.findings.add(line, OPERAND + 1, shown, "there is no instruction above it; write one in column 3")
             return
         if operand:
             self.open.operands.append(Token(operand, line, OPERAND + 1))
@@ -150,7 +151,7 @@ def read_gx_csv(data: bytes, source: str = "program") -> Ladder:
         source: File name for messages; the column in a message is the field number, from 1.
 
     Raises:
-        LadderError: The file is malformed or not a valid FX2N program; one line for each finding in the file.
+        LadderError: The file is malformed or not a valid FX2N program; the message has one line for each finding.
     """
     findings = TextErrors(source)
     rows = _rows(decode_text(data, source), source)
@@ -181,7 +182,7 @@ def _rows(text: str, source: str) -> list[tuple[int, list[str]]]:
             rows.append((line, row))
             line = reader.line_num + 1
     except csv.Error as error:
-        message = f"cannot be split into fields ({printable(str(error))}); put each field between two quotation marks"
+        message = f"cannot be split into fields ({printable(str(error))}); enclose each field in quotation marks"
         raise file_error(source, message, line) from None
     return rows
 

@@ -5,7 +5,7 @@ commas. A label has its own line. A comment begins with `;`, `//` or `'` and ext
 enclosed in `(*` and `*)` at the end of the line. The meaning of a comment depends on its position:
 
 * after an instruction: the note of that instruction;
-* alone on a line, as `; X0 = start button`: the comment of a device;
+* alone on a line, in the form `; X0 = start button`: the comment of a device;
 * alone on lines directly before an instruction: its title, line by line; `;;` marks any text as a title;
 * elsewhere: ignored.
 """
@@ -115,7 +115,7 @@ class _ListReader:
 
 
 def _device_comment(line: str) -> tuple[str, str]:
-    """Return the FX name of a device and its comment; empty if the line is not a device comment."""
+    """Return the FX name of a device and its comment; both are empty if the line is not a device comment."""
     match = _DEVICE_COMMENT.fullmatch(line)
     if match is None:
         return "", ""
@@ -134,7 +134,7 @@ def read_il(text: str, source: str = "program") -> Ladder:
         source: File name for messages.
 
     Raises:
-        LadderError: The text is not a valid FX2N program; one line for each finding in the text.
+        LadderError: The text is not a valid FX2N program; the message has one line for each finding.
     """
     reader = _ListReader(TextErrors(source))
     for number, line in enumerate(_LINE.split(text), start=1):
@@ -161,7 +161,7 @@ def write_il(ladder: Ladder, *, step_numbers: bool = True) -> str:
 
     Args:
         ladder: The program.
-        step_numbers: Whether each instruction is preceded by its step number, counted as an FX2N does.
+        step_numbers: Whether to precede each instruction with its step number in an FX2N.
     """
     lines = [f"; {device} = {about}" for device, text in sorted(ladder.comments.items()) if (about := one_line(text))]
     for index, (step, instruction) in enumerate(numbered(ladder)):

@@ -13,16 +13,16 @@ from controller.core.devices import device_name
 
 
 class LadderError(InputError):
-    """Error in a program; `str()` has one line for each finding, with its location and the remedy."""
+    """Raised for an invalid program; the message has one line for each finding, with its location and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceOperand:
-    """Device operand: X Y M S T C D V or Z.
+    """Device operand: X, Y, M, S, T, C, D, V or Z.
 
     Attributes:
         kind: Device letter.
-        number: Device number, octal labels resolved.
+        number: Device number; for X and Y, the value of the octal label.
         index: V or Z register added to the number at run time, for example "V0"; empty = none.
     """
 
@@ -36,7 +36,7 @@ class DeviceOperand:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A number in K (decimal) or H (hexadecimal) notation."""
+    """Number in K (decimal) or H (hexadecimal) notation."""
 
     value: int
     base: Literal["K", "H"] = "K"
@@ -49,7 +49,7 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class Digits:
-    """A group of bits as a number: K4M0 is the 4 x 4 bits M0 to M15, low bit first."""
+    """Group of bits used as a number: K4M0 consists of the 4 x 4 bits M0 to M15, low bit first."""
 
     digits: int
     device: DeviceOperand
@@ -60,7 +60,7 @@ class Digits:
 
 @dataclass(frozen=True, slots=True)
 class WordBit:
-    """One bit of a data register, for example D100.F. Only an FX3 supports it, but the engine runs such programs."""
+    """One bit of a data register, for example D100.F. Only an FX3 supports it, but the engine also executes it."""
 
     number: int
     bit: int
@@ -71,7 +71,7 @@ class WordBit:
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """A label P0 to P127, or an interrupt label I."""
+    """Label P0 to P127, or interrupt label I."""
 
     kind: Literal["P", "I"]
     number: int
@@ -82,7 +82,7 @@ class Pointer:
 
 @dataclass(frozen=True, slots=True)
 class Nest:
-    """A nesting level of master control, N0 to N7."""
+    """Nesting level of master control, N0 to N7."""
 
     number: int
 
@@ -117,7 +117,7 @@ class Instruction:
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """A program as a list of instructions.
+    """Program as a list of instructions.
 
     Attributes:
         instructions: Instructions in order; the last one is END.

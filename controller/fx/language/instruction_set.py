@@ -1,7 +1,7 @@
 """The instruction set of the FX2N: operands, forms and step counts of every instruction.
 
 FNC numbers, operand order and step counts follow fx2n.md 1.1 and 1.2, whose verification marks apply here too. The
-basic instructions, the FNC table and "1 + 2 per 16-bit operand, 1 + 4 per 32-bit operand" appear in independent
+basic instructions, the FNC table and the rule "1 + 2 per 16-bit operand, 1 + 4 per 32-bit operand" are in independent
 sources. The device kinds that each operand may have, and the step counts of OUT and RST by kind, are from memory, not
 verified.
 """
@@ -65,9 +65,9 @@ class InstructionKind:
         name: Mnemonic without prefix and suffix.
         operands: Operand roles, keys of `OPERAND_KINDS`.
         fnc: Function number of an applied instruction; None = basic.
-        wide: "no" = 16 bits only, "both", "only" = 32 bits only, with the prefix D.
+        wide: "no" = 16 bits only; "both" = 16 or 32 bits; "only" = 32 bits only, with the prefix D.
         pulsed: Whether the suffix P exists.
-        supported: Whether the engine executes it.
+        supported: Whether the engine executes the instruction.
         optional: Number of trailing operands that may be omitted.
     """
 

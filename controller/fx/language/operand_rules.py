@@ -25,7 +25,7 @@ from controller.fx.language.instruction_set import Form
 
 
 class OperandError(ValueError):
-    """Invalid FX2N operand; the message states the error and, after a semicolon, the expected form."""
+    """Raised for an invalid FX2N operand; the message states the error and, after a semicolon, the expected form."""
 
 
 RANGES: Final[dict[str, tuple[range, ...]]] = {
@@ -136,7 +136,7 @@ def require_in_range(kind: str, number: int, count: int = 1) -> None:
 
 
 def check_operand(instruction: Instruction, form: Form, n: int) -> str | None:
-    """Return the error in operand `n`, whose kind is valid; None = no error."""
+    """Return the error in operand `n`, which is of a valid kind; None = no error."""
     operand, place = instruction.operands[n], form.kind.operands[n]
     wide = form.wide or (place == "preset" and _is_32_bit_counter(instruction.operands[0]))
     if form.kind.fnc is None and _index(operand):

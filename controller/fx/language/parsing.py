@@ -24,7 +24,7 @@ from controller.fx.language.operand_rules import OperandError, check_combination
 
 
 class Token(NamedTuple):
-    """A word of a program text, with its line and column from 1."""
+    """Word of a program text with its line and column, counted from 1."""
 
     text: str
     line: int
@@ -33,7 +33,7 @@ class Token(NamedTuple):
 
 @dataclass(slots=True)
 class TextErrors:
-    """Errors of one text, collected so that all of them are reported at once.
+    """Errors in one text, collected so that they are reported together.
 
     Attributes:
         source: File name.
@@ -122,7 +122,7 @@ def parse_operand(text: str) -> Operand:
 
 
 def _operand(name: str, part: dict[str, str | None]) -> Operand:
-    """Return the operand in text that matches the pattern `name`."""
+    """Return the operand from the groups of a match of the pattern `name`."""
     index = _index(part.get("index"))
     match name:
         case "decimal":
@@ -146,7 +146,7 @@ def _operand(name: str, part: dict[str, str | None]) -> Operand:
 
 
 def _index(text: str | None) -> str:
-    """Return the complete name of an index register: V is V0."""
+    """Return the complete name of an index register, for example V0 for V."""
     return (text if len(text) > 1 else f"{text}0") if text else ""
 
 
@@ -189,7 +189,7 @@ def mnemonic(text: str) -> str:
 
 
 def is_label(text: str) -> bool:
-    """Return whether a word is a label, P0 or P0:."""
+    """Return whether a word is a label such as ``P0`` or ``P0:``."""
     return text.isascii() and _LABEL.fullmatch(text.upper()) is not None
 
 
@@ -269,7 +269,7 @@ def _unknown_mnemonic(name: str) -> str:
 
 
 def _operand_errors(instruction: Instruction, form: Form) -> Iterator[tuple[int | None, str]]:
-    """Yield the operand errors of an instruction: index of the operand, None = entire instruction, and message."""
+    """Yield the index of the operand (None = entire instruction) and the message of each operand error."""
     places, operands = form.kind.operands, instruction.operands
     least = len(places) - form.kind.optional
     if not least <= len(operands) <= len(places):

@@ -12,7 +12,7 @@ from controller.fx.language.instruction import Ladder
 from controller.fx.language.parsing import file_error
 
 LARGEST_BYTES: Final = 1_000_000
-"""Size limit of a program file, far above any program of 8,000 steps."""
+"""Size limit of a program file; a program of 8,000 steps is far smaller."""
 
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0E-\x1A\x7F]")
 _SEPARATOR: Final = re.compile(r"[\t,]")

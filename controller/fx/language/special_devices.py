@@ -26,7 +26,7 @@ PROVIDED: Final = {
     "M8067 D8067 D8069": "error of an applied instruction: flag, error code and step number of the last error",
     "M8200-M8234": "direction of the 32-bit counters",
     "D8000": "watchdog timeout, ms",
-    "D8010-D8012": "scan time: present, shortest and longest since RUN began, 0.1 ms",
+    "D8010-D8012": "scan time: current, shortest and longest since RUN began, 0.1 ms",
     "D8013-D8019": "second, minute, hour, day, month, year, weekday",
     "D8020": "input filter time, ms",
     "D8028 D8182-D8194": "Z0; Z1 to Z7 on even numbers",

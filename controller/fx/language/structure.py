@@ -29,7 +29,7 @@ _BRANCHES: Final = frozenset({"MPS", "MRD", "MPP"})
 
 
 class Placed(NamedTuple):
-    """An instruction and its text column."""
+    """Instruction and its text column."""
 
     instruction: Instruction
     column: int
@@ -106,7 +106,7 @@ class _StructureCheck:
             if self.driven:
                 self.end_circuit()
             if len(blocks) == MOST_BLOCKS:
-                self.report(f"more than {MOST_BLOCKS} blocks are open; join blocks with ANB or ORB before")
+                self.report(f"more than {MOST_BLOCKS} blocks are open; join blocks with ANB or ORB first")
                 return
             blocks.append("contacts")
         elif not blocks:
@@ -131,12 +131,12 @@ class _StructureCheck:
     def branch(self, name: str) -> None:
         """Process MPS, MRD or MPP."""
         if len(self.blocks) > 1:
-            self.report(f"{len(self.blocks)} blocks are open; join them with ANB or ORB before")
+            self.report(f"{len(self.blocks)} blocks are open; join them with ANB or ORB first")
         if name == "MPS":
             if not self.blocks:
                 self.report("there is no contact before it; begin the circuit with LD or LDI")
             if self.branches == MOST_BRANCHES:
-                self.report(f"more than {MOST_BRANCHES} branches are open; close one with MPP before")
+                self.report(f"more than {MOST_BRANCHES} branches are open; close one with MPP first")
             self.branches = min(self.branches + 1, MOST_BRANCHES)
         elif not self.branches:
             self.report("no branch is open; write MPS where the branch begins")
@@ -150,7 +150,7 @@ class _StructureCheck:
     def output(self) -> None:
         """Process an output."""
         if len(self.blocks) > 1:
-            self.report(f"{len(self.blocks)} blocks are open; join them with ANB or ORB before")
+            self.report(f"{len(self.blocks)} blocks are open; join them with ANB or ORB first")
         elif not self.blocks and not self.on_step:
             self.report("there is no contact before the output; add one, or LD M8000 for always on")
         self.blocks[:] = [] if self.on_step and not self.blocks else ["bus"]
@@ -161,7 +161,7 @@ class _StructureCheck:
         if self.blocks and not self.driven:
             self.report("the circuit before it has no output; add the output")
         if self.branches:
-            self.report(f"{self.branches} of its branches are open; close each MPS with an MPP before")
+            self.report(f"{self.branches} of its branches are open; close each MPS with an MPP first")
         self.blocks.clear()
         self.branches = 0
         self.driven = self.on_step = False
@@ -171,9 +171,7 @@ class _StructureCheck:
         match instruction:
             case Instruction("MC", (Nest(level), _)):
                 if self.steps:
-                    self.report(
-                        "master control cannot be used in a step; write RET before, or put contacts in the step"
-                    )
+                    self.report("master control cannot be used in a step; write RET first, or put contacts in the step")
                 if level != len(self.levels):
                     self.report(f"levels are opened in order; expected N{len(self.levels)}")
                 self.levels.append(level)
@@ -193,7 +191,7 @@ class _StructureCheck:
             case Instruction("FOR"):
                 self.loops += 1
                 if self.loops > MOST_LOOPS:
-                    self.report(f"more than {MOST_LOOPS} loops are open; close one with NEXT before")
+                    self.report(f"more than {MOST_LOOPS} loops are open; close one with NEXT first")
             case Instruction("NEXT"):
                 self.next_loop()
             case Instruction("SRET"):
@@ -216,7 +214,7 @@ class _StructureCheck:
     def end_steps(self) -> None:
         """Process RET."""
         if not self.steps:
-            self.report("no step is open; write STL before, or delete it")
+            self.report("no step is open; write STL first, or delete it")
         self.require_no_loop()
         self.steps = 0
 
@@ -229,15 +227,15 @@ class _StructureCheck:
     def require_no_loop(self) -> None:
         """Check that no loop is open at the beginning or end of a step."""
         if self.loops:
-            self.report("a loop is open here; write its NEXT before")
+            self.report("a loop is open here; write its NEXT first")
             self.loops = 0
 
     def close_level(self, level: int) -> None:
         """Process MCR."""
         if self.steps:
-            self.report("master control cannot be used in a step; write RET before")
+            self.report("master control cannot be used in a step; write RET first")
         if not self.levels:
-            self.report(f"no level is open; write MC N{level} before")
+            self.report(f"no level is open; write MC N{level} first")
         elif level not in self.levels:
             self.report(f"level N{level} is not open; expected MCR N{self.levels[-1]}")
         else:
@@ -246,7 +244,7 @@ class _StructureCheck:
     def label(self, label: Operand) -> None:
         """Process a label."""
         if (first := self.labels.get(label)) is not None:
-            self.report(f"the label is already in line {first.line}; use another one")
+            self.report(f"the label is already defined in line {first.line}; use another one")
         self.labels.setdefault(label, self.here.instruction)
         if self.main_end:
             self.subroutines.add(label)
@@ -256,9 +254,9 @@ class _StructureCheck:
         if self.steps:
             self.report("a step is open; write RET after the last step")
         if self.levels:
-            self.report(f"master control is open; write MCR N{self.levels[-1]} before")
+            self.report(f"master control is open; write MCR N{self.levels[-1]} first")
         if self.loops:
-            self.report("a loop is open; write its NEXT before")
+            self.report("a loop is open; write its NEXT first")
         self.steps = self.loops = 0
         self.levels.clear()
 
@@ -287,7 +285,7 @@ _CONTACTS: Final = {
 
 
 def check_structure(program: Sequence[Placed], findings: TextErrors) -> None:
-    """Report all structural errors of a program, END included.
+    """Report all structural errors of a program, including a missing END.
 
     Args:
         program: Parsed instructions, in order.
@@ -311,7 +309,7 @@ def checked_ladder(
 ) -> Ladder:
     """Return the ladder of parsed instructions after the structural checks.
 
-    Programs with parse errors are not checked because each missing line would cause errors in its neighbours.
+    Programs with parse errors are not checked because each missing line would cause errors in adjacent lines.
 
     Raises:
         LadderError: The program has errors.

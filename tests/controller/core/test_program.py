@@ -118,7 +118,7 @@ def test_one_coil_may_also_be_set_and_reset() -> None:
     ids=str,
 )
 def test_outputs_are_written_only_in_the_output_block(rung: Rung) -> None:
-    with pytest.raises(ProgramError, match="block 'logic' writes Y; only 'outputs' may"):
+    with pytest.raises(ProgramError, match="block 'logic' writes Y; only block 'outputs' may write Y"):
         program(rung)
     assert rung in list(program(outputs=(rung,)).rungs())
 

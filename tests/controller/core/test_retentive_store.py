@@ -232,7 +232,7 @@ def test_any_other_damage_is_detected(tmp_path_factory: pytest.TempPathFactory, 
 def test_a_file_that_is_not_a_store_is_rejected(store: FileStore, content: str) -> None:
     store.save(VALUES)
     store.path.write_text(content)
-    with pytest.raises(DamagedStoreError, match="retentive memory is lost, check rows and claws before resetting"):
+    with pytest.raises(DamagedStoreError, match="retentive memory is lost; check rows and claws before resetting"):
         store.load()
 
 

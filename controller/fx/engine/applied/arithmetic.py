@@ -18,10 +18,11 @@ _Binary = Callable[[int, int], int]
 
 
 def _flagged(operation: _Binary) -> ActionFactory:
-    """ADD and SUB: d := s1 operation s2, with M8020 zero, M8021 borrow, M8022 carry.
+    """ADD and SUB: d := s1 operation s2, with the flags M8020 (zero), M8021 (borrow) and M8022 (carry).
 
-    A result out of range wraps around in two's complement (from memory; a widely copied diagram of the flags instead
-    continues with 0 after the highest number). An overflow sets the carry, an underflow the borrow.
+    A result out of range wraps around in two's complement (from memory; according to a widely copied diagram of the
+    flags, the highest number is followed by 0 instead). An overflow sets the carry flag, and an underflow sets the
+    borrow flag.
     """
 
     def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
@@ -51,7 +52,7 @@ def _bitwise(operation: _Binary) -> ActionFactory:
 
 
 def _in_place(operation: Callable[[int], int]) -> ActionFactory:
-    """INC, DEC and NEG: d := operation d, wrapping around, without flags."""
+    """INC, DEC and NEG: d := operation(d), with wrap-around and without flags."""
 
     def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
         get, put = reader(cpu, operands[0], wide), writer(cpu, operands[0], wide)
@@ -63,7 +64,7 @@ def _in_place(operation: Callable[[int], int]) -> ActionFactory:
 def mul(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     """MUL s1 s2 d: 16 x 16 bits into d, d+1 (docs/sources/fx2n.md 1.2); 32 x 32 bits into d to d+3.
 
-    A bit group receives at most the low 32 bits (from memory). No flags.
+    A bit group receives at most the low 32 bits (from memory). No flags change.
     """
     left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     target = operands[2]
@@ -105,7 +106,7 @@ def _quotient(dividend: int, divisor: int) -> int:
 
 
 def sum_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SUM s d: d := number of bits that are 1 in s; M8020 if there are none."""
+    """SUM s d: d := number of bits that are 1 in s; M8020 is on if there are none."""
     get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide)
     mask, special = (1 << width_of(wide)) - 1, cpu.memory.M
 
@@ -129,7 +130,10 @@ def mean(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def sqr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SQR s d: d := integer square root of s; M8020 if it is 0, M8021 if it is not exact; s < 0 is an error."""
+    """SQR s d: d := integer square root of s.
+
+    M8020: the result is 0. M8021: the result is not exact. A negative s is an error.
+    """
     get, put, special = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide), cpu.memory.M
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""Data and refresh: ZRST DECO ENCO BON ANS ANR REF REFF ALT SEGD (FNC 40-51, 66, 73).
+"""Data and refresh instructions: ZRST DECO ENCO BON ANS ANR REF REFF ALT SEGD (FNC 40-51, 66, 73).
 
 Details are from memory unless a docstring states otherwise.
 """
@@ -127,7 +127,7 @@ def _low_bits(cpu: Cpu, operand: Operand, wide: bool) -> Callable[[int], int]:
 
 
 def enco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """ENCO s d n: d := number of the highest of the 2**n bits of s that is on; all bits off is an error.
+    """ENCO s d n: d := number of the highest bit that is on among the 2**n bits from s; an error if all are off.
 
     n is 1-8, or 1-4 for a word; n = 0 has no effect.
     """
@@ -163,7 +163,7 @@ def bon(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 def ans(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """ANS T n S: set the annunciator S after the drive input has been on for n times 100 ms; T is the timer.
 
-    With the drive input off, T is reset and S is unchanged. The scan sets M8048, M8049 and D8049.
+    With the drive input off, T is reset and S is unchanged. END updates M8048 and D8049.
     """
     timer = operands[0]
     if not isinstance(timer, DeviceOperand):
@@ -242,7 +242,7 @@ def reff(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def alt(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
-    """ALT d: invert d in every scan in which it is driven (docs/sources/fx2n.md 1.2)."""
+    """ALT d: invert d in every scan in which the instruction is driven (docs/sources/fx2n.md 1.2)."""
     get: BitReader = bit_reader(cpu, operands[0])
     put = bit_writer(cpu, operands[0])
     return lambda: put(not get())

@@ -55,7 +55,7 @@ def _float_reader(cpu: Cpu, operand: Operand) -> Callable[[], float]:
 def _arithmetic(operation: Callable[[float, float], float]) -> ActionFactory:
     """EADD ESUB EMUL EDIV: d := s1 operation s2, rounded to a single.
 
-    M8020: the result is 0. M8022: overflow, d is the largest number. M8021: underflow, d is the smallest number.
+    M8020: the result is 0. M8021: underflow; d is the smallest number. M8022: overflow; d is the largest number.
     """
 
     def make(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
@@ -82,7 +82,7 @@ def _divide(dividend: float, divisor: float) -> float:
 
 
 def ecmp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
-    """ECMP s1 s2 d: d = s1 > s2, d+1 = equal, d+2 = s1 < s2."""
+    """ECMP s1 s2 d: compare s1 with s2; of three bits, d is on if s1 > s2, d+1 if s1 = s2, and d+2 if s1 < s2."""
     left, right = _float_reader(cpu, operands[0]), _float_reader(cpu, operands[1])
     cells, row = bits(cpu, operands[2])
 
@@ -94,7 +94,10 @@ def ecmp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
 
 
 def ezcp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
-    """EZCP s1 s2 s d: d = s below s1, d+1 = from s1 to s2, d+2 = above s2; if s2 is below s1, s1 is used."""
+    """EZCP s1 s2 s d: compare s with the range s1 to s2; d is on if s is below it, d+1 if within, and d+2 if above.
+
+    If s2 is below s1, s1 is used instead of s2.
+    """
     low, high, get = (_float_reader(cpu, operand) for operand in operands[:3])
     cells, row = bits(cpu, operands[3])
 
@@ -115,7 +118,7 @@ def flt(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 def int_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     """INT s d: truncate the float in s, s+1 to an integer in d (a pair in the 32-bit form).
 
-    M8020: the result is 0. M8021: a fraction was truncated. M8022: out of range, d is unchanged.
+    M8020: the result is 0. M8021: a fraction was truncated. M8022: out of range; d is unchanged.
     """
     get, put = _float_reader(cpu, operands[0]), writer(cpu, operands[1], wide)
     width, special = width_of(wide), cpu.memory.M

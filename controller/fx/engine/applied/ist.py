@@ -26,7 +26,7 @@ AUTOMATIC: Final = 2
 
 
 class IstMode(IntEnum):
-    """The five switch positions, by their offset from the first operand."""
+    """Switch position; the value is the offset from the first operand."""
 
     INDIVIDUAL = 0
     ZERO_RETURN = 1
@@ -57,7 +57,7 @@ def _panel(switches: list[bool]) -> _Panel:
 
 
 class _Modes:
-    """State of one IST between scans."""
+    """State of one IST instruction between scans."""
 
     def __init__(self, memory: Memory, automatic: range) -> None:
         self.memory = memory
@@ -123,17 +123,17 @@ def ist(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Level:
     Switches: individual, zero return, stepping, one cycle, continuous, zero return start, start, stop. In every scan:
 
     * M8047 is on; M8042 is on for one scan when start is pressed. Start has no effect while stop is pressed.
-    * M8040 (transfers disabled) is on: always in individual; from stop to start in zero return and one cycle; except in
-      the scan of a start in stepping; from RUN to start in continuous. In zero return the zero return start
-      button also counts as a start.
-    * M8041 (transfer start) is on: in stepping and one cycle, while the start button is pressed; in continuous, from
+    * M8040 (transfers disabled) is always on in individual mode. In zero return and one cycle, it is on from stop to
+      start; in stepping, in all scans except that of a start; in continuous, from RUN to the first start. In zero
+      return, the zero return start button also counts as a start.
+    * M8041 (transfer start) is on in stepping and one cycle while the start button is pressed, and in continuous from
       start to stop.
     * A change between individual, zero return and automatic resets S0-S2, S10-S19 and d1-d2 and sets S0, S1 or S2;
-      all Y go off unless M8043 (zero return complete) or M8045 is on. The first mode after RUN does the same except for
-      the outputs; an automatic mode changes nothing if a latched automatic state is on.
+      all Y turn off unless M8043 (zero return complete) or M8045 is on. The first mode after RUN has the same effect,
+      except on the outputs; an automatic mode changes nothing if a latched automatic state is on.
     * If no switch or more than one switch is on, the mode does not change.
 
-    The program drives M8043 and M8044. A start button that is on when RUN begins counts as a start.
+    The program must drive M8043 and M8044. A start button that is on when RUN begins counts as a start.
     An instruction that is not driven has no effect.
     """
     cells, row = bits(cpu, operands[0])

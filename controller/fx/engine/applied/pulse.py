@@ -2,10 +2,10 @@
 
 An FX2N generates these pulses in hardware, independent of the scan. Here the number of pulses is computed exactly from
 the scan times, and Y is the level of the train at the scan time: a train faster than half the scan rate is not visible
-in the Y image, but its count is correct. The sum of the pulses of PLSY and PLSR is in D8140, D8141 for Y0 and in D8142,
-D8143 for Y1. M8029 comes on with the last pulse and goes off with the drive input. When the drive input goes off, the
-pulses stop immediately, and the next train starts from the beginning. All details are from memory. The state of a train
-is stored between scans and rebuilt when the CPU goes to RUN.
+in the Y image, but its count is correct. The total number of PLSY and PLSR pulses is in D8140 and D8141 for Y0, and in
+D8142 and D8143 for Y1. M8029 turns on with the last pulse and turns off with the drive input. When the drive input
+turns off, the pulses stop immediately, and the next train starts from the beginning. All details are from memory. The
+state of a train is stored between scans and reset when the CPU changes to RUN.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class _Train:
     """Pulse train of one instruction at Y0 or Y1, starting when the instruction is first driven.
 
     Attributes:
-        out: Pulses output so far; in the first half of a pulse the output is on.
+        out: Number of pulses since the start, including the fraction of the current one; the output is on during its
+            first half.
         running: Whether the instruction was driven in the last scan.
     """
 
@@ -56,7 +57,7 @@ class _Train:
         self.out, self.running = Fraction(0), True
 
     def advance(self, out: Fraction, set_number: int | None) -> None:
-        """Advance to a number of pulses, limited to the set number; None = endless."""
+        """Advance the train to `out` pulses, but not beyond the set number; None = endless."""
         total = self._total[self.check()]
         out = out if set_number is None else min(out, Fraction(set_number))
         place = total.places().start
@@ -67,7 +68,7 @@ class _Train:
         self._special[COMPLETE] = done
 
     def stop(self) -> None:
-        """End the train when the drive input goes off."""
+        """End the train when the drive input turns off."""
         if self.running:
             self.running = False
             self._put(False)
@@ -75,9 +76,9 @@ class _Train:
 
 
 def plsy(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """PLSY s1 s2 Y: s2 pulses of s1 Hz (1-20,000), on for half of each; s2 = 0: endless.
+    """PLSY s1 s2 Y: output s2 pulses at s1 Hz (1-20,000) with a duty cycle of 50 %; s2 = 0 means endless.
 
-    s1 may change during the train; s2 is read when the drive input comes on.
+    s1 may change during the train; s2 is read when the drive input turns on.
     """
     frequency, number = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     train, set_number, previous_ms = _Train(cpu, operands[2]), 0, 0
@@ -100,10 +101,10 @@ def plsy(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 
 
 def plsr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """PLSR s1 s2 s3 Y: s2 pulses, up to s1 Hz (10-20,000) and down again, each ramp 10 steps in s3 ms (1-5000).
+    """PLSR s1 s2 s3 Y: output s2 pulses with a ramp up to s1 Hz (10-20,000) and a ramp down.
 
-    The operands are read when the drive input comes on. If there are too few pulses for the ramps, the fastest steps
-    are omitted.
+    Each ramp has 10 steps and takes s3 ms (1-5000). The operands are read when the drive input turns on. If there are
+    too few pulses for the ramps, the fastest steps are omitted.
     """
     frequency, number, ramp = (reader(cpu, operand, wide) for operand in operands[:3])
     train, start_ms, set_number = _Train(cpu, operands[3]), 0, 0
@@ -162,7 +163,7 @@ def pulses_after(steps: Profile, elapsed_ms: int) -> Fraction:
 
 
 def pwm(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """PWM s1 s2 Y: Y is on for s1 ms of every s2 ms; both may change while it runs; s1 above s2 is an error."""
+    """PWM s1 s2 Y: Y is on for s1 ms of every s2 ms; both may change while it runs; s1 > s2 is an error."""
     width, period = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     put: BitWriter = bit_writer(cpu, operands[2])
     since: int | None = None

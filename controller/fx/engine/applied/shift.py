@@ -105,9 +105,9 @@ def _word_shift(shifted: Callable[[Sequence[int], Sequence[int]], list[int]]) ->
 
 
 def sfwr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SFWR s d n: append s to the queue of n words (2-512) at d: d is the fill count, the other words are the entries.
+    """SFWR s d n: append s to the queue of n words (2-512) at d; d is the number of entries, which follow it.
 
-    A full queue (n-1 words) is unchanged and sets M8022.
+    A full queue (n-1 entries) is unchanged, and M8022 is set.
     """
     get, row, count = reader(cpu, operands[0], wide), words(cpu, operands[1], wide), reader(cpu, operands[2], wide)
     special = cpu.memory.M
@@ -125,9 +125,9 @@ def sfwr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def sfrd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SFRD s d n: move the oldest word of the queue of n words (2-512) at s to d; the others move up.
+    """SFRD s d n: move the oldest entry of the queue of n words (2-512) at s to d; the others advance by one word.
 
-    The last word is unchanged. An empty queue leaves d unchanged and sets M8020.
+    The last word is unchanged. If the queue is empty, d is unchanged, and M8020 is set.
     """
     row, target, count = words(cpu, operands[0], wide), words(cpu, operands[1], wide), reader(cpu, operands[2], wide)
     special = cpu.memory.M

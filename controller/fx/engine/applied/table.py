@@ -27,7 +27,7 @@ ACTIONS: Final[dict[str, ActionFactory]] = {
     **applied_float.ACTIONS,
     **applied_time.ACTIONS,
 }
-"""Instructions executed in a scan in which they are driven, by name without D and P."""
+"""Instructions executed only in the scans in which they are driven, by name without D and P."""
 LEVELS: Final[dict[str, LevelFactory]] = {
     **applied_data.LEVELS,
     **applied_time.LEVELS,

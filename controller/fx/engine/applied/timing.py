@@ -1,7 +1,7 @@
 """Drums, ramps, timers and the clock: ABSD INCD TTMR STMR RAMP (FNC 62-67), TCMP TZCP TRD (FNC 160-166).
 
 Details are from memory unless a docstring states otherwise. Instructions executed in every scan store their drive state
-between scans and are rebuilt when the CPU goes to RUN.
+between scans and are reset when the CPU changes to RUN.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ def _between(value: int, on: int, off: int) -> bool:
 
 
 def incd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """INCD s1 C d n: one of n bits (1-64) from d is on; the next follows when C reaches the bit's word from s1.
+    """INCD s1 C d n: one of n bits (1-64) from d is on; the next one follows when C reaches the bit's word from s1.
 
-    C is reset with each bit; C+1 contains the number of the bit. After the last bit, M8029 is on for one scan and the
-    first bit follows. When the drive input goes off, both counters and the bits are cleared.
+    C is reset at each change of the bit; C+1 contains the number of the bit. After the last bit, M8029 is on for one
+    scan, and the first bit follows. When the drive input turns off, both counters and the bits are cleared.
     """
     table, counters = words(cpu, operands[0], wide), words(cpu, operands[1], wide)
     cells, row = bits(cpu, operands[2])
@@ -78,7 +78,7 @@ def incd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 def ttmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """TTMR d n: store the on time of the drive input in d, in units of 1 s, 100 ms or 10 ms for n = 0, 1 or 2.
 
-    d+1 contains the time in units of 100 ms. When the drive input goes off, d retains the last time and d+1 becomes 0.
+    d+1 contains the time in units of 100 ms. When the drive input turns off, d retains the last time and d+1 becomes 0.
     Both stop at 32,767.
     """
     row, unit, since = words(cpu, operands[0], wide), reader(cpu, operands[1], wide), None
@@ -100,9 +100,9 @@ def ttmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 
 
 def stmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """STMR T n d: four bits from d, driven by one timer of n times 100 ms that starts when the drive changes.
+    """STMR T n d: four bits from d, driven by one timer of n times 100 ms that starts when the drive input changes.
 
-    d: off-delay of n. d+1: on for n when the drive input goes off. d+2: on for n when it comes on. d+3: the drive
+    d: off-delay of n. d+1: on for n when the drive input turns off. d+2: on for n when it turns on. d+3: the drive
     input, delayed by n.
     """
     timer = operands[0]
@@ -132,7 +132,7 @@ def ramp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """RAMP s1 s2 d n: d changes from s1 to s2 in n scans, counted in d+1. M8029 is on when d has reached s2.
 
     In the next scan d restarts from s1, or remains at s2 if M8026 is on. In the first scan in which the instruction is
-    driven, d is s1. When the drive input goes off, d is unchanged and d+1 is cleared.
+    driven, d is s1. When the drive input turns off, d is unchanged and d+1 is cleared.
     """
     first, last, count = (reader(cpu, operands[place], wide) for place in (0, 1, 3))
     target, special, was = words(cpu, operands[2], wide), cpu.memory.M, False
@@ -158,9 +158,10 @@ def ramp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 
 
 def tcmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """TCMP s1 s2 s3 s d: compare the time s1 h s2 min s3 s with the three words h, min, s from s.
+    """TCMP s1 s2 s3 s d: compare the time s1 h s2 min s3 s with the time in the three words h, min, s from s.
 
-    d = s1.. is later, d+1 = equal, d+2 = s1.. is earlier. An invalid time is an error.
+    Bit d is on if the first time is later, d+1 if the times are equal, and d+2 if the first time is earlier. An invalid
+    time is an error.
     """
     hour, minute, second = (reader(cpu, operand, wide) for operand in operands[:3])
     clock = words(cpu, operands[3], wide)
@@ -174,9 +175,9 @@ def tcmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def tzcp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """TZCP s1 s2 s d: three words h, min, s from each; d = s before s1, d+1 = from s1 to s2, d+2 = after s2.
+    """TZCP s1 s2 s d: compare the time s with the times s1 and s2, each in three words h, min, s.
 
-    An invalid time is an error.
+    Bit d is on if s is before s1, d+1 if it is from s1 to s2, and d+2 if it is after s2. An invalid time is an error.
     """
     low, high, clock = (words(cpu, operand, wide) for operand in operands[:3])
     cells, row = bits(cpu, operands[3])

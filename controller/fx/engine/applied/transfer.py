@@ -1,4 +1,4 @@
-"""Transfer and conversion: MOV CML XCH BMOV FMOV BCD BIN, and comparison: CMP ZCP (FNC 10-19).
+"""Transfer, conversion and comparison: MOV CML XCH BMOV FMOV BCD BIN CMP ZCP (FNC 10-19).
 
 Operand order: docs/sources/fx2n.md 1.2. Details are from memory unless a docstring states otherwise.
 """
@@ -23,7 +23,7 @@ def mov(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def cml(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """CML s d: d := s with every bit inverted; bits beyond a short bit group count as 0."""
+    """CML s d: d := s with every bit inverted; the bits that a short bit group s lacks count as 0 before inversion."""
     get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide)
     return lambda: put(~get())
 
@@ -42,7 +42,7 @@ def xch(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def bmov(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """BMOV s d n: copy n words (1-512) from s to d, or from d to s with M8024. The blocks may overlap."""
+    """BMOV s d n: copy n words (1-512) from s to d, or from d to s while M8024 is on. The blocks may overlap."""
     source, target = words(cpu, operands[0], wide), words(cpu, operands[1], wide)
     count, special = reader(cpu, operands[2], wide), cpu.memory.M
 
@@ -80,7 +80,10 @@ def bin_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def cmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """CMP s1 s2 d: d = s1 > s2, d+1 = equal, d+2 = s1 < s2; unchanged when the drive input goes off (fx2n.md 1.2)."""
+    """CMP s1 s2 d: compare s1 with s2; of three bits, d is on if s1 > s2, d+1 if s1 = s2, and d+2 if s1 < s2.
+
+    The bits do not change when the drive input turns off (docs/sources/fx2n.md 1.2).
+    """
     left, right = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     cells, row = bits(cpu, operands[2])
 
@@ -92,7 +95,10 @@ def cmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def zcp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """ZCP s1 s2 s d: d = s below s1, d+1 = from s1 to s2, d+2 = above s2; if s2 is below s1, s1 is used."""
+    """ZCP s1 s2 s d: compare s with the range s1 to s2; d is on if s is below it, d+1 if within, and d+2 if above.
+
+    If s2 is below s1, s1 is used instead of s2.
+    """
     low, high, get = (reader(cpu, operand, wide) for operand in operands[:3])
     cells, row = bits(cpu, operands[3])
 

@@ -294,7 +294,7 @@ STRUCTURE_ERRORS = [
     ("LD X0\nMC N1 M0\nMCR N1\nEND", "2:1: MC N1 M0: levels are opened in order; expected N0"),
     (
         "LD X0\nMC N0 M0\nLD X1\nMC N1 M1\nMCR N0\nMCR N1\nEND",
-        "6:1: MCR N1: no level is open; write MC N1 before",
+        "6:1: MCR N1: no level is open; write MC N1 first",
     ),
     ("MCR N0\nEND", "1:1: MCR N0: no level is open"),
     ("LD X0\nMC N0 M0\nEND", "3:1: END: master control is open; write MCR N0"),
@@ -311,7 +311,7 @@ STRUCTURE_ERRORS = [
     ("LD X0\nCJ P1\nEND", "2:1: CJ P1: label P1 is missing"),
     ("LD X0\nCALL P1\nP1\nFEND\nEND", "2:1: CALL P1: P1 is in the main program"),
     ("SRET\nEND", "1:1: SRET: not allowed in the main program"),
-    ("P1\nP2\n\nP1\nEND", "4:1: P1: the label is already in line 1"),
+    ("P1\nP2\n\nP1\nEND", "4:1: P1: the label is already defined in line 1"),
 ]
 
 
