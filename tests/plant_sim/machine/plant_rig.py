@@ -15,8 +15,8 @@ IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 
 RELEASE_TO_LANDING_S = 0.120 + 0.1277
-"""Time from the open coil until a plug reaches the cup: fingers free 120 ms after the coil (measured, see
-test_claws.py), fall of 80 mm 127.7 ms."""
+"""Time from energising the open coil until a plug reaches the cup: the fingers release it after 120 ms (measured, see
+test_claws.py), and it falls 80 mm in 127.7 ms."""
 
 
 class Situation(NamedTuple):
@@ -136,7 +136,7 @@ class Rig:
         self.run(100)
 
     def pick(self, number: int, side: str = "left") -> None:
-        """Pick a row, from the empty arm at feed, down and open, to the loaded arm at feed, down and spread."""
+        """Pick a row with an arm at feed, down, open and empty; leave the arm at feed, down, spread and loaded."""
         self.go_to_pick(number, side)
         self.close(side)
         self.raise_arm(side)

@@ -72,8 +72,9 @@ def test_v6_back_pressure_of_a_throttled_exhaust(load_n: float, back_bar: float,
 
 @pytest.mark.parametrize(("coils", "sign", "force_n"), [(PLUS, -1, 1177.8), (MINUS, 1, 989.4)])
 def test_v8_force_of_a_cylinder(coils: tuple[bool, bool], sign: int, force_n: float) -> None:
-    """V8: 50/20 at 0.6 MPa pushes 1177.8 N and pulls 989.4 N, +-0.1 %: it moves 0.1 % less, but not 0.1 % more.
+    """V8: 50/20 at 0.6 MPa pushes 1177.8 N and pulls 989.4 N, +-0.1 %.
 
+    The cylinder moves a load that is 0.1 % smaller, but not one that is 0.1 % larger.
     Source: AirTAC table, docs/sources/plant.md 2.
     """
     for share, moves in ((0.999, True), (1.001, False)):
@@ -306,8 +307,8 @@ def test_half_the_step_hardly_changes_the_arrival_of_slide_and_lift() -> None:
 
 @pytest.mark.parametrize("step_s", [0.001, 0.005])
 def test_no_volume_of_the_machine_overshoots_or_oscillates_without_motion(step_s: float) -> None:
-    """With pistons held and valves fully open, no pressure exceeds its source or the ambient pressure by more than
-    1 kPa, at steps of 1 and 5 ms; at 1 ms none reverses by more than 1 kPa more than twice under the same coils."""
+    """With pistons held and valves fully open, no pressure overshoots its source or the ambient pressure by more
+    than 1 kPa; with steps of 1 ms, none reverses by more than 1 kPa more than twice between changes of the coils."""
     bench = machine_bench(step_s=step_s)
     bench.all_params["blocked"] = 1
     receiver_pa = float(bench.supply[0]["receiver"]["pressure_pa"])

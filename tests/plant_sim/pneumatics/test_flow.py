@@ -64,7 +64,7 @@ def test_v3_choked_flow() -> None:
 
 
 def test_warm_air_flows_less() -> None:
-    """Choked flow is proportional to 1/sqrt(T): at four times the temperature, half the mass. Source: ISO 6358-1."""
+    """Choked flow is proportional to 1/sqrt(T): at four times the temperature, it is halved. Source: ISO 6358-1."""
     assert flow(7e5, 1e5, 1e-8, 0.3, 4 * REFERENCE_K)[0] == pytest.approx(
         0.5 * flow(7e5, 1e5, 1e-8, 0.3, REFERENCE_K)[0]
     )
@@ -172,7 +172,7 @@ def test_the_final_temperature_of_adiabatic_filling() -> None:
 
 
 def test_the_final_temperature_of_adiabatic_venting() -> None:
-    """Vented from 6 to 3 bar abs: T2 = T0 2^(-0.4/1.4) = 240.5 K, to 0.3 %."""
+    """A chamber vented from 6 to 3 bar abs cools to T2 = T0 2^(-0.4/1.4) = 240.5 K, to 0.3 %."""
     gas = make_gas(KAPPA, thermal=True)
     chambers = make_chambers(gas, (1.0, 3e5), (1e-3, 6e5))
     fill_up(chambers, gas, 1e-8, 5.0)
@@ -192,7 +192,7 @@ def test_the_time_to_fill_while_choked() -> None:
 
 
 def test_exchange_conserves_mass_and_energy() -> None:
-    """Mass is conserved to 1e-14, and with the energy balance but without a wall, energy to 1e-12."""
+    """Mass is conserved to 1e-14; with the energy balance and without a wall, energy is conserved to 1e-12."""
     gas = make_gas(KAPPA, thermal=True)
     chambers = make_chambers(gas, (1e-4, 7e5), (5e-4, 1e5))
     before = chambers["mass_kg"].sum(), chambers["energy_j"].sum()
