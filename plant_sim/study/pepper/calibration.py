@@ -122,7 +122,7 @@ def success_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: float, age_d: floa
 
 
 def differences(spec: SeedlingSpec, motion: MotionAt, levels: int = _LEVELS) -> Array:
-    """Return the expected success minus eq. 5 over the design region, percentage points.
+    """Return the expected success minus that by eq. 5 over the design region, percentage points.
 
     Args:
         spec: Constants of the seedling.

@@ -171,7 +171,10 @@ FOAM: Final = (
         _every(*(_above((at,), (4, 5, 6)) for at in range(3))),
     ),
     Statement(
-        "15 mm and more: pick failures up", "F_p", "both above 12.5 mm", _every(_above((5,), (4,)), _above((6,), (4,)))
+        "15 mm and more: pick failures up",
+        "F_p",
+        "both above the rate at 12.5 mm",
+        _every(_above((5,), (4,)), _above((6,), (4,))),
     ),
     Statement(
         "15 mm and more: carry failures far lower",
@@ -210,11 +213,14 @@ PRESSURE: Final = (
     Statement(
         "0.25 MPa and less: plugs stay in their cells",
         "F_p",
-        "both above 0.45 MPa",
+        "both above the rate at 0.45 MPa",
         _every(_above((0,), (3,)), _above((1,), (3,))),
     ),
     Statement(
-        "0.65 MPa and more: stems are cut", "F_p", "both above 0.45 MPa", _every(_above((5,), (3,)), _above((6,), (3,)))
+        "0.65 MPa and more: stems are cut",
+        "F_p",
+        "both above the rate at 0.45 MPa",
+        _every(_above((5,), (3,)), _above((6,), (3,))),
     ),
     Statement(
         "carry failures fluctuate",

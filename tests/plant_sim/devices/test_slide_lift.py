@@ -2,8 +2,8 @@
 
 Areas: slide pi/4 * 0.025^2 = 490.87 mm2; lift pi/4 * 0.050^2 = 1963.5 mm2 full, less pi/4 * 0.020^2 at the
 rod 1649.3 mm2. Meter-out speed, C * 1e5 / area: slide 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; lift down
-3.5e-9 * 1e5 / 1649.3e-6 = 0.2122 m/s, up 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088 m/s. Delay from
-the coil to the first flow: valve 15 ms on or 20 ms off, plus the tube length at 343 m/s: 4.2 ms (slide), 3.8 ms (lift).
+3.5e-9 * 1e5 / 1649.3e-6 = 0.2122 m/s, up 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088 m/s. Delay from the coil to
+the first flow: 15 ms (on) or 20 ms (off) in the valve, plus the tube length at 343 m/s: 4.2 ms (slide), 3.8 ms (lift).
 """
 
 import math

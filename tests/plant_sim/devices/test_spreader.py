@@ -1,8 +1,8 @@
 """The spreader: a DC motor, its brake, its belt and its end switches.
 
 Motor 24 V, 5.25 ohm, 105 V s/m (and N/A) at the belt; 28 kg in total, 60 N of friction. Steady speed (24 V - 60 N *
-5.25 ohm / 105 N/A) / 105 V s/m = 0.200 m/s. Its back-EMF brakes with 105^2 / 5.25 = 2100 N s/m, so it reaches this speed
-with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and from then on lags 0.2 * 13.3 ms = 2.67 mm.
+5.25 ohm / 105 N/A) / 105 V s/m = 0.200 m/s. Its back-EMF brakes with 105^2 / 5.25 = 2100 N s/m, so it reaches this
+speed with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and from then on lags 0.2 * 13.3 ms = 2.67 mm.
 """
 
 import math

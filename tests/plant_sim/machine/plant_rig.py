@@ -70,7 +70,7 @@ class Rig:
         return self.plant.time_ms - start_ms
 
     def changes(self, sensor: Sensor, for_ms: int, *tags: str) -> list[tuple[int, bool]]:
-        """Energise coils; return when a sensor level first changes, ms from now, and the new level."""
+        """Energise coils; return every change of a sensor as the time since the start, ms, and the new level."""
         image = self.outputs(*tags)
         seen = []
         was_on = sensor.read()
@@ -82,7 +82,7 @@ class Rig:
         return seen
 
     def trace(self, read: Callable[[], float], for_ms: int, *tags: str) -> list[float]:
-        """Energise coils; return the result of `read` now and after every millisecond."""
+        """Energise coils; return the results of `read` at the start and after every millisecond."""
         image = self.outputs(*tags)
         seen = [read()]
         for _ in range(for_ms):
@@ -145,7 +145,7 @@ class Rig:
         self.lower_arm(side)
 
     def wait_for_cups(self, side: str = "left", *, off_m: float = 0.0) -> None:
-        """Wait until plugs released now would land at this offset from the centre of empty cups."""
+        """Wait until plugs released at that moment would land at a given offset from the centre of empty cups."""
         cups = self.plant.arms[side].cups
         pitch_m = self.machine.cups.pitch_m
 

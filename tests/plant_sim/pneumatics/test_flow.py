@@ -49,7 +49,7 @@ def fill_up(chambers: Any, gas: Any, conductance_m3_s_pa: float, for_s: float) -
 
 
 def test_v1_flow_of_a_data_sheet() -> None:
-    """V1: C = 2 dm3/(s bar), b = 0.3, from 0.4 to 0.3 MPa gauge at 20 C: 420 L/min ANR, +-1 %; 600 choked.
+    """V1: C = 2 dm3/(s bar), b = 0.3 passes 420 L/min ANR, +-1 %, from 0.4 to 0.3 MPa gauge at 20 C; 600 if choked.
 
     The data sheet takes the atmosphere as 0.1 MPa. Source: SMC VX data sheet, docs/sources/plant.md 2.
     """
@@ -59,7 +59,7 @@ def test_v1_flow_of_a_data_sheet() -> None:
 
 
 def test_v3_choked_flow() -> None:
-    """V3: C = 1e-8 m3/(s Pa), b = 0.35, 700 to 100 kPa, 293.15 K: 8.295e-3 kg/s, +-0.1 %. Source: plant.md 2."""
+    """V3: C = 1e-8 m3/(s Pa), b = 0.35 passes 8.295e-3 kg/s, +-0.1 %, from 700 kPa, 293.15 K. Source: plant.md 2."""
     assert flow(700e3, 100e3, 1e-8, 0.35, 293.15)[0] == pytest.approx(8.295e-3, rel=0.001)
 
 
@@ -148,9 +148,9 @@ def test_the_energy_balance_is_adiabatic_without_wall_and_isothermal_with_a_larg
 
 
 def test_heat_transfer_to_the_walls() -> None:
-    """A sphere of 1 L at 2.4 bar, 20 K too warm, h = 50 W/(m2 K): T falls with tau = m cv / (h A), to 1 %.
+    """Air at 2.4 bar in a sphere of 1 L, 20 K warmer than the wall, cools with tau = m cv / (h A), to 1 %.
 
-    A = (36 pi V^2)^(1/3) = 0.04836 m2, m = 2.852 g, so tau = 2.0466 / 2.418 s = 0.8465 s.
+    h = 50 W/(m2 K), A = (36 pi V^2)^(1/3) = 0.04836 m2, m = 2.852 g, so tau = 2.0466 / 2.418 s = 0.8465 s.
     """
     gas = make_gas(KAPPA, thermal=True, wall_w_m2_k=50.0)
     chamber = make_chambers(gas, (1e-3, 2.4e5))

@@ -1,4 +1,4 @@
-"""Effect of poor machine motion on seedlings: each defect increases its own kind of failure and no other.
+"""Effect of poor machine motion on seedlings: each defect increases one kind of failure and no other.
 
 Complete trials of one tray on the twin. Seeds are the same as in the undisturbed trials, so the seedlings are identical
 and differences come from the motion only.

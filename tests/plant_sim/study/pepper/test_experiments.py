@@ -78,7 +78,7 @@ class Expected:
 
 @cache
 def expected() -> Expected:
-    """Return one instance for all tests."""
+    """Return the substitute that all tests share."""
     return Expected()
 
 
