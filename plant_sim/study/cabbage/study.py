@@ -46,7 +46,7 @@ HIGH: Final = (1.0, 1.0, 1.0)
 
 _FRONT_POINTS = 41
 _FRONT_LISTED = 5
-"""Every point whose index is a multiple of this number is listed in the table."""
+"""Interval between the points of the front that are listed in the table."""
 _CLOUD_LEVELS = 9
 
 
