@@ -102,8 +102,8 @@ class AirReport:
 def air_of(recording: Recording) -> AirReport:
     """Return the air consumption of a recorded run.
 
-    The formula uses the actual travel of each piston and, for every stroke, the tube volume of its line, plus the dead
-    volume of the cylinder where no check valve retains its air.
+    The formula uses the actual travel of each piston and, for every stroke, the tube volume of its line. The dead
+    volume of the cylinder is added if no check valve retains the air in it.
 
     Args:
         recording: Recording of the run.

@@ -14,7 +14,7 @@ from plant_sim.twin.repeats import SHARES, pool
 from plant_sim.twin.report import TrialReport
 
 SHARE_OF = {name: name for name in SHARES} | {count: name for name, count in SHARES.items()}
-"""Responses that count seedlings, and their shares."""
+"""Share that corresponds to each response based on seedling counts; a share corresponds to itself."""
 
 ROWS_FAIL_TOGETHER = (
     "The binomial intervals assume that seedlings fail independently. A late release or a stop loses up to "

@@ -23,7 +23,7 @@ from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial
 
 SEEDLINGS = 144
-"""Seedlings of a trial in the paper, two trays."""
+"""Number of seedlings per trial in the paper: two trays."""
 MOST_SEEDLINGS = 72_000
 """Maximum number of seedlings: a thousand trays, the capacity of the magazine."""
 MOST_TRIALS = 100_000

@@ -46,7 +46,7 @@ HIGH: Final = (1.0, 1.0, 1.0)
 
 _FRONT_POINTS = 41
 _FRONT_LISTED = 5
-"""Step of the points listed in the table."""
+"""Interval between the points of the front that are listed in the table."""
 _CLOUD_LEVELS = 9
 
 
@@ -89,10 +89,10 @@ def _design_parts(experiment: Experiment, data: CabbageData) -> list[Part]:
     return [
         Heading("Experiment"),
         coding_table("coding", "Coding of the factors ([K] Table 1, as printed)", CABBAGE_FACTORS, codes, levels),
-        f"Erratum: Table 1 prints the axial code as {codes.max():g}, Table 2 uses {axial:g}, the one that makes the "
-        f"design rotatable ({rotatable_axial(k):.3f}). The axial speed and force of Table 1 are closer to the "
-        f"{orthogonal_axial(k, centres):.3f} that makes the squared terms uncorrelated; the frequency, an integer, "
-        "corresponds to 2.",
+        f"Erratum: Table 1 prints the axial code as {codes.max():g}, whereas Table 2 uses {axial:g}, which makes the "
+        f"design rotatable ({rotatable_axial(k):.3f}). The axial speed and force of Table 1 are closer to "
+        f"{orthogonal_axial(k, centres):.3f}, which makes the squared terms uncorrelated; the axial frequency, an "
+        "integer, corresponds to 2.",
         runs_table(
             "runs",
             f"Runs ([K] Table 2, {data}); each the mean of three trials",
@@ -132,10 +132,10 @@ def _summary_parts(both: tuple[Response, Response], data: CabbageData) -> list[P
             (f"{each.name}: F of the model", _f_text(table_3["model"].f), _f_text(model.f)),
             (f"{each.name}: F of the lack of fit", _f_text(table_3["lack of fit"].f), _f_text(lack.f)),
             (f"{each.name}: P of the lack of fit", table_3["lack of fit"].p, p_text(lack.p)),
-            (f"{each.name}: cells of Table 3 to the printed digits", None, f"{cells.same} of {cells.of}"),
+            (f"{each.name}: cells of Table 3 that agree to the printed digits", None, f"{cells.same} of {cells.of}"),
             (f"{each.name}: largest deviation of the other cells", None, f"{cells.worst_percent:.2f} %"),
             (
-                f"{each.name}: coefficients of eq. {each.number} to the printed digits",
+                f"{each.name}: coefficients of eq. {each.number} that agree to the printed digits",
                 None,
                 f"{terms_kept.same} of {terms_kept.of}",
             ),
@@ -229,7 +229,7 @@ def _optimum_parts(both: tuple[Response, Response]) -> list[Part]:
         Table("claims", "Statements of the paper about its best setting", ("source", "Y1, %", "Y2, %"), tuple(rows)),
         *comparisons,
         f"Erratum: the claimed force is coded {claimed[2]:.3f}, outside the stated range of -1 to 1. Equations 10 and "
-        f"11 give {equations[0]:.2f} and {equations[1]:.2f} % there, the paper {said[0]:g} and {said[1]:g} %.",
+        f"11 give {equations[0]:.2f} and {equations[1]:.2f} % there; the paper states {said[0]:g} and {said[1]:g} %.",
         f'Erratum: the "relative errors" of the field test are differences in percentage points, {points_off[0]:.2f} '
         f"and {points_off[1]:.2f}; relative to the prediction they are {relative[0]:.1f} and {relative[1]:.1f} %.",
         _speed_ratio_erratum(both[0].full.coded),
@@ -256,10 +256,10 @@ def _speed_ratio_erratum(runs: NDArray[np.float64]) -> str:
     claimed = speed_ratio(*cabbage_settings()[0].natural[:2])
     return (
         "Erratum: the paper's conclusion requires a ratio λ of chain to machine speed of at least 1.17, but the tested "
-        f"ranges of speed and frequency give λ from {least:.2f} to {most:.2f}, and its own best setting {claimed:.2f}. "
-        f"The {most:.2f} is that of the lowest speed with the highest frequency, {speed.min():g} km/h and "
-        f"{frequency.max():g}/min, a corner that is not part of the design. The runs reach at most {reached:.2f}, so "
-        "the required ratio was never tested."
+        f"ranges of speed and frequency give λ from {least:.2f} to {most:.2f}, and its own best setting gives "
+        f"{claimed:.2f}. The value {most:.2f} requires the lowest speed and the highest frequency, {speed.min():g} "
+        f"km/h and {frequency.max():g}/min, a corner that is not part of the design. The runs reach at most "
+        f"{reached:.2f}, so the required ratio was never tested."
     )
 
 
@@ -285,15 +285,15 @@ def _front_parts(both: tuple[Response, Response], front: Front) -> list[Part]:
     heading = (*(factor.label for factor in CABBAGE_FACTORS), lodging.label, injury.label)
     return [
         Heading("Lodging against injury"),
-        "Within the box there is no single best setting: less lodging means more injury. The front of the reduced "
-        f"refits below is sampled at {len(front.coded)} settings, none of which is dominated by another. Its tail, "
-        "with increasing speed, depends on the X1 term of Y2, which may be due to chance "
+        "Within the box there is no single best setting: less lodging means more injury. The Pareto front of the "
+        f"reduced refits is sampled at {len(front.coded)} settings, none of which is dominated by another. Its last "
+        "section, along which the speed increases, depends on the X1 term of Y2, which may be due to chance "
         f"(P = {p_text(injury.reduced.coefficients['X1'].p)}).",
         Table("pareto", "Pareto front with every factor from -1 to 1, every fifth point", heading, rows),
         Picture(
             "pareto-front",
-            "Pareto front of the refits; the claimed setting is outside the box, and the refits predict "
-            "other values for it than the paper",
+            "Pareto front of the refits; the claimed setting is outside the box, and the values predicted by the "
+            "refits for it differ from those in the paper",
             figure,
         ),
     ]

@@ -39,7 +39,7 @@ _DESIGNS: Mapping[str, tuple[str, ...]] = {
     "central-composite": ("axial", "centres"),
     "latin-hypercube": ("runs",),
 }
-"""Designs with their specific keys."""
+"""Keys that are specific to each design."""
 _KEYS = ("name", "title", "design", "factors", "fixed", "replicates", "seed", "seedlings", "responses", "model")
 _LEVELS = ("levels", "low", "high", "centre", "step")
 _NO_RESPONSES = ("seed", "wall_s")
@@ -123,12 +123,12 @@ def load_custom_study(
     Args:
         path: Study file; docs/studies.md describes its format.
         machine: Base machine of the study.
-        trials: Trials at each point, instead of those in the file.
-        seed: Seed, instead of that in the file.
-        seedlings: Seedlings per trial, instead of those in the file.
+        trials: Number of trials at each point; None = the number in the file.
+        seed: Seed; None = the seed in the file.
+        seedlings: Number of seedlings per trial; None = the number in the file.
 
     Raises:
-        StudyError: The file is unreadable or invalid; the message is one line with file, line, key and remedy.
+        StudyError: The file is unreadable or invalid; the one-line message states file, line number, key and remedy.
     """
     known = [*_KEYS, *(key for keys in _DESIGNS.values() for key in keys)]
     return _StudyReader(read_section(path, known, StudyError), machine).study(trials, seed, seedlings)

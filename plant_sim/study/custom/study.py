@@ -39,8 +39,8 @@ def custom_study(custom: CustomStudy, options: RunOptions) -> Study:
     """Run a custom study.
 
     Args:
-        custom: The study; trials, seed and seedlings are those of the study.
-        options: Remaining run options.
+        custom: The study; its trials, seed and seedlings override those in `options`.
+        options: Run options.
 
     Raises:
         StudyError: The study cannot be run.
@@ -105,7 +105,9 @@ def _cautions(custom: CustomStudy, options: RunOptions, reports: Sequence[Sequen
     beyond = [str(run) for run, trials in enumerate(reports, 1) if any(trial.extrapolates for trial in trials)]
     if beyond:
         runs = f"{'run' if len(beyond) == 1 else 'runs'} {', '.join(beyond)}"
-        parts.append(f"Outside the trials of the pepper paper; the behaviour of seedlings is extrapolated: {runs}.")
+        parts.append(
+            f"Outside the range tested in the pepper paper; the behaviour of seedlings is extrapolated: {runs}."
+        )
     parts += incomplete_trials(reports, "they are included with their final counts")
     if any(name in SHARE_OF for name in custom.responses):
         parts.append(ROWS_FAIL_TOGETHER)
@@ -135,7 +137,7 @@ def _fitted(custom: CustomStudy, name: str, reports: Sequence[Sequence[TrialRepo
     values = [numbers(name, trials) for trials in reports]
     response = np.concatenate(values)
     if len(response) < sum(map(len, reports)):
-        return f"Not every trial has a value of {name}, so no model is fitted."
+        return f"Not every trial has a value for {name}, so no model is fitted."
     if np.ptp(response) == 0:
         return f"{name} is {response[0]:g} in every trial: no model is fitted."
     coded = np.repeat(custom.coded, [len(each) for each in values], axis=0)
@@ -174,7 +176,7 @@ def _line(custom: CustomStudy, model: Fit | None) -> str:
 
 def _model_parts(custom: CustomStudy, name: str, model: Fit) -> list[Part]:
     stem, label = _stem(name), _label(name)
-    caption = f"Least squares on the single trials, coded factors: {label}"
+    caption = f"Least squares on the individual trials, coded factors: {label}"
     parts: list[Part] = [
         coefficient_table(f"{stem}-coefficients", caption, {"estimate": model.values}, fit=model, digits=4),
         anova_table(
@@ -225,7 +227,7 @@ def _stem(response: str) -> str:
 
 def _level(value: float) -> Cell:
     """Return a level for a table: an integer without decimals, a long number with six significant digits."""
-    value = float(f"{value:.12g}")  # removes rounding of coding and decoding
+    value = float(f"{value:.12g}")  # removes the rounding errors of coding and decoding
     if value.is_integer() and abs(value) < 1e9:
         return int(value)
     return value if round(value, 2) == value else f"{value:.6g}"

@@ -1,6 +1,6 @@
 """Factors and experimental designs in coded units.
 
-Coded 0 is the centre of a factor, coded 1 is one step above it.
+Coded 0 is the centre of a factor, and coded 1 is one step above it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.stats import qmc
 from plant_sim.study.errors import StudyError
 
 _MOST_FACTORS = 12
-"""Maximum number of factors of a two-level design, with 4096 corners."""
+"""Maximum number of factors of a two-level design, which then has 4096 corners."""
 
 
 def label(name: str, unit: str) -> str:

@@ -219,7 +219,7 @@ def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequen
         terms: Names of the terms without the constant, at least one.
 
     Raises:
-        StudyError: There are no runs, no terms, or not more runs than coefficients; a number is not finite; the
+        StudyError: There are no terms, or the runs do not outnumber the coefficients; a number is not finite; the
             response is the same in every run; or the design cannot separate the terms.
     """
     coded, response = np.asarray(coded, dtype=np.float64), np.asarray(response, dtype=np.float64)

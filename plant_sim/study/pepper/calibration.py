@@ -1,8 +1,8 @@
 """Calibration of the seedling: constants fitted so that the twin's nominal motion reproduces eq. 5 of the paper.
 
-The pepper paper prints the sum of the three failures as a regression (eq. 5), and describes the individual curves in
-words only. The fit uses the regression over the entire design region and treats the descriptions as soft inequalities:
-see `statement_residuals`.
+The pepper paper prints a regression only for the success (eq. 5), that is, 100 % less the sum of the three failure
+rates; it describes the individual curves in words. The fit uses the regression over the entire design region and treats
+the descriptions as soft inequalities; see `statement_residuals`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from plant_sim.crop.response import AXIAL_LEVEL, FACTORIAL_RADIUS, natural_facto
 
 Array = NDArray[np.float64]
 MotionAt = Callable[[Any], HandlingMotion]
-"""Nominal motion at claw pressures, MPa: one array row per row of seedlings, one column per pressure."""
+"""Function that returns the nominal motion at claw pressures, MPa, with one array row per row of seedlings and one
+column per pressure."""
 
 FOAMS_MM: Final = np.array([2.5, 5.0, 7.5, 10.0, 12.5, 15.0, 17.5])
 AGES_D: Final = np.array([40.0, 43.0, 46.0, 49.0, 52.0, 55.0, 58.0])
@@ -37,7 +38,7 @@ SINGLE_FACTOR: Final = (
 """Foam thickness, mm, age, d, and claw pressure, MPa, of the three tests."""
 
 OPTIMUM: Final = (10.0, 51.0, 0.40)
-"""Optimum of the paper: foam, mm, age, d, claw pressure, MPa. Source: paper, 3.5."""
+"""Optimum of the paper: foam thickness, mm, age, d, and claw pressure, MPa. Source: paper, 3.5."""
 
 _LEVELS, _LEVELS_OF_THE_FIT = 13, 9
 _STATEMENT_WEIGHT, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 0.75, 0.04, 20.0, 0.02
@@ -86,7 +87,7 @@ class SingleFactorCurves(NamedTuple):
 
 
 def design_region(levels: int = _LEVELS) -> tuple[Array, Array, Array]:
-    """Return a grid of foam, mm, age, d, and pressure, MPa, over the design region of eq. 5.
+    """Return a grid of foam thickness, mm, age, d, and claw pressure, MPa, over the design region of eq. 5.
 
     The region is that of `CropSpec.extrapolates`: no factor exceeds the axial level, and no point is farther from the
     centre than the corners of the factorial.
@@ -107,8 +108,8 @@ def shares_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: Any, age_d: Any, pr
     Args:
         spec: Constants of the seedling.
         motion: Nominal motion by pressure.
-        foam_mm: Foam, mm.
-        age_d: Age, d.
+        foam_mm: Foam thickness, mm.
+        age_d: Age of the seedlings, d.
         pressure_mpa: Claw pressure, MPa.
     """
     shares = expected(Mechanics(spec, foam_mm=np.atleast_1d(foam_mm), age_d=np.atleast_1d(age_d)), motion(pressure_mpa))
@@ -121,7 +122,7 @@ def success_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: float, age_d: floa
 
 
 def differences(spec: SeedlingSpec, motion: MotionAt, levels: int = _LEVELS) -> Array:
-    """Return the expected success minus eq. 5 over the design region, percentage points.
+    """Return the expected success minus that by eq. 5 over the design region, percentage points.
 
     Args:
         spec: Constants of the seedling.
@@ -141,7 +142,7 @@ def statement_residuals(spec: SeedlingSpec, motion: MotionAt) -> Array:
     """Return the deviations from the paper's statements on single factors, percentage points; 0 if a statement is met.
 
     The thresholds for words such as "high" or "slightly" are assumptions. The statements are from section 3.3 of the
-    paper; see machine.md 5.
+    paper; see docs/sources/machine.md 5.
     """
     foam, age, pressure = courses(spec, motion)
     return 100 * np.concatenate([_foam_residuals(foam), _age_residuals(age), _pressure_residuals(pressure)])

@@ -56,7 +56,7 @@ class MotionWatch:
     _thrown_ms: dict[str, int] = field(default_factory=dict)
 
     def __call__(self, twin: Twin) -> None:
-        """Update from the plant after a scan."""
+        """Record the rows whose fall has ended since the previous scan."""
         for side, arm in twin.plant.arms.items():
             if arm.row.falling:
                 self._thrown_ms.setdefault(side, twin.plant.time_ms)

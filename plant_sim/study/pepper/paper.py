@@ -45,7 +45,7 @@ HIGH: Final = (1.0, 1.0, 1.0)
 """Search range of the paper: every factor from -1 to 1."""
 
 _PRINTED_HALF_STEP = 0.05
-"""Rounding error of a printed success with one decimal, percentage points."""
+"""Maximum rounding error of a success rate printed with one decimal, percentage points."""
 
 
 def refit() -> Fit:
@@ -111,8 +111,8 @@ def _design_parts(experiment: Experiment, fitted: Fit) -> list[Part]:
     orthogonal = orthogonal_axial(len(experiment.factors), centres)
     return [
         Heading("Experiment"),
-        f"A central composite design of {len(observed)} runs. Its axial level {axial:g} is the one that makes the "
-        f"squared terms uncorrelated with {centres} centre runs ({orthogonal:.3f}); the natural levels are rounded.",
+        f"A central composite design of {len(observed)} runs. With {centres} centre runs, its axial level {axial:g} "
+        f"makes the squared terms uncorrelated ({orthogonal:.3f}); the natural levels are rounded.",
         coding_table("coding", "Coding of the factors ([P] Table 3)", PEPPER_FACTORS, coding.numbers("code"), levels),
         runs_table(
             "runs",
@@ -152,7 +152,7 @@ def coefficients(columns: Mapping[str, Mapping[str, float]], fitted: Fit) -> Tab
     """Return a table that compares the coefficients of S, for example those of paper, refit and twin.
 
     Args:
-        columns: Coefficients by term, by the name of the column.
+        columns: Coefficients by term, for each column heading.
         fitted: The fit whose standard errors and P values are shown.
     """
     caption = f"Coefficients of {RESPONSE}, coded factors; standard error and P of the {list(columns)[-1]}"

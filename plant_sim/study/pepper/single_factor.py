@@ -60,7 +60,7 @@ def single_study(options: RunOptions) -> Study:
             _single_table(name, points, index),
             Picture(
                 f"single-{name}",
-                "Pick failures F_p, carry failures F_d, throw failures F_t and success S over "
+                "Pick failures F_p, carry failures F_d, throw failures F_t and success S against "
                 f"{_AXES[name]}; bars: 95 % binomial intervals.",
                 _single_figure(name, points, index),
             ),
@@ -185,7 +185,7 @@ def _what_equation_5_implies(points: Sequence[PooledResult]) -> str:
     lost = young.by_equation_5 - old.by_equation_5
     picked = sum(old.shares[name] - young.shares[name] for name in ("F_p", "F_d"))
     return (
-        f"From 52 to 58 d equation 5 falls by {lost:.1f} points, while the paper states that pick and carry failures "
-        "fall. Both can be true only if throw failures rise by more than that: on the twin F_p and F_d together "
-        f"change by {picked:+.1f} points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
+        f"From 52 to 58 d, S by equation 5 falls by {lost:.1f} points, while the paper states that pick and "
+        "carry failures fall. Both can be true only if throw failures rise by more than that: on the twin F_p and F_d "
+        f"together change by {picked:+.1f} points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
     )

@@ -43,7 +43,7 @@ class Statement:
         text: Text of the statement.
         share: Name of the failure rate.
         meaning: Criterion for the statement.
-        judge: Function that returns the verdict for a curve and a failure rate.
+        judge: Function that returns the verdict for a course and the name of a failure rate.
     """
 
     text: str
@@ -69,7 +69,7 @@ def _difference(course: Course, share: str, levels: Levels, others: Levels, erro
 
 
 def _above(levels: Levels, others: Levels, by: float = 0.0) -> Comparison:
-    """Return a comparison: the rate is more than `by` percentage points higher at some levels than at others."""
+    """Return the comparison that the rate is more than `by` percentage points higher at some levels than at others."""
 
     def compare(course: Course, share: str, error: float) -> Interval:
         low, high = _difference(course, share, levels, others, error)
@@ -79,7 +79,7 @@ def _above(levels: Levels, others: Levels, by: float = 0.0) -> Comparison:
 
 
 def _times(levels: Levels, others: Levels, factor: float) -> Comparison:
-    """Return a comparison: the rate at some levels is more than `factor` times that at others."""
+    """Return the comparison that the rate at some levels is more than `factor` times that at others."""
 
     def compare(course: Course, share: str, error: float) -> Interval:
         counts = (*_count(course, share, levels), *_count(course, share, others))
@@ -90,7 +90,7 @@ def _times(levels: Levels, others: Levels, factor: float) -> Comparison:
 
 
 def _below(level: int, percent: float) -> Comparison:
-    """Return a comparison: the rate at a level is below `percent`."""
+    """Return the comparison that the rate at a level is below `percent`."""
 
     def compare(course: Course, share: str, error: float) -> Interval:
         low, high = binomial_interval(*_count(course, share, (level,)), 1 - error)
@@ -141,7 +141,7 @@ def _fluctuates(levels: Levels) -> Callable[[Course, str], Verdict]:
 
 
 def _unchanged(levels: Levels, others: Levels, other_shares: tuple[str, ...]) -> Callable[[Course, str], Verdict]:
-    """Return a judge that requires the change in a rate to be insignificant and small compared with those in others."""
+    """Return a judge that requires the change in a rate to be insignificant and much smaller than those in others."""
     error = (1 - CONFIDENCE) / (1 + len(other_shares))
 
     def judge(course: Course, share: str) -> Verdict:
@@ -171,7 +171,10 @@ FOAM: Final = (
         _every(*(_above((at,), (4, 5, 6)) for at in range(3))),
     ),
     Statement(
-        "15 mm and more: pick failures up", "F_p", "both above 12.5 mm", _every(_above((5,), (4,)), _above((6,), (4,)))
+        "15 mm and more: pick failures up",
+        "F_p",
+        "both above the rate at 12.5 mm",
+        _every(_above((5,), (4,)), _above((6,), (4,))),
     ),
     Statement(
         "15 mm and more: carry failures far lower",
@@ -210,11 +213,14 @@ PRESSURE: Final = (
     Statement(
         "0.25 MPa and less: plugs stay in their cells",
         "F_p",
-        "both above 0.45 MPa",
+        "both above the rate at 0.45 MPa",
         _every(_above((0,), (3,)), _above((1,), (3,))),
     ),
     Statement(
-        "0.65 MPa and more: stems are cut", "F_p", "both above 0.45 MPa", _every(_above((5,), (3,)), _above((6,), (3,)))
+        "0.65 MPa and more: stems are cut",
+        "F_p",
+        "both above the rate at 0.45 MPa",
+        _every(_above((5,), (3,)), _above((6,), (3,))),
     ),
     Statement(
         "carry failures fluctuate",

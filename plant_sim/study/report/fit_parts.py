@@ -41,7 +41,7 @@ def coefficient_table(
     Args:
         name: File stem of the table.
         caption: Caption.
-        columns: Coefficients by term, by the name of the column, such as paper, refit, twin.
+        columns: Coefficients by term, for each column heading, such as paper, refit or twin.
         fit: Fit whose standard errors and P values are added.
         digits: Decimals.
     """
@@ -65,7 +65,7 @@ def anova_table(
     Args:
         name: File stem of the table.
         caption: Caption.
-        columns: Rows of each analysis, by its name in the heading.
+        columns: Rows of each analysis, by column heading.
         digits: Decimals of the sums of squares and F values.
     """
     sources = list(dict.fromkeys(row.source for column in columns.values() for row in column))
@@ -132,7 +132,7 @@ def coding_table(
     """
     heading = ["code"]
     for factor in factors:
-        heading += [f"{factor.label}: printed", "by the coding", "code of the printed"]
+        heading += [f"{factor.label}: printed", "by the coding", "code of the printed level"]
     rows: list[tuple[Cell, ...]] = []
     for code, levels in zip(codes, printed, strict=True):
         cells: list[Cell] = [f"{code:g}"]
@@ -152,7 +152,7 @@ def optimum_table(
     surfaces: Mapping[str, Surface],
     digits: int = 2,
 ) -> Table:
-    """Return a table of the responses at some settings.
+    """Return a table of the responses at given settings.
 
     Args:
         name: File stem of the table.

@@ -31,7 +31,7 @@ class Table:
 
     Attributes:
         name: File stem, lower-case words with hyphens.
-        caption: Caption, with the source of third-party figures.
+        caption: Caption, with the source of third-party data.
         heading: Name and unit of each column.
         rows: Cells, row by row; None for an empty cell.
         digits: Number of decimals displayed for a float; the CSV contains all digits.
@@ -55,7 +55,7 @@ class Table:
         return [tuple(_shown(cell, self.digits) for cell in row) for row in self.rows]
 
     def is_numeric(self, column: int) -> bool:
-        """Return whether a column contains only numbers, which are right-aligned; ``<0.0001`` counts as a number."""
+        """Return whether a column contains only numbers and is right-aligned; ``<0.0001`` counts as a number."""
         cells = [row[column] for row in self.rows if row[column] is not None]
         return bool(cells) and all(not isinstance(cell, str) or _NUMBER.fullmatch(cell) for cell in cells)
 

@@ -62,7 +62,7 @@ class Study:
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Apply the plot style to figures drawn in a `with` block, independent of the user's matplotlib settings."""
+    """Apply the plot style to figures drawn in a `with` block, regardless of the user's matplotlib settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(STYLE)
@@ -96,7 +96,7 @@ def check_folder(folder: Path) -> None:
 def write(study: Study, folder: Path) -> list[Path]:
     """Write a report, completely or not at all.
 
-    Files are written to a temporary folder, which is renamed when complete. Equal studies give identical bytes.
+    Files are written to a temporary folder, which is renamed when complete. Equal studies give identical files.
 
     Args:
         study: The study.

@@ -26,7 +26,7 @@ _COLUMNS = 3
 _SIGNS = "oXs^D"
 _GRID = 81
 _SHADES = 4
-"""Colour steps between two lines."""
+"""Number of colour steps between two contour lines."""
 _OUTSIDE: Final = "#BBBBBB"
 _LABEL_EDGE = 0.08
 """Minimum distance of a label from the frame, as a fraction of the panel; a closer label would be clipped."""
@@ -92,7 +92,7 @@ def contours(
 
 
 def _grid(surface: Surface, pair: tuple[int, int], held: Sequence[float], reach: Sequence[float]) -> Panel:
-    """Return the coded coordinates of a panel and the response at them."""
+    """Return the coded coordinates of a panel and the response at each point."""
     x, y = np.meshgrid(*(np.linspace(-reach[index], reach[index], _GRID) for index in pair))
     points = np.tile(np.asarray(held, dtype=np.float64), (x.size, 1))
     points[:, pair[0]], points[:, pair[1]] = x.ravel(), y.ravel()

@@ -29,7 +29,7 @@ _COLOUR: Final[Mapping[str, str]] = {
     FEEDER: COLOURS["supply"],
 }
 _PATH: Final = "#F0E442"
-"""Yellow of Okabe and Ito, which no lane uses and on which text is legible."""
+"""Yellow of the Okabe-Ito palette, which no lane uses and on which text is legible."""
 
 
 def gantt_chart(timeline: Timeline, round_: Round) -> Figure:

@@ -24,7 +24,7 @@ from plant_sim.study.throughput.timeline import (
 )
 
 TWELVE_CUPS: Final = StepMotion("twelve cups pass", "carousel", "moves")
-"""Wait of an arm that arrives before its twelve cups: the carousel sets the pace."""
+"""Wait of an arm that arrives before its twelfth cup: the carousel sets the pace."""
 NEXT_CUP: Final = StepMotion("next cup", "carousel", "moves")
 """Wait of a late arm for the next cup after the twelfth."""
 
@@ -138,7 +138,7 @@ def _round(timeline: Timeline, since: Throw, throw: Throw) -> Round:
     path = critical_path(timeline, throw.side, since.at_ms, throw.at_ms)
     cups_ms = _cups_between(timeline, throw.side, since.at_ms, throw.at_ms)
     before = timeline.before(ARM[throw.side], throw.at_ms)
-    # an arm that arrives with its cup has no waiting step
+    # an arm that arrives in the same scan as its cup has no waiting step
     arrived_ms = before.from_ms if before is not None and before.step == CUP_WAIT else throw.at_ms
     if len(cups_ms) < CUPS_A_ROW:
         raise StudyError(

@@ -23,7 +23,7 @@ SPACING_M: Final = 0.40
 MARGIN: Final = 0.10
 """Margin of the recommendation, as a fraction of the highest speed."""
 CONFIRMING_TRIALS: Final = 5
-"""Minimum number of trials for the recommendation: the start position of the cups shifts the limit slightly."""
+"""Minimum number of trials for the recommendation, as the start position of the cups shifts the limit slightly."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class FrequencyLimits:
     Attributes:
         without_gap: Limit without a missed cup.
         settled: Limit without a missed cup from the third tray on.
-        by_row: Limit for each row of the tray: up to it, both arms are over their cups before the twelfth cup.
+        by_row: For each row of the tray, limit up to which both arms are over their cups before the twelfth cup.
         searched_to: Highest tested frequency.
     """
 
@@ -115,7 +115,7 @@ class ThroughputResult:
         paces: Observed paces.
         limits: Highest frequencies at which the arms keep up.
         tried: Results of the search for the recommendation, from the limit down.
-        advice: Recommendation; None if no frequency with a margin is free of gaps.
+        advice: Recommendation; None if no frequency is free of gaps both with and without the margin.
     """
 
     spacing_m: float
@@ -132,7 +132,7 @@ def drive(options: RunOptions, frequencies_per_min: Sequence[int], spacing_m: fl
 
     Args:
         options: Run options, with the machine.
-        frequencies_per_min: Initial planting frequencies; limits are then determined to 1/min.
+        frequencies_per_min: Initial planting frequencies; the limits are then determined to the nearest 1/min.
         spacing_m: Plant spacing in a row, m; None = `SPACING_M`.
 
     Raises:
@@ -187,7 +187,7 @@ def _limits(paces: CyclePaces, frequencies: Sequence[int]) -> FrequencyLimits:
 
 
 def _advice(options: RunOptions, limits: FrequencyLimits) -> tuple[list[FrequencyResult], Advice | None]:
-    """Return the tested frequencies and the recommendation; after a gap the next lower frequency is tested."""
+    """Return the tested results and the recommendation; after a gap, the next lower frequency is tested."""
     options = dataclasses.replace(options, trials=max(options.trials, CONFIRMING_TRIALS))
     tried: list[FrequencyResult] = []
     for frequency in range(limits.without_gap or 0, SLOWEST_PER_MIN, -1):

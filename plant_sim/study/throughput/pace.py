@@ -25,7 +25,7 @@ FASTEST_PER_MIN: Final = 150
 """Highest frequency, 1/min; above it the pulse interval set-point suppresses cups."""
 
 OPENING_MS: Final = 126
-"""Time from the coil to free plugs, ms: valve, air and fingers, simulated at 0.40 MPa (controller/program/tags.py)."""
+"""Time from energising the coil to the release of the plugs, ms; simulated at 0.40 MPa (controller/program/tags.py)."""
 READING_MS: Final = 15
 """Input filter and half a scan, ms."""
 _DELAY_UNIT_MS = 10
@@ -42,8 +42,8 @@ _MOST_RUNS = 3
 def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
     """Return the set-points that a commissioning engineer would enter for a planting frequency.
 
-    With the release delay the plugs land in the middle of the cups; it is zero if any delay would be too long.
-    The machine is Suspended for missing cups after three cup intervals.
+    The release delay makes the plugs land in the middle of the cups; it is zero if any delay would be too long.
+    The machine is Suspended if no cup passes for three cup intervals.
 
     Raises:
         StudyError: The frequency is out of range.
@@ -83,7 +83,7 @@ class Observed:
     """Run that is recorded step by step.
 
     Attributes:
-        setting: Setting that differs from the base machine.
+        setting: Values that differ from those of the base machine.
         seed: Seed of the run.
         timeline: Timeline of all sequences.
         reason: Reason for an incomplete run; empty if it completed.
@@ -202,7 +202,7 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
     """Run `TRAYS` trays and record every step.
 
     Args:
-        setting: Setting that differs from the base machine.
+        setting: Values that differ from those of the base machine.
         seed: Seed of the run.
         machine: Base machine.
         io_map: I/O map.

@@ -44,7 +44,7 @@ def throughput_study(
 
     Args:
         options: Run options, with the machine.
-        frequencies_per_min: Initial planting frequencies; limits are then determined to 1/min.
+        frequencies_per_min: Initial planting frequencies; the limits are then determined to the nearest 1/min.
         spacing_m: Plant spacing in a row, m; None = 0.40, marked as assumed in the report.
 
     Raises:
@@ -79,7 +79,7 @@ def _advice_parts(result: ThroughputResult) -> list[Part]:
     if advice is None:
         return [
             *parts,
-            f"No speed can be recommended: down to {SLOWEST_PER_MIN}/min, the lowest frequency of this study, none is "
+            f"No speed can be recommended: no frequency down to {SLOWEST_PER_MIN}/min, the lowest of this study, is "
             f"free of gaps with a margin of {100 * MARGIN:g} %.",
             *_tried_parts(result),
         ]
@@ -103,8 +103,8 @@ def _advice_parts(result: ThroughputResult) -> list[Part]:
     text += (
         f" The trials differ in the start position of the cups, which determines the first gaps. {trials} trials "
         f"without a gap do not exclude gaps: they may still occur in up to {100 * most:.0f} % of the starts (95 %, "
-        "exact binomial), and another seed may shift the limit by a few plants per minute; more --trials reduce the "
-        "uncertainty."
+        "exact binomial), and another seed may shift the limit by a few plants per minute; a larger --trials "
+        "reduces the uncertainty."
     )
     return [*parts, text, *_tried_parts(result)]
 
@@ -118,7 +118,7 @@ def _tried_parts(result: ThroughputResult) -> list[Part]:
     return [
         Table(
             "advice",
-            "Trials for the recommendation, from the limit of the observed runs down",
+            "Trials for the recommendation, downward from the limit of the observed runs",
             ("frequency, 1/min", "trials", "with a gap, or not completed"),
             rows,
         )
@@ -126,7 +126,7 @@ def _tried_parts(result: ThroughputResult) -> list[Part]:
 
 
 def _least_wait_s(point: FrequencyResult) -> float:
-    """Return the mean wait for cups with the row for which it is shortest, s."""
+    """Return the shortest of the mean waits of each arm for cups with each row, s."""
     return min(point.waiting_s(side, row) for side in SIDES for row in ROWS)
 
 
@@ -141,9 +141,9 @@ def _limit_parts(limits: FrequencyLimits, runs: int) -> list[Part]:
     ]
     return [
         Heading("Limits of the arms"),
-        f"Determined with {counted(runs, 'run')} of {TRAYS} trays, to 1/min, up to {limits.searched_to}/min; '-' means "
-        f"that the condition is not met at {SLOWEST_PER_MIN}/min. A round is the time for twelve cups to pass; an arm "
-        "that arrives after the twelfth cup leaves a gap.",
+        f"Determined with {counted(runs, 'run')} of {TRAYS} trays, with a resolution of 1/min, up to "
+        f"{limits.searched_to}/min; '-' means that the condition is not met at {SLOWEST_PER_MIN}/min. A round is the "
+        "time for twelve cups to pass; an arm that arrives after the twelfth cup leaves a gap.",
         Table(
             "limits",
             "Highest planting frequency for each condition",
@@ -214,7 +214,7 @@ def _trial_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
         Table("trials", "Results of the trials", heading, tuple(rows)),
         *_cause_parts(points),
         _waiting_table(points),
-        Picture("curves", "Success, gaps and air over the planting frequency", _curves(points, paces)),
+        Picture("curves", "Success, gaps and air against the planting frequency", _curves(points, paces)),
     ]
 
 
@@ -248,7 +248,7 @@ def _setting_parts(options: RunOptions, points: Sequence[FrequencyResult]) -> li
     )
     return [
         Heading("Settings for each frequency"),
-        "With the release delay the plugs land in the middle of their cups, if the cup sensor is mounted far enough "
+        "The release delay makes the plugs land in the middle of their cups if the cup sensor is mounted far enough "
         f"ahead; a plug may land up to {1000 * options.machine.cups.catch_m:g} mm off the middle. If no cup passes for "
         "three cup intervals, the machine is Suspended.",
         Table(

@@ -13,14 +13,14 @@ from plant_sim.twin.lock_step import SCAN_MS, Twin
 ARM: Final[Mapping[Side, str]] = {"left": "left arm", "right": "right arm"}
 """Name of an arm's sequence."""
 CUPS: Final[Mapping[Side, str]] = {"left": "left cups", "right": "right cups"}
-"""Name of a row's carousel, which is not moved by a sequence."""
+"""Name of the carousel on each side, which is not moved by a sequence."""
 FEEDER: Final = "tray feeder"
 CUP_WAIT: Final = "wait for cups"
 RELEASING: Final = ("release delay", "open claws")
 """Steps after the cup edge of a throw; the first of them starts at the edge.
 
-A step that is entered and left in one scan is not recorded: the release delay if it is zero, the wait for cups if the
-edge occurs as the arm arrives.
+A step that is entered and left in one scan is not recorded. This applies to the release delay if it is zero, and to the
+wait for cups if the edge occurs as the arm arrives.
 """
 
 Kind = Literal["moves", "dwells", "waits"]
@@ -171,7 +171,7 @@ class TimelineRecorder:
         self._last_ms = 0
 
     def __call__(self, twin: Twin) -> None:
-        """Update from the memory after a scan."""
+        """Record the steps, cups and rows after a scan, as read from the controller's memory."""
         if not self._bits:
             self._look_up(twin)
         now_ms, states = twin.now_ms, twin.plc.memory.S
@@ -181,7 +181,7 @@ class TimelineRecorder:
             if on is not None and states[on[0]]:
                 continue
             self._end(sequence, now_ms)
-            # after a scan one step is active: the end of the scan resets the source of a transfer
+            # after a scan only one step is active, because the end of the scan resets the source of a transfer
             started = next(((number, step) for number, step in bits if states[number]), None)
             if started is not None:
                 self._on[sequence] = (*started, now_ms)

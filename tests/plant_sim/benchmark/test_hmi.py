@@ -115,7 +115,7 @@ def test_an_exception_response_does_not_count_as_a_reading() -> None:
 
 
 def test_the_text_contains_every_figure() -> None:
-    """All figures are different, so that each can be found in the text by its value."""
+    """Every figure, each with a different value, appears in the text."""
     values = [float(100 + number) for number in range(len(fields(HmiFigures)))]
     text = HmiFigures(*values).hmi_text()
     assert [value for value in values if f"{value:.0f}" not in text] == []
@@ -124,7 +124,7 @@ def test_the_text_contains_every_figure() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(300)
 def test_complete_benchmark_with_real_processes() -> None:
-    """After a short run, all figures are present; each client has received answers and each browser events."""
+    """After a short run, all figures are present; clients have received answers, and browsers have received events."""
     figures = HmiFigures(
         **measure_punctuality(waits_s=1, quiet_s=1, loaded_s=2), **measure_service(frames=500, connections=200)
     )

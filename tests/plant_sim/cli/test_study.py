@@ -59,7 +59,7 @@ def nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_study_is_printed_and_written(own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The text goes to stdout, progress and file names go to stderr; the report names the command to reproduce it."""
+    """The text goes to stdout, progress and file names to stderr; the report names the command that reproduces it."""
     out = tmp_path / "out"
     assert study("own", str(own), "--workers", "1", "--seed", "4", "--out", str(out)) == 0
     printed = capsys.readouterr()
@@ -293,7 +293,7 @@ def test_a_used_output_folder_is_rejected_before_any_trial(
 def test_a_custom_machine_is_used_and_named_in_the_command(
     own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """At half the planting frequency an arm waits longer for cups."""
+    """With a machine file that halves the planting frequency, an arm waits longer for cups."""
     machine, text = tmp_path / "machine.yaml", DEFAULT_MACHINE.read_text()
     assert text.count("planting_frequency_per_min: {value: 45.0") == 1
     machine.write_text(
@@ -323,6 +323,6 @@ def test_a_missing_extra_is_reported_with_the_install_command(
 
 
 def test_the_command_line_does_not_import_what_only_a_study_needs() -> None:
-    """Importing statsmodels, for example, takes a second."""
+    """Neither statsmodels, whose import takes a second, nor joblib is imported."""
     check = "import sys, plant_sim.cli.study; sys.exit(any(m in sys.modules for m in ('statsmodels', 'joblib')))"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

@@ -46,7 +46,7 @@ def test_a_quantity_is_a_number_in_the_wanted_unit(text: str, unit: str, value: 
     [
         ("5 furlong", "m", "'5 furlong': unknown unit furlong; use m or cm or mm or um"),
         ("5 mm", "N", "'5 mm': mm is a unit of another quantity; use N or kN"),
-        ("5 M", "N", "'5 M': unknown unit M; use N or kN"),  # case counts: mPa is no MPa
+        ("5 M", "N", "'5 M': unknown unit M; use N or kN"),  # units are case-sensitive
         ("mm", "m", "'mm': not a number; write a number with its unit, for example 5 mm"),
         ("", "m", "'': not a number; write a number with its unit, for example 5 mm"),
         ("1e999 m", "m", "'1e999 m': not a number; write a number with its unit, for example 5 mm"),

@@ -133,7 +133,7 @@ def test_moving_a_seedling_counts_it_once() -> None:
     [(0.0, 12), (0.008, 12), (0.0216, 11), (-0.0216, 11), (0.301, 5), (-0.301, 5), (0.516, 0), (-0.516, 0)],
 )
 def test_the_claws_reach_the_cells_under_them(offset_m: float, count: int) -> None:
-    """A tray offset by slightly more than half a cell has one cell fewer under the claws, and so on."""
+    """Claws reach half a cell pitch in either direction, so the number of cells under them falls with the offset."""
     seedlings = Seedlings(trays=1, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
     bed.lay([(0, offset_m)], trays_m=0.0, is_placed=True, turned={})
@@ -265,7 +265,7 @@ def test_a_plug_falls_for_its_time() -> None:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.010, 0.100])
 def test_a_plug_meets_the_cups_at_their_position_at_landing(late_s: float) -> None:
-    """Evaluated 100 ms late at 45 mm/s, cups are 4.5 mm further on; the plug landed 0.1 mm inside or outside 16 mm."""
+    """If a landing is evaluated up to 100 ms late, the chain travel since then is ignored; the tolerance is 16 mm."""
     for off_m, place in ((0.0159, Location.IN_CUP), (0.0161, Location.LOST_THROW)):
         row = Row()
         seedling = next(row.waiting)

@@ -1,4 +1,4 @@
-"""Each law of the seedling mechanics on its own, and the failure rate of a population that follows from these laws."""
+"""Individual laws of the seedling mechanics, and the failure rate of a population that follows from these laws."""
 
 import dataclasses
 import math
@@ -68,7 +68,7 @@ def test_drifts_add_as_squares_and_grow_with_the_fall() -> None:
 
 
 def test_every_law_at_another_foam_age_and_force() -> None:
-    """Foam of 15 mm narrows the gap by 5 mm times its factor; 56 d is 1.2 steps of 5 d above 50 d; ln is natural."""
+    """Foam of 15 mm narrows the gap by 5 mm times its factor; 56 d is 1.2 steps of 5 d above 50 d."""
     here, force_n = mechanics(foam_mm=15.0, age_d=56.0), 6.0
     foam, age, force = math.log(1.5), 1.2, math.log(0.75)
     calculated = {

@@ -54,7 +54,7 @@ def test_the_belt_ramps_up_and_down_and_stops_within_5_mm() -> None:
 
 
 def test_the_beam_detects_tray_gap_tray_and_then_nothing() -> None:
-    """The first edge takes 302 mm and 25 ms of ramp; a 540 mm tray, a 45 mm gap and a tray follow, to one step."""
+    """The first edge comes after 302 mm and 25 ms of ramp; a 540 mm tray, a 45 mm gap and the next tray follow."""
     rig, conveyor = make_conveyor()
     edges_s: list[float] = []
     levels = []

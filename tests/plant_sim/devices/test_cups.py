@@ -33,7 +33,7 @@ def edges(rig: Rig, for_ms: int) -> list[tuple[float, bool, float]]:
 
 
 def off_place_m(chain_m: float) -> float:
-    """Return the offset of a flag, m; a pulse is nominally 15 mm before the cups are under the claws."""
+    """Return the offset of a flag, m; a pulse nominally occurs 15 mm before the cups are under the claws."""
     return (chain_m + LEAD_M + PITCH_M / 2) % PITCH_M - PITCH_M / 2
 
 

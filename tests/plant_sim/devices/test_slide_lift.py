@@ -2,8 +2,8 @@
 
 Areas: slide pi/4 * 0.025^2 = 490.87 mm2; lift pi/4 * 0.050^2 = 1963.5 mm2 full, less pi/4 * 0.020^2 at the
 rod 1649.3 mm2. Meter-out speed, C * 1e5 / area: slide 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; lift down
-3.5e-9 * 1e5 / 1649.3e-6 = 0.2122 m/s, up 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088 m/s. From the coil until the air
-moves: valve 15 ms on, 20 ms off, and the tube's length at 343 m/s: 4.2 ms (slide), 3.8 ms (lift).
+3.5e-9 * 1e5 / 1649.3e-6 = 0.2122 m/s, up 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088 m/s. Delay from the coil to
+the first flow: 15 ms (on) or 20 ms (off) in the valve, plus the tube length at 343 m/s: 4.2 ms (slide), 3.8 ms (lift).
 """
 
 import math
@@ -94,7 +94,7 @@ class TestStart:
 
         The supply, 601.3 kPa less 10 kPa to open the check valve, soon fills the 23 cm3 behind the piston to
         591.3 kPa; 35 N of friction are overcome at 71.3 kPa across it, so the other side must fall to 520.0 kPa. From
-        its V = 22 + 490.87 * 0.598 = 315.5 cm3 it loses C * 1e5 a second: t = V / (n C 1e5) * ln(551.3 / 520.0), n
+        its V = 22 + 490.87 * 0.598 = 315.5 cm3 it loses C * 1e5 per second: t = V / (n C 1e5) * ln(551.3 / 520.0), n
         between 1 (slow) and 1.2 (fast); 0.21 to 0.25 s with the default. Valve and spool add 21 ms before that.
         """
         slow_ms = 1000 * 315.5e-6 / (throttle_m3_s_pa * 1e5) * math.log(551.3 / 520.0)
@@ -192,7 +192,7 @@ class TestEnds:
         assert abs(slide.speed_m_s) < 1e-6
 
     def test_the_bumper_softens_the_stop(self) -> None:
-        """Stopping 10.4 kg from 0.15 m/s within 2 mm takes a mean force of 60 N, within 1 ms (hard stop) 1560 N."""
+        """Stopping 10.4 kg from 0.15 m/s takes a mean force of 60 N within 2 mm, and 1560 N within 1 ms (hard stop)."""
         rig = make_rig(x_m=0.3)
         slide = rig.left.slide
         speeds_m_s = rig.trace(lambda: slide.speed_m_s, 4_000, "left.slide_inward")

@@ -11,7 +11,7 @@ from tests.plant_sim.machine.plant_rig import make_rig
 SLIDE_M_S = 0.1497
 FILTER_MS, SCAN_MS, WRITE_MS = 10, 10, 10
 REACTIONS_MS = range(FILTER_MS + WRITE_MS, FILTER_MS + SCAN_MS + WRITE_MS + 1)
-"""Delay from the edge of a switch to coil off: input filter, wait for the next scan, its outputs."""
+"""Delay from the edge of a switch to coil off: input filter, wait for the next scan, write of its outputs."""
 
 
 def both_closed(cylinder: Cylinder) -> bool:
@@ -21,7 +21,7 @@ def both_closed(cylinder: Cylinder) -> bool:
 @pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
 @pytest.mark.parametrize("for_ms", [1_700, 2_000, 2_300, 2_611])
 def test_the_slide_moves_less_than_2_mm_after_its_check_valves_have_closed(x_m: float, coil: str, for_ms: int) -> None:
-    """The 2 mm are the figure of the paper, interpreted as in docs/sources/machine.md 4."""
+    """The 2 mm is stated in the paper and is interpreted as in docs/sources/machine.md 4."""
     rig = make_rig(x_m=x_m)
     slide = rig.left.slide
     rig.run(for_ms, coil)
@@ -40,7 +40,7 @@ def test_the_slide_moves_less_than_2_mm_after_its_check_valves_have_closed(x_m: 
 def test_the_slide_stops_about_6_mm_after_its_coil(x_m: float, coil: str) -> None:
     """The delay is 24.2 ms in the valve, 2 ms until its spool opens the exhaust, and the time to vent the driving tube.
 
-    The brake engages when the pressure is 300 kPa gauge there. The tube, 18.2 cm3, is vented through valve and tube,
+    The brake engages at 300 kPa gauge in that tube. The tube, 18.2 cm3, is vented through valve and tube,
     0.76e-8 m3/(s Pa), from 594 to 401 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 401) = 7.8 to 9.4 ms. These 34
     to 36 ms correspond to 5.1 to 5.4 mm. Then 150 N and 35 N stop 10.4 kg within 0.6 mm, or 0.9 mm with the remaining
     drive force.
@@ -69,7 +69,7 @@ def test_the_slide_stops_within_60_ms() -> None:
 def test_without_its_brake_the_slide_coasts_on_its_trapped_air() -> None:
     """The check valves close 45 ms after the coil, 7 mm further on; then only the trapped air stops the slide.
 
-    Measured with this rig: 17.0 mm in all.
+    Measured with this rig: 17.0 mm in total.
     """
     rig = make_rig({"slide.brake_n": 0.0})
     slide = rig.left.slide
@@ -83,8 +83,8 @@ def test_without_its_brake_the_slide_coasts_on_its_trapped_air() -> None:
 def test_a_reversed_slide_stops_before_it_comes_back() -> None:
     """The second coil cancels the first after 19 ms and then exhausts the chamber now in front.
 
-    One of the two tubes always releases the brake, so the air alone reverses the slide: at least the 2.9 mm of the
-    valve delay, and no more than without a brake.
+    One of the two tubes always releases the brake, so the air alone reverses the slide. The slide first travels at
+    least the 2.9 mm of the valve delay, and at most 19 mm, the limit without a brake.
     """
     rig = make_rig()
     slide = rig.left.slide
@@ -102,7 +102,7 @@ def test_the_slide_stops_in_the_band_of_every_pick_for_any_reaction_time(spacing
     """The switch turns on at -5 mm and off at +6 mm, so the slide may travel 11 mm from the edge.
 
     The reaction time of 20 to 30 ms at 0.15 m/s takes 3.0 to 4.5 mm, and the stop takes 5.9 mm.
-    With a spacing of 350 mm it reaches pick 1 slightly faster, at 0.155 m/s.
+    With a row spacing of 350 mm the slide reaches pick 1 slightly faster, at 0.155 m/s.
     """
     rig = make_rig({"layout.row_spacing_m": spacing_m})
     slide = rig.left.slide
@@ -124,7 +124,7 @@ def test_the_slide_stops_in_the_band_of_every_pick_for_any_reaction_time(spacing
 
 
 def test_a_slide_that_overran_by_2_mm_returns_into_its_band_for_any_reaction_time() -> None:
-    """With the coil off 45 ms after the edge, the slide stops 8 mm beyond; 3 mm into its return it is still slow."""
+    """With the coil off 45 ms after the edge, the slide stops 8 mm beyond it; 3 mm into its return it is still slow."""
     rig = make_rig()
     slide = rig.left.slide
     switch = slide.at_pick[0]

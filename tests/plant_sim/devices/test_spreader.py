@@ -1,8 +1,8 @@
 """The spreader: a DC motor, its brake, its belt and its end switches.
 
-Motor 24 V, 5.25 ohm, 105 V s/m (and N/A) at the belt; 28 kg in all, 60 N of friction. Steady speed (24 V - 60 N * 5.25
-ohm / 105 N/A) / 105 V s/m = 0.200 m/s. Its back-EMF brakes with 105^2 / 5.25 = 2100 N s/m, so it reaches this speed
-with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and from then on lags 0.2 * 13.3 ms = 2.67 mm.
+Motor 24 V, 5.25 ohm, 105 V s/m (and N/A) at the belt; 28 kg in total, 60 N of friction. Steady speed (24 V - 60 N *
+5.25 ohm / 105 N/A) / 105 V s/m = 0.200 m/s. Its back-EMF brakes with 105^2 / 5.25 = 2100 N s/m, so it reaches this
+speed with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and from then on lags 0.2 * 13.3 ms = 2.67 mm.
 """
 
 import math
@@ -53,7 +53,7 @@ def test_it_reaches_its_end_in_948_ms_and_switches_15_ms_before(coil: str, trave
 def test_it_coasts_1_9_mm_when_its_motor_is_short_circuited() -> None:
     """The spreader stops after 13.3 ms * ln(1 + 200 / 28.6) = 27.7 ms, where 60 N / 2100 N s/m = 28.6 mm/s.
 
-    It travels 13.3 ms * 200 mm/s - 27.7 ms * 28.6 mm/s = 1.88 mm; in steps of 1 ms a little less.
+    It travels 13.3 ms * 200 mm/s - 27.7 ms * 28.6 mm/s = 1.88 mm, or slightly less with steps of 1 ms.
     """
     rig, spreader = make_spreader()
     rig.run(500, "left.spread")

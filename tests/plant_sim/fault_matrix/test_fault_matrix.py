@@ -56,7 +56,7 @@ def test_the_cases_cover_every_kind_part_size_and_arm() -> None:
 
 
 def test_cases_alternate_between_the_arms_during_production() -> None:
-    """Ten drawn cases alternate between the arms, lie within the time range, and depend only on the seed."""
+    """Ten random cases alternate between the arms, are within the time range, and depend only on the seed."""
     subject = next(subject for subject in ALL if subject.targets == ("left.lift", "right.lift"))
     faults = subject.faults(10, seed=1, from_ms=4_000, to_ms=50_000)
     assert [fault.target for fault in faults] == ["left.lift", "right.lift"] * 5
@@ -120,9 +120,9 @@ SAMPLE: list[tuple[str, str, str]] = [
     ("missing_tray:magazine@20s..", "no tray", ""),
     ("missing_cells:tray_1=7", "", ""),
 ]
-"""Fault, first signal and its arm for every kind of fault; empty: not detected.
+"""Fault, first signal and its arm for every kind of fault; an empty signal means that the fault is not detected.
 
-A leaking lift is pressed up on its way out; it sinks when its coil is off, as the claws spread at feed."""
+A leaking lift is pressed up while the slide moves out, and sinks while its coil is off and the claws spread at feed."""
 OF_THE_TRAYS = ("stalled_stepper", "skewed_tray", "missing_tray")
 """Faults that take effect at the next tray."""
 

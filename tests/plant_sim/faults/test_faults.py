@@ -177,7 +177,7 @@ def test_flags_are_missed_or_counted_twice(fault: str, low: float, high: float) 
 
 
 def test_a_stuck_valve_keeps_its_position() -> None:
-    """With a spool stuck in mid-stroke the arm continues with its coil off; stuck in the middle, it never moves."""
+    """If the spool sticks in mid-stroke, the arm continues with its coil off; if in the middle, it does not move."""
     rig = activated("stuck_valve:left.lift@300ms..")
     rig.run(300, UP)
     assert rig.left.lift.rise_m < 0.05
@@ -200,7 +200,7 @@ def test_a_slow_valve_switches_later_by_its_delay() -> None:
 
 
 def held_rise_m(*faults: str) -> tuple[float, float]:
-    """Raise the arm, switch the coils off, wait; return its height then and 4 s later."""
+    """Raise the arm and switch its coils off; return its height then and 4 s later."""
     rig = activated(*faults)
     rig.raise_arm()
     before_m = rig.left.lift.rise_m
@@ -236,7 +236,7 @@ def test_a_leak_vents_the_supply() -> None:
 
 
 def test_a_closed_throttle_slows_the_stroke_that_it_exhausts() -> None:
-    """With the outer throttle closed to a third, the slide moves in at a third of its speed and out as before."""
+    """With the outer throttle closed to a third, the slide moves in at a third of its speed and out at full speed."""
 
     def times_ms(rig: Rig) -> tuple[int, int]:
         inward = rig.run_until(lambda: rig.left.slide.position_m > 0.15, IN)
@@ -370,7 +370,7 @@ def test_a_stepper_without_torque_loses_steps() -> None:
 
 
 def front_at_beam_m(rig: Rig) -> float:
-    """Move the first tray out; return how far the front edge of the second, as detected, is past the beam, m."""
+    """Move the first tray out; return the position of the second tray when the beam detects its front edge, m."""
     rig.run_until(lambda: 1 in rig.plant.conveyor.front_m, "tray_run", "tray_forward")
     rig.run_until(lambda: not rig.active("tray_front_edge"), "tray_run", "tray_forward")
     image = rig.outputs("tray_run", "tray_forward")

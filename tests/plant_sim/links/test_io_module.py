@@ -102,7 +102,7 @@ def test_the_watchdog_cannot_be_disabled(watchdog_ms: int) -> None:
 
 
 def test_after_the_last_write_the_machine_moves_for_exactly_the_limit() -> None:
-    """The spreader, which starts immediately, travels as far as in 101 ms with its coil on, not in 100 or 102 ms."""
+    """The spreader, which starts immediately, travels the distance of 101 ms with its coil on, not of 100 or 102 ms."""
     module = make_module()
     module.write_outputs(0, one_on(SPREAD))
     module.advance(300)

@@ -1,4 +1,4 @@
-"""Pacing by a simulated clock."""
+"""Pacing with a simulated clock."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from plant_sim.links.pacing import Pacer
 
 
 class TestPacer:
-    """Ticks by a simulated clock."""
+    """Ticks of a pacer with a simulated clock."""
 
     def test_ticks_come_at_their_deadlines_not_before(self) -> None:
         pacer = Pacer(tick_ms=5, catch_up_ms=200)

@@ -15,8 +15,8 @@ IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 
 RELEASE_TO_LANDING_S = 0.120 + 0.1277
-"""Time from the open coil until a plug reaches the cup: fingers free 120 ms after the coil (measured, see
-test_claws.py), fall of 80 mm 127.7 ms."""
+"""Time from energising the open coil until a plug reaches the cup: the fingers release it after 120 ms (measured, see
+test_claws.py), and it falls 80 mm in 127.7 ms."""
 
 
 class Situation(NamedTuple):
@@ -70,7 +70,7 @@ class Rig:
         return self.plant.time_ms - start_ms
 
     def changes(self, sensor: Sensor, for_ms: int, *tags: str) -> list[tuple[int, bool]]:
-        """Energise coils; return when a sensor level first changes, ms from now, and the new level."""
+        """Energise coils; return every change of a sensor as the time since the start, ms, and the new level."""
         image = self.outputs(*tags)
         seen = []
         was_on = sensor.read()
@@ -82,7 +82,7 @@ class Rig:
         return seen
 
     def trace(self, read: Callable[[], float], for_ms: int, *tags: str) -> list[float]:
-        """Energise coils; return the result of `read` now and after every millisecond."""
+        """Energise coils; return the results of `read` at the start and after every millisecond."""
         image = self.outputs(*tags)
         seen = [read()]
         for _ in range(for_ms):
@@ -136,7 +136,7 @@ class Rig:
         self.run(100)
 
     def pick(self, number: int, side: str = "left") -> None:
-        """Pick a row, from the empty arm at feed, down and open, to the loaded arm at feed, down and spread."""
+        """Pick a row with an arm at feed, down, open and empty; leave the arm at feed, down, spread and loaded."""
         self.go_to_pick(number, side)
         self.close(side)
         self.raise_arm(side)
@@ -145,7 +145,7 @@ class Rig:
         self.lower_arm(side)
 
     def wait_for_cups(self, side: str = "left", *, off_m: float = 0.0) -> None:
-        """Wait until plugs released now would land at this offset from the centre of empty cups."""
+        """Wait until plugs released at that moment would land at a given offset from the centre of empty cups."""
         cups = self.plant.arms[side].cups
         pitch_m = self.machine.cups.pitch_m
 

@@ -54,7 +54,7 @@ LOST_AT = dict(zip(WEAK, [Location.LOST_PICK] * 5 + [Location.LOST_CARRY] + [Loc
 
 
 def test_every_seedling_of_a_row_fails_at_the_stage_of_its_weakness() -> None:
-    """Each deviates by 9 standard deviations in one property, or 6 in drift; with 9 a plug reaches the next cup."""
+    """Each deviates by 9 standard deviations in one property, or 6 in drift; with 9 it would land in the next cup."""
     rig = rig_with_tray()
     for plant, traits in zip(rig.column(0), WEAK.values(), strict=False):
         plant.traits = traits
@@ -261,7 +261,7 @@ def test_a_second_plug_in_a_cup_is_reported_and_lost() -> None:
 
 
 def test_the_emergency_stop_does_not_affect_a_falling_plug() -> None:
-    """The plug is released 120 ms after the coil and is in the cup 127.7 ms later: 248 ms in all."""
+    """The plug is released 120 ms after the coil and is in the cup 127.7 ms later: 248 ms in total."""
     rig = rig_with_tray()
     rig.pick(1)
     rig.wait_for_cups()

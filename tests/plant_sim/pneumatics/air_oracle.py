@@ -108,7 +108,7 @@ class Chamber:
 
 
 def shape(ratio: float, critical: float) -> tuple[float, float]:
-    """Return the flow as a fraction of the choked flow, and its slope over the pressure ratio; subsonic part only."""
+    """Return the flow as a fraction of the choked flow, and its slope with respect to the pressure ratio; subsonic."""
     past = (ratio - critical) / (1 - critical)
     part = math.sqrt(1 - past**2)
     return part, -past / (part * (1 - critical))
@@ -117,7 +117,7 @@ def shape(ratio: float, critical: float) -> tuple[float, float]:
 def tendency(
     up: Chamber, down: Chamber, up_pa: float, conductance: float, critical: float
 ) -> tuple[float, float, float]:
-    """Return the flow through a restriction (ISO 6358), kg/s, and its slopes over both pressures."""
+    """Return the flow through a restriction (ISO 6358), kg/s, and its slopes with respect to both pressures."""
     gain = conductance * REFERENCE_KG_M3 * math.sqrt(REFERENCE_K / up.temperature_k)
     down_pa = down.pressure_pa
     ratio = down_pa / up_pa
@@ -283,7 +283,7 @@ class Line:
 def _between(
     a: Chamber, b: Chamber, crack_pa: float, conductance: float, critical: float
 ) -> tuple[tuple[float, float, float], float]:
-    """Return the signed flow from `a` to `b`, its slopes over both pressures, and the difference of these slopes."""
+    """Return the signed flow from `a` to `b`, its slopes with respect to both pressures, and their difference."""
     apart_pa = a.pressure_pa - b.pressure_pa
     if conductance <= 0 or 0 <= apart_pa <= crack_pa:
         return (0.0, 0.0, 0.0), apart_pa

@@ -131,7 +131,7 @@ def _drive(
     seen_supply: Any,
     every: int,
 ) -> None:
-    """Step like the kernel: supply, cylinders, then the supply settles. The third cylinder uses claw air."""
+    """Step like the kernel: step the supply and the cylinders, then settle the supply. Cylinder 3 uses claw air."""
     s, air = supply[0], gas[0]
     for step in range(len(fed)):
         if not ideal:

@@ -2,7 +2,7 @@
 
 The relative tolerance is 1e-9: the algebra differs, so every step has a different rounding error of about 1e-16, which
 grows to at most 1e-10 within 4000 steps. Near zero an absolute tolerance of 1e-9 of the typical magnitude applies: a
-femtometre between piston and load is 1e-10 N in the magnet.
+femtometre between piston and load changes the magnet force by 1e-10 N.
 """
 
 import math
@@ -142,7 +142,7 @@ def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
 
 
 def test_both_implementations_agree_on_supply_faults() -> None:
-    """The compressor fails, the manifold leaks, the claw check valve slips; then the compressor is restored."""
+    """The compressor fails, the manifold leaks, the claw check valve leaks; then the compressor is restored."""
     bench = machine_bench({"supply.receiver_m3": 0.002})
     twin = Twin(bench)
     params = bench.supply_params[0]

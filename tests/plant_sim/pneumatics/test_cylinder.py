@@ -26,7 +26,7 @@ BAR_PA = 1e5
 
 
 def meter_out(gauge_pa: float, load_n: float) -> Any:
-    """V4: a 50/20 cylinder extends 1 m against a load; exhaust C = 0.54 dm3/(s bar), rod side pressurised."""
+    """Return the records of case V4: a 50/20 cylinder, exhaust C = 0.54 dm3/(s bar), extends 1 m against a load."""
     bench = textbook_bench(0.050, 0.020, load_kg=1.0, throttle_m3_s_pa=0.54e-8)
     bench.all_params[0]["weight_n"] = -load_n
     bench.feed(gauge_pa)
@@ -45,7 +45,7 @@ def passes_ms(position_m: Any, at_m: float, step_s: float = 0.001) -> float:
 
 @pytest.mark.parametrize("gauge_bar", [4, 6, 8])
 def test_v4_speed_with_throttled_exhaust_is_independent_of_pressure(gauge_bar: int) -> None:
-    """V4: 50/20, C = 0.54, 400 N: 0.33 m/s +-3 % at 4, 6 and 8 bar. Source: handbook, plant.md 2. Here 0.326."""
+    """V4: at 4, 6 and 8 bar a load of 400 N moves at 0.33 m/s +-3 %, here 0.326. Source: handbook, plant.md 2."""
     position_m = meter_out(gauge_bar * BAR_PA, 400.0)["position_m"]
     speed_m_s = 0.4 / (passes_ms(position_m, 0.9) - passes_ms(position_m, 0.5)) * 1000
     assert speed_m_s == pytest.approx(0.33, rel=0.03)
@@ -59,10 +59,10 @@ def test_v4_speed_is_independent_of_the_load() -> None:
 
 @pytest.mark.parametrize(("load_n", "back_bar", "choked"), [(400.0, 5.73, True), (900.0, 2.70, False)])
 def test_v6_back_pressure_of_a_throttled_exhaust(load_n: float, back_bar: float, choked: bool) -> None:
-    """V6: 50/20 at 6 bar: 5.73 bar abs under 400 N (choked), 2.70 under 900 N (not choked), +-5 %.
+    """V6: at 6 bar the back pressure is 5.73 bar abs under 400 N (choked) and 2.70 under 900 N (not choked), +-5 %.
 
-    Choked means tube/chamber <= b = 0.3. Source: handbook, docs/sources/plant.md 2. Here 5.63 and 2.60, because the
-    pressure drop of valve and line is 0.08 bar of the 7.01.
+    Choked means tube/chamber <= b = 0.3. Source: handbook, docs/sources/plant.md 2. The simulation gives 5.63 and 2.60,
+    because the pressure drop of valve and line is 0.08 bar of the 7.01.
     """
     run = meter_out(6 * BAR_PA, load_n)
     line = run[int((run["position_m"] >= 0.9).argmax())]["minus"]
@@ -72,8 +72,9 @@ def test_v6_back_pressure_of_a_throttled_exhaust(load_n: float, back_bar: float,
 
 @pytest.mark.parametrize(("coils", "sign", "force_n"), [(PLUS, -1, 1177.8), (MINUS, 1, 989.4)])
 def test_v8_force_of_a_cylinder(coils: tuple[bool, bool], sign: int, force_n: float) -> None:
-    """V8: 50/20 at 0.6 MPa pushes 1177.8 N and pulls 989.4 N, +-0.1 %: it moves 0.1 % less, but not 0.1 % more.
+    """V8: 50/20 at 0.6 MPa pushes 1177.8 N and pulls 989.4 N, +-0.1 %.
 
+    The cylinder moves a load that is 0.1 % smaller, but not one that is 0.1 % larger.
     Source: AirTAC table, docs/sources/plant.md 2.
     """
     for share, moves in ((0.999, True), (1.001, False)):
@@ -111,7 +112,10 @@ def test_v10_air_consumed_by_the_tubes_per_cycle() -> None:
 
 
 def trapped(speed_m_s: float = 0.0, friction_n: float = 0.0, *, wall_s: float = NO_HEAT_S) -> Bench:
-    """plant.md 1.9: 10 kg on a 25 mm piston at 0.3 m, 0.5 MPa abs either side, 40 cm3 dead volume, checks shut."""
+    """Return the case of plant.md 1.9: 10 kg on a 25 mm piston at 0.3 m between closed check valves.
+
+    Both chambers are at 0.5 MPa abs and have a dead volume of 40 cm3.
+    """
     bench = textbook_bench(0.025, stroke_m=0.6, load_kg=10.0)
     bench.gas[0]["wall_s"] = wall_s
     params = bench.all_params[0]
@@ -139,7 +143,7 @@ def trapped(speed_m_s: float = 0.0, friction_n: float = 0.0, *, wall_s: float = 
     ],
 )
 def test_overrun_between_closed_checks(speed_m_s: float, friction_n: float, overrun_mm: float) -> None:
-    """Table of docs/sources/plant.md 1.9, +-20 %; the energy balance holds to 2 % and half a step of travel.
+    """The overruns are those of plant.md 1.9, +-20 %; energy is conserved to 2 % plus half a step of travel.
 
     m v^2 / 2 = F x + k x^2 / 2 with k = 2 n p A^2 / V = 1544 N/m.
     """
@@ -278,7 +282,7 @@ def test_the_piston_recouples_to_the_carriage_at_low_speed(throttle_m3_s_pa: flo
 
 
 def edges_ms(step_s: float) -> dict[str, float]:
-    """Return when slide, lift and claws pass their switch edges in both directions, ms after their coils."""
+    """Return the times, ms after their coils, at which slide, lift and claws pass their switch edges both ways."""
     bench, band_m = machine_bench(step_s=step_s), MACHINE.slide.switch_band_m
     there = bench.run(5.0, [PLUS, MINUS, MINUS]).cylinders["position_m"]
     back = bench.run(5.0, [MINUS, PLUS, PLUS]).cylinders["position_m"]
@@ -295,7 +299,7 @@ def edges_ms(step_s: float) -> dict[str, float]:
 
 
 def test_half_the_step_hardly_changes_the_arrival_of_slide_and_lift() -> None:
-    """Steps of 1 and 0.5 ms agree within 1 ms, and in the cushion of the lift within 5 ms. Here 0.8 and 1.3.
+    """Steps of 1 and 0.5 ms agree within 1 ms, and in the cushion of the lift within 5 ms. Measured: 0.8 and 1.3.
 
     Source of the bounds: docs/sources/plant.md 3.2.
     """
@@ -306,8 +310,8 @@ def test_half_the_step_hardly_changes_the_arrival_of_slide_and_lift() -> None:
 
 @pytest.mark.parametrize("step_s", [0.001, 0.005])
 def test_no_volume_of_the_machine_overshoots_or_oscillates_without_motion(step_s: float) -> None:
-    """With pistons held and valves fully open, no pressure exceeds its source or the ambient pressure by more than
-    1 kPa, at steps of 1 and 5 ms; at 1 ms none reverses by more than 1 kPa more than twice under the same coils."""
+    """With pistons held and valves fully open, no pressure overshoots its source or the ambient pressure by more
+    than 1 kPa; with steps of 1 ms, none reverses by more than 1 kPa more than twice between changes of the coils."""
     bench = machine_bench(step_s=step_s)
     bench.all_params["blocked"] = 1
     receiver_pa = float(bench.supply[0]["receiver"]["pressure_pa"])

@@ -49,7 +49,7 @@ def fill_up(chambers: Any, gas: Any, conductance_m3_s_pa: float, for_s: float) -
 
 
 def test_v1_flow_of_a_data_sheet() -> None:
-    """V1: C = 2 dm3/(s bar), b = 0.3, from 0.4 to 0.3 MPa gauge at 20 C: 420 L/min ANR, +-1 %; 600 choked.
+    """V1: C = 2 dm3/(s bar), b = 0.3 passes 420 L/min ANR, +-1 %, from 0.4 to 0.3 MPa gauge at 20 C; 600 if choked.
 
     The data sheet takes the atmosphere as 0.1 MPa. Source: SMC VX data sheet, docs/sources/plant.md 2.
     """
@@ -59,12 +59,12 @@ def test_v1_flow_of_a_data_sheet() -> None:
 
 
 def test_v3_choked_flow() -> None:
-    """V3: C = 1e-8 m3/(s Pa), b = 0.35, 700 to 100 kPa, 293.15 K: 8.295e-3 kg/s, +-0.1 %. Source: plant.md 2."""
+    """V3: C = 1e-8 m3/(s Pa), b = 0.35 passes 8.295e-3 kg/s, +-0.1 %, from 700 kPa, 293.15 K. Source: plant.md 2."""
     assert flow(700e3, 100e3, 1e-8, 0.35, 293.15)[0] == pytest.approx(8.295e-3, rel=0.001)
 
 
 def test_warm_air_flows_less() -> None:
-    """Choked flow is proportional to 1/sqrt(T): at four times the temperature, half the mass. Source: ISO 6358-1."""
+    """Choked flow is proportional to 1/sqrt(T): at four times the temperature, it is halved. Source: ISO 6358-1."""
     assert flow(7e5, 1e5, 1e-8, 0.3, 4 * REFERENCE_K)[0] == pytest.approx(
         0.5 * flow(7e5, 1e5, 1e-8, 0.3, REFERENCE_K)[0]
     )
@@ -148,9 +148,9 @@ def test_the_energy_balance_is_adiabatic_without_wall_and_isothermal_with_a_larg
 
 
 def test_heat_transfer_to_the_walls() -> None:
-    """A sphere of 1 L at 2.4 bar, 20 K too warm, h = 50 W/(m2 K): T falls with tau = m cv / (h A), to 1 %.
+    """Air at 2.4 bar in a sphere of 1 L, 20 K warmer than the wall, cools with tau = m cv / (h A), to 1 %.
 
-    A = (36 pi V^2)^(1/3) = 0.04836 m2, m = 2.852 g, so tau = 2.0466 / 2.418 s = 0.8465 s.
+    h = 50 W/(m2 K), A = (36 pi V^2)^(1/3) = 0.04836 m2, m = 2.852 g, so tau = 2.0466 / 2.418 s = 0.8465 s.
     """
     gas = make_gas(KAPPA, thermal=True, wall_w_m2_k=50.0)
     chamber = make_chambers(gas, (1e-3, 2.4e5))
@@ -172,7 +172,7 @@ def test_the_final_temperature_of_adiabatic_filling() -> None:
 
 
 def test_the_final_temperature_of_adiabatic_venting() -> None:
-    """Vented from 6 to 3 bar abs: T2 = T0 2^(-0.4/1.4) = 240.5 K, to 0.3 %."""
+    """A chamber vented from 6 to 3 bar abs cools to T2 = T0 2^(-0.4/1.4) = 240.5 K, to 0.3 %."""
     gas = make_gas(KAPPA, thermal=True)
     chambers = make_chambers(gas, (1.0, 3e5), (1e-3, 6e5))
     fill_up(chambers, gas, 1e-8, 5.0)
@@ -192,7 +192,7 @@ def test_the_time_to_fill_while_choked() -> None:
 
 
 def test_exchange_conserves_mass_and_energy() -> None:
-    """Mass is conserved to 1e-14, and with the energy balance but without a wall, energy to 1e-12."""
+    """Mass is conserved to 1e-14; with the energy balance and without a wall, energy is conserved to 1e-12."""
     gas = make_gas(KAPPA, thermal=True)
     chambers = make_chambers(gas, (1e-4, 7e5), (5e-4, 1e5))
     before = chambers["mass_kg"].sum(), chambers["energy_j"].sum()

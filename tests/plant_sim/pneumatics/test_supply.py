@@ -108,7 +108,7 @@ def test_emergency_stop_vents_the_manifold_and_not_the_claws() -> None:
 
 
 def test_the_claw_reservoir_retains_its_pressure_after_the_main_is_lost() -> None:
-    """With a failed compressor and a leaking manifold the main is vented. The reservoir retains its 0.695 MPa
+    """With a failed compressor and a leaking manifold the main air is vented. The reservoir retains its 0.695 MPa
     behind the check valve and the claws can still close; with a leaking check valve it empties."""
     for slip_m3_s_pa, keeps in ((0.0, True), (1e-9, False)):
         bench = settled_bench(receiver_m3=0.002)
@@ -123,7 +123,7 @@ def test_the_claw_reservoir_retains_its_pressure_after_the_main_is_lost() -> Non
 
 
 def test_air_returns_softly_and_moves_nothing() -> None:
-    """After a stop the manifold pressure rises no faster than by choked flow. The soft start opens fully at
+    """After a stop the manifold pressure rises no faster than by choked flow. The soft-start valve opens fully at
     half of the upstream pressure; no cylinder moves by more than the travel of its bumper.
 
     Choked: dp/dt = n R T C rho0 p_header / V with n = 1.2 and C = 2e-9 through 0.3 L: 0.48 MPa/s, at most

@@ -144,7 +144,7 @@ expect: {state: COMPLETE, cycles: 0, counts: {in_tray: 72}}
 
 
 def test_actions_start_and_end_faults(tmp_path: Path) -> None:
-    """A fault with a duration ends by itself, and a fault without one lasts until the mend action."""
+    """A fault with a duration ends automatically, and a fault without one lasts until the mend action."""
     text = """\
 title: t
 actions:

@@ -216,7 +216,7 @@ def test_the_recorded_moves_end_at_the_final_location_of_every_seedling(trial: t
     assert {plant for plant, place in places.items() if place == "in_cup"} == {
         (plant.tray, plant.column, plant.along) for plant in twin.plant.seedlings if plant.location is Location.IN_CUP
     }
-    assert len(set(landed)) >= 6, "a row lands after the other"
+    assert len(set(landed)) >= 6, "the rows land one after another"
 
 
 def test_additional_tags_keep_their_type(path: Path) -> None:

@@ -75,7 +75,7 @@ def test_consumption_of_twelve_claws_per_arm_by_the_formula(pressure_mpa: float,
 def test_real_tubes_at_operating_pressure_give_the_physical_estimate(
     swept_l: float, tube_l: float, pressure_mpa: float, l_min: float
 ) -> None:
-    """The values are those of docs/sources/plant.md 4, with the atmosphere at its real pressure."""
+    """The values are those of docs/sources/plant.md 4, with the actual atmospheric pressure."""
     air_l = stroke_air_l(swept_l=swept_l, tube_l=tube_l, pressure_mpa=pressure_mpa, atmosphere_mpa=0.101325)
     assert 24 * air_l == pytest.approx(l_min, abs=0.05)
 
@@ -134,11 +134,11 @@ def test_the_integrated_air_of_a_trial_is_the_flow_through_its_valves(trial: tup
 def test_the_formula_matches_the_air_of_a_trial(
     trial: tuple[Recording, Twin],
 ) -> None:
-    """For each drive they agree within 1/8, and for the sum within 1/20.
+    """The formula and the recorded flow agree within 1/8 for each drive, and within 1/20 for their sum.
 
     The strokes of the claws are complete. Slide and lift retain air behind their check valves, which the formula omits.
     The slide deviates most: homing ends by pressing it to feed, and its next inward stroke works against that pressure;
-    the formula includes the tube only. One tray is too short to average this out.
+    the formula includes only the tube. One tray is too short to average this out.
     """
     report = air_of(trial[0])
     assert report.drives["claws"].difference == pytest.approx(0.0, abs=0.02)
@@ -148,7 +148,7 @@ def test_the_formula_matches_the_air_of_a_trial(
 
 
 def test_the_strokes_of_a_trial_are_those_of_its_rows_and_of_pressing_to_feed(trial: tuple[Recording, Twin]) -> None:
-    """Every cycle moves to its row and back; homing presses each slide against feed once, without travel."""
+    """In every cycle a slide moves to its row and back; homing presses each slide to feed once, without travel."""
     recording, twin = trial
     report = air_of(recording)
     cycles = len(twin.cycles())

@@ -27,10 +27,10 @@ IO_MAP = load_io_map(DEFAULT_IO_MAP)
 BRISK = MACHINE.with_values({"cups.planting_frequency_per_min": 60.0})
 """Parameters with a faster tractor; the planting rate is irrelevant in these tests."""
 NUDGE_M = 0.012
-"""Displacement beyond a row's switch and its hysteresis, short of the next row, m."""
+"""Displacement beyond a row's switch and its hysteresis, but short of the next row, m."""
 
 RISE_MS = 300
-"""Lift time beyond the lower limit switch and its hysteresis; the plugs are loosened but still in their cells, ms."""
+"""Time, ms, to lift an arm beyond its lower limit switch and hysteresis; the plugs are loosened but in their cells."""
 
 Act = Callable[[Twin, Side], None]
 

@@ -1,4 +1,4 @@
-"""Effect of poor machine motion on seedlings: each defect increases its own kind of failure and no other.
+"""Effect of poor machine motion on seedlings: each defect increases one kind of failure and no other.
 
 Complete trials of one tray on the twin. Seeds are the same as in the undisturbed trials, so the seedlings are identical
 and differences come from the motion only.
@@ -153,7 +153,7 @@ def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: floa
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("limit_ms", LIMITS_MS)
 def test_a_detected_overrun_stops_the_machine_before_any_damage(limit_ms: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a brake, the arm leaves its switch band before clamping; an alarm holds the machine in time."""
+    """Without a brake, the slide leaves its switch band, and an alarm holds the machine before the claws clamp."""
     monkeypatch.setattr(complete_trial, "TRAY_LIMIT_MS", limit_ms)
     report, _ = trial(1, {"slide.brake_n": 0.0})
     assert not report.completed
@@ -191,7 +191,7 @@ def test_late_release_increases_throw_failures_only(delays: tuple[int, ...]) -> 
 
 @pytest.mark.parametrize("how", first_of(["fault", "set"]))
 def test_low_claw_pressure_leaves_plugs_in_their_cells(how: str) -> None:
-    """Claw pressures of 0.25 and 0.15 MPa, by setting or by a regulator fault, increase P step by step.
+    """Claw pressures of 0.25 and 0.15 MPa, by setting or by a regulator fault, progressively increase P.
 
     Stems are less stressed, so D does not increase; a loose grip increases the rate of plugs that miss their cups.
     """

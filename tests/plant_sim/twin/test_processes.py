@@ -381,7 +381,7 @@ def test_two_presses_of_a_button_stay_distinct() -> None:
 def test_the_watchdog_switches_outputs_off_when_the_controller_is_killed_or_hangs(
     tmp_path: Path, stroke: signal.Signals
 ) -> None:
-    """With an arm in motion and the controller killed or stopped, the plant's watchdog trips, in plant time."""
+    """If the controller is killed or stopped while an arm moves, the plant's watchdog trips at its plant-time limit."""
     watchdog_ms = 500
     with (
         plant_process("--watchdog-ms", str(watchdog_ms)) as (_, port),

@@ -46,7 +46,7 @@ def _signal() -> Iterator[None]:
 
 
 def report_of(seed: int, reason: str = "") -> TrialReport:
-    """Return the report of a trial with the counts above."""
+    """Return the report of a trial with the counts in `COUNTS`."""
     in_cups, lost_pick, lost_carry, lost_throw = COUNTS[seed]
     counts = SeedlingCounts(0, 0, in_cups, lost_pick, lost_carry, lost_throw, total=144)
     return make_report(
@@ -124,7 +124,7 @@ def test_trials_are_pooled_seedling_by_seedling() -> None:
 
 
 def test_pooling_weights_trials_by_their_seedlings() -> None:
-    """133 of 144 and 30 of 36 give the percentage of 180 seedlings, not the mean of two percentages."""
+    """133 of 144 and 30 of 36 give 163 of 180 seedlings, not the mean of two percentages."""
     few = make_report(
         seed=1, counts=SeedlingCounts(0, 0, 30, 1, 2, 3, total=36), events=[], reason="", simulated_s=1.0, wall_s=0.0
     )

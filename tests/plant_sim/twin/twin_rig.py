@@ -70,7 +70,7 @@ def until_step(twin: Twin, sequence: str, step: str, *, within_ms: int = TRAY_MS
 
 
 def until_picking(twin: Twin, side: Side, row: int) -> int:
-    """Run until an arm sets out for a row; return the time of that scan, ms."""
+    """Run until an arm starts to approach a row; return the time of that scan, ms."""
     bit, wanted = twin.machine.cycles[side]["approach row"], twin.machine.tags.arms[side].row_is[row]
     read = twin.plc.read
     twin.run_until(lambda: bool(read(bit) and read(wanted)), within_ms=2 * TRAY_MS, what=f"{side} arm to row {row}")

@@ -113,13 +113,13 @@ def test_the_report_states_the_verdict(studies: dict[str, Study]) -> None:
 def test_every_erratum_is_listed_with_its_location(studies: dict[str, Study], data: str) -> None:
     errata = [part for part in studies[data].parts if isinstance(part, str) and part.startswith("Erratum:")]
     axial, table_2, outside, points, ratio = errata
-    assert "prints the axial code as 1.628, Table 2 uses 1.682" in axial
+    assert "prints the axial code as 1.628, whereas Table 2 uses 1.682" in axial
     assert "as printed does not reproduce Table 3 or equations 10 and 11" in table_2
     assert "coded -1.455, outside" in outside
-    assert "2.98 and 2.62 % there, the paper 2.9 and 2.83 %" in outside
+    assert "2.98 and 2.62 % there; the paper states 2.9 and 2.83 %" in outside
     assert "percentage points, 0.45 and 0.31; relative to the prediction they are 15.5 and 11.0 %" in points
-    assert "λ from 0.82 to 1.17, and its own best setting 1.05" in ratio
-    assert "lowest speed with the highest frequency, 1.5 km/h and 60/min, a corner that is not part of the" in ratio
+    assert "λ from 0.82 to 1.17, and its own best setting gives 1.05" in ratio
+    assert "lowest speed and the highest frequency, 1.5 km/h and 60/min, a corner that is not part of the" in ratio
     assert "The runs reach at most 1.14, so the required ratio was never tested" in ratio
     assert len(table(studies[data], "corrections").rows) == 7
     assert [row[0] for row in table(studies[data], "claims").rows] == ["predicted", "bench", "field"]
@@ -158,7 +158,7 @@ def test_the_pareto_front_runs_from_least_lodging_to_least_injury(studies: dict[
 def test_the_report_explains_the_sampled_front_and_the_basis_of_its_tail(
     studies: dict[str, Study], data: str, p: str
 ) -> None:
-    """Only the speed changes along the tail, and only the term X1 of Y2 supports it."""
+    """Only the speed changes along the last section of the front, which depends on the term X1 of Y2."""
     coded = np.array(json.loads(studies[data].json())["pareto"]["coded"])
     text = studies[data].text()
     assert f"is sampled at {len(coded)} settings, none of which is dominated by another" in text
@@ -199,13 +199,13 @@ def test_the_slices_contain_the_smallest_response(studies: dict[str, Study]) -> 
 
 def test_the_number_of_matching_figures_is_listed_with_the_data(studies: dict[str, Study]) -> None:
     shown = {str(row[0]): row[1:] for row in table(studies["reconciled"], "summary").rows}
-    assert shown["Y1: coefficients of eq. 10 to the printed digits"] == (None, "8 of 8")
+    assert shown["Y1: coefficients of eq. 10 that agree to the printed digits"] == (None, "8 of 8")
     cells = table_3_agreement(fitted("reconciled")[1])
-    assert shown["Y2: cells of Table 3 to the printed digits"] == (None, f"{cells.same} of {cells.of}")
+    assert shown["Y2: cells of Table 3 that agree to the printed digits"] == (None, f"{cells.same} of {cells.of}")
 
 
 def test_a_lack_of_fit_is_reported_first(studies: dict[str, Study]) -> None:
-    """Y1 of the printed data has a lack of fit; the reconciled data has none, as in the paper."""
+    """The model of Y1 has a lack of fit for the printed data; the reconciled data have none, as in the paper."""
     assert str(studies["printed"].parts[0]).startswith("Y1, full quadratic: the model does not fit (lack of fit P 0.04")
     assert "the model does not fit" not in studies["reconciled"].text()
 

@@ -389,7 +389,7 @@ def test_the_scatter_between_trials_is_listed_beside_the_pooled_values(tmp_path:
 
 
 def test_the_model_recovers_the_known_function(tmp_path: Path) -> None:
-    """The coded coefficients are those of the known function, and the error consists of the trials' scatter only."""
+    """The coded coefficients are those of the known function; the error consists only of the scatter of the trials."""
     study = custom_study(load_custom_study(written(tmp_path, GOOD), MACHINE), options())
     record = json.loads(study.json())
     model = record["models"]["cycle_time_s"]
@@ -464,7 +464,7 @@ def test_limitations_are_reported_before_the_figures(tmp_path: Path) -> None:
     before = study.parts[: study.parts.index(Heading("Runs"))]
     text = "\n".join(part for part in before if isinstance(part, str))
     assert "Outside the manufacturer's rating: crop.claw_pressure_mpa: 0.65 MPa" in text
-    assert "Outside the trials of the pepper paper; the behaviour of seedlings is extrapolated: run 5." in text
+    assert "Outside the range tested in the pepper paper; the behaviour of seedlings is extrapolated: run 5." in text
     assert (
         "1 of 12 trials did not complete; they are included with their final counts. run 3: COMPLETE not reached"
         in text

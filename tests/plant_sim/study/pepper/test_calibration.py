@@ -93,7 +93,7 @@ def test_foam(motion: NominalMotion) -> None:
 
 
 def test_age(motion: NominalMotion) -> None:
-    """Up to 43 d P and D are high; from 52 d on both fall further. The drop of 9 points in eq. 5 there is due to T."""
+    """Up to 43 d P and D are high; from 52 d on both fall further. The drop of 9 points in eq. 5 is due to T."""
     age = courses(SPEC, motion).age
     p, d, t = (percent(age, name) for name in "PDT")
     assert (p[:2] > 1.5 * p[4]).all()
@@ -127,7 +127,7 @@ def test_the_residuals_of_the_statements_are_small(motion: NominalMotion) -> Non
 
 @pytest.mark.nightly
 def test_the_fit_converges_to_the_values_of_the_file_from_another_start(motion: NominalMotion) -> None:
-    """A fit from the middle of all bounds gives the same constants within 1 % of their range."""
+    """A fit from the middle of all bounds gives the same constants to within 1 % of their range."""
     found = calibrate(middle(SPEC), motion)
     for name, (low, high) in FITTED.items():
         assert getattr(found, name) == pytest.approx(getattr(SPEC, name), abs=0.01 * (high - low)), name
@@ -140,7 +140,7 @@ def test_only_the_named_constants_are_fitted(motion: NominalMotion) -> None:
 
 
 def test_the_tables_of_the_guide_contain_the_calculated_courses(motion: NominalMotion) -> None:
-    """The rows P, D and T of the guide's three tables agree, in percent to one decimal."""
+    """The rows P, D and T of the guide's three tables contain the calculated percentages to one decimal."""
     rows = re.findall(r"^\| ([PDT]) \| ([\d. |]+) \|$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE)
     assert [name for name, _ in rows] == list("PDT") * 3
     for (name, cells), course in zip(rows, [each for each in courses(SPEC, motion) for _ in range(3)], strict=True):
@@ -166,7 +166,7 @@ def test_the_guide_contains_the_quality_of_the_fit(motion: NominalMotion) -> Non
 def test_the_study_compares_the_machine_with_a_new_fit(
     motion: NominalMotion, monkeypatch: pytest.MonkeyPatch, start: Callable[[SeedlingSpec], SeedlingSpec]
 ) -> None:
-    """By default the fit starts at the values of the machine; from the middle of all bounds it takes longer."""
+    """The fit starts at the machine's values or, with ``--nightly``, in the middle of all bounds; this takes longer."""
     monkeypatch.setattr(fits, "middle", start)
     study = calibration_study(MACHINE, seed=1)
     tables = {part.name: part for part in study.parts if isinstance(part, Table)}

@@ -37,7 +37,7 @@ from tests.sampling import first_of
 
 MACHINE = load_machine()
 MANY = 72_000
-"""Number of seedlings for which counts represent the expected shares."""
+"""Number of seedlings for which the counts match the expected shares almost exactly."""
 OPTIONS = RunOptions(trials=2, seed=5, workers=1, machine=MACHINE, io_map=load_io_map(DEFAULT_IO_MAP), seedlings=MANY)
 LEVELS = {
     "foam": [(foam, 52.0, 0.45) for foam in (2.5, 5.0, 7.5, 10.0, 12.5, 15.0, 17.5)],
@@ -78,7 +78,7 @@ class Expected:
 
 @cache
 def expected() -> Expected:
-    """Return one instance for all tests."""
+    """Return the substitute that all tests share."""
     return Expected()
 
 
@@ -154,7 +154,7 @@ def test_the_fingers_do_not_reach_the_force_with_the_default_compressor() -> Non
 
 
 def test_trials_at_a_setting_are_pooled_seedling_by_seedling() -> None:
-    """The result is 2 + 5 of 144 + 36, not the mean of two percentages; the interval is that for 180 seedlings."""
+    """The rate is that of 7 failures in 180 seedlings, not the mean of two percentages, as is its interval."""
     crop = CropSpec(10.0, 51.0, 0.40)
     point = point_of(crop, [trial(2, 3, 4, of=144), trial(5, 6, 7, of=36)])
     assert point.crop == crop
@@ -195,7 +195,7 @@ def breaking(monkeypatch: pytest.MonkeyPatch, no_chance: Expected, seeds: set[in
 def test_an_incomplete_trial_is_reported_and_changes_no_figure(
     monkeypatch: pytest.MonkeyPatch, no_chance: Expected, study: Callable[[RunOptions], Study], run: int
 ) -> None:
-    """The trial is at the first or the last setting; the last one is the verification of the orthogonal test."""
+    """The incomplete trial is at the first or the last setting, which in the orthogonal test is the verification."""
     usual = typical(study)
     breaking(monkeypatch, no_chance, {trial_seed(5, run - 1, 1)})
     found = study(OPTIONS)
@@ -341,7 +341,7 @@ def test_courses_of_the_paper_confirm_its_statements(factor: str) -> None:
 @pytest.mark.parametrize("factor", list(HOLD))
 @pytest.mark.parametrize("seedlings", [1, 12, 25])
 def test_statements_are_undecided_with_few_seedlings(factor: str, seedlings: int) -> None:
-    """For the same curves, 1 % of one or two dozen seedlings is less than one seedling."""
+    """The curves are the same, but 1 % of 25 or fewer seedlings is less than one seedling."""
     assert set(verdicts(factor, HOLD[factor], seedlings)) == {"undecided"}
 
 
@@ -408,7 +408,7 @@ def test_an_unchanged_share_is_not_reported_as_higher() -> None:
 
 
 def test_unchanged_requires_a_much_larger_change_of_the_other_shares() -> None:
-    """Throw failures do not differ, but carry failures hardly differ either."""
+    """If carry failures hardly change either, the verdict that throw failures are unchanged is undecided."""
     courses = {**HOLD["foam"], "F_d": (3, 3, 3, 3, 2.9, 2.9, 2.9)}
     assert verdicts("foam", courses)[4] == "undecided"
 
@@ -457,7 +457,7 @@ def test_rsm_runs_table_4_and_the_verification(no_chance: Expected) -> None:
 
 
 def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper() -> None:
-    """The optima agree within 1 mm, 2 d and 0.03 MPa, the coefficients within 1 point; success is about equal."""
+    """The optima agree within 1 mm, 2 d and 0.03 MPa, and the coefficients within 1 point; success is about equal."""
     study = typical(rsm_study)
     record = json.loads(study.json())
     twin, paper = record["optimum"], record["paper_optimum"]
@@ -569,7 +569,7 @@ def test_single_reports_contradicted_statements_first() -> None:
 def test_the_verification_compares_every_trial_with_those_of_the_paper(
     monkeypatch: pytest.MonkeyPatch, no_chance: Expected
 ) -> None:
-    """The paper has five trials; the twin has three different ones, their mean and the interval for all seedlings."""
+    """The paper has five trials; the twin has three others, their mean and the interval for all seedlings."""
     usual = no_chance(seed=1, seedlings=MANY, parameters=MACHINE)
     lucky = {trial_seed(5, 20, number): one for number, one in enumerate((usual, trial(0, 0, 0, of=MANY), usual))}
 

@@ -68,7 +68,7 @@ def page_of(path: Path) -> Page:
 
 
 def test_the_folder_contains_report_tables_and_plots_only(tmp_path: Path) -> None:
-    """The listed files are all files in the folder, and no other file is written beside it."""
+    """The listed files are all files in the folder, and no file is written outside it."""
     folder = tmp_path / "new" / "foam"
     files = write(complete_study(), folder)
     names = {"report.md", "report.html", "study.json", "yield-by-foam.csv", "success.png", "success.svg"}
@@ -252,7 +252,7 @@ def test_duplicate_file_names_are_rejected() -> None:
     for parts in ((TABLE, TABLE), (Table("report", "", ("a",), ()),)):
         with pytest.raises(ValueError, match="duplicate file names"):
             study(*parts)
-    study(TABLE, Picture(TABLE.name, "a picture may be called like a table", line_figure()))
+    study(TABLE, Picture(TABLE.name, "a picture may have the same name as a table", line_figure()))
 
 
 @pytest.mark.parametrize("name", ["", "../up", "With Space", "UPPER", "a_b", "-a", "a.csv"])

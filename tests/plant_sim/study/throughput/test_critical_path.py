@@ -60,7 +60,7 @@ def left_path(timeline: Timeline, until_ms: int) -> list[tuple[str, str, int]]:
 
 
 def test_the_path_of_an_early_arm_is_the_carousel() -> None:
-    """A faster arm would not shorten the time of twelve cups."""
+    """The path consists only of the time for twelve cups to pass, which a faster arm would not shorten."""
     cups_ms = tuple(range(100, 1201, 100))
     timeline = line([("open claws", 300), ("lower over cups", 900), ("wait for cups", 1200)], left_cups_ms=cups_ms)
     assert left_path(timeline, 1200) == [("left cups", "twelve cups pass", 1200)]
@@ -129,7 +129,7 @@ def test_a_wait_for_the_tray_continues_with_the_feeder_and_the_later_arm() -> No
 
 
 def test_the_path_can_start_in_the_middle_of_a_step() -> None:
-    """The time before the start of the path does not count."""
+    """The part of the step before the start of the path is not included."""
     timeline = line([("open claws", 300), ("converge", 500)])
     path = critical_path(timeline, "left", 120, 500)
     assert [(each.motion.name, each.from_ms, each.to_ms) for each in path] == [
@@ -168,7 +168,7 @@ def steps_of(sequence: str) -> st.SearchStrategy[Steps]:
 def test_any_path_is_contiguous_and_complete(
     left: Steps, right: Steps, tray: Steps, cups: set[int], left_centre: int, row: int
 ) -> None:
-    """This holds for any timeline and any cause of the waits."""
+    """For any timeline and any cause of the waits, the segments cover the time of the path without gap or overlap."""
     timeline = line(
         left,
         right,

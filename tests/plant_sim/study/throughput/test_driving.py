@@ -78,7 +78,7 @@ def test_the_recommendation_has_no_bad_trial(
 def test_the_recommendation_has_a_minimum_number_of_trials(
     monkeypatch: pytest.MonkeyPatch, trials: int, wanted: int
 ) -> None:
-    """Each trial can lower the recommendation."""
+    """The recommendation is based on at least five trials, because each one can lower it."""
     tried, advice = advised(monkeypatch, 55, {55: trial(missed_cups=1)}, replace(OPTIONS, trials=trials))
     assert advice is not None
     assert [(each.frequency_per_min, len(each.trials), each.gaps) for each in tried] == [
@@ -127,7 +127,7 @@ def test_the_recommendation_reports_gaps_at_the_start_and_the_end_of_the_search(
 
 def test_a_missing_recommendation_is_reported() -> None:
     assert advice_text(result_with(None)) == (
-        "No speed can be recommended: down to 12/min, the lowest frequency of this study, none is free of gaps with a "
+        "No speed can be recommended: no frequency down to 12/min, the lowest of this study, is free of gaps with a "
         "margin of 10 %."
     )
 

@@ -58,7 +58,7 @@ def paces_of_the_study() -> CyclePaces:
 
 @cache
 def study() -> Study:
-    """Return a study between a pace without gaps and one with gaps."""
+    """Return a study that starts with one frequency without gaps and one with gaps."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(driving, "CyclePaces", lambda _: paces_of_the_study())
         return throughput_study(OPTIONS, frequencies_per_min=FREQUENCIES, spacing_m=0.5)
@@ -76,7 +76,7 @@ def test_the_set_points_at_the_default_frequency_are_the_defaults_of_the_program
 
 @pytest.mark.parametrize("frequency", [SLOWEST_PER_MIN, 20, 45, 55])
 def test_plugs_land_in_the_middle_while_the_cup_sensor_is_far_enough_ahead(frequency: int) -> None:
-    """The tolerance is half a count of the release delay, which is 5 ms of chain travel."""
+    """The tolerance is the chain travel in half a count of the release delay, that is, in 5 ms."""
     chain_mm_s = frequency * 1000 * MACHINE.cups.pitch_m / 60
     assert abs(landing_offset_mm(MACHINE, setting_at(MACHINE, frequency))) <= 0.005 * chain_mm_s + 1e-9
 
