@@ -44,12 +44,12 @@ _, _, _EXCEPTIONS = (
 NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILINE))
 """Commands that need hardware, each with the hardware that it needs, as listed in docs/README.md."""
 NOT_RUN_COUNT: Final = 2
-THIS_RUN: Final = re.compile(r"scripts/test\b")
-"""Command that runs the tests, including this one; test_scenario_guide.py runs the scenario of the guide."""
+RUN_ELSEWHERE: Final = re.compile(r"scripts/test\b|\.venv/bin/python -m controller prove$")
+"""Commands that other tests run: this run is one of `scripts/test`, test_scenario_guide.py runs the scenario of the
+guide, and test_prove.py the complete proof."""
 SLOW: Final = {
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
     ".venv/bin/python -m plant_sim study throughput --json",
-    ".venv/bin/python -m controller prove",
     "scripts/bench",
     "scripts/run --real-time",
 }
@@ -68,7 +68,7 @@ def commands(page: Path) -> list[str]:
 
 def runnable(page: Path, *, slow: bool) -> list[str]:
     """Return the commands of a page for the default run, or those for the nightly run."""
-    chosen = [command for command in commands(page) if command not in NOT_RUN and not THIS_RUN.match(command)]
+    chosen = [command for command in commands(page) if command not in NOT_RUN and not RUN_ELSEWHERE.match(command)]
     return [command for command in chosen if (command in SLOW) == slow]
 
 

@@ -29,10 +29,32 @@ def locked(*, one: Expr, two: Expr) -> tuple[Set, Rst, Set, Out, Out]:
     )
 
 
+def equal(one: Bit, other: Bit) -> Expr:
+    return (one & other) | (~one & ~other)
+
+
 def failed_at(model: Model) -> list[Moment]:
     """Return the kinds of scan in which the goals of a model fail."""
     found = [Induction(model).prove(goal).failure for goal in model.goals]
     return [failure.moment for failure in found if failure is not None]
+
+
+@pytest.mark.parametrize(
+    ("items", "holds", "moments"),
+    [
+        ((Set(m(500), when=x(0)), Set(m(501), when=x(0))), equal(m(500), m(501)), []),
+        ((Set(m(0), when=x(0)),), m(0), [Moment.FACTORY]),
+        ((Set(m(500), when=x(0)), Set(m(0), when=x(0))), equal(m(500), m(0)), [Moment.POWER_UP]),
+        ((Set(m(0), when=x(0)),), ~m(0), [Moment.RUNNING]),
+    ],
+)
+def test_a_joint_proof_succeeds_if_every_separate_proof_does(
+    items: tuple[Rung, ...], holds: Expr, moments: list[Moment]
+) -> None:
+    """A goal that fails in any of the three kinds of scan prevents the joint proof."""
+    model = Model(specification_of(*items, invariants={"tested": holds, "unaffected": ~m(2)}))
+    assert failed_at(model) == moments
+    assert Induction(model).prove_together(model.goals) == (not moments)
 
 
 # ---- interlocks -----------------------------------------------------------------------------------------------
@@ -139,8 +161,7 @@ def test_non_retentive_devices_are_lost_with_power() -> None:
     """A retentive bit and a plain bit that are set together are equal until the power is lost."""
     for other, expected in ((m(0), [Moment.POWER_UP]), (m(501), [])):
         items = (Set(m(500), when=x(0)), Set(other, when=x(0)))
-        same = {"same": (m(500) & other) | (~m(500) & ~other)}
-        assert failed_at(Model(specification_of(*items, invariants=same))) == expected
+        assert failed_at(Model(specification_of(*items, invariants={"same": equal(m(500), other)}))) == expected
 
 
 @pytest.mark.parametrize(
