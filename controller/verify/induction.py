@@ -99,14 +99,22 @@ class Induction:
             rests_on |= verdict.rests_on
         return Verdict(goal, proved=True, rests_on=rests_on - {goal.name})
 
-    def prove_together(self, goals: Iterable[Goal]) -> bool:
-        """Return whether it is proved that no scan violates any of these goals.
+    def prove_together(self, goals: Iterable[Goal]) -> frozenset[str] | None:
+        """Try to prove that no scan violates any of these goals.
 
-        A joint proof takes about as long as that of one goal, but does not show which goal fails; False can also mean
-        a solver timeout.
+        A joint proof takes about as long as the proof of one goal. If it fails, it does not show which goal fails.
+
+        Returns:
+            Names of the goals that must hold before the scan, or None if the joint proof fails or the solver times out.
         """
         goals = tuple(goals)
-        return all(scan.prove_together(goals) for scan in self._scans)
+        rests_on: frozenset[str] = frozenset()
+        for scan in self._scans:
+            core = scan.prove_together(goals)
+            if core is None:
+                return None
+            rests_on |= core
+        return rests_on
 
 
 class _Scan:
@@ -133,10 +141,12 @@ class _Scan:
             return Verdict(goal, proved=True, rests_on=core_names(self._solver, self._assumed))
         return Verdict(goal, proved=False, failure=self._failure(goal, after, broken, self._solver.model()))
 
-    def prove_together(self, goals: Iterable[Goal]) -> bool:
+    def prove_together(self, goals: Iterable[Goal]) -> frozenset[str] | None:
         after = z3.And([condition(goal.holds, self._frame.after) for goal in goals])
         broken = switch(self._solver, z3.Not(after), "any broken")
-        return bool(self._solver.check(broken, *self._assumed.values()) == z3.unsat)
+        if self._solver.check(broken, *self._assumed.values()) != z3.unsat:
+            return None
+        return core_names(self._solver, self._assumed)
 
     def _failure(self, goal: Goal, after: z3.BoolRef, broken: z3.BoolRef, any_model: z3.ModelRef) -> Failure:
         quiet = [switch(self._solver, term == cell.constant(cell.default)) for cell, term in self._unknown()]

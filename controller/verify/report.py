@@ -13,7 +13,7 @@ from typing import Final, TypeVar
 from controller.core.specification import Specification
 from controller.verify.cells import ModelError
 from controller.verify.induction import Induction, Moment, Verdict, describe_failure, unproved
-from controller.verify.model import Model
+from controller.verify.model import Goal, Model
 from controller.verify.progress import Exits, ProgressResult, lead_out
 from controller.verify.search import Search
 from controller.verify.trace import Start, Trace, breaks, one_scan
@@ -179,19 +179,36 @@ def _timed(clock: Callable[[], float], work: Callable[[], _T]) -> tuple[_T, floa
     return work(), clock() - began_s
 
 
-def _verdicts(model: Model, asked: Collection[str], clock: Callable[[], float]) -> list[tuple[Verdict, float]]:
-    """Return the verdicts on the requested goals and on all goals that these depend on.
-
-    If all goals are requested, a joint proof is tried first; its goals share the computing time equally. If it fails,
-    each goal is examined separately.
-    """
+def _verdicts(model: Model, asked: Iterable[str], clock: Callable[[], float]) -> list[tuple[Verdict, float]]:
+    """Return the verdicts on the requested goals and on the goals that these depend on, with computing times."""
     induction = Induction(model)
     goals = {goal.name: goal for goal in model.goals}
-    if goals and goals.keys() <= set(asked):
-        proved, seconds = _timed(clock, partial(induction.prove_together, model.goals))
-        if proved:
-            names = frozenset(goals)
-            return [(Verdict(g, proved=True, rests_on=names - {g.name}), seconds / len(goals)) for g in model.goals]
+    asked = list(dict.fromkeys(asked))
+    done = _joint_verdicts(induction, goals, asked, clock) or _separate_verdicts(induction, goals, asked, clock)
+    return [done[name] for name in goals if name in done]
+
+
+def _joint_verdicts(
+    induction: Induction, goals: Mapping[str, Goal], asked: list[str], clock: Callable[[], float]
+) -> dict[str, tuple[Verdict, float]] | None:
+    """Return the verdicts if all goals can be proved jointly, otherwise None.
+
+    The goals of one joint proof share its computing time equally.
+    """
+    done: dict[str, tuple[Verdict, float]] = {}
+    while asked:
+        rests_on, seconds = _timed(clock, partial(induction.prove_together, [goals[name] for name in asked]))
+        if rests_on is None:
+            return None
+        for name in asked:
+            done[name] = Verdict(goals[name], proved=True, rests_on=rests_on - {name}), seconds / len(asked)
+        asked = sorted(rests_on - done.keys())
+    return done
+
+
+def _separate_verdicts(
+    induction: Induction, goals: Mapping[str, Goal], asked: list[str], clock: Callable[[], float]
+) -> dict[str, tuple[Verdict, float]]:
     done: dict[str, tuple[Verdict, float]] = {}
     waiting = deque(asked)
     while waiting:
@@ -199,7 +216,7 @@ def _verdicts(model: Model, asked: Collection[str], clock: Callable[[], float]) 
         if name not in done:
             done[name] = _timed(clock, partial(induction.prove, goals[name]))
             waiting += sorted(done[name][0].rests_on)
-    return [done[name] for name in goals if name in done]
+    return done
 
 
 def _traces(
