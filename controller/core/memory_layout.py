@@ -46,9 +46,9 @@ class MemoryLayout:
         self.size = at
 
     def bit(self, row: str, number: int) -> int:
-        """Return the position of a bit in bytes."""
+        """Return the byte offset of a bit."""
         return self.bits[row].offset + number
 
     def word(self, row: str, number: int) -> int:
-        """Return the position of a word in bytes."""
+        """Return the byte offset of a word."""
         return self.words[row].offset + number * WORD_BYTES

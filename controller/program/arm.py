@@ -83,7 +83,7 @@ def cycle(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
 
 
 def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
-    """Return the steps of the second half of the cycle, at feed: from spreading to waiting for the next row."""
+    """Return the steps of the second half of the cycle, at the feed position: spreading to waiting for the next row."""
     a, machine, sp = tags.arms[side], tags.machine, tags.sp
     want = a.want
     return [

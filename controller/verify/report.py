@@ -225,7 +225,7 @@ def _traces(
     """Return a trace for each unproved goal: from power-up if one is found, otherwise the scan that violates the goal.
 
     Raises:
-        RuntimeError: A trace does not replay.
+        RuntimeError: A trace does not reproduce the violation when replayed.
     """
     if not verdicts:
         return {}

@@ -23,9 +23,9 @@ class ClawsSpec:
         finger_m: Distance from the joint to the point where a finger holds the stem, m.
         closed_deg: Finger angle at the closed end, degrees.
         open_deg: Finger angle at the open end, degrees.
-        grips_below_deg: Angle up to which a stem is gripped, degrees.
-        frees_above_deg: Angle from which a stem is free, degrees.
-        holds_above_n: Minimum force at which closed fingers hold seedlings, N; at a lower force they slip out.
+        grips_below_deg: Angle below which a stem is gripped, degrees.
+        frees_above_deg: Angle above which a stem is free, degrees.
+        holds_above_n: Minimum force at which closed fingers hold seedlings, N; below it, the seedlings slip out.
     """
 
     bore_m: float
@@ -73,8 +73,8 @@ class Claws(Cylinder):
     """View of the claws of an arm; position 0 is closed.
 
     Attributes:
-        grips_below_m: Position up to which a stem is gripped, m.
-        frees_above_m: Position from which a stem is free, m.
+        grips_below_m: Position below which a stem is gripped, m.
+        frees_above_m: Position above which a stem is free, m.
         holds_above_pa: Minimum pressure across the pistons at which closed fingers hold seedlings, Pa.
     """
 

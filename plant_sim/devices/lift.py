@@ -20,7 +20,7 @@ class LiftSpec:
         stroke_m: Stroke, m.
         carried_kg: Mass on the rod, including rod and piston, kg.
         extend_conductance_m3_s_pa: Sonic conductance of the throttle at the rod side, m3/(s Pa).
-        retract_conductance_m3_s_pa: Sonic conductance of the throttle at the full side, m3/(s Pa).
+        retract_conductance_m3_s_pa: Sonic conductance of the throttle at the cap side, m3/(s Pa).
         cushion_m: Length of the cushions, m.
         cushion_share: Fraction of the throttle left open by a cushion.
         switch_band_m: Half width of the range in which an end switch turns on, m.
@@ -50,8 +50,8 @@ class LiftSpec:
         require_within(self, 0.0, 0.005, "switch_hysteresis_m")
         require(0.0 < self.rod_m < self.bore_m, "rod_m", "must be thinner than the bore")
         reach_m = self.switch_band_m + self.switch_hysteresis_m
-        require(2 * reach_m < self.stroke_m, "switch_band_m", "lets both end switches be on at once")
-        require(2 * self.cushion_m < self.stroke_m, "cushion_m", "lets both cushions act at once")
+        require(2 * reach_m < self.stroke_m, "switch_band_m", "lets both end switches be on at the same time")
+        require(2 * self.cushion_m < self.stroke_m, "cushion_m", "lets both cushions act at the same time")
         for key, speed_m_s in (
             ("extend_conductance_m3_s_pa", self.extend_m_s),
             ("retract_conductance_m3_s_pa", self.retract_m_s),
@@ -72,7 +72,7 @@ class LiftSpec:
 
     @property
     def retract_m_s(self) -> float:
-        """Steady upward speed of the arm, m/s; the full side exhausts."""
+        """Steady upward speed of the arm, m/s; the cap side exhausts."""
         return meter_out_speed_m_s(self.retract_conductance_m3_s_pa, piston_area_m2(self.bore_m))
 
 

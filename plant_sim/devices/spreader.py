@@ -72,7 +72,7 @@ class SpreaderSpec:
         require_within(self, 0.0, 0.02, "switch_band_m")
         require_within(self, 0.0, 0.005, "switch_hysteresis_m")
         reach_m = self.switch_band_m + self.switch_hysteresis_m
-        require(2 * reach_m < self.travel_m, "switch_band_m", "lets both end switches be on at once")
+        require(2 * reach_m < self.travel_m, "switch_band_m", "lets both end switches be on at the same time")
         stall_n = self.emf_v_s_m * self.voltage_v / self.resistance_ohm
         require(self.friction_n < stall_n, "friction_n", f"exceeds the stall force of the motor, {stall_n:.4g} N")
 

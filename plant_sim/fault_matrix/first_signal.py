@@ -93,7 +93,7 @@ class FirstSignal:
 
 
 def _limits(sequences: list[Sequence]) -> dict[int, list[_Limit]]:
-    """Return the steps that have a timeout, by the annunciator of the timeout."""
+    """Return the steps that have a timeout, keyed by the annunciator of the timeout."""
     limits: dict[int, list[_Limit]] = {}
     for sequence in sequences:
         for bit, step in sequence:

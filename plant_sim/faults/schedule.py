@@ -27,7 +27,7 @@ class FaultSchedule:
     """
 
     def __init__(self, machine: FaultableMachine, faults: Iterable[Fault] = ()) -> None:
-        """Schedule faults; those that are due are activated immediately.
+        """Schedule faults; those already due are activated immediately.
 
         Args:
             machine: Machine in which they are injected.

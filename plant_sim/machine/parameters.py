@@ -116,7 +116,7 @@ class Machine:
         require(
             2 * switch_reach_m < self.handling.cell_pitch_m,
             "slide.switch_band_m",
-            "allows the switches of two pick positions to be on at once; reduce it",
+            "allows the switches of two pick positions to be on at the same time; reduce it",
         )
         require(
             self.handling.stem_clearance_rise_m < self.lift.stroke_m,

@@ -121,8 +121,8 @@ def flow_and_slopes(
 ) -> tuple[float, float, float]:
     """Return the flow from `a` to `b`, kg/s, and its derivatives with respect to both pressures, kg/(s Pa).
 
-    The derivative with respect to the pressure of `b` is returned with reversed sign. A flow from `b` to `a` is
-    negative. Towards `b` the restriction opens at a cracking pressure.
+    The derivative with respect to the pressure of `b` is returned with its sign reversed. A flow from `b` to `a` is
+    negative. In the direction of `b`, the restriction opens only above a cracking pressure.
     """
     up_pa = a.pressure_pa - crack_pa
     if conductance_m3_s_pa <= 0.0 or (up_pa <= b.pressure_pa and a.pressure_pa >= b.pressure_pa):

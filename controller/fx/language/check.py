@@ -189,7 +189,7 @@ def _repeated_steps(ladder: Ladder) -> Iterator[Finding]:
         first = begun.setdefault(step.states, step.line)
         if first != step.line:
             names = " ".join(f"STL S{number}" for number in step.states)
-            text = f"{names} is already in line {first}; write the step in one place"
+            text = f"{names} is already defined in line {first}; write the step in one place"
             yield Finding("warning", step.line, text)
 
 

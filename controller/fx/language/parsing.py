@@ -24,7 +24,7 @@ from controller.fx.language.operand_rules import OperandError, check_combination
 
 
 class Token(NamedTuple):
-    """Word of a program text with its line and column, counted from 1."""
+    """Word of the program text with its line and column, counted from 1."""
 
     text: str
     line: int

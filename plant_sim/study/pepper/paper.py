@@ -205,8 +205,8 @@ def _verification_parts() -> list[Part]:
         f"deviates at least this much in {100 * scatter['mean_p']:.0f} of 100 cases (t-test), so the prediction is not "
         "contradicted.",
         f"The result of one trial of {TRIAL_SEEDLINGS} seedlings has a binomial standard deviation of "
-        f"{scatter['binomial_sd']:.1f} points, so a single trial is weak evidence. The standard deviation of the five "
-        f"values is only {scatter['sd']:.2f} points. Five single trials agree this well in only "
+        f"{scatter['binomial_sd']:.1f} percentage points, so a single trial is weak evidence. The standard deviation "
+        f"of the five values is only {scatter['sd']:.2f} percentage points. Five single trials agree this well in only "
         f"{100 * scatter['scatter_p']:.1f} of 100 cases (χ² test), and {len(values) - trial_shares(values)} of the "
         f"{len(values)} values do not correspond to a whole number of seedlings: they cannot be single trials of "
         f"{TRIAL_SEEDLINGS} rounded to one decimal.",

@@ -167,7 +167,7 @@ def _verdict_text(verdicts: Mapping[str, Sequence[tuple[Statement, Verdict]]]) -
 
 
 def _statements_table(name: str, points: Sequence[PooledResult]) -> Table:
-    """Return a table of the paper's statements about a factor and the twin's results."""
+    """Return a table that compares the paper's statements about a factor with the twin's results."""
     rows: list[tuple[Cell, ...]] = []
     for each, verdict in _verdicts(name, points):
         shown = ", ".join(f"{point.shares[each.share]:.1f}" for point in points)
@@ -185,7 +185,7 @@ def _what_equation_5_implies(points: Sequence[PooledResult]) -> str:
     lost = young.by_equation_5 - old.by_equation_5
     picked = sum(old.shares[name] - young.shares[name] for name in ("F_p", "F_d"))
     return (
-        f"From 52 to 58 d, S by equation 5 falls by {lost:.1f} points, while the paper states that pick and "
+        f"From 52 to 58 d, S by equation 5 falls by {lost:.1f} percentage points, while the paper states that pick and "
         "carry failures fall. Both can be true only if throw failures rise by more than that: on the twin F_p and F_d "
-        f"together change by {picked:+.1f} points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
+        f"together change by {picked:+.1f} percentage points and F_t by {old.shares['F_t'] - young.shares['F_t']:+.1f}."
     )

@@ -69,7 +69,10 @@ def _difference(course: Course, share: str, levels: Levels, others: Levels, erro
 
 
 def _above(levels: Levels, others: Levels, by: float = 0.0) -> Comparison:
-    """Return the comparison that the rate is more than `by` percentage points higher at some levels than at others."""
+    """Return a comparison that tests whether the rate at some levels is higher than the rate at others.
+
+    The difference must be more than `by` percentage points.
+    """
 
     def compare(course: Course, share: str, error: float) -> Interval:
         low, high = _difference(course, share, levels, others, error)
@@ -79,7 +82,7 @@ def _above(levels: Levels, others: Levels, by: float = 0.0) -> Comparison:
 
 
 def _times(levels: Levels, others: Levels, factor: float) -> Comparison:
-    """Return the comparison that the rate at some levels is more than `factor` times that at others."""
+    """Return a comparison that tests whether the rate at some levels is more than `factor` times the rate at others."""
 
     def compare(course: Course, share: str, error: float) -> Interval:
         counts = (*_count(course, share, levels), *_count(course, share, others))
@@ -90,7 +93,7 @@ def _times(levels: Levels, others: Levels, factor: float) -> Comparison:
 
 
 def _below(level: int, percent: float) -> Comparison:
-    """Return the comparison that the rate at a level is below `percent`."""
+    """Return a comparison that tests whether the rate at a level is below `percent`."""
 
     def compare(course: Course, share: str, error: float) -> Interval:
         low, high = binomial_interval(*_count(course, share, (level,)), 1 - error)
@@ -231,7 +234,7 @@ PRESSURE: Final = (
     Statement(
         "carry failures then rise a little",
         "F_d",
-        "pooled rate from 0.65 MPa above that at lower pressures, by less than 5 points",
+        "pooled rate from 0.65 MPa above that at lower pressures, by less than 5 percentage points",
         _every(*_a_little_above((5, 6), (0, 1, 2, 3, 4))),
     ),
     Statement(
@@ -243,7 +246,7 @@ PRESSURE: Final = (
     Statement(
         "throw failures then rise a little",
         "F_t",
-        "pooled rate from 0.55 MPa above that at 0.35 and 0.45 MPa, by less than 5 points",
+        "pooled rate from 0.55 MPa above that at 0.35 and 0.45 MPa, by less than 5 percentage points",
         _every(*_a_little_above((4, 5, 6), (2, 3))),
     ),
 )

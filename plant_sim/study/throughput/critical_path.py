@@ -26,7 +26,7 @@ from plant_sim.study.throughput.timeline import (
 TWELVE_CUPS: Final = StepMotion("twelve cups pass", "carousel", "moves")
 """Wait of an arm that arrives before its twelfth cup: the carousel sets the pace."""
 NEXT_CUP: Final = StepMotion("next cup", "carousel", "moves")
-"""Wait of a late arm for the next cup after the twelfth."""
+"""Wait of an arm that arrives after its twelfth cup, until the next cup."""
 
 IN_CENTRE: Final = 3
 """Row inward of pick 2, which only one arm at a time may approach."""
@@ -68,7 +68,7 @@ class Round:
         throw: Throw at the end.
         path: Critical path in order, without gaps or overlaps.
         margin_ms: Time from the arrival of the arm to the twelfth cup, ms; negative if the arm was late.
-        missed_cups: Number of cups that passed empty after the twelfth.
+        missed_cups: Number of cups that passed empty after the twelfth since the previous throw.
     """
 
     since: Throw

@@ -51,7 +51,7 @@ def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) -> None:
-    """Run a program with power failures in both executions, and compare every device after every scan."""
+    """Run a program with power failures in both `Execution` implementations; compare all devices after every scan."""
     program = program_of(*items, set_points=((SET_POINT, SET_POINT_DEFAULT),))
     plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
     now_ms = 0
@@ -90,7 +90,7 @@ def test_thousands_of_arbitrary_programs(items: list[Rung | Sequence], story: li
 
 
 def scanned(program: Program, *scans: tuple[int, tuple[int, ...]]) -> Plc:
-    """Run both executions with scans (time in ms, X numbers that are on); return the PLC that runs machine code."""
+    """Run scans (time in ms, X numbers that are on) in both implementations; return the PLC that runs machine code."""
     plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
     for now_ms, on in scans:
         for plc in plcs:
@@ -129,7 +129,7 @@ def test_a_retentive_timer_stops_at_the_largest_value() -> None:
 
 @dataclass
 class ExecutionPair(Pair):
-    """Program of the machine in both executions; used in place of a pair of program and export."""
+    """Machine program run by both `Execution` implementations; replaces the pair of a program and its export."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -25,7 +25,7 @@ KEYWORDS: Final = frozenset("IF THEN ELSIF ELSE END_IF AND OR NOT MOD TRUE FALSE
 
 
 def parsed(text: str) -> Tree[Any]:
-    """Return the syntax tree of the text, or raise the error of the parser."""
+    """Return the syntax tree of the text, or raise the parser's error."""
     return _parsed(text, "iec_source")
 
 

@@ -413,7 +413,7 @@ def test_closed_connection_ends_the_jog(manual: HmiRig, client: Client, abortive
 
 @pytest.mark.parametrize(("first", "second"), [(OUTPUT, OTHER_OUTPUT), (OTHER_OUTPUT, OUTPUT)])
 def test_second_client_takes_over_the_jog_permanently(manual: HmiRig, client: Client, first: str, second: str) -> None:
-    """The jog of the second client stays on, regardless of which client sends the first telegram before a scan."""
+    """The jog of the second client stays on, regardless of which client sends the first request before a scan."""
     other = manual.client()
     manual.press(client, jog_command(first))
     manual.twin.run_for(50)
@@ -430,7 +430,7 @@ def test_second_client_takes_over_the_jog_permanently(manual: HmiRig, client: Cl
 
 
 def test_order_of_the_first_client_in_the_takeover_scan_does_not_win(manual: HmiRig, client: Client) -> None:
-    """The next telegram of the second client, 100 ms later, restores its jog."""
+    """The next request of the second client, 100 ms later, restores its jog."""
     other = manual.client()
     manual.press(client, jog_command(OTHER_OUTPUT))
     manual.twin.run_for(50)

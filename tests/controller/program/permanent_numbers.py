@@ -23,7 +23,7 @@ class Entry(NamedTuple):
 
     Attributes:
         kind: "alarm" or "tag".
-        name: Alarm key, with the side in front for an arm alarm, or name of the HMI tag.
+        name: Alarm key, prefixed with the side for an arm alarm, or HMI tag name.
         table: "S" for an alarm; the Modbus table for a tag.
         number: S number or zero-based Modbus address.
     """

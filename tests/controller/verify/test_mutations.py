@@ -167,7 +167,7 @@ def driven(kind: type[Rung], target: Target, by: Expr, instead_of: Expr | None =
 
 
 def shortened(timer: Timer) -> Change:
-    """Return a change that lets a timer elapse after one count."""
+    """Return a change that makes a timer elapse after one count."""
     return lambda _, rung: (
         replace(rung, preset=timer.base_ms) if isinstance(rung, OnDelay) and rung.timer == timer else rung
     )

@@ -90,7 +90,7 @@ def latch(*items: Rung, out: WayOut, invariants: Mapping[str, Expr] | None = Non
     ],
 )
 def test_way_out_must_work_for_all_other_inputs(orders: Mapping[Bit, bool], result: Result) -> None:
-    """If a latch is cleared by a terminal and a command together, only both together are a way out."""
+    """If clearing a latch requires both a terminal and a command, neither alone is a way out."""
     assert row_of(latch(*LATCH, out=way(orders)), "clear it").result is result
 
 

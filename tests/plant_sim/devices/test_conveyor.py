@@ -1,6 +1,6 @@
 """Tray conveyor: the stepper and its ramp, beam edges, gaps, magazine, stops, lost steps.
 
-0.2 m/s, 4 m/s2: a ramp takes 50 ms and 5 mm. A full step is 1.8 degrees / 3 of a drum of 40 mm: 0.209 mm at the belt.
+0.2 m/s, 4 m/s2: a ramp takes 50 ms and 5 mm. A full step turns a 40 mm drum by 1.8 degrees / 3: 0.209 mm at the belt.
 """
 
 import math

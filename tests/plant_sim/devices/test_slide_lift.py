@@ -269,7 +269,7 @@ class TestHolding:
 
     @pytest.mark.parametrize("y_m", [0.0, 0.075, 0.150])
     def test_the_lift_carries_the_weight_of_the_arm_on_its_air(self, y_m: float) -> None:
-        """With the valve in its middle position, gauge pressures times areas carry 15 kg * 9.80665 = 147.1 N."""
+        """With the valve in mid-position, the gauge pressures times the areas carry 15 kg * 9.80665 = 147.1 N."""
         rig = make_rig(y_m=y_m)
         lift = rig.left.lift
         rig.run(10_000)

@@ -37,9 +37,10 @@ def test_the_emergency_stop_removes_coil_power_and_air_regardless_of_the_outputs
 
 
 def test_the_emergency_stop_vents_the_manifold_and_not_the_claws() -> None:
-    """The manifold of 0.3 L falls from 601 kPa to 1/e in 50 to 60 ms through 5e-8 m3/(s Pa); the claw supply holds.
+    """The manifold pressure falls from 601 kPa to 1/e of this in 50 to 60 ms, while the claw supply keeps its pressure.
 
-    After 60 ms the pressure is 601 kPa / exp(1.0 to 1.2) = 181 to 221 kPa, 80 to 120 kPa gauge.
+    The manifold of 0.3 L is vented through 5e-8 m3/(s Pa). After 60 ms, the pressure is
+    601 kPa / exp(1.0 to 1.2) = 181 to 221 kPa, 80 to 120 kPa gauge.
     """
     rig = Rig()
     rig.left.place(is_open=False)

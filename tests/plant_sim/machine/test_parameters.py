@@ -82,7 +82,7 @@ def test_a_machine_is_immutable() -> None:
         ),
         (
             BORE.replace("unit", "value: 0.03, unit"),
-            f"slide.bore_m: key 'value' is already on line {BORE_LINE}; delete one",
+            f"slide.bore_m: key 'value' is already defined in line {BORE_LINE}; delete one",
         ),
         (
             BORE.replace("0.025", "!metres 1"),
@@ -314,7 +314,9 @@ def test_overlapping_switches_are_rejected() -> None:
         )
     for section in ("lift", "spreader"):
         stroke = "stroke_m" if section == "lift" else "travel_m"
-        with pytest.raises(MachineError, match=rf"{section}.switch_band_m: lets both end switches be on at once"):
+        with pytest.raises(
+            MachineError, match=rf"{section}.switch_band_m: lets both end switches be on at the same time"
+        ):
             MACHINE.with_values(
                 {f"{section}.switch_band_m": 0.016, f"{section}.switch_hysteresis_m": 0.0, f"{section}.{stroke}": 0.03}
             )

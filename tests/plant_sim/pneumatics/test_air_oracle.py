@@ -89,7 +89,7 @@ def random_coils(rng: np.random.Generator) -> tuple[bool, ...]:
     ("seed", "step_s", "thermal"), first_of([(2, 0.001, 1), (3, 0.005, 0), (1, 0.001, 0), (4, 0.0002, 0)], 2)
 )
 def test_both_implementations_agree_under_random_coils(seed: int, step_s: float, thermal: int) -> None:
-    """4000 steps in 10 segments of up to 0.8 s; in one segment in six the relay has released the dump valve."""
+    """4000 steps in 10 segments of up to 0.8 s; in about one segment in six, the relay has released the dump valve."""
     rng = np.random.default_rng(seed)
     bench = machine_bench({"air.thermal": bool(thermal)}, step_s=step_s)
     twin = Twin(bench)

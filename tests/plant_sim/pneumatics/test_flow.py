@@ -87,7 +87,7 @@ def test_restrictions_in_series() -> None:
 def test_the_flow_falls_with_the_downstream_pressure_and_returns_its_slopes(
     up_pa: float, ratio: float, critical: float, kelvin: float
 ) -> None:
-    """The slopes match difference quotients of 1 Pa in either direction, to 1 % of the choked slope.
+    """The slopes match difference quotients of 1 Pa in either direction, to within 1 % of the choked slope.
 
     Points within 2 Pa of a kink are excluded because the left and right slopes differ there.
     """
@@ -148,7 +148,7 @@ def test_the_energy_balance_is_adiabatic_without_wall_and_isothermal_with_a_larg
 
 
 def test_heat_transfer_to_the_walls() -> None:
-    """Air at 2.4 bar in a sphere of 1 L, 20 K warmer than the wall, cools with tau = m cv / (h A), to 1 %.
+    """Air at 2.4 bar in a sphere of 1 L, 20 K warmer than the wall, cools with tau = m cv / (h A), to within 1 %.
 
     h = 50 W/(m2 K), A = (36 pi V^2)^(1/3) = 0.04836 m2, m = 2.852 g, so tau = 2.0466 / 2.418 s = 0.8465 s.
     """
@@ -160,9 +160,10 @@ def test_heat_transfer_to_the_walls() -> None:
 
 
 def test_the_final_temperature_of_adiabatic_filling() -> None:
-    """A chamber filled from 1 to 6 bar abs by a main at T0 reaches T2 = kappa T0 / (1 + (kappa - 1) p1/p2), to 0.3 %.
+    """A chamber filled from 1 to 6 bar abs by a main at T0 reaches the temperature T2 to within 0.3 %.
 
-    Energy: m2 cv T2 = m1 cv T0 + (m2 - m1) cp T0, with m = p V / (R T). This gives 384.7 K.
+    Energy: m2 cv T2 = m1 cv T0 + (m2 - m1) cp T0, with m = p V / (R T). This gives
+    T2 = kappa T0 / (1 + (kappa - 1) p1/p2) = 384.7 K.
     """
     gas = make_gas(KAPPA, thermal=True)
     chambers = make_chambers(gas, (1.0, 6e5), (1e-3, 1e5))
@@ -172,7 +173,7 @@ def test_the_final_temperature_of_adiabatic_filling() -> None:
 
 
 def test_the_final_temperature_of_adiabatic_venting() -> None:
-    """A chamber vented from 6 to 3 bar abs cools to T2 = T0 2^(-0.4/1.4) = 240.5 K, to 0.3 %."""
+    """A chamber vented from 6 to 3 bar abs cools to T2 = T0 2^(-0.4/1.4) = 240.5 K, to within 0.3 %."""
     gas = make_gas(KAPPA, thermal=True)
     chambers = make_chambers(gas, (1.0, 3e5), (1e-3, 6e5))
     fill_up(chambers, gas, 1e-8, 5.0)

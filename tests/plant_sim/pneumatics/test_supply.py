@@ -148,7 +148,10 @@ def test_air_returns_softly_and_moves_nothing() -> None:
 
 
 def test_a_stop_at_full_speed_holds_slide_and_lift() -> None:
-    """With coils and air off at full speed, both stop within 1 s and stay for a minute; the claws remain closed."""
+    """Slide and lift stop within 1 s after coils and air are switched off at full speed, and hold for a minute.
+
+    The claws remain closed.
+    """
     bench = settled_bench()
     bench.run(1.5, [PLUS, OFF, MINUS])
     bench.run(0.4, [PLUS, MINUS, MINUS])

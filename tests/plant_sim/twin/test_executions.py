@@ -1,4 +1,4 @@
-"""Trials of the twin with both executions of the program."""
+"""Trials of the twin with both `Execution` implementations."""
 
 from __future__ import annotations
 

@@ -337,7 +337,7 @@ def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int) -> None:
 
 
 def test_the_trial_command_prints_one_reproducible_json_object(capsys: pytest.CaptureFixture[str]) -> None:
-    """Two runs with one seed, in two processes, differ only in the wall-clock time."""
+    """Two runs with the same seed, in two processes, differ only in the wall-clock time."""
     command = ("plant_sim", "trial", "--trays", "1", "--json", "--seed")
     done = run(*command, "1")
     assert done.returncode == 0, done.stderr

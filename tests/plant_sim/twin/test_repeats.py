@@ -84,7 +84,7 @@ def exact_percent(hits: int, draws: int) -> tuple[float, float]:
 
 
 def untimed(record: Any) -> Any:
-    """Return a record without the wall-clock times, with lists instead of tuples as in JSON."""
+    """Return a record without the wall-clock times, with lists instead of tuples, as in JSON."""
     if isinstance(record, dict):
         return {name: untimed(value) for name, value in record.items() if name != "wall_s"}
     return [untimed(value) for value in record] if isinstance(record, list | tuple) else record

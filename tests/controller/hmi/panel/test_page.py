@@ -336,7 +336,7 @@ def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, bro
             panel.send(signal.SIGSTOP if loss == "panel frozen" else signal.SIGKILL)
         lost_ms = live.now_ms
         live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off")
-        # the last telegram may still be in transit and take effect one scan later
+        # the last request may still be in transit and take effect one scan later
         assert live.last_on_ms(OUTPUT) - lost_ms <= JOG_LEASE_MS + 2 * SCAN_MS
         screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
 

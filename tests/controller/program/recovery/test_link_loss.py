@@ -117,7 +117,7 @@ def test_a_scan_over_its_limit_is_a_latched_fault(late_ms: int, expected: State)
 
 
 def test_a_field_that_never_responded_is_a_lost_link_from_the_first_scan() -> None:
-    """If the field does not respond at power-up, the machine aborts at once with the link alarm only."""
+    """If the field does not respond at power-up, the machine aborts immediately with the link alarm only."""
     twin = Twin()
     cable = CableLink(twin.module)
     cable.pulled = True

@@ -26,7 +26,7 @@ PANEL_LIMIT_MS = 1_000
 
 
 class HungField:
-    """Field I/O that responds at once until it hangs; then every request takes its full timeout."""
+    """Field I/O that responds immediately until it hangs; then every request takes its full timeout."""
 
     def __init__(self, clock: SimulatedClock) -> None:
         self._clock = clock

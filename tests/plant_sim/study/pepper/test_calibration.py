@@ -93,7 +93,10 @@ def test_foam(motion: NominalMotion) -> None:
 
 
 def test_age(motion: NominalMotion) -> None:
-    """Up to 43 d P and D are high; from 52 d on both fall further. The drop of 9 points in eq. 5 is due to T."""
+    """Up to 43 d, P and D are high; from 52 d on, both fall further.
+
+    The drop of 9 percentage points in eq. 5 is due to T.
+    """
     age = courses(SPEC, motion).age
     p, d, t = (percent(age, name) for name in "PDT")
     assert (p[:2] > 1.5 * p[4]).all()

@@ -291,15 +291,15 @@ def test_single_reports_the_limitations_of_its_figures() -> None:
 
 
 def test_single_shows_that_equation_5_and_the_statements_are_consistent() -> None:
-    """Success falls by 8.9 points from 52 to 58 d because throw failures rise more than the others fall."""
+    """Success falls by 8.9 percentage points from 52 to 58 d because throw failures rise more than the others fall."""
     study = typical(single_study)
     young, old = (json.loads(study.json())["age"][place] for place in (4, 6))
     fallen = old["F_p"] + old["F_d"] - young["F_p"] - young["F_d"]
     risen = old["F_t"] - young["F_t"]
     assert fallen < 0
     assert risen > 8.9
-    assert "equation 5 falls by 8.9 points, while the paper states" in study.text()
-    assert f"F_p and F_d together change by {fallen:+.1f} points and F_t by {risen:+.1f}." in study.text()
+    assert "equation 5 falls by 8.9 percentage points, while the paper states" in study.text()
+    assert f"F_p and F_d together change by {fallen:+.1f} percentage points and F_t by {risen:+.1f}." in study.text()
 
 
 # --- statements of the paper
@@ -414,7 +414,7 @@ def test_unchanged_requires_a_much_larger_change_of_the_other_shares() -> None:
 
 
 def test_the_verdict_of_one_comparison_is_that_of_its_interval() -> None:
-    """The Newcombe interval of 40/800 - 50/2000 is 0.9 to 4.3 points; it is above 0, so pick failures fall."""
+    """The Newcombe interval of 40/800 - 50/2000 is above 0 (0.9 to 4.3 percentage points), so pick failures fall."""
     courses = dict.fromkeys(("F_p", "F_d", "F_t"), (0.0,) * 7)
     for failed, verdict in ((40, "yes"), (24, "undecided"), (5, "no")):  # 5.0, 3.0 and 0.6 % against 2.5 %
         course = [point.pool for point in points("age", courses, 1000)]
@@ -635,7 +635,7 @@ def test_the_complete_orthogonal_test_finds_the_optimum_of_the_paper(capsys: pyt
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 def test_fifty_trials_at_the_optimum_of_the_paper_reach_its_success() -> None:
-    """Equation 5 gives 94.9 %; the mean for 7200 seedlings has a standard error of 0.27 points."""
+    """Equation 5 gives 94.9 %; the mean for 7200 seedlings has a standard error of 0.27 percentage points."""
     options = replace(OPTIONS, trials=NIGHTLY_TRIALS, seed=1, seedlings=144)
     (reports,) = options.run([setting_of((10, 51, 0.40), MACHINE)])
     assert np.mean([report.S for report in reports]) == pytest.approx(94.9, abs=0.8)

@@ -105,7 +105,7 @@ def test_the_report_is_complete(study: Study) -> None:
     for said in ("R² = 0.9650", "P = 0.1792 here, 0.1905 printed", "95.0 % for it; equation 5 gives 94.93 %"):
         assert said in text
     assert "The mean is 94.58 %" in text
-    assert "has a binomial standard deviation of 1.9 points" in text
+    assert "has a binomial standard deviation of 1.9 percentage points" in text
     assert "only 9 of the 20 printed success rates correspond to a whole number of seedlings: the others cannot" in text
     assert "and 5 of the 5 values do not correspond to a whole number of seedlings: they cannot be single" in text
     assert "in 22 of 100 cases (t-test), so the prediction is not contradicted." in text
