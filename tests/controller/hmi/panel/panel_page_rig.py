@@ -39,7 +39,8 @@ from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 
 SCAN_MS = 10
 TIMEOUT_S = 60.0
-SLOW_PERCENT = 25
+SLOWER = 4
+"""Factor by which the jog lease lasts longer in real time than on the machine, in the tests that hold a jog button."""
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
 
@@ -112,7 +113,7 @@ class LiveMachine:
 
     def slow(self) -> None:
         """Slow simulated time down so that a browser on a busy computer renews a jog lease before it expires."""
-        self.pace.set(SLOW_PERCENT)
+        self.pace.set(REAL_TIME // SLOWER)
 
     def until(self, condition: Callable[[], bool], description: str, within_s: float = TIMEOUT_S) -> None:
         """Wait until a condition holds after a scan."""
@@ -171,10 +172,25 @@ class LiveMachine:
         self._thread.join()
 
 
-class PanelProcess:
-    """Panel in a separate process."""
+SLOW_PANEL = f"""
+import sys
+from controller.cli.main import main
+from controller.hmi.panel.orders import jog
+jog.LEASE_MS *= {SLOWER}
+sys.exit(main(sys.argv[1:]))
+"""
 
-    def __init__(self, live: LiveMachine, folder: Path, *, first_run: bool = False, port: int = 0) -> None:
+
+class PanelProcess:
+    """Panel in a separate process.
+
+    Args:
+        slow: Whether the panel's jog lease is that of a machine slowed down by `LiveMachine.slow`.
+    """
+
+    def __init__(
+        self, live: LiveMachine, folder: Path, *, first_run: bool = False, port: int = 0, slow: bool = False
+    ) -> None:
         users = folder / ("first-users.json" if first_run else "users.json")
         if not first_run and not users.exists():
             Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
@@ -182,8 +198,7 @@ class PanelProcess:
         tags.write_text(tag_csv(), encoding="utf-8")
         self._arguments = [
             sys.executable,
-            "-m",
-            "controller",
+            *(["-c", SLOW_PANEL] if slow else ["-m", "controller"]),
             "panel",
             "--controller",
             f"127.0.0.1:{live.port}",

@@ -73,8 +73,8 @@ class Station(NamedTuple):
 
 
 @contextmanager
-def started(folder: Path) -> Iterator[Station]:
-    with LiveMachine(folder) as live, PanelProcess(live, folder) as panel:
+def started(folder: Path, *, slow: bool = False) -> Iterator[Station]:
+    with LiveMachine(folder) as live, PanelProcess(live, folder, slow=slow) as panel:
         yield Station(live, panel, folder)
 
 
@@ -88,7 +88,7 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
     """Machine for jogging; each test must leave it in manual mode with its outputs off."""
-    with started(tmp_path_factory.mktemp("manual")) as station:
+    with started(tmp_path_factory.mktemp("manual"), slow=True) as station:
         yield station
 
 
@@ -321,7 +321,9 @@ def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> No
 def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, browser: Browser, loss: str) -> None:
     live = manual.live
     with ExitStack() as stack:
-        panel = manual.panel if loss == "page closed" else stack.enter_context(PanelProcess(live, manual.folder))
+        panel = (
+            manual.panel if loss == "page closed" else stack.enter_context(PanelProcess(live, manual.folder, slow=True))
+        )
         screen = stack.enter_context(Screen(browser, panel.url))
         button = ready_to_jog(screen, live)
         button.hover()
