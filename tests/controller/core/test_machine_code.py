@@ -10,12 +10,12 @@ from hypothesis import given, settings
 
 from controller.core import machine_code
 from controller.core.devices import WORD_MAX, Memory
-from controller.core.expr import Bit, Timer, Word
+from controller.core.expr import Bit, Counter, Timer, Word
 from controller.core.llvm_ir import translate
 from controller.core.machine_code import MachineCode, MachineExecution
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
-from controller.core.rungs import OnDelay, Out, Rung, Set
+from controller.core.rungs import Count, OnDelay, Out, Rung, Set
 from controller.core.scan import Plc
 from controller.core.sequence import Sequence, Step, To
 from tests.controller.core.core_rig import levels, m, program_of, s, x, y
@@ -107,6 +107,12 @@ def test_a_step_that_is_left_and_entered_in_the_same_scan_remains_active() -> No
     assert [plc.memory.S[20], plc.memory.S[21]] == [True, False]
 
 
+def test_a_step_with_a_transfer_to_itself_remains_active() -> None:
+    steps = [Step("only", go=[To("only", x(0))], waits_for="X0")]
+    plc = scanned(program_of(Set(s(20), when=x(1)), Sequence("any", 20, steps)), (0, (1,)), (10, (0,)), (20, ()))
+    assert plc.memory.S[20]
+
+
 def test_a_step_takes_one_transfer_in_a_scan() -> None:
     """A transfer that resets its own condition does not let the next transfer of the step fire in the same scan."""
     steps = [
@@ -122,6 +128,16 @@ def test_a_retentive_timer_stops_at_the_largest_value() -> None:
     program = program_of(OnDelay(Timer(250), 100, when=x(0)))
     plc = scanned(program, (0, (0,)), (4_000_000, (0,)), (8_000_000, (0,)))
     assert plc.memory.TV[250] == WORD_MAX
+
+
+def test_a_32_bit_counter_counts_down_while_its_direction_relay_is_on() -> None:
+    """The contact turns on when the value rises to the preset, and off when it falls below the preset."""
+    program = program_of(Out(m(8200), when=x(1)), Count(Counter(200), 2, when=x(0)))
+    up, down = [(0, (0,)), (10, ()), (20, (0,)), (30, ())], [(40, (0, 1)), (50, (1,)), (60, (0, 1)), (70, (0, 1))]
+    counted = scanned(program, *up)
+    assert (counted.memory.CV[200], counted.memory.C[200]) == (2, True)
+    counted = scanned(program, *up, *down)
+    assert (counted.memory.CV[200], counted.memory.C[200]) == (0, False)
 
 
 # ---- program of the machine -------------------------------------------------------------------------------------
