@@ -1,4 +1,4 @@
-"""Alarm texts: each message and each check exists in English and Chinese and names the actuator concerned."""
+"""Alarm texts: every alarm has a message and a check in both languages; time limit alarms name their actuator."""
 
 from __future__ import annotations
 

@@ -283,7 +283,7 @@ def test_a_leaving_tray_is_not_taken_for_a_new_one_if_the_beam_flickers_off() ->
 
 
 def test_a_tray_under_the_beam_after_a_failed_search_raises_the_question() -> None:
-    """If X15 fails while a tray creeps past, X0 raises an alarm after the repair, and homing asks the tray question."""
+    """If X15 fails while a tray creeps past, X0 leads to an alarm after the repair and homing asks the tray question."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "creep", within_ms=2 * TRAY_MS)
     twin.plc.write(twin.machine.tags.sp.no_tray, 15)
@@ -356,7 +356,7 @@ def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
 def test_one_cycle_mode_is_complete_only_when_the_tray_is_also_at_rest() -> None:
     """If the arms are at home before the next tray arrives, Complete is reached only after the tray is in place.
 
-    The gap is wide and the cups are fast: the feeder creeps 280 mm at 3.6 mm per 70 ms.
+    The cups are fast, and the gap of 300 mm requires the feeder to creep 280 mm at 3.6 mm per 70 ms.
     """
     parameters = MACHINE.with_values({"conveyor.gap_m": 0.3, "cups.planting_frequency_per_min": 80.0})
     twin = at_work(trays=2, parameters=parameters, mode=Mode.ONE_CYCLE)
