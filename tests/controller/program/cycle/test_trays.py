@@ -283,7 +283,7 @@ def test_a_leaving_tray_is_not_taken_for_a_new_one_if_the_beam_flickers_off() ->
 
 
 def test_a_tray_under_the_beam_after_a_failed_search_raises_the_question() -> None:
-    """If X15 fails while a tray creeps past, X0 leads to an alarm after the repair and homing asks the tray question."""
+    """If X15 fails while a tray creeps past, X0 leads to an alarm after repair, and homing asks the tray question."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "creep", within_ms=2 * TRAY_MS)
     twin.plc.write(twin.machine.tags.sp.no_tray, 15)
