@@ -61,11 +61,11 @@ class Scene:
         return self._plc.read(device)
 
     def places(self, side: Side) -> set[str]:
-        """Return the switches of the confirmed positions of an arm, here read from the terminals."""
+        """Return the names of the position switches of an arm that are on at the terminals."""
         return {name for name in PLACES[side] if f"{side}.{name}" in self.sensed}
 
     def is_jogged(self, output: str) -> bool:
-        """Return True if an output is jogged."""
+        """Return True if an output is being jogged."""
         return self.has(TAGS.machine.jog) == 1 + JOGGED.index(output)
 
 

@@ -41,7 +41,7 @@ def read_list(path: Path = LIST) -> list[Entry]:
 
 
 def entries_of(machine: Transplanter) -> list[Entry]:
-    """Return the alarms and HMI tags of a program."""
+    """Return an entry for each alarm and HMI tag of a program."""
     alarms = [
         Entry("alarm", f"{alarm.side}.{alarm.key}" if alarm.side else alarm.key, "S", alarm.bit.number)
         for alarm in machine.alarms

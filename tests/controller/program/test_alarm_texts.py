@@ -1,4 +1,4 @@
-"""Alarm texts: message and checks, in English and Chinese, for the actuator of the alarm."""
+"""Alarm texts: every alarm has a message and a check in both languages; time limit alarms name their actuator."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MOTIONS = {
     "claws_open": ("slide_at_", "not opened", "未张开"),
     "claws_close": ("slide_at_pick_", "not closed", "未闭合"),
 }
-"""Switch at the end of the motion of each output, and parts of the message in English and Chinese.
+"""End switch of the motion of each output, and parts of the alarm message in English and Chinese.
 
 The claws have no switch of their own; their entries name the slide switches at which they move.
 """

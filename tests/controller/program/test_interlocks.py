@@ -1,4 +1,4 @@
-"""Interlocks: no forbidden combination is ever on, for any request, and every rule is needed.
+"""Interlocks: no request turns on a forbidden combination of outputs, and every rule is needed.
 
 The output block runs alone on a bare PLC without a plant, so that any request and any input can be forced. The
 complete program is tested in test_interlocks_program.py.

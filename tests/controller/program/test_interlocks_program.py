@@ -23,7 +23,7 @@ OVER_THE_CUPS = {"lift_up", "slide_at_feed"}
 
 
 def anything(random: Random, plc: Plc) -> None:
-    """Write random steps, memory and state; in half of the calls the arms are empty and a tray is in place."""
+    """Write random steps, arm data and machine state; half of the calls leave the arms empty and a tray in place."""
     ordinary = random.random() < 0.5
     for sequence in MACHINE.program.sequences():
         bits = [bit for bit, _ in sequence]
@@ -76,7 +76,7 @@ def any_inputs(random: Random) -> list[bool]:
 
 
 def knows_its_place(scene: Scene, side: Side) -> bool:
-    """Return True if a device with a confirmed position has only that switch on and the row relay matches."""
+    """Return True if each confirmed position matches the switches and the row relays match the wanted row."""
     arm = TAGS.arms[side]
     sensed = {tag.partition(".")[2] for tag in scene.sensed if tag.startswith(f"{side}.")}
     places = PLACES[side] | {f"slide_at_pick_{row}": place for row, place in arm.at_pick.items()}
@@ -89,7 +89,7 @@ def knows_its_place(scene: Scene, side: Side) -> bool:
 
 
 def test_nothing_forbidden_is_on_from_any_state_of_the_complete_program() -> None:
-    """No forbidden output is on in 16,000 situations, in which every coil is turned on by a step and by a jog."""
+    """No forbidden output is on in 16,000 random situations, in which steps and jogs each turn on every coil."""
     random, plc, now_ms = Random(1), Plc(MACHINE.program, input_filter_ms=0), 0
     plc.scan(now_ms, MACHINE.io_map.safe_inputs())
     times_on = {(tag_of(side, output), is_jogged): 0 for side, output in COILS for is_jogged in (False, True)}
@@ -122,7 +122,7 @@ def test_rules_are_numbered_in_the_order_of_their_table_and_equally_for_both_arm
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_blocked_output_reports_its_rule_while_it_is_requested(side: Side) -> None:
-    """While the tray edge is lost during inward motion, the register contains the number of the blocking rule."""
+    """If the tray edge is lost during inward motion, `blocked_by` contains the number of the blocking rule."""
     twin = switched_on({"trays_target": 1})
     run_to("approach row")(twin, side)
     blocked_by = tags_of(twin, side).blocked_by
@@ -144,7 +144,7 @@ def test_a_blocked_output_reports_its_rule_while_it_is_requested(side: Side) -> 
 
 
 def test_the_tray_has_its_own_rule_numbers() -> None:
-    """If an arm leaves feed while the tray runs, the tray stops and the register contains the number of the rule."""
+    """If an arm leaves feed while the tray runs, the tray stops and its `blocked_by` contains the rule number."""
     twin = switched_on({"trays_target": 2}, trays=2)
     twin.home()
     twin.start()

@@ -1,4 +1,4 @@
-"""Permanent numbers: those of annunciators and HMI registers never change, and new entries take unused numbers."""
+"""Permanent numbers: the numbers of alarms and HMI tags never change, and new entries take unused numbers."""
 
 from __future__ import annotations
 

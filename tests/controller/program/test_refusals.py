@@ -48,7 +48,7 @@ FOLLOWS = {
 }
 """Bits derived by the previous scan from state, mode and rows."""
 BEGINNING = {CONTROL.home_requested: TAGS.commands.reset}
-"""Bits derived in this scan from another command that is issued with the tested one."""
+"""Bits derived in this scan from another command, which is issued together with the tested command."""
 NOT_LOOKED_FOR = {CONTROL.start_requested, CONTROL.unhold_requested, *FOLLOWS}
 REFUSAL_REGISTERS = (CONTROL.refused, CONTROL.refusal, CONTROL.refusals)
 CASES = [
@@ -91,7 +91,7 @@ def look_for(memory: Memory, wanted: list[tuple[Expr, bool]], seed: int) -> None
             memory.bits(device.kind)[device.number] = bool(value)
         else:
             memory.set_word(device.kind, device.number, value)
-    raise AssertionError("no situation in which it is the only obstacle")
+    raise AssertionError("no situation found in which every condition has the required value")
 
 
 def situation(command: Command, index: int, seed: int) -> Memory:
@@ -123,7 +123,7 @@ def after(memory: Memory, *presses: Bit) -> Memory:
 
 
 def differing(one: Memory, other: Memory) -> set[str]:
-    """Return the devices that differ, except edges, timers and the refusal registers."""
+    """Return the devices that differ, except edges, timers, `ordered` and the refusal registers."""
     apart = {"M": {CONTROL.ordered.number}, "D": {word.number for word in REFUSAL_REGISTERS}}
     return {
         f"{kind}{number}"

@@ -1,4 +1,4 @@
-"""Requirements: each safety demand is stated by requirements that are violated in exactly the forbidden situations."""
+"""Safety requirements: each is violated in a forbidden situation, but not if the decisive condition is inverted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOVES = "lift_extend"
 
 
 class Case(NamedTuple):
-    """Situation that a requirement forbids, and the condition whose inversion makes it allowed."""
+    """Situation that a requirement forbids, and the condition whose inversion makes the situation permissible."""
 
     requirement: str
     on: str
@@ -147,7 +147,7 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
 
 
 class Situation:
-    """Memory after a scan, set by name; the machine is at rest, its tray is full but not in place."""
+    """Memory after a scan of a machine at rest, with a full tray that is not in place; conditions can be made true."""
 
     def __init__(self) -> None:
         self.memory = Memory()
@@ -242,7 +242,7 @@ CASES_OF_THE_MACHINE = [case for cases in OF_THE_MACHINE.values() for case in ca
 
 @pytest.mark.parametrize(("side", "case"), CASES_OF_AN_ARM, ids=_named)
 def test_a_requirement_of_an_arm_forbids_exactly_what_is_demanded(side: Side, case: Case) -> None:
-    """A forbidden situation becomes allowed if its decisive condition is inverted."""
+    """A forbidden situation becomes permissible if its decisive condition is inverted."""
     on = set(case.on.split())
     assert breaks(f"{side}: {case.requirement}", on, side)
     assert not breaks(f"{side}: {case.requirement}", on ^ {case.turned}, side)
@@ -250,13 +250,13 @@ def test_a_requirement_of_an_arm_forbids_exactly_what_is_demanded(side: Side, ca
 
 @pytest.mark.parametrize("case", CASES_OF_THE_MACHINE, ids=_named)
 def test_a_requirement_of_the_machine_forbids_exactly_what_is_demanded(case: Case) -> None:
-    """A forbidden situation becomes allowed if its decisive condition is inverted."""
+    """A forbidden situation becomes permissible if its decisive condition is inverted."""
     on = set(case.on.split())
     assert breaks(case.requirement, on, "left")
     assert not breaks(case.requirement, on ^ {case.turned}, "left")
 
 
 def test_every_requirement_states_a_demand() -> None:
-    """The cases name all requirements of the program, and no others."""
+    """The cases cover every requirement of the program and name no others."""
     stated = {f"{side}: {case.requirement}" for side, case in CASES_OF_AN_ARM}
     assert stated | {case.requirement for case in CASES_OF_THE_MACHINE} == set(REQUIREMENTS)

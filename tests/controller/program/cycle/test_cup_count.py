@@ -88,7 +88,7 @@ def test_with_fewer_than_twelve_cups_the_release_waits_for_the_twelfth(side: Sid
 
 @pytest.mark.parametrize("side", SIDES)
 def test_after_a_power_loss_twelve_edges_must_pass(side: Side) -> None:
-    """After a power loss the count is unknown; an arm that holds a row releases it on the twelfth edge."""
+    """After a power loss the count is unknown; a held row is released on the twelfth edge after power-up."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     twin.run_for(5_000)
@@ -126,7 +126,7 @@ def test_after_a_power_loss_the_operator_can_confirm_empty_cups(side: Side) -> N
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_discarded_row_fills_the_cups_and_restarts_the_count(side: Side) -> None:
-    """No second plug falls into the cups that received a discarded row."""
+    """The row after a discarded row is released twelve cups later, so no cup receives two plugs."""
     twin = machine()
     run_to("wait for cups")(twin, side)
     twin.run_until(lambda: bool(twin.plc.read(tags_of(twin, side).count_good)), within_ms=15_000, what="twelve cups")

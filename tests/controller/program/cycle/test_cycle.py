@@ -220,7 +220,7 @@ def test_rows_are_taken_from_the_feed_inward_by_both_arms() -> None:
     [(0.600, {1: 8_350, 2: 8_850, 3: 9_450}, 9_000), (0.800, {1: 9_750, 2: 10_250, 3: 10_850}, 10_400)],
 )
 def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: dict[int, int], mean_ms: int) -> None:
-    """Each cycle time is within 0.1 s of the expected time; the mean for a row spacing of 600 mm is at most 9 s.
+    """Each cycle time is within 0.1 s of the expected time; the mean at 600 mm row spacing is at most 9 s.
 
     At 800 mm each stroke of the slide is 100 mm longer, which takes 668 ms. For row 1 the slide starts from its end
     stop, where homing has filled the cylinder, and the air in front of the piston takes 0.3 s to vent.
@@ -252,7 +252,7 @@ def test_the_arm_goes_down_at_the_set_cup_and_not_before(side: Side, descend_at_
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize(("descend_at_count", "released_at"), [(9, 12), (11, 12), (12, 13), (20, 13)])
 def test_going_down_late_can_cost_a_cup(side: Side, descend_at_count: int, released_at: int) -> None:
-    """Lowering takes 0.8 s of a 1.33 s cup interval: an arm lowered at cup 12 is ready to release at cup 13."""
+    """Lowering takes 0.8 s of the 1.33 s cup interval, so an arm lowered at cup 12 releases its row at cup 13."""
     run = tray_run(descend_at_count=descend_at_count)
     assert len(cups_before(run, side, 1, releases_ms(run, side)[1])) == released_at
     missed = {cycle.row: cycle.missed_cups for cycle in run.twin.cycles() if cycle.side == side}
@@ -261,7 +261,10 @@ def test_going_down_late_can_cost_a_cup(side: Side, descend_at_count: int, relea
 
 @pytest.mark.parametrize("side", SIDES)
 def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
-    """Twelve cups at 100/min take 7.2 s and a cycle at least 8 s; each row misses cups and is released on an edge."""
+    """Each row is released at the first cup after the arm is lowered, and the cups after the twelfth count as missed.
+
+    Twelve cups at 100/min take 7.2 s, which is less than the minimum cycle time of 8 s.
+    """
     run = tray_run(cups_per_min=100.0)
     missed = 0
     for row in ROWS:

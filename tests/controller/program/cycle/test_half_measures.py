@@ -11,7 +11,7 @@ from tests.plant_sim.twin.twin_rig import arm_of, at_work, switched_on, tags_of,
 
 
 def jog(twin: Twin, output: str, for_ms: int) -> None:
-    """Jog an output for a time, then release it."""
+    """Jog an output for a given time, then release the jog."""
     until_ms = twin.now_ms + for_ms
     while twin.now_ms < until_ms:
         twin.command(f"jog_{output}")
@@ -30,7 +30,7 @@ def to_jogging(twin: Twin) -> Twin:
 
 
 def test_the_feeder_in_step_mode_rests_at_the_end_of_each_step() -> None:
-    """Each feeder step ends without a further press, its outputs turn off, and the next tray stops in place."""
+    """The motion of each feeder step ends without a further press, and the next tray stops in place."""
     twin = at_work({"step_sequence": 3}, trays=2, mode=Mode.STEP)
     for side in SIDES:
         for row in ROWS:
@@ -48,7 +48,7 @@ def test_the_feeder_in_step_mode_rests_at_the_end_of_each_step() -> None:
 
 
 def test_one_press_covers_cup_delay_and_opening() -> None:
-    """In step mode one press is enough for an arm to release its row on time; the opening needs no second press."""
+    """In step mode the press that starts the release delay also opens the claws, so the row falls into its cups."""
     twin = at_work({"trays_target": 1})
     until_step(twin, "left arm", "wait for cups")
     twin.run_until(lambda: bool(arm_of(twin, "left").grip.held), within_ms=60_000, what="a row is held")
@@ -73,7 +73,7 @@ def test_one_press_covers_cup_delay_and_opening() -> None:
 
 
 def test_claws_that_have_begun_to_open_block_the_lift() -> None:
-    """After the claws on a clamped row are jogged open briefly, lifting is blocked and the row remains in progress."""
+    """If claws that clamp a row are jogged open briefly, lifting is blocked and the row remains in progress."""
     twin = switched_on({"trays_target": 1})
     twin.home()
     twin.start()
@@ -96,7 +96,7 @@ def test_claws_that_have_begun_to_open_block_the_lift() -> None:
 
 
 def test_a_tray_moved_manually_raises_the_question_before_an_arm_goes_in() -> None:
-    """After a tray has been jogged too far, unhold is refused until the question is answered."""
+    """After a tray has been jogged out of place, the tray question is asked and unhold is refused."""
     twin = switched_on({"trays_target": 1}, trays=2)
     twin.home()
     twin.command("stop")

@@ -33,7 +33,7 @@ def over_the_cups(side: Side) -> Twin:
 def test_two_switches_of_one_device_raise_an_alarm_that_is_reset_only_without_its_cause(
     side: Side, switch: str, device: str
 ) -> None:
-    """The alarm is raised no earlier than 0.2 s after the second switch turns on; X0 resets it only after repair."""
+    """The alarm is raised 0.1 s to 0.23 s after the second switch turns on; X0 resets it only after repair."""
     twin = over_the_cups(side)
     alarm = f"{side}: {device} switches"
     sensor = arm_of(twin, side).sensors[switch]

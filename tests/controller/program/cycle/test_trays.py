@@ -53,7 +53,7 @@ def trays_done(twin: Twin) -> int:
 
 @pytest.mark.parametrize(("late", "seed"), [("left", 1), ("right", 0)])
 def test_the_tray_leaves_when_both_arms_are_at_feed_with_their_rows(late: Side, seed: int) -> None:
-    """If the arm with the last row is delayed, the tray waits for it."""
+    """If one of the arms that hold the last rows is delayed, the tray leaves only after this arm has reached feed."""
     twin = at_work(trays=2, seed=seed)
     until_picking(twin, late, 3)
     until_step(twin, f"{late} arm", "slide to feed")
@@ -177,7 +177,10 @@ def test_x0_repeats_the_search_for_a_tray() -> None:
 
 
 def test_arms_over_the_cups_release_their_rows_while_no_tray_comes() -> None:
-    """The tray is reported missing before the last rows are released, because twelve cups at 20/min take 36 s."""
+    """If no tray arrives, the machine is suspended, but rows held over the cups are still released.
+
+    At 20 cups/min twelve cups take 36 s, so the missing tray is reported before the last rows are released.
+    """
     parameters = MACHINE.with_values({"cups.planting_frequency_per_min": 20.0})
     twin = at_work(parameters=parameters)
     until_step(twin, "tray feeder", "no tray", within_ms=4 * TRAY_MS)
@@ -234,7 +237,7 @@ def test_a_jammed_tray_raises_the_question_and_is_conveyed_out_after_homing() ->
 
 
 def test_a_tray_met_at_full_speed_is_a_jam_and_not_in_place() -> None:
-    """If X15 turns on during the index step, the belt stops with an alarm, and homing creeps the tray into place."""
+    """If X15 turns on during the index step, the belt stops with an alarm; homing then brings the tray into place."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "index", within_ms=2 * TRAY_MS)
     twin.plant.conveyor.beam.stuck = True
@@ -263,7 +266,7 @@ def test_a_beam_that_flickers_during_the_index_step_is_not_a_jam() -> None:
 
 
 def test_a_leaving_tray_is_not_taken_for_a_new_one_if_the_beam_flickers_off() -> None:
-    """If X15 is off for 50 ms while a tray leaves, the question is asked; the next tray is brought in afterwards."""
+    """If X15 is off for 50 ms while a tray leaves, the tray question is asked; then the next tray is brought in."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)
     twin.run_for(1_000)
@@ -280,7 +283,7 @@ def test_a_leaving_tray_is_not_taken_for_a_new_one_if_the_beam_flickers_off() ->
 
 
 def test_a_tray_under_the_beam_after_a_failed_search_raises_the_question() -> None:
-    """If X15 fails while a tray creeps past, X0 does not accept the tray as in place after the repair."""
+    """If X15 fails while a tray creeps past, X0 leads to an alarm after repair, and homing asks the tray question."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "creep", within_ms=2 * TRAY_MS)
     twin.plc.write(twin.machine.tags.sp.no_tray, 15)
@@ -314,7 +317,7 @@ def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -
 def test_a_beam_stuck_on_does_not_convey_the_next_tray_out_as_well() -> None:
     """If X15 is stuck on as a tray leaves, the full tray behind it overruns by at most 100 mm; nothing is lost.
 
-    After the operator has pulled it back behind the beam, the full tray is brought into place like any other tray.
+    After the operator has pulled the full tray back behind the beam, it is brought into place like any other tray.
     """
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "move tray out", within_ms=2 * TRAY_MS)
@@ -333,7 +336,10 @@ def test_a_beam_stuck_on_does_not_convey_the_next_tray_out_as_well() -> None:
 
 
 def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
-    """Pressing X0 twice transplants one row per side, even across a tray change; the first may be an assumed row."""
+    """The first run releases only the rows assumed at the start; each later run transplants one row with each arm.
+
+    Two trays are emptied in six later runs.
+    """
     twin = at_work({"trays_target": 2}, trays=2, mode=Mode.ONE_CYCLE)
     to_complete(twin)
     assert twin.cycles() == []
@@ -348,9 +354,9 @@ def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
 
 
 def test_one_cycle_mode_is_complete_only_when_the_tray_is_also_at_rest() -> None:
-    """If a wide gap and fast cups bring the arms home before the next tray arrives, Complete waits for the tray.
+    """If the arms are at home before the next tray arrives, Complete is reached only after the tray is in place.
 
-    The feeder creeps 280 mm at 3.6 mm per 70 ms.
+    The cups are fast, and the gap of 300 mm requires the feeder to creep 280 mm at 3.6 mm per 70 ms.
     """
     parameters = MACHINE.with_values({"conveyor.gap_m": 0.3, "cups.planting_frequency_per_min": 80.0})
     twin = at_work(trays=2, parameters=parameters, mode=Mode.ONE_CYCLE)

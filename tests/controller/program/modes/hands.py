@@ -13,7 +13,7 @@ RENEWED_MS = 100
 
 
 def change_mode(twin: Twin, mode: Mode) -> None:
-    """Change the mode and check it."""
+    """Change the mode and check that the change was accepted."""
     twin.command(f"mode_{mode.name.lower()}")
     twin.scan()
     assert twin.plc.read(twin.machine.tags.machine.mode) == mode
@@ -56,7 +56,7 @@ def jog_command(output: str) -> str:
 
 
 def jog(twin: Twin, output: str, for_ms: int) -> None:
-    """Jog an output for a time, then release it."""
+    """Jog an output for a given time, then release the jog."""
     for _ in range(for_ms // RENEWED_MS):
         twin.command(jog_command(output))
         twin.run_for(RENEWED_MS)

@@ -42,7 +42,7 @@ class Axis:
     at_mm: float = 0.0
 
     def move(self, ms: int, coils: list[bool], sensed: list[bool]) -> None:
-        """Move for a time according to the coils and update the switches."""
+        """Move for a given time according to the coils and update the switches."""
         way_mm = (coils[self.to] - coils[self.fro]) * self.speed_mm_ms * ms
         self.at_mm = min(max(self.at_mm + way_mm, 0.0), self.end_mm)
         for number, place_mm in self.switches:
@@ -91,7 +91,7 @@ class StandIn:
                 self._axes.append(Axis(end_mm, SPEED_MM_MS[name], x(side, to), x(side, fro), switches))
 
     def advance(self, ms: int, image: list[bool]) -> list[bool]:
-        """Apply a Y image for a time and return the raw X levels at its end."""
+        """Apply a Y image for a given time and return the raw X levels at the end."""
         coils, sensed = self._coils, self._sensed
         for number, inverted in self._outputs:
             coils[number] = image[number] != inverted

@@ -25,7 +25,7 @@ Check = Callable[[Memory], str]
 
 
 def compiled(specification: Specification) -> Check:
-    """Return a function that names the first requirement or invariant that a memory violates; '' if there is none."""
+    """Return a function that returns the name of the first requirement or invariant that a memory violates, or ''."""
     kinds = ("X", "Y", "M", "S", "T", "C", "D", "TV", "CV")
     lines = [f"    if {expression(each.never)}: return {each.name!r}" for each in specification.requirements]
     lines += [f"    if not ({expression(each.holds)}): return {each.name!r}" for each in specification.invariants]
@@ -205,7 +205,7 @@ class Renew:
 
 @dataclass(frozen=True)
 class Button:
-    """Button held for a time."""
+    """Button held for a given time."""
 
     tag: str
     held: Wait
@@ -220,7 +220,7 @@ class Button:
 
 @dataclass(frozen=True)
 class Terminal:
-    """Terminal with a forced level during another action."""
+    """Forced terminal level during another action."""
 
     number: int
     level: bool
@@ -235,7 +235,7 @@ class Terminal:
 
 @dataclass(frozen=True)
 class SystemBit:
-    """Runtime fault that is present for a time."""
+    """Runtime fault that is present for a given time."""
 
     index: int
     then: Wait

@@ -24,7 +24,10 @@ def test_a_start_button_held_at_power_up_moves_nothing() -> None:
 
 
 def test_stop_has_priority_over_start() -> None:
-    """While X24 is held, neither homing nor starting is accepted; after its release both are."""
+    """While X24 is held, pressing X0 has no effect; after X24 is released, X0 homes the machine.
+
+    X24 pressed in Idle leads back to Stopped, where X0 is ignored again while X24 is held.
+    """
     twin = Twin()
     twin.scan()
     twin.plant.box.stop = True
@@ -56,7 +59,7 @@ def test_a_broken_wire_acts_like_the_pressed_button(tag: str) -> None:
 
 
 def test_emergency_stop_is_cleared_by_holding_stop_for_three_seconds() -> None:
-    """In Aborted with X25 released, X24 must be held for 3 s to clear the stop; the machine then stays Stopped."""
+    """In Aborted with X25 released, holding X24 for 3 s clears the emergency stop; the machine then stays Stopped."""
     twin = Twin()
     twin.home()
     twin.start()

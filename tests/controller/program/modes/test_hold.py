@@ -137,7 +137,7 @@ def test_no_row_is_started_while_suspended_by_command(step: str) -> None:
 
 
 def test_a_suspension_without_cups_is_not_ended_by_command() -> None:
-    """While the cups are at rest, the reason is "no cups" and unsuspend is refused."""
+    """While the cups are at rest, the reported reason for Suspended is "no cups", and unsuspend is refused."""
     twin = in_row_1("left", "wait for cups")
     twin.plant.planting_frequency_per_min = 0.0
     twin.run_until_state(State.SUSPENDED, within_ms=20_000)
@@ -202,7 +202,7 @@ def test_abort_switches_every_coil_off_in_its_scan_and_clear_ends_it(step: str) 
 
 
 def fall_silent(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Monitor a panel that sends only one request."""
+    """Start the panel supervision with a single request and a short time limit."""
     monkeypatch.setattr(twin.runtime, "_panel_limit_ms", PANEL_LIMIT_MS)
     twin.runtime.panel_heartbeat()
     twin.scan()

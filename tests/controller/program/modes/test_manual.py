@@ -75,7 +75,7 @@ def test_every_output_can_be_jogged_alone() -> None:
 
 @pytest.mark.parametrize("presses", [1, 4])
 def test_an_output_goes_off_when_its_jog_is_not_renewed(presses: int) -> None:
-    """After the last command the output stays on for the lease time plus at most one scan."""
+    """After the last command the output stays on for the lease time, to within one scan."""
     twin = in_manual()
     recorder = ChangeRecorder.of_outputs(twin)
     for _ in range(presses):
@@ -117,7 +117,7 @@ def test_one_output_at_a_time() -> None:
 
 @pytest.mark.parametrize("ends", ["stop", "emergency_stop"])
 def test_a_stop_ends_a_jog_at_once(ends: str) -> None:
-    """While the jog command continues, X24 or X25 switches the output off, and it stays off."""
+    """X24 or X25 switches the output off, and it stays off although the jog command is renewed."""
     twin = in_manual()
     twin.command(jog_command("left.lift_retract"))
     twin.run_for(50)
@@ -186,7 +186,7 @@ def test_in_manual_mode_the_machine_must_be_started_first() -> None:
     ],
 )
 def test_interlocks_apply_and_are_reported(side: Side, before: tuple[str, ...], output: str, rule: str) -> None:
-    """Blocked outputs stay off in manual mode, and the register contains the number of the blocking rule."""
+    """Blocked outputs stay off in manual mode, and `blocked_by` contains the number of the blocking rule."""
     twin = in_manual(side)
     for name in before:
         jog(twin, f"{side}.{name}", 2_500)
@@ -215,7 +215,10 @@ def test_the_tray_is_blocked_while_an_arm_is_in_it() -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_row_discarded_in_manual_mode_is_counted_once_and_work_resumes(side: Side) -> None:
-    """A row that is taken and discarded manually is not counted as a cycle; automatic mode takes the other rows."""
+    """A manually discarded row is marked as taken but not counted as a cycle; automatic mode takes the other rows.
+
+    The emptied tray is counted once.
+    """
     twin = in_manual(side)
     cycles = twin.plc.read(tags_of(twin, side).cycles)
     take_row(twin, side)
@@ -266,7 +269,7 @@ def test_a_row_put_back_in_manual_mode_is_full_again(side: Side) -> None:
 
 
 def test_a_tray_moved_in_manual_mode_raises_the_question_and_is_conveyed_out() -> None:
-    """While rows are left in the moved tray, no arm goes in; the answer "none" brings in the next tray."""
+    """After a partly emptied tray has been moved, no arm goes in; the answer "none" brings in the next tray."""
     twin = switched_on({"trays_target": 1}, trays=2)
     run_row_1(twin, "left")
     stop(twin)

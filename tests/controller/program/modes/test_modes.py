@@ -1,4 +1,4 @@
-"""Operating modes: their start, the conditions of a change, and the end of the work."""
+"""Operating modes: conditions for a mode change, zero return, and end of the work in each mode."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def at_work_machine() -> Twin:
 
 
 def test_the_mode_cannot_change_in_execute() -> None:
-    """In Execute any other mode is refused with the reason, and work continues unaffected."""
+    """In Execute a change to any other mode is refused, the reason is reported, and work continues unaffected."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     others = [mode for mode in Mode if mode is not Mode.CONTINUOUS]
@@ -173,7 +173,7 @@ def test_zero_return_does_not_resume_from_a_hold() -> None:
 
 
 def test_one_cycle_is_one_row_of_each_arm_every_time() -> None:
-    """In one-cycle mode each start transplants one row per arm until the tray is empty; nothing is lost."""
+    """In one-cycle mode each start transplants at most one row per arm until the tray is empty; nothing is lost."""
     twin = at_work_machine()
     run_row_1(twin, "left")
     stop(twin)
@@ -189,7 +189,7 @@ def test_one_cycle_is_one_row_of_each_arm_every_time() -> None:
 
 
 def test_continuous_work_stops_after_the_ordered_trays_and_can_be_restarted() -> None:
-    """With a target of two trays, one of three remains in Complete; a second run with a target of one empties it."""
+    """With a target of two, one of three trays is still full in Complete; a run with a target of one empties it."""
     twin = at_work({"trays_target": 2}, trays=3)
     to_complete(twin)
     assert twin.plant.counts().in_tray == 72

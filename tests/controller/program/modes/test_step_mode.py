@@ -42,7 +42,7 @@ def press(twin: Twin) -> None:
 
 
 def step_to(twin: Twin, side: Side, title: str) -> list[str]:
-    """Press once every half second until a step of the arm is on; return the steps that were on."""
+    """Press once every half second until a step of the arm is on; return all steps of the arm that were on."""
     recorder = ChangeRecorder.of_steps(twin)
     for _ in range(300):
         press(twin)

@@ -136,7 +136,7 @@ def test_an_arm_that_arrives_over_cups_at_rest_waits_three_cup_intervals() -> No
 
 
 def test_slow_cups_do_not_suspend() -> None:
-    """At 18 cups/min, a cup interval of 3.3 s, the machine is not Suspended."""
+    """At 18 cups/min, which is a cup interval of 3.3 s, the machine is not suspended."""
     twin, _ = both_waiting()
     twin.plant.planting_frequency_per_min = 18.0
     twin.run_for(30_000)
@@ -144,7 +144,7 @@ def test_slow_cups_do_not_suspend() -> None:
 
 
 def nearly_counted(other: Side, cups: int) -> Twin:
-    """Return a machine whose arms both wait for cups; the release of one of them is this many cups away."""
+    """Return a machine whose arms both wait for cups, with this many cups left before arm `other` releases its row."""
     twin, _ = both_waiting()
     counter = tags_of(twin, other).cup_counter.value
     twin.run_until(lambda: twin.plc.read(counter) == 12 - cups, within_ms=20_000, what=f"{cups} cups to come")

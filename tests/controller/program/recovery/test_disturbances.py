@@ -21,7 +21,7 @@ UNBIDDEN_MS = 500
 
 
 def pull_the_cable(twin: Twin, for_ms: int) -> None:
-    """Disconnect the field I/O for a time, then let the link reopen."""
+    """Disconnect the field I/O for a given time, then let the link reopen."""
     cable = CableLink(twin.module)
     cable.open()
     twin.runtime._link = cable
@@ -66,7 +66,7 @@ def test_a_link_lost_in_any_step_derives_no_state_from_assumed_inputs(stop: Stop
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("switch", ["lift_down", "claws_spread", "slide_at_feed"])
 def test_claws_that_did_not_open_do_not_count_as_open(side: Side, switch: str) -> None:
-    """If a position signal required for opening is lost for 350 ms, the claws open on its return without damage."""
+    """If a position signal required for opening is lost for 350 ms, the row counts as held until the claws open."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     until_step(twin, f"{side} arm", "release delay")
@@ -108,7 +108,7 @@ def test_claws_without_a_confirmed_position_raise_the_alarm_of_their_step(side: 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("switch", ["lift_down", "claws_spread", "slide_at_feed"])
 def test_a_switch_that_changes_at_rest_raises_an_alarm_and_a_flicker_does_not(side: Side, switch: str) -> None:
-    """If the arm has been at rest over the cups for more than a second, the alarm is raised 0.5 s after the change."""
+    """If a switch of an arm at rest changes, an alarm is raised after 0.5 s; a change of 0.3 s raises none."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     until_step(twin, f"{side} arm", "wait for cups")
@@ -184,7 +184,7 @@ def test_a_slow_store_causes_no_claw_stroke_to_be_skipped(step: str, takes_ms: i
 
 
 def test_a_store_that_hangs_is_a_store_fault() -> None:
-    """If the store hangs, the store fault is raised within its limit, and no actuator alarm is raised."""
+    """If the store hangs, the store fault is raised after 1 s, and no actuator alarm is raised."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     store = SlowStore(twin, 10**9)
@@ -278,7 +278,7 @@ def test_a_start_with_an_arm_that_left_home_is_refused() -> None:
 
 
 def test_an_arm_that_left_home_by_itself_raises_an_alarm_and_causes_no_collision() -> None:
-    """If the left arm is pushed inward while it waits for the centre, its alarm is raised and the right arm stops."""
+    """If the left arm is pushed inward while it waits for the centre, an alarm is raised and the right arm stops."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "right", 3)
     left, right = (arm_of(twin, side) for side in SIDES)
@@ -301,7 +301,7 @@ def test_an_arm_that_left_home_by_itself_raises_an_alarm_and_causes_no_collision
 
 
 def test_the_reason_of_a_suspension_is_reported() -> None:
-    """If the cups of one side stop, the event of the suspension states this reason and the side."""
+    """If the cups of one side stop, the event of the change to Suspended contains the reason and the side."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "wait for cups")
@@ -327,7 +327,7 @@ def test_a_complete_batch_restarts_after_a_stop_and_a_power_loss() -> None:
 
 
 def test_first_out_names_the_alarm_that_came_first() -> None:
-    """Of several alarms, the register contains the one that was raised first, regardless of its number."""
+    """`first_out` contains the number of the alarm that was raised first, regardless of the numbers of later alarms."""
     twin = at_work({"trays_target": 1})
     first_out = twin.machine.tags.machine.first_out
     assert twin.plc.read(first_out) == 0
@@ -364,7 +364,7 @@ def test_an_open_stop_wire_does_not_clear_and_is_reported() -> None:
 
 
 def test_a_scan_that_fails_is_a_latched_fault_with_safe_outputs() -> None:
-    """If a scan raises an exception, its outputs are safe, the next scan aborts, and clear permits a restart."""
+    """A scan that raises an exception switches the outputs off and aborts the machine; clear permits a restart."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     twin.run_for(500)

@@ -1,4 +1,4 @@
-"""Homing by rules 1 to 6 of `home.homing`: order of outputs, final position, memory, subsequent work.
+"""Homing by rules 1 to 6 of `home.homing`: order of outputs, final position, memory and subsequent work.
 
 Rule 7, a question to the operator, is tested in `test_questions`.
 """
@@ -63,7 +63,7 @@ def stopped_after_row_1(side: Side) -> Twin:
 
 
 def homed(twin: Twin) -> ChangeRecorder:
-    """Home to Idle, check that no question is asked, and return the output changes."""
+    """Home the machine, check that no question is asked, and return the output changes."""
     recorder = ChangeRecorder.of_outputs(twin)
     assert home_again(twin) == set()
     return recorder
@@ -271,7 +271,7 @@ def test_an_empty_arm_at_mid_height_moves_up_and_then_out(side: Side) -> None:
 def test_a_row_at_feed_stays_ready_and_start_resumes_with_it(
     side: Side, step: str, into_ms: int, raises: list[str], then: list[str]
 ) -> None:
-    """Homing raises the row and presses the slide to feed; start spreads the row if necessary, lowers it and waits."""
+    """Homing leaves the row raised at feed; after start the arm spreads it if necessary, lowers it and releases it."""
     twin = stopped_in(side, step, into_ms)
     held = arm_of(twin, side).grip.held
     recorder = homed(twin)

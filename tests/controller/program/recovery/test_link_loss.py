@@ -19,7 +19,7 @@ LIMIT_MS = 100
 
 @pytest.fixture
 def cabled() -> tuple[Twin, CableLink]:
-    """Return a twin in Execute with one slide moving inward, and the link whose cable can be disconnected."""
+    """Return a twin in Execute with the left slide moving inward, and the link whose cable can be disconnected."""
     twin = Twin(trays=1, set_points={"trays_target": 1})
     cable = CableLink(twin.module)
     twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectRetentiveWriter(twin.store))

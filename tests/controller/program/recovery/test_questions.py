@@ -30,7 +30,7 @@ def machine(trays: int = 1) -> Twin:
 
 
 def power_lost_clamping(side: Side, *valves: str) -> Twin:
-    """Return a machine in Stopped after a power loss while the claws closed on row 2.
+    """Return a machine in Stopped after a power loss while the claws were closing on row 2.
 
     Args:
         side: Arm.
@@ -46,7 +46,7 @@ def power_lost_clamping(side: Side, *valves: str) -> Twin:
 
 
 def held(twin: Twin) -> set[str]:
-    """Home until Held and return the open questions."""
+    """Begin homing, wait for Held and return the open questions."""
     begin_homing(twin)
     twin.run_until_state(State.HELD, within_ms=20_000)
     return questions(twin)
@@ -74,7 +74,7 @@ def came_on(recorder: ChangeRecorder, side: Side) -> list[str]:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_answer_yes_takes_the_row_in_doubt_up_and_out(side: Side) -> None:
-    """The machine stays in Held until the answer; then the arm takes the row out and work resumes."""
+    """The arm stays at rest until the question is answered; homing then moves the row up and out, and work resumes."""
     twin = power_lost_clamping(side)
     recorder = ChangeRecorder.of_outputs(twin)
     assert held(twin) == {f"{side} loaded"}
@@ -108,7 +108,7 @@ def test_answer_no_puts_the_row_in_doubt_back_whether_it_is_held_or_not(side: Si
 
 
 def test_the_question_stays_until_it_is_answered() -> None:
-    """Until the question is answered, X0 leads to Held again and start is refused; the other arm stays at home."""
+    """Until the question is answered, X0 leads to Held again, start is refused, and the arm in doubt does not move."""
     twin = power_lost_clamping("left")
     assert questions(twin) == {"left loaded"}
     assert held(twin) == {"left loaded"}
@@ -261,7 +261,7 @@ def lose_memory(twin: Twin) -> None:
 
 
 def test_answer_same_continues_with_a_tray_that_was_put_back() -> None:
-    """If the tray is pulled from under its sensor, the question is asked; 'same' is accepted when the tray is back."""
+    """If the tray leaves its sensor, the tray question is asked; 'same' is accepted only when the tray is back."""
     twin = stopped_after_row_1()
     operate_manually(twin, "tray_run", for_ms=200)
     assert held(twin) == {"tray"}
@@ -315,7 +315,7 @@ def test_answer_none_conveys_the_tray_out_and_brings_in_the_next(is_seen: bool) 
 
 
 def test_memory_lost_with_a_full_tray_in_place() -> None:
-    """Both arms count as holding a row, the tray question is asked, and the full tray is emptied."""
+    """After a memory loss both arms count as holding a row; after the answer 'full' the tray is emptied."""
     twin = machine()
     twin.home()
     lose_memory(twin)

@@ -21,7 +21,7 @@ from tests.plant_sim.twin.twin_rig import at_work, scan_ms, undisturbed
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 LIMIT_MS, TIMEOUT_MS = 100, 30
-"""Detection limit of the loss, and timeout of a request without a response, ms."""
+"""Time limit for the detection of a link loss, and timeout of a request, ms."""
 PANEL_LIMIT_MS = 1_000
 
 
@@ -110,7 +110,7 @@ def test_a_field_with_one_missing_response_is_not_lost() -> None:
 
 @pytest.mark.parametrize(("gap_ms", "faulty"), [(200, False), (210, True)])
 def test_a_scan_over_its_limit_is_latched(gap_ms: int, faulty: bool) -> None:
-    """A scan over the limit aborts the machine and latches the alarm; a scan at the limit does neither."""
+    """A scan interval over the limit aborts the machine and latches the alarm; one equal to the limit does neither."""
     clock = SimulatedClock()
     plc = Plc(MACHINE.program)
     runtime = Runtime(MACHINE, plc, HungField(clock), DirectRetentiveWriter(MemoryStore()), link_limit_ms=1_000)
@@ -131,7 +131,7 @@ def watched_panel(twin: Twin) -> Twin:
 
 
 def speak_until(twin: Twin, reached: Callable[[], bool]) -> None:
-    """Run until a condition holds, with a panel that sends a request every 500 ms."""
+    """Run until a condition is true, with a panel that sends a request every 500 ms."""
     while not reached():
         if twin.now_ms % 500 == 0:
             twin.runtime.panel_heartbeat()
@@ -167,7 +167,7 @@ def test_a_panel_request_ends_its_timeout_warning() -> None:
 
 
 def test_a_panel_that_never_connected_does_not_hold_the_machine() -> None:
-    """A panel timeout has no effect if no panel has ever connected."""
+    """If no panel has ever connected, no alarm is raised and the machine stays in Execute."""
     twin = at_work({"trays_target": 1})
     twin.runtime._panel_limit_ms = PANEL_LIMIT_MS
     twin.run_for(5_000)
