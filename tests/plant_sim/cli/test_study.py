@@ -251,7 +251,7 @@ def test_the_command_of_the_calibration_names_seed_and_machine(
 def test_a_study_without_trials_shows_its_activity_on_a_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The activity display goes to stderr, and only on a terminal."""
+    """The activity is displayed on stderr, and only if stderr is a terminal."""
     assert study("cabbage-rsm", "--data", "printed") == 0
     quiet = capsys.readouterr()
     assert quiet.err == ""

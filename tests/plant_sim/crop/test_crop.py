@@ -190,7 +190,7 @@ def grip_over(
 @pytest.mark.parametrize(("mirrored", "column", "missed"), [(False, 0, [8, 9, 10, 11]), (True, 5, [0, 1, 2, 3])])
 def test_the_skew_of_a_tray_adds_to_the_offset_of_the_claws(mirrored: bool, column: int, missed: list[int]) -> None:
     """A skew of 10 mrad offsets each cell by 0.43 mm more than the previous one. With claws 4 mm off, strips that reach
-    5 mm miss the cells more than 2.3 cells beyond the middle, counted from the side of the arm."""
+    5 mm miss the cells more than 2.3 pitches from the middle, on the side where both offsets add."""
     row = Row()
     row.seedlings.make_typical()
     grip = grip_over(row, turned_rad=0.010, mirrored=mirrored, strip_reach_m=0.005)
@@ -265,7 +265,7 @@ def test_a_plug_falls_for_its_time() -> None:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.010, 0.100])
 def test_a_plug_meets_the_cups_at_their_position_at_landing(late_s: float) -> None:
-    """If a landing is evaluated up to 100 ms late, the chain travel since then is ignored; the tolerance is 16 mm."""
+    """A landing evaluated up to 100 ms late uses the chain position at the landing; the tolerance is 16 mm."""
     for off_m, place in ((0.0159, Location.IN_CUP), (0.0161, Location.LOST_THROW)):
         row = Row()
         seedling = next(row.waiting)

@@ -52,7 +52,7 @@ def test_a_contact_pressure_equal_to_the_endurance_breaks_half_of_the_stems() ->
     assert float(plain.break_margin(force_n, 12.5)) == pytest.approx(0.0, abs=1e-12)
     assert plain.breaks(TYPICAL, 1.01 * force_n, 12.5)
     assert not plain.breaks(TYPICAL, 0.99 * force_n, 12.5)
-    assert plain.breaks(TYPICAL, 0.99 * force_n, 25.0)  # 2 to the power of 0.1 adds 7 %, 1 % less force takes 0.5 %
+    assert plain.breaks(TYPICAL, 0.99 * force_n, 25.0)  # twice the time adds 7 %, 1 % less force subtracts 0.5 %
 
 
 def test_drifts_add_as_squares_and_grow_with_the_fall() -> None:
@@ -68,7 +68,7 @@ def test_drifts_add_as_squares_and_grow_with_the_fall() -> None:
 
 
 def test_every_law_at_another_foam_age_and_force() -> None:
-    """Foam of 15 mm narrows the gap by 5 mm times its factor; 56 d is 1.2 steps of 5 d above 50 d."""
+    """Foam 5 mm thicker narrows the gap by 5 mm times `gap_foam`; 56 d is 1.2 steps of 5 d above 50 d."""
     here, force_n = mechanics(foam_mm=15.0, age_d=56.0), 6.0
     foam, age, force = math.log(1.5), 1.2, math.log(0.75)
     calculated = {
@@ -90,7 +90,7 @@ def test_every_law_at_another_foam_age_and_force() -> None:
 
 
 def test_every_drift_at_another_foam_age_and_force() -> None:
-    """A grip whose force is reduced by the foam sways like a loose one."""
+    """The sway increases with a lower force, whether the force is set lower or reduced by thicker foam."""
     foam, age, force = math.log(1.5), 1.2, math.log(0.75)
     passed_on = [1 / (1 + (foam_mm / SPEC.yield_mm) ** SPEC.yield_exponent) for foam_mm in (15, 10)]
     calculated = {

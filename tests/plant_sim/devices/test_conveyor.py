@@ -54,7 +54,7 @@ def test_the_belt_ramps_up_and_down_and_stops_within_5_mm() -> None:
 
 
 def test_the_beam_detects_tray_gap_tray_and_then_nothing() -> None:
-    """The first edge comes after 302 mm and 25 ms of ramp; a 540 mm tray, a 45 mm gap and the next tray follow."""
+    """The first edge occurs after 302 mm and 25 ms of ramp; a 540 mm tray, a 45 mm gap and the next tray follow."""
     rig, conveyor = make_conveyor()
     edges_s: list[float] = []
     levels = []
@@ -76,7 +76,7 @@ def test_the_gap_equals_the_parameter(gap_m: float) -> None:
 
 
 def test_the_magazine_waits_for_room() -> None:
-    """The second tray fits after 2 mm of play and 300 + 285 mm of travel: 2.96 s, evaluated every 10 ms."""
+    """There is room for the second tray after 2 mm of play and 300 + 285 mm of travel: 2.96 s, checked every 10 ms."""
     rig, conveyor = make_conveyor()
     rig.run(2_950, *FORWARD)
     assert list(conveyor.front_m) == [0]

@@ -181,7 +181,7 @@ class TestEnds:
         ("coil", "rests_m", "stop_m"), [("inward", INNERMOST_M, 0.600), ("outward", OUTERMOST_M, 0.0)]
     )
     def test_the_slide_compresses_its_bumper(self, coil: str, rests_m: float, stop_m: float) -> None:
-        """Full pressure, 490 kPa * 490.87 mm2 = 240 N, less up to 35 N of friction: 1.0 to 1.2 mm at 200 N/mm."""
+        """240 N (490 kPa * 490.87 mm2) less up to 35 N of friction compress a bumper of 200 N/mm by 1.0 to 1.2 mm."""
         rig = make_rig(x_m=0.3)
         slide = rig.left.slide
         places_m = rig.trace(lambda: slide.x_m, 6_000, f"left.slide_{coil}")
@@ -283,7 +283,7 @@ class TestFaults:
     """Jams and decoupled magnets."""
 
     def test_a_jammed_slide_stops_and_continues_when_released(self) -> None:
-        """The air in front of the slide has been exhausted, so after release it accelerates freely."""
+        """After release the slide accelerates freely, because the air in front of it has been exhausted."""
         rig = make_rig()
         slide = rig.left.slide
         rig.run(1_000, "left.slide_inward")

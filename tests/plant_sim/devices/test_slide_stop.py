@@ -67,7 +67,7 @@ def test_the_slide_stops_within_60_ms() -> None:
 
 
 def test_without_its_brake_the_slide_coasts_on_its_trapped_air() -> None:
-    """The check valves close 45 ms after the coil, 7 mm further on; then only the trapped air stops the slide.
+    """The check valves close 45 ms and 7 mm after the coil turns off; then only the trapped air stops the slide.
 
     Measured with this rig: 17.0 mm in total.
     """
@@ -124,7 +124,7 @@ def test_the_slide_stops_in_the_band_of_every_pick_for_any_reaction_time(spacing
 
 
 def test_a_slide_that_overran_by_2_mm_returns_into_its_band_for_any_reaction_time() -> None:
-    """With the coil off 45 ms after the edge, the slide stops 8 mm beyond it; 3 mm into its return it is still slow."""
+    """With the coil off 45 ms after the edge, the slide stops 8 mm past the pick; its slow return ends in the band."""
     rig = make_rig()
     slide = rig.left.slide
     switch = slide.at_pick[0]

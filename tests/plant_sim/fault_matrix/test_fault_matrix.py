@@ -120,7 +120,7 @@ SAMPLE: list[tuple[str, str, str]] = [
     ("missing_tray:magazine@20s..", "no tray", ""),
     ("missing_cells:tray_1=7", "", ""),
 ]
-"""Fault, first signal and its arm for every kind of fault; an empty signal means that the fault is not detected.
+"""A fault of every kind with its first signal and the arm of that signal; an undetected fault has an empty signal.
 
 A leaking lift is pressed up while the slide moves out, and sinks while its coil is off and the claws spread at feed."""
 OF_THE_TRAYS = ("stalled_stepper", "skewed_tray", "missing_tray")
@@ -133,7 +133,7 @@ def test_the_sample_has_every_kind() -> None:
 
 @pytest.mark.parametrize(("text", "name", "side"), SAMPLE, ids=[text.partition("@")[0] for text, _, _ in SAMPLE])
 def test_a_fault_gives_its_alarm_and_every_seedling_is_counted_once(text: str, name: str, side: str) -> None:
-    """The alarm of the fault comes first; after repair, homing and a start, the trial completes."""
+    """The first alarm is the one expected for the fault; after repair, homing and a start, the trial completes."""
     fault = parse_fault(text)
     setting = TWO_TRAYS if fault.kind in OF_THE_TRAYS else ONE_TRAY
     outcome = run_case(fault, setting)

@@ -132,7 +132,7 @@ def test_an_absent_value_is_all_bits_and_an_overflow_is_clipped(rig: Rig, client
     rig.thread.call(change)
     telemetry = read_registers(client)
     assert telemetry["planting_frequency_per_min"] == 6_553.5
-    assert telemetry["tripped_at_ms"] == 0xFFFF_FFFE, "which is not never"
+    assert telemetry["tripped_at_ms"] == 0xFFFF_FFFE, "must differ from 0xFFFF_FFFF, which means never"
 
 
 @pytest.mark.parametrize("count", [0, TELEMETRY_REGISTERS - 1, TELEMETRY_REGISTERS + 1])

@@ -82,7 +82,7 @@ def test_nothing_moves_when_air_returns() -> None:
 
 
 def test_air_returns_softly() -> None:
-    """From 0.6 MPa, 0.2e-8 m3/(s Pa) passes 0.12e-2 m3/s ANR: 0.3 L rises by 2 bar in 0.5 s; then the valve opens."""
+    """At 0.6 MPa, 0.2e-8 m3/(s Pa) passes 0.12e-2 m3/s ANR, so 2 bar in 0.3 L take 0.5 s; then the valve opens."""
     rig = Rig(trays=0)
     rig.plant.box.emergency_stop = True
     rig.run(3_000)
@@ -131,7 +131,7 @@ def test_after_lowering_the_regulator_consumption_reduces_the_pressure() -> None
 def edges_of_a_cycle(step_s: float) -> list[dict[str, float]]:
     """Return the times of all sensor edges of the left arm in each part of a scripted cycle, s after its start.
 
-    Before each part all drives are set to its start positions, so that errors do not accumulate.
+    Before each part all drives are set to the start positions of that part, so that errors do not accumulate.
     """
     parts: tuple[tuple[str, int, dict[str, float]], ...] = (
         ("slide_inward", 1_900, {}),
@@ -153,8 +153,8 @@ def edges_of_a_cycle(step_s: float) -> list[dict[str, float]]:
 def test_a_finer_step_moves_no_edge_noticeably_for_a_controller() -> None:
     """Halving the step shifts motor edges by at most 0.1 ms and cup edges not at all.
 
-    Measured: slides 1.2 ms when starting, as the air in front is exhausted, and less than 0.3 ms after that; the lift
-    0.5 ms, and 1.0 ms at its end in the cushion.
+    Measured shifts of the other edges: slides 1.2 ms at the start, while the air in front is exhausted, and less than
+    0.3 ms after that; the lift 0.5 ms, and 1.0 ms at its end in the cushion.
     """
     coarse, fine = edges_of_a_cycle(1e-3), edges_of_a_cycle(0.5e-3)
     assert [set(part) for part in coarse] == [set(part) for part in fine]

@@ -54,7 +54,7 @@ LOST_AT = dict(zip(WEAK, [Location.LOST_PICK] * 5 + [Location.LOST_CARRY] + [Loc
 
 
 def test_every_seedling_of_a_row_fails_at_the_stage_of_its_weakness() -> None:
-    """Each deviates by 9 standard deviations in one property, or 6 in drift; with 9 it would land in the next cup."""
+    """Each weak seedling has one trait 9 standard deviations off, or 6 for drift: with 9 it would hit the next cup."""
     rig = rig_with_tray()
     for plant, traits in zip(rig.column(0), WEAK.values(), strict=False):
         plant.traits = traits

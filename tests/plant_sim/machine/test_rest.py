@@ -10,7 +10,7 @@ from tests.plant_sim.machine.plant_rig import Rig
 
 @pytest.mark.parametrize("jammed_ms", [100, 4_000])
 def test_released_claws_continue_to_close(jammed_ms: int) -> None:
-    """After a jam of any duration, with all air settled, the remaining pressure moves them."""
+    """When a jam of any duration is cleared, the pressure closes the claws, even if all air has settled."""
     rig = Rig()
     claws = rig.left.claws
     claws.jammed = True

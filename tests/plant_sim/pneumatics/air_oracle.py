@@ -108,7 +108,7 @@ class Chamber:
 
 
 def shape(ratio: float, critical: float) -> tuple[float, float]:
-    """Return the flow as a fraction of the choked flow, and its slope with respect to the pressure ratio; subsonic."""
+    """Return the subsonic flow as a fraction of the choked flow, and its slope with respect to the pressure ratio."""
     past = (ratio - critical) / (1 - critical)
     part = math.sqrt(1 - past**2)
     return part, -past / (part * (1 - critical))
@@ -334,7 +334,7 @@ class Cylinder:
         )
 
     def _move_one(self, params: Any, force_n: float, step_s: float) -> None:
-        """Move load and piston as one body, which friction decelerates and at most stops."""
+        """Move load and piston as one body; friction can stop it but not reverse it."""
         mass_kg = params.load_kg + params.piston_kg
         speed_m_s = 0.0
         if not params.blocked:

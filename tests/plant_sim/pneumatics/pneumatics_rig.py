@@ -233,7 +233,7 @@ def squeeze(chamber: Any, gas: Any, volumes_m3: Any) -> None:
 def join(
     chambers: Any, gas: Any, conductance_m3_s_pa: float, critical_ratio: float, steps: int, endless: bool, seen_pa: Any
 ) -> None:
-    """Exchange air between two chambers; if endless, the first one never empties. `seen_pa` records both pressures."""
+    """Exchange air between two chambers; if `endless`, the first is constant. `seen_pa` records both pressures."""
     a, b, air = chambers[0], chambers[1], gas[0]
     for step in range(steps):
         exchange(a, b, conductance_m3_s_pa, critical_ratio, air.step_s)

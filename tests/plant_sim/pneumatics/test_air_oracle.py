@@ -21,7 +21,7 @@ from tests.sampling import first_of
 REL = 1e-9
 
 COMMON = {"_kg": 1e-6, "_k": 1.0, "_m3": 1e-6, "_pa": 1e5, "_m_s": 0.1, "_m": 0.01, "_n": 100.0, "_j": 1.0}
-"""Typical magnitude of a quantity by the suffix of its name; the floor is `REL` times it."""
+"""Typical magnitude of a quantity by the suffix of its name; the absolute tolerance is `REL` times this value."""
 
 FAULTS: dict[str, tuple[int, tuple[str, ...], float]] = {
     "slide blocked": (SLIDE, ("blocked",), 1),

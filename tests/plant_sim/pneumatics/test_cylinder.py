@@ -259,7 +259,7 @@ def test_the_magnet_decouples_at_the_catalogue_force() -> None:
 
 @pytest.mark.parametrize(("throttle_m3_s_pa", "catches"), [(0.4e-9, True), (0.735e-9, False)])
 def test_the_piston_recouples_to_the_carriage_at_low_speed(throttle_m3_s_pa: float, catches: bool) -> None:
-    """Driven back past a resting carriage, the piston couples at 0.08 but not at 0.147 m/s; the limit is 0.10 m/s."""
+    """Passing a carriage at rest, the piston couples at 0.08 but not at 0.147 m/s; the limit is set to 0.10 m/s."""
     bench = machine_bench()
     bench.ideal = True
     bench.feed(0.5e6)

@@ -116,7 +116,7 @@ def test_the_flow_is_continuous(at: float) -> None:
 
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
 def test_a_closed_chamber_keeps_p_v_to_the_n(exponent: float) -> None:
-    """Compression to half in 500 steps without heat gives p0 2^n to 1e-5 (second order); expansion gives p0 to 1e-9."""
+    """Compression to half in 500 steps without heat gives p0 2^n to 1e-5 (second order), expansion back p0 to 1e-9."""
     gas = make_gas(exponent)
     chamber = make_chambers(gas, (200e-6, 3e5))
     way_m3 = np.linspace(200e-6, 100e-6, 501)
@@ -128,8 +128,8 @@ def test_a_closed_chamber_keeps_p_v_to_the_n(exponent: float) -> None:
 
 
 def test_slow_and_fast_are_the_limits_of_the_walls() -> None:
-    """Polytropic air at n = 1.2, compressed to half: within 1 % of p V = const over 100 wall times,
-    and of p V^1.2 = const within a hundredth of one."""
+    """Air with n = 1.2 that is compressed to half follows p V = const if this takes 100 wall time constants,
+    and p V^1.2 = const if it takes a hundredth of one, to within 1 %."""
     for for_s, exponent in ((40.0, 1.0), (0.004, 1.2)):
         gas = make_gas(1.2, 0.4, step_s=for_s / 400)
         chamber = make_chambers(gas, (200e-6, 3e5))

@@ -140,7 +140,7 @@ def test_the_undisturbed_machine_matches_the_optimum_of_the_paper() -> None:
 def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: float, more_mm: float, more: int) -> None:
     """A worn brake, hidden by long switch bands, makes the claws close beside the stems.
 
-    Seedlings that are not picked can neither break nor miss the cups, so D and T do not increase.
+    Seedlings that are not picked can neither break nor miss the cups, so carry and throw failures do not increase.
     """
     good, bad = undisturbed(), pooled({"slide.brake_n": brake_n, "slide.switch_band_m": band_m})
     assert bad.pick >= good.pick + more
@@ -191,9 +191,9 @@ def test_late_release_increases_throw_failures_only(delays: tuple[int, ...]) -> 
 
 @pytest.mark.parametrize("how", first_of(["fault", "set"]))
 def test_low_claw_pressure_leaves_plugs_in_their_cells(how: str) -> None:
-    """Claw pressures of 0.25 and 0.15 MPa, by setting or by a regulator fault, progressively increase P.
+    """Claw pressures of 0.25 and 0.15 MPa, by setting or by a regulator fault, progressively increase pick failures.
 
-    Stems are less stressed, so D does not increase; a loose grip increases the rate of plugs that miss their cups.
+    Stems are less stressed, so carry failures do not increase; a loose grip makes more plugs miss their cups.
     """
 
     def at(mpa: float) -> Pooled:
@@ -218,7 +218,7 @@ def test_high_claw_pressure_cuts_stems() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(240)
 def test_stems_that_are_held_long_break() -> None:
-    """A tractor stop of two minutes while rows are held increases D; losses in picking and throwing do not change."""
+    """A tractor stop of two minutes while rows are held increases carry failures, but no other failures."""
     good, long = undisturbed(), pooled(stops=True)
     assert long.mean("held_s") > good.mean("held_s") + 0.8 * STANDSTILL_MS / 1000
     assert long.carry > 1.5 * good.carry

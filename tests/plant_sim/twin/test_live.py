@@ -11,7 +11,7 @@ from plant_sim.twin.process import Interrupts
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_an_interrupt_swallowed_by_a_destructor_is_not_lost() -> None:
-    """A signal during a destructor, where exceptions are swallowed, is raised at the next check."""
+    """An interrupt that arrives in a destructor, where exceptions are swallowed, is raised at the next check."""
 
     class Signalled:
         def __del__(self) -> None:

@@ -95,7 +95,7 @@ def test_the_loaded_question_is_answered_from_the_claws(opened: bool) -> None:
 
 
 def test_the_tray_question_is_answered_from_the_tray() -> None:
-    """The answer is none, full, or, once a row has been taken, same."""
+    """The answer is 'none' without a tray, 'full' for a full tray, and 'same' after a row has been taken."""
     twin = switched_on({"trays_target": 1})
     assert true_tray(twin) == "none"
     twin.home()

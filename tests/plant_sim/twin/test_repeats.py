@@ -165,7 +165,7 @@ def test_the_csv_has_a_line_for_every_trial() -> None:
 
 
 def test_unknown_values_are_empty_in_the_csv() -> None:
-    """The air consumption of a report may be unknown."""
+    """An unknown air consumption results in an empty cell."""
     heading, row = csv.reader(Repeats([replace(report_of(7), air_l_min=None)]).csv().splitlines())
     assert dict(zip(heading, row, strict=True))["air_l_min"] == ""
 

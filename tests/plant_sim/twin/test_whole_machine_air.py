@@ -1,4 +1,4 @@
-"""Air balance and throughput of the complete machine: mass is conserved, and twenty trays follow without a gap."""
+"""Air balance and throughput of the complete machine: conserved mass, and twenty trays without a missed cup."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ def test_the_pareto_front_runs_from_least_lodging_to_least_injury(studies: dict[
 def test_the_report_explains_the_sampled_front_and_the_basis_of_its_tail(
     studies: dict[str, Study], data: str, p: str
 ) -> None:
-    """Only the speed changes along the last section of the front, which depends on the term X1 of Y2."""
+    """The last section of the front, along which only the speed changes, is reported as due to the X1 term of Y2."""
     coded = np.array(json.loads(studies[data].json())["pareto"]["coded"])
     text = studies[data].text()
     assert f"is sampled at {len(coded)} settings, none of which is dominated by another" in text

@@ -71,7 +71,7 @@ def test_other_motion_does_not_reproduce_eq_5(motion: NominalMotion) -> None:
 
 
 def test_the_nominal_motion_is_the_motion_of_the_twin(motion: NominalMotion) -> None:
-    """In two trays, offsets are within the slide's switch band and tray tolerance; the force is 7.8 N at 0.4 MPa."""
+    """Over two trays, offsets are within the switch band and the tray tolerance; the force is 7.8 N at 0.4 MPa."""
     assert len(motion.rows) == 12
     assert all(abs(row.across_m) < 0.006 and abs(row.along_m) < 0.005 for row in motion.rows)
     assert all(abs(row.throw_along_m) < 0.002 and row.throw_across_m < 0.003 for row in motion.rows)
@@ -80,7 +80,10 @@ def test_the_nominal_motion_is_the_motion_of_the_twin(motion: NominalMotion) -> 
 
 
 def test_foam(motion: NominalMotion) -> None:
-    """Up to 7.5 mm there are few P and many D; from 15 mm on there are more P and far fewer D; T hardly changes."""
+    """Up to 7.5 mm, pick failures are rare and carry failures frequent; from 15 mm on, the reverse.
+
+    Throw failures hardly change.
+    """
     foam = courses(SPEC, motion).foam
     p, d, t = (percent(foam, name) for name in "PDT")
     assert p[:3].max() < min(3.5, p[4])
@@ -93,9 +96,9 @@ def test_foam(motion: NominalMotion) -> None:
 
 
 def test_age(motion: NominalMotion) -> None:
-    """Up to 43 d, P and D are high; from 52 d on, both fall further.
+    """Pick and carry failures are frequent up to 43 d and fall further after 52 d.
 
-    The drop of 9 percentage points in eq. 5 is due to T.
+    The drop of 9 percentage points in eq. 5 from 52 to 58 d is due to throw failures.
     """
     age = courses(SPEC, motion).age
     p, d, t = (percent(age, name) for name in "PDT")
@@ -110,7 +113,10 @@ def test_age(motion: NominalMotion) -> None:
 
 
 def test_pressure(motion: NominalMotion) -> None:
-    """Up to 0.25 MPa plugs stay in the tray; from 0.65 MPa on stems are cut; T and D fall fast, then rise a little."""
+    """Up to 0.25 MPa many plugs stay in the tray; from 0.65 MPa on many stems are cut.
+
+    Throw failures fall fast up to 0.35 MPa; throw and carry failures rise slightly from 0.45 to 0.75 MPa.
+    """
     pressure = courses(SPEC, motion).pressure
     slipped, cut, d, t = (percent(pressure, name) for name in ("slipped", "cut", "D", "T"))
     assert (slipped[:2] > 8.0).all()
@@ -124,7 +130,7 @@ def test_pressure(motion: NominalMotion) -> None:
 
 
 def test_the_residuals_of_the_statements_are_small(motion: NominalMotion) -> None:
-    """The residuals are deviations from the targets of the fit, in percentage points."""
+    """No statement of the paper on a single factor is missed by 1.5 percentage points or more."""
     assert statement_residuals(SPEC, motion).max() < 1.5
 
 
@@ -169,7 +175,10 @@ def test_the_guide_contains_the_quality_of_the_fit(motion: NominalMotion) -> Non
 def test_the_study_compares_the_machine_with_a_new_fit(
     motion: NominalMotion, monkeypatch: pytest.MonkeyPatch, start: Callable[[SeedlingSpec], SeedlingSpec]
 ) -> None:
-    """The fit starts at the machine's values or, with ``--nightly``, in the middle of all bounds; this takes longer."""
+    """The fit starts at the machine's values or, with ``--nightly``, at the midpoint of each parameter's bounds.
+
+    The start at the midpoints takes longer.
+    """
     monkeypatch.setattr(fits, "middle", start)
     study = calibration_study(MACHINE, seed=1)
     tables = {part.name: part for part in study.parts if isinstance(part, Table)}

@@ -44,7 +44,7 @@ LEVELS = {
     "age": [(12.5, age, 0.45) for age in (40.0, 43.0, 46.0, 49.0, 52.0, 55.0, 58.0)],
     "pressure": [(12.5, 52.0, mpa) for mpa in (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75)],
 }
-"""docs/sources/machine.md 5; the paper's section 3.3."""
+"""Settings of the single-factor tests: section 3.3 of the paper, docs/sources/machine.md 5."""
 TABLE_3 = {
     "foam_thickness_mm": (6.51, 8.4, 12.0, 15.6, 17.49),
     "seedling_age_d": (42.375, 45.0, 50.0, 55.0, 57.625),
@@ -154,7 +154,7 @@ def test_the_fingers_do_not_reach_the_force_with_the_default_compressor() -> Non
 
 
 def test_trials_at_a_setting_are_pooled_seedling_by_seedling() -> None:
-    """The rate is that of 7 failures in 180 seedlings, not the mean of two percentages, as is its interval."""
+    """The rate and its interval are those of all 180 seedlings; the rate is not the mean of two percentages."""
     crop = CropSpec(10.0, 51.0, 0.40)
     point = point_of(crop, [trial(2, 3, 4, of=144), trial(5, 6, 7, of=36)])
     assert point.crop == crop

@@ -37,7 +37,7 @@ def test_a_model_of_noise_is_reported_as_not_significant() -> None:
 
 
 def test_a_lack_of_fit_is_reported() -> None:
-    """A plane is fitted to a paraboloid with a significant slope."""
+    """The lack of fit of a plane to a curved surface is reported although the model is significant."""
     simple = of({"1": 50.0, "X1": 9.0, "X2^2": 8.0}, LINEAR)
     assert explains(simple)
     (doubt,) = doubts("S", simple)
@@ -45,7 +45,7 @@ def test_a_lack_of_fit_is_reported() -> None:
 
 
 def test_a_share_out_of_range_is_reported_with_its_setting_in_natural_units() -> None:
-    """In panels up to 1.5, 10 + 20 X1 gives -20 % at the thinnest foam and 40 % at the thickest."""
+    """In panels from -1.5 to 1.5, 10 + 20 X1 gives -20 % at the thinnest foam and 40 % at the thickest."""
     held, reach = [0.0, 0.0, 0.0], [1.5, 1.5, 1.5]
     assert no_share_text(Polynomial({"1": 50.0, "X1": 20.0}), FACTORS, held=held, reach=reach) == []
     (low,) = no_share_text(Polynomial({"1": 10.0, "X1": 20.0}), FACTORS, held=held, reach=reach)

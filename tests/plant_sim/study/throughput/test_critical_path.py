@@ -96,7 +96,7 @@ def test_a_wait_for_the_centre_continues_with_the_other_arm() -> None:
 
 
 def test_the_centre_blocks_row_three_only() -> None:
-    """A wait without a known end event is on the path as a wait."""
+    """A wait before row 2 is on the path as a wait, even while the other arm is in the centre."""
     timeline = line(
         [("converge", 100), ("wait at feed", 410), ("approach row", 700)],
         [("slide to feed", 600)],

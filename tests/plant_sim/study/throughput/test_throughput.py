@@ -134,7 +134,7 @@ def test_the_search_continues_below_the_first_frequency() -> None:
 
 
 def test_at_45_per_minute_no_cup_is_missed_and_every_row_has_a_margin() -> None:
-    """45 cups/min is the default pace."""
+    """At the default pace, every row has a margin of more than 1 s."""
     pace = paces()(45)
     assert pace.completes
     assert pace.missed_cups == pace.settled_missed_cups == 0

@@ -33,7 +33,7 @@ def recorded(release_delay: int) -> tuple[Timeline, list[tuple[int, list[str]]]]
 
 
 def test_every_step_has_a_motion_and_every_motion_has_a_step() -> None:
-    """A new step must be added to the motions of arms or tray feeder, and a removed step deleted."""
+    """A new step must be added to the motions of the arms or the tray feeder, and a removed step deleted from them."""
     declared = {each.name: set(each.bits) for each in TWIN.machine.program.sequences() if each.name in STEPPED}
     assert {sequence: set(motions) for sequence, motions in MOTIONS.items()} == declared
 
@@ -47,7 +47,7 @@ def test_a_step_is_a_wait_if_it_has_no_output_and_no_fixed_time() -> None:
 
 
 def test_different_motions_have_different_names() -> None:
-    """Durations are summed by motion name."""
+    """Durations are summed by motion name, so motions with equal names would be merged."""
     for motions in MOTIONS.values():
         assert len({motion.name for motion in motions.values()}) == len(motions)
 
@@ -87,7 +87,7 @@ def test_each_arm_throws_three_rows_twelve_cups_apart(release_delay: int) -> Non
 
 
 def test_only_one_arm_at_a_time_is_in_the_centre_and_only_for_row_three() -> None:
-    """Each arm is in the centre once per tray, from the start towards row 3 until it returns past pick 2."""
+    """Each arm is in the centre once per tray, from the start of its approach to row 3 until it returns past pick 2."""
     timeline, _ = recorded(6)
     (left,), (right,) = timeline.centre["left"], timeline.centre["right"]
     assert left[1] <= right[0] or right[1] <= left[0]
