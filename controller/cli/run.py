@@ -196,7 +196,7 @@ def _check_numbers(options: argparse.Namespace) -> None:
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
         raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
     wait_ms = options.timeout_ms + options.scan_ms
-    # In simulated time, a response takes no time.
+    # A response takes no simulated time.
     if options.link_limit_ms <= wait_ms and not options.simulated_time:
         raise InputError(
             f"--link-limit-ms {options.link_limit_ms}: must be more than --timeout-ms plus --scan-ms, {wait_ms} ms"

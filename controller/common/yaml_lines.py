@@ -19,7 +19,7 @@ KeyPath = tuple[str | int, ...]
 
 
 class InvalidValue(NamedTuple):
-    """Invalid value of a file.
+    """Invalid value in a file.
 
     Attributes:
         line: Line, from 1.
@@ -66,8 +66,8 @@ _COMPILED: Final[Mapping[type[yaml.BaseLoader | yaml.SafeLoader], Any]] = (
 """Compiled counterpart of each loader, ten times faster."""
 _NESTING = "[{-:?"
 _MAX_NESTING: Final = 5_000
-"""Number of characters of `_NESTING` from which the Python loader is used; the compiled loaders overflow the stack at
-a depth of about 10,000."""
+"""Number of `_NESTING` characters in a text at or above which the Python loader is used; the compiled loaders overflow
+the stack at a depth of about 10,000."""
 
 
 def read_yaml(
@@ -156,7 +156,7 @@ def unfold(node: yaml.MappingNode, depth: int = 2, convert: Callable[[yaml.Node]
 
     Args:
         node: The mapping.
-        depth: Number of nested levels, 1 for the keys of the mapping only.
+        depth: Number of levels to unfold; 1 = only the keys of the mapping itself.
         convert: Function that converts a scalar, or a list or mapping below the last level. The default returns lists
             and mappings as nodes, which no model accepts. A ValueError is recorded as a fault.
     """
@@ -193,7 +193,7 @@ def unfold(node: yaml.MappingNode, depth: int = 2, convert: Callable[[yaml.Node]
 
 
 def shown(value: object) -> str:
-    r"""Return a value of the file for use in a message: on one line and limited in length.
+    r"""Return a value from the file for use in a message: on one line and limited in length.
 
     >>> print(shown("two\nlines"), shown(True))
     'two\nlines' true

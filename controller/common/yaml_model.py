@@ -47,7 +47,7 @@ def validated(model: type[_Model], located: LocatedMapping, context: object = No
 
 
 def complaints(error: ValidationError, model: type[BaseModel], values: object) -> list[tuple[KeyPath, str]]:
-    """Return the path of every invalid value with problem and remedy, unknown keys first.
+    """Return the path, the problem and the remedy of every invalid value, unknown keys first.
 
     If a key is misspelt, the correct key is also missing; only the misspelling is reported.
 

@@ -35,7 +35,7 @@ class Section:
             path: Path of the file.
             name: Dotted name.
             node: YAML node.
-            known: Permitted keys; None: any.
+            known: Permitted keys; None = any.
             error_type: Type of all errors.
 
         Raises:

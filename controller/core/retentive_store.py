@@ -46,7 +46,7 @@ class MemoryStore:
 class FileStore:
     """Store in one JSON file with a checksum.
 
-    A new state is written to a temporary file in the same folder, synchronized to disk and renamed over the old one,
+    A new state is written to a temporary file in the same folder, synchronised to disk and renamed over the old one,
     so the file always contains either the old or the new state. Other damage is detected by the checksum.
     """
 

@@ -1,9 +1,9 @@
 """Export of a program as IEC 61131-3 Structured Text: one PROGRAM equivalent to the scan of the soft PLC.
 
 Timers are written as statements instead of TON calls, because a TON measures from its call, whereas an FX timer
-counts ticks of its time base, which do not change during a scan. The platform only has to provide `now_ms`: the calling
-task writes the scan time to it before each scan. It is a LINT because a UDINT of milliseconds wraps after 49 days, and
-the result of an integer overflow is implementation-defined.
+counts ticks of its time base, and the tick count does not change during a scan. The platform only has to provide
+`now_ms`: the calling task writes the scan time to it before each scan. `now_ms` is a LINT because a UDINT of
+milliseconds wraps after 49 days, and the result of an integer overflow is implementation-defined.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Variables of a program in Structured Text: names, types, addresses and declarations.
 
 Addresses: X and Y use the octal label as byte and bit (X12 is %IX1.2), M starts at %MX0.0, S at %MX1100.0, D at
-%MW1000. They do not overlap on platforms on which %MW addresses by word the same area that %MX addresses by byte
-(from memory); platforms that address both by byte need other addresses. Special relays and registers, timers and
-counters have no address.
+%MW1000. These ranges do not overlap on platforms where %MX counts bytes and %MW counts words of the same area (from
+memory); platforms where both count bytes need other addresses. Special relays and registers, timers and counters have
+no address.
 """
 
 from __future__ import annotations

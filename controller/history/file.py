@@ -62,7 +62,7 @@ class HistoryFile:
     """Open history file; only one process at a time can write to it.
 
     Rows committed by `append` survive a crash of the process and a power failure, because every commit is
-    synchronized to disk (`synchronous = FULL`).
+    synchronised to disk (`synchronous = FULL`).
 
     Attributes:
         batch_bytes: Maximum total `HistoryRow.size_bytes` of the rows of one `append`; a single row may be larger.
@@ -157,7 +157,11 @@ class HistoryFile:
             return 0
 
     def _delete_oldest(self) -> bool:
-        """Delete the rows in the lowest 1/64 of the id range, and empty runs; return True if a row was deleted."""
+        """Delete the rows in the lowest 1/64 of the id range, and the runs that then have no rows.
+
+        Returns:
+            True if a row was deleted.
+        """
         before = self._db.total_changes
         bounds = [self._db.execute(f"SELECT min(id), max(id) FROM {table}").fetchone() for table in _JOURNALS]  # noqa: S608
         filled = [(lowest, highest) for lowest, highest in bounds if lowest is not None]

@@ -56,7 +56,7 @@ EdgesOf = Callable[[CycleEvent], Sequence[Edge]]
 
 
 class HistoryWriter:
-    """Writer of the history in a background thread; thread-safe. No method raises an exception after initialization.
+    """Writer of the history in a background thread; thread-safe. No method raises an exception after initialisation.
 
     Attributes:
         path: Path of the file.

@@ -157,7 +157,7 @@ class ModbusTcpLink:
         return reply
 
     def _failed(self, operation: str, reason: str) -> LinkError:
-        """Close the connection and return the error; a late answer must not be taken for that of the next request."""
+        """Close the connection and return the error; a late answer must not be taken for the next one."""
         self.close()
         return LinkError(f"field I/O at {self._address}: {operation}: {reason}")
 

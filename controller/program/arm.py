@@ -83,7 +83,7 @@ def cycle(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
 
 
 def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
-    """Return the steps of the second half of the cycle, at the feed position: spreading to waiting for the next row."""
+    """Return the steps of the second half of the cycle, at the feed position: from spreading to waiting for a row."""
     a, machine, sp = tags.arms[side], tags.machine, tags.sp
     want = a.want
     return [
@@ -201,8 +201,8 @@ def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
 def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     """Return the rungs of the cup counter, which runs in every state.
 
-    The edge that releases a row is count 0; the twelfth edge after it may release the next row. Every edge, counted or
-    not, restarts the pulse interval, so a flag that bounces is counted only once.
+    The edge that releases a row has the count 0; the twelfth edge after it may release the next row. Every edge,
+    counted or not, restarts the pulse interval, so a flag that bounces is counted only once.
     """
     machine, sp = tags.machine, tags.sp
     waiting = steps["wait for cups"] | steps["wait to lower"]

@@ -93,7 +93,7 @@ def _to_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
 
 
 def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
-    """Return the steps at feed that lead to the initial state, or to loaded and ready."""
+    """Return the steps at feed that lead to the initial state or leave the arm loaded and ready."""
     a = tags.arms[side]
     want = a.want
     return [

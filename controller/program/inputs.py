@@ -38,7 +38,7 @@ def _condition(point: Point) -> Expr:
 
 
 def driven(point: Point) -> Expr:
-    """Return the condition that an output is on, as written by the last scan."""
+    """Return the condition that the last scan wrote an output as on."""
     contact = Bit("Y", point.number, point.tag, point.meaning)
     return ~contact if point.inverted else contact
 

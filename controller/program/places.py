@@ -43,7 +43,7 @@ class SwitchedDevice:
         arm: Arm of the device.
         name: One of `DEVICES`; part of the names of its relays.
         places: Relays for the place and the last place, by switch, beginning with the place farthest from the others.
-        to_end: Coil that drives to an end, by the switch at that end.
+        to_end: Coil that drives the device to an end of its stroke, by the switch at that end.
         whole_ms: Time for the full stroke with margin, ms.
         travelled: Relay: the shortest travel time to any other place has elapsed.
         among_rows: Relay: the shortest travel time between two places other than the first has elapsed.
@@ -108,9 +108,9 @@ class SwitchedDevice:
 def places(tags: Tags, a: ArmTags) -> list[Rung]:
     """Return the rungs that derive the places of an arm from its switches.
 
-    At power-up and at the start of homing a switch is trusted if it is the only one of its device that is on. If none
-    is on, the device is between two places. If a switch of the device was implausible before, the device is first
-    driven towards its end for the time of a full stroke, regardless of the switch.
+    At power-up and at the start of homing, a switch is trusted if it is the only one of its device that is on. If none
+    is on, the device is between two places. If a switch of the device has been found implausible, a switch at
+    an end is trusted only after the device has been driven towards that end for the time of a full stroke.
     """
     restart, coils = tags.machine.places_anew, a.coils
     at_rows = {a.sensed_at_pick[row]: (a.at_pick[row], a.was_at_pick[row]) for row in ROWS}

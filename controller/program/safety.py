@@ -141,7 +141,10 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE)),
         ),
         "inward, past the row": ("there are seedlings beyond the next row", inward & monitor.arrived),
-        "inward, tray unknown": ("a tray with an open question may be misplaced", inward & tray.ask),
+        "inward, tray unknown": (
+            "while a question about the tray is unanswered, the tray may be misplaced",
+            inward & tray.ask,
+        ),
         "inward, into the other arm": (
             "the fingers of both arms do not fit in the centre together",
             all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre),
@@ -170,7 +173,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         "belt with slide or lift": ("slide and lift must be at rest while the belt runs", belt & slide_or_lift),
         "converge with a load": ("the seedlings would be torn", converges & monitor.holds),
         "belt against its stop": (
-            "the motor may run against its end stop only after a switch was implausible",
+            "the motor may run against its end stop only after a switch has been found implausible",
             ~a.distrusted["belt"] & ((spreads & a.sensed_spread) | (converges & a.sensed_converged)),
         ),
         "converge away from feed": ("claws may change their pitch only at feed", converges & ~feed),

@@ -1,7 +1,7 @@
 """Tray feeder: convey the empty tray out, index into the gap behind it, creep to the front edge of the next tray.
 
-A front edge is accepted only while creeping because a tray that arrives at full speed stops out of reach of the claws.
-The feeder therefore indexes only after it has detected the rear edge, and otherwise creeps the entire distance.
+A front edge is accepted only while the belt creeps, because a tray that arrives at full speed stops out of reach of the
+claws. The feeder therefore indexes only after it has detected the rear edge, and otherwise creeps the entire distance.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from controller.program.tags import (
 
 MET_MS: Final = 200
 """Delay of the alarm for a tray detected during the index, ms; longer than sensor bounce. The gap behind a tray is
-longer than the index, so either the tray has not left or the next one arrived too early."""
+longer than the index, so either the tray has not left or the next one has arrived too early."""
 CREEP_RUN_MS: Final = 20
 CREEP_PAUSE_MS: Final = 30
-"""Pause after each creep pulse, ms, in which the belt stops. With a 10 ms scan one pulse moves the belt of the twin by
+"""Pause after each creep pulse, ms, in which the belt stops. With a 10 ms scan, one pulse moves the simulated belt by
 3.6 mm. Neither an extra pulse nor a loss of drive current during a pulse moves the tray out of reach of the claws."""
 
 

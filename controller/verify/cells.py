@@ -37,7 +37,7 @@ _KINDS: Final = {fx: kind for kind, fx in _FX_NAMES.items()}
 
 
 class ModelError(ValueError):
-    """A program or specification that cannot be expressed as formulas."""
+    """Raised for an invalid specification, goal name or trace, or a program that cannot be expressed as formulas."""
 
 
 class Cell(NamedTuple):

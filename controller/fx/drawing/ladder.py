@@ -43,8 +43,8 @@ def draw(ladder: Ladder) -> dict[str, str]:
         ladder: Checked program.
 
     Returns:
-        Text of each SVG file by file name: the rungs by block in order, then one chart for each
-            group of connected steps.
+        Text of each SVG file by file name: the rungs, block by block, then one chart for
+            each group of connected steps.
     """
     files: dict[str, str] = {}
     for number, (title, rungs) in enumerate(_blocks(ladder), 1):

@@ -156,7 +156,7 @@ class _RungReader:
             self._merge(Series if join == "AND" else Parallel, self._blocks.pop(), contact)
 
     def _join(self, name: str) -> None:
-        # ANB with one block joins it to the leg that contains it: nothing to draw
+        # ANB with one open block joins this block to the leg that already contains it, so the drawing is unchanged
         if len(self._blocks) > 1:
             last, before = self._blocks.pop(), self._blocks.pop()
             self._merge(Series if name == "ANB" else Parallel, before, last)

@@ -20,7 +20,7 @@ Action = Callable[[], None]
 Level = Callable[[bool], None]
 """Operation executed in every scan; the argument is True if the instruction is driven."""
 ActionFactory = Callable[[Cpu, tuple[Operand, ...], bool], Action]
-"""Function that returns the action of an instruction with these operands; the last argument is True in 32-bit form."""
+"""Function that returns the action of an instruction with these operands; the last argument selects the 32-bit form."""
 LevelFactory = Callable[[Cpu, tuple[Operand, ...], bool], Level]
 
 Reader = Callable[[], int]

@@ -1,4 +1,4 @@
-"""Devices as Python source text: contacts, words, and the effect of a coil that has or lacks power."""
+"""Devices as Python source text: contacts, words, and the effect of a coil with and without power."""
 
 from __future__ import annotations
 

@@ -329,7 +329,7 @@ class FxPlc:
             self._depth -= 1
 
     def _watch(self) -> None:
-        """WDT: restart the watchdog; `LONGEST_SCAN_MS` still applies, so an endless program cannot block."""
+        """WDT: restart the watchdog; `LONGEST_SCAN_MS` still applies, so a WDT in an endless loop cannot block."""
         limit = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
         self._used_steps += limit - self._steps_left[0]
         if self._used_steps > LONGEST_SCAN_MS * STEPS_A_MS:

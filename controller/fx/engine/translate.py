@@ -142,7 +142,7 @@ class Translator:
         return levels.union(*(self._levels(part.body) for part in body if isinstance(part, Loop)))
 
     def _body(self, body: tuple[Part, ...]) -> None:
-        """Write a body; with labels, as the sections of a loop that is repeated only after a jump."""
+        """Write a body; a body with labels becomes the sections of a loop that is repeated only after a jump."""
         targets = {number_of(self._list[i]) for i in body if isinstance(i, int) and self._list[i].name == "P"}
         if not targets:
             for part in body:
@@ -192,7 +192,7 @@ class Translator:
         return total + 1
 
     def _write_step(self, step: LadderStep) -> None:
-        """Write a step: one branch for the scans in which its state is on, and one without power for the next scan."""
+        """Write a step: one branch for scans with its state on, and one without power for the scan that follows."""
         self._step = step
         self._add(f"if {' and '.join(f'S[{state}]' for state in step.states)}:")
         with self._deeper():

@@ -36,7 +36,7 @@ class Placed(NamedTuple):
 
 
 Block = Literal["contacts", "bus"]
-"""Kind of a circuit block: contacts since an LD, or the bus after an output or branch, which allows no OR."""
+"""Kind of circuit block: contacts since an LD, or the bus after an output or branch, where OR is not allowed."""
 
 
 @dataclass(slots=True)

@@ -1,11 +1,11 @@
 """Pulse outputs: PLSY PWM PLSR (FNC 57-59).
 
 An FX2N generates these pulses in hardware, independent of the scan. Here the number of pulses is computed exactly from
-the scan times, and Y is the level of the train at the scan time: a train faster than half the scan rate is not visible
-in the Y image, but its count is correct. The total number of PLSY and PLSR pulses is in D8140 and D8141 for Y0, and in
-D8142 and D8143 for Y1. M8029 turns on with the last pulse and turns off with the drive input. When the drive input
-turns off, the pulses stop immediately, and the next train starts from the beginning. All details are from memory. The
-state of a train is stored between scans and reset when the CPU changes to RUN.
+the scan times, and Y is the level of the train at the scan time: the Y image does not show every pulse of a train
+faster than half the scan rate, but the count is correct. The total number of PLSY and PLSR pulses is in D8140 and
+D8141 for Y0, and in D8142 and D8143 for Y1. M8029 turns on with the last pulse and turns off with the drive input. When
+the drive input turns off, the pulses stop immediately, and the next train starts from the beginning. All details are
+from memory. The state of a train is stored between scans and reset when the CPU changes to RUN.
 """
 
 from __future__ import annotations

@@ -105,9 +105,10 @@ def _word_shift(shifted: Callable[[Sequence[int], Sequence[int]], list[int]]) ->
 
 
 def sfwr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SFWR s d n: append s to the queue of n words (2-512) at d; d is the number of entries, which follow it.
+    """SFWR s d n: append s to the queue of n words (2-512) at d.
 
-    A full queue (n-1 entries) is unchanged, and M8022 is set.
+    The first word is the number of entries, and the entries follow it. A full queue (n-1 entries) is
+    unchanged, and M8022 is set.
     """
     get, row, count = reader(cpu, operands[0], wide), words(cpu, operands[1], wide), reader(cpu, operands[2], wide)
     special = cpu.memory.M

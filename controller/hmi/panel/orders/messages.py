@@ -34,7 +34,7 @@ class _Order(BaseModel):
 
 
 class CommandOrder(_Order):
-    """Press of a command of the command table."""
+    """Request to issue a command from the command table."""
 
     type: Literal["command"]
     command: Name
@@ -64,7 +64,7 @@ class ShelveOrder(_Order):
 
 
 class UnshelveOrder(_Order):
-    """End of shelving."""
+    """End of the shelving of an alarm."""
 
     type: Literal["unshelve"]
     alarm: Word
@@ -79,7 +79,7 @@ class JogOrder(_Order):
 
 
 class BoxOrder(_Order):
-    """Button of the simulated operator box."""
+    """Press or release of a button of the simulated operator box."""
 
     type: Literal["box"]
     button: Button

@@ -85,7 +85,10 @@ def describe(machine: Transplanter, telemetry: Telemetry | None) -> Json:
 
 
 def _alarmed_devices(machine: Transplanter) -> dict[int, str]:
-    """Return the device of each alarm, by annunciator number: the one moved by the step or detected by the switches."""
+    """Return the device of each step alarm and switch alarm, by annunciator number.
+
+    A step alarm belongs to the device that the step moves; a switch alarm belongs to the device with the switches.
+    """
     devices: dict[int, str] = {}
     for side, arm in machine.tags.arms.items():
         moved = {bit: f"{side}.{_DEVICE_OF[name]}" for name, bit in arm.want.items()}

@@ -71,7 +71,7 @@ class Guard:
         return headers.getlist("origin") == [f"{scheme}://{hosts[0]}"]
 
     def _is_served(self, host: str, scheme: str, scope: Scope) -> bool:
-        """Return whether a Host header is a served name or the address of this listener."""
+        """Return whether a Host header contains a served name or the address of this listener."""
         address, port = scope.get("server") or ("", None)
         try:
             url = urlsplit(f"//{host}")
