@@ -1,1 +1,1 @@
-"""Simulated transplanter, and its digital twin with the controller."""
+"""Simulated transplanter, and the digital twin that couples it to the controller."""

@@ -76,7 +76,8 @@ class HmiFigures:
         many_per_s: Read requests answered by the controller over eight connections, 1/s.
         reference_many_per_s: Read requests answered by the pymodbus server over eight connections, 1/s.
         memory_before_mb: Resident memory of the controller before the mutated frames and the connections, MB.
-        memory_after_mb: Resident memory of the controller after these and one more successful request, MB.
+        memory_after_mb: Resident memory of the controller after the frames, the connections and one more
+            successful request, MB.
         frames_answered: Number of complete mutated frames, all of which were answered.
     """
 
@@ -202,7 +203,7 @@ def measure_punctuality(
 
 
 def measure_service(*, frames: int = FRAMES, connections: int = CONNECTIONS) -> dict[str, float]:
-    """Measure read requests per second compared with the pymodbus server, and robustness against malformed frames.
+    """Measure the request rates of the controller and of the pymodbus server, and the effect of malformed frames.
 
     Args:
         frames: Number of mutated frames.
@@ -316,7 +317,7 @@ def _bare_loop(for_s: int) -> Process:
 
 
 def _waited(waiting: Process) -> Punctuality:
-    """Return the lateness of a finished bare loop."""
+    """Wait until a bare loop has ended, and return its lateness."""
     result = _read_record(waiting, WORK_LIMIT_S)
     return Punctuality.of(result["late"], result["missed"])
 

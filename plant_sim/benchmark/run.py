@@ -90,7 +90,7 @@ class Figures(HmiFigures):
 
 
 def measure(*, seed: int = 1) -> Figures:
-    """Measure a trial, the PLC alone and the plant alone with the images of this trial, and the operator interface.
+    """Measure a trial, the PLC and the plant separately with the images of this trial, and the operator interface.
 
     Args:
         seed: Seed of the trial.

@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM.
 
     Raises:
-        InputError: An option or a file is invalid, or the port is taken.
+        InputError: An option or a file is invalid, or the port is in use.
     """
     _check(options)
     io_map = load_io_map(options.io_map)

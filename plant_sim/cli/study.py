@@ -186,7 +186,7 @@ def _progress() -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def _busy(activity: str) -> Iterator[None]:
-    """Show the activity of a study without trials on a terminal."""
+    """Show the current activity of a study that runs no trials; no effect unless stderr is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield

@@ -230,7 +230,7 @@ class Grip:
             self._lose_broken(pose.now_s)
 
     def _open(self, pose: Pose, *, slipped: bool = False) -> None:
-        """Release all seedlings; a slip has already been reported."""
+        """Release all seedlings; if `slipped` is True, the drop has already been reported as a slip."""
         if self.extracted:
             self._lose_broken(pose.freed_s)
         released, self.held = self.held, []

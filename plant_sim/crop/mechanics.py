@@ -4,8 +4,8 @@ Each failure mode has a margin: the distance of a typical seedling from failure,
 property. A seedling fails if its deviation is worse than the margin. The fraction of a population that fails is the
 normal integral of the margin; `expectation` computes it. All functions accept numbers or numpy arrays.
 
-Where the pepper paper describes an effect in words only (docs/sources/machine.md 5), the simplest law of that
-shape is used, with calibrated constants: see docs/seedling.md.
+Where the pepper paper describes an effect in words only (docs/sources/machine.md 5), the simplest law of the
+described shape is used, with calibrated constants: see docs/seedling.md.
 """
 
 from dataclasses import dataclass

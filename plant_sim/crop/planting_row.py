@@ -77,7 +77,7 @@ class PlantingRow:
 
         Args:
             seedling: The seedling.
-            position_m: Position along the row, m from claw 0.
+            position_m: Position along the row, measured from claw 0, m.
             lands_s: Time of landing, s.
             drift_m: Offset of the landing position along the row, m.
             across_m: Offset of the landing position across the row, m.

@@ -35,7 +35,7 @@ def coded_factors(foam_mm: N, age_d: N, pressure_mpa: N) -> tuple[N, N, N]:
 
 
 def natural_factors(x1: N, x2: N, x3: N) -> tuple[N, N, N]:
-    """Return foam thickness, mm, age, d, and claw pressure, MPa, from the coded factors.
+    """Return foam thickness (mm), age (d) and claw pressure (MPa) for coded factors.
 
     Source: docs/sources/machine.md 5.
     """
@@ -70,7 +70,7 @@ def success_percent(foam_mm: N, age_d: N, pressure_mpa: N) -> N:
 
 @dataclass(frozen=True, slots=True)
 class CropSpec:
-    """Settings of the crop and its grip.
+    """Settings of the crop and the claws.
 
     Attributes:
         foam_thickness_mm: Foam thickness on the claws, mm.

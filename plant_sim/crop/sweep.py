@@ -10,7 +10,7 @@ from plant_sim.crop.seedling import Location, Seedling, Seedlings
 class Sweep:
     """Columns passed by the claw row, and the direction of approach.
 
-    Open, converged claws straddle the stems of a column from its outer side and retract the
+    Open, converged claws approach a column from its outer side until they straddle its stems, and retract the
     same way. Passing through a standing column is a collision; hence the pick order 1, 2, 3.
     Closed or spread claws damage the stems that they touch.
 

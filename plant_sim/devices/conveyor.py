@@ -17,10 +17,7 @@ _CAPACITY = 8
 
 _ABSENT_M = -1e9
 _AT_REST_M_S = 1e-9
-"""Speed below which the belt is treated as stationary, m/s.
-
-Without this limit, a belt on which motor force and friction balance would come to rest only asymptotically.
-"""
+"""Speed below which the belt is treated as stationary, m/s; otherwise it would come to rest only asymptotically."""
 
 CONVEYOR = np.dtype(
     [

@@ -51,7 +51,8 @@ class CupsSpec:
         sensor_lead_m: Chain travel from the start of the pulse until the cups are under the claws, m.
         pulse_share: Fraction of the pitch during which the pulse sensor is on.
         pulse_jitter: Largest offset of a flag in either direction, as a fraction of the pitch.
-        mouth_m: Effective width of the mouth of a cup, m; with `plug_m` it determines `catch_m`. See machine.md 1.
+        mouth_m: Effective width of the mouth of a cup, m; with `plug_m` it determines `catch_m`. See
+            docs/sources/machine.md 1.
         plug_m: Width of a plug, m.
     """
 

@@ -23,7 +23,7 @@ class AirSpec:
         polytropic_exponent: Polytropic exponent of air, 1 (slow, isothermal) to 1.4 (fast, adiabatic).
         wall_time_s: Time constant of the relaxation to wall temperature, s.
         thermal: True if the temperature is computed from the energy balance instead of the two parameters above.
-        wall_w_m2_k: Heat transfer to the walls with `thermal`, W/(m2 K).
+        wall_w_m2_k: Heat transfer coefficient of the walls, used if `thermal` is True, W/(m2 K).
     """
 
     polytropic_exponent: float

@@ -38,7 +38,7 @@ class SpreaderSpec:
 
     Attributes:
         travel_m: Belt travel of the front claw from converged to spread, m.
-        voltage_v: Supply voltage of the motor, V; if neither direction is on, a relay short-circuits it as a brake.
+        voltage_v: Supply voltage, V; if neither direction is on, a relay short-circuits the motor to brake it.
         resistance_ohm: Armature resistance, ohm.
         emf_v_s_m: Back-EMF at a belt speed of 1 m/s, V s/m; also the motor force per current, N/A.
         motor_kg: Inertia of motor and gear at the belt, kg.
@@ -138,7 +138,7 @@ def _turn(s: Any, params: Any, drive: float, step_s: float) -> None:
 
 
 class Spreader(View):
-    """View of one spreader. Inputs: the two motor directions; both together brake it.
+    """View of one spreader. Inputs: the two motor directions; both together brake the motor.
 
     Attributes:
         converged_switch: End switch at tray pitch.

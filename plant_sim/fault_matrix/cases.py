@@ -52,7 +52,7 @@ class Subject:
         return f"{self.kind}:{self.part}{'' if self.size is None else f'={self.size:g}'}"
 
     def faults(self, count: int, *, seed: int, from_ms: int, to_ms: int) -> list[Fault]:
-        """Return faults at random times that alternate between the arms; for a permanent kind, one fault per target.
+        """Return faults at random times, alternating between the arms; for a permanent kind, one fault per target.
 
         Args:
             count: Number of faults.

@@ -119,7 +119,7 @@ _SWITCH_OFF = {
         "converge",
         "lower over cups",
         "unbidden",
-        "tray_jam",  # the belt is not permitted while an arm is not detected at feed, so the tray does not leave
+        "tray_jam",  # the belt may not move while an arm is not detected at feed, so the tray does not leave
     ),
     **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
     "claws_spread": _detected("spread", "open claws", "unbidden"),

@@ -13,7 +13,7 @@ COUNTS_OF_ONE_ROW = "cup counts"
 
 
 def _is_of(side: str, fault: Fault) -> bool:
-    """Return True if a fault can cause an alarm of the given arm; an empty `side` means an alarm of no arm."""
+    """Return True if a fault can cause an alarm of the given arm; `side` is empty if the alarm belongs to no arm."""
     affected = fault.target.partition(".")[0]
     return affected not in SIDES or side in {"", affected}
 

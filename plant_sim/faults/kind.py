@@ -51,7 +51,7 @@ class FaultableMachine(Protocol):
 
     @property
     def broken_wires(self) -> set[str]:
-        """Tags of the inputs whose terminal is off regardless of the sensor."""
+        """Tags of the inputs whose terminals are off regardless of their sensors."""
 
     @property
     def conveyor(self) -> Conveyor:

@@ -73,7 +73,7 @@ class FaultSchedule:
         active = [each for each in self._active if each.fault.name == name]
         if not pending and not active:
             known = ", ".join(fault.name for fault in (*self.active, *self._pending)) or "none"
-            raise FaultError(f"{name}: neither active nor scheduled; present faults: {known}")
+            raise FaultError(f"{name}: neither active nor scheduled; current faults: {known}")
         if any(FAULTS[each.fault.kind].permanent for each in active):
             raise FaultError(f"{name}: is permanent and cannot be cleared")
         for fault in pending:
@@ -101,7 +101,7 @@ class FaultSchedule:
         now_ms = self._machine.time_ms
         FAULTS[fault.kind].part(self._machine, fault.target)
         if fault.end_ms is not None and fault.end_ms <= now_ms:
-            raise FaultError(f"{fault}: ends before the present time, {now_ms} ms; specify a later end")
+            raise FaultError(f"{fault}: ends before the current time, {now_ms} ms; specify a later end")
         if FAULTS[fault.kind].permanent and now_ms > 0:
             raise FaultError(f"{fault}: must be set before the run; add it at plant time 0")
         for other in (*self.active, *self._pending):

@@ -14,8 +14,8 @@ class LinkDown(OSError):  # noqa: N818 - the name states the condition of the li
 class InProcessLink:
     """Field link that satisfies the controller's `FieldLink` protocol structurally, without importing it.
 
-    As over a network, the link is closed after any `LinkDown` until `open` is called again. It transfers images only;
-    plant time is advanced elsewhere.
+    As over a network, the link remains closed after any `LinkDown` until `open` is called again. It transfers images
+    only; plant time is advanced elsewhere.
     """
 
     def __init__(self, module: IoModule) -> None:

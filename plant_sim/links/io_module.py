@@ -39,7 +39,7 @@ class IoModule:
         tripped: True if the watchdog has tripped and has not been reset.
         last_write_ms: Plant time of the last accepted write, ms; None before the first.
         tripped_at_ms: Plant time of the last trip, ms, retained after a reset; None before the first.
-        block_writes: Number of complete writes of the Y block, each in one write or several.
+        block_writes: Number of times the complete Y block has been written, each time in one write or several.
         observers: Callbacks after every advance of plant time.
     """
 

@@ -64,7 +64,7 @@ class Plant:
         state: State of the machine, one record `MACHINE`.
         params: Parameters of the machine, one record `MACHINE_PARAMS`; faults change it.
         wired: Tags of the wired inputs.
-        broken_wires: Tags of the inputs whose terminal is off regardless of the sensor.
+        broken_wires: Tags of the inputs whose terminals are off regardless of their sensors.
         faults: Fault schedule.
     """
 

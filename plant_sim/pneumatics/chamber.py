@@ -27,8 +27,8 @@ GAS = np.dtype([("exponent", "f8"), ("wall_s", "f8"), ("thermal", "i8"), ("wall_
 """Gas model common to all chambers.
 
 With `thermal` 0 the temperature follows the density with the polytropic `exponent` and relaxes to the wall temperature
-with the time constant `wall_s`. With `thermal` 1 it follows the energy balance, with heat transfer `wall_w_m2_k` at the
-wall of a sphere of the same volume.
+with the time constant `wall_s`. With `thermal` 1 it follows the energy balance, with the heat transfer coefficient
+`wall_w_m2_k` at the wall of a sphere of the same volume.
 """
 
 _SPHERE = 4.835975862049409

@@ -164,7 +164,7 @@ def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
 
 @compiled
 def _move_coupled(c: Any, params: Any, push_n: float, step_s: float) -> None:
-    """Move piston and load, coupled by a magnet that yields like a spring and decouples above its force.
+    """Move piston and load, coupled by a magnet that yields like a spring and decouples above its holding force.
 
     Spring and damper are integrated implicitly, so their stiffness does not limit the time step. The load sticks if the
     force required to hold it does not exceed its friction.

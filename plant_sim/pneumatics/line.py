@@ -33,8 +33,8 @@ LINE_PARAMS = np.dtype(
 """Parameters.
 
 `free` is the inward path past the throttle, `throttle` the outward path (meter-out); both are in series with the check
-valve. `checked` 0 means no check valve. `slip` leaks past its seat and `leak` from the chamber to the ambient air (both
-faults). The volume of the chamber is `dead_m3` plus the swept volume.
+valve. `checked` 0 means no check valve. `slip` is a leak past the seat of the check valve and `leak` is one from the
+chamber to the ambient air (both faults). The volume of the chamber is `dead_m3` plus the swept volume.
 """
 
 

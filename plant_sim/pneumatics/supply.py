@@ -124,7 +124,7 @@ def _compress(s: Any, params: Any, step_s: float) -> None:
 def _regulate(
     a: Any, b: Any, gauge_pa: float, band_pa: float, conductance_m3_s_pa: float, critical: float, step_s: float
 ) -> None:
-    """Pass air from `a` to `b` up to a set pressure; the regulator is fully open from `band_pa` below it."""
+    """Pass air from `a` to `b` up to a set pressure; the regulator is fully open `band_pa` or more below it."""
     lacking_pa = gauge_pa + ATMOSPHERE_PA - b.pressure_pa
     if lacking_pa <= 0.0:
         return

@@ -74,5 +74,5 @@ def supply_opening(spool: float) -> float:
 
 @compiled
 def exhaust_opening(spool: float) -> float:
-    """Return the opening of a port to the exhaust, 0 to 1; 1 in the middle position (exhaust centre) and beyond."""
+    """Return the opening of a port to the exhaust, 0 to 1; 1 if `spool` is 0 (exhaust centre) or negative."""
     return min(max(1.0 - 2.0 * spool, 0.0), 1.0)

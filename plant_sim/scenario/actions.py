@@ -111,7 +111,7 @@ VERBS = {
     "press": ActionKind("press and release a button", _press, 100),
     "hold": ActionKind("press a button and keep it pressed", _hold),
     "release": ActionKind("release a button", _release),
-    "command": ActionKind("issue a command of the command table", _command),
+    "command": ActionKind("issue a command from the command table", _command),
     "planting_frequency": ActionKind("change the tractor speed; 0 = standstill", _planting_frequency),
     "power_cycle": ActionKind("switch the controller off for a duration", _power_cycle),
     "fault": ActionKind("start a fault; for = its duration (default: permanent)", _fault, 0),

@@ -148,7 +148,7 @@ def _staircase(spans: list[tuple[float, float, object]], colour: str) -> list[La
 
 
 def _rank(name: str) -> tuple[int, int]:
-    """Return the sort key: faults and alarms, state, steps, coils, sensors, each in the given order."""
+    """Return the sort key: faults, alarms, state, steps, coils, sensors, other columns; equal within each kind."""
     heads = ("faults", "alarms", "state", "step", "y", "x")
     head = name.partition(".")[0]
     return (heads.index(head) if head in heads else len(heads), 0)

@@ -30,7 +30,7 @@ class StudyParameter:
         name: Dotted name of a parameter in machine.yaml, or ``program.`` and a set-point.
         unit: Unit, ``-`` for none.
         is_integer: True if only integer multiples of `step` are valid: a count, a set-point, or a switch (0 or 1).
-        step: Value of one count in the program, in the unit: 10 or 100 ms for a time set-point, else 1.
+        step: Value of one count in the program, in `unit`: 10 or 100 ms for a time set-point, else 1.
     """
 
     name: str
@@ -44,7 +44,7 @@ class StudyParameter:
         return label(self.name, self.unit)
 
     def read(self, text: str) -> float:
-        """Return a level parsed from text, in the unit; ``true`` and ``false`` for a switch.
+        """Return a level parsed from text, in `unit`; ``true`` and ``false`` are valid for a switch.
 
         A time set-point without a unit is given in counts of the program.
 
@@ -87,7 +87,7 @@ def study_parameter(name: str, machine: Machine) -> StudyParameter:
 
 @dataclass(frozen=True, slots=True)
 class FactorSetting:
-    """Design point in natural units: the values that differ from the base machine.
+    """Design point in natural units: the values that differ from those of the base machine.
 
     Attributes:
         values: Value by dotted name, in the unit of its `StudyParameter`; time set-points in program counts.
@@ -124,7 +124,7 @@ class FactorSetting:
         }
 
     def _context(self, complaint: str) -> str:
-        """Return the values of the setting if the error concerns a parameter that is not part of the setting."""
+        """Return the values of the setting as a suffix for an error that names none of them; otherwise ""."""
         if complaint.partition(":")[0] in self.values:
             return ""
         return f" (with {', '.join(f'{name} = {value:.6g}' for name, value in self.values.items())})"

@@ -267,7 +267,7 @@ def correct(
     """Apply corrections to columns.
 
     Raises:
-        StudyError: The corrected cell does not exist or has a different printed value.
+        StudyError: A cell to be corrected does not exist or contains a different value.
     """
     for change in changes:
         where = f"correction of run {change.run}, {change.column}"

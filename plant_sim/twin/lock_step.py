@@ -164,7 +164,7 @@ class Twin:
         self._releases[button] = self.now_ms + for_ms
 
     def command(self, name: str) -> None:
-        """Issue a command of the command table for one scan."""
+        """Issue a command from the command table for one scan."""
         self.plc.press(self.machine.tags.commands[name])
 
     def home(self, within_ms: int = 40_000) -> None:

@@ -187,8 +187,8 @@ def collect_violations(twin: Twin) -> dict[str, str]:
     """Attach every monitor to a twin and collect the violations without stopping it.
 
     Returns:
-        First violation of each kind so far: the kind of incident, or the name of the monitor, and the description. The
-        dictionary is filled while the twin runs.
+        Description of the first violation of each kind, by kind of incident or name of the monitor. The dictionary is
+        filled while the twin runs.
     """
     checks = {monitor.__name__: monitor(twin) for monitor in MONITORS if monitor is not no_incident}
     trips: dict[str, str] = {}

@@ -15,7 +15,7 @@ HOMING_LIMIT_MS = 40_000
 AIR_LIMIT_MS = 600_000
 """Longest wait for air pressure, ms; the compressor fills an empty receiver in less time."""
 AIR_SHARE = 0.95
-"""Fraction of the regulated pressure from which the air supply counts as restored."""
+"""Fraction of the regulated pressure at which the air supply counts as restored."""
 AIR = ("supply", "compressor")
 """Fault targets that affect the air of every cylinder."""
 
@@ -148,7 +148,7 @@ def repair(twin: Twin, fault: Fault) -> None:
 
 
 def affected_cylinders(twin: Twin, fault: Fault) -> list[Cylinder]:
-    """Return the slides and lifts with air affected by a fault."""
+    """Return the slides and lifts whose air a fault affects."""
     arms = twin.plant.arms.items()
     drives: dict[str, Cylinder] = {f"{side}.slide": arm.slide for side, arm in arms}
     drives |= {f"{side}.lift": arm.lift for side, arm in arms}

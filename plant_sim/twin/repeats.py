@@ -24,7 +24,7 @@ class Pool:
     Attributes:
         trials: Number of trials.
         seedlings: Number of seedlings.
-        counts: Seedlings in cups, lost picking, lost carrying and lost throwing, by name of the rate.
+        counts: Seedlings in cups and seedlings lost while picking, carrying and throwing, by name of the rate.
     """
 
     trials: int

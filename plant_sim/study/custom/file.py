@@ -57,7 +57,7 @@ class CustomStudy:
         title: Title of the report.
         design: Kind of design.
         parameters: Varied parameters, one per factor.
-        factors: Coding of each parameter: -1 and 1 are its low and high level.
+        factors: Coding of each parameter: -1 and 1 are its low and high levels.
         points: Levels in natural units, runs x factors.
         fixed: Other values that differ from those of the base machine.
         replicates: Number of trials at each point.

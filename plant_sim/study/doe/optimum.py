@@ -80,7 +80,7 @@ def best(
 def best_location_interval(
     fit: Fit, low: Sequence[float], high: Sequence[float], *, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a confidence interval for the location of the maximum within a box, for each factor.
+    """Return, for each factor, a confidence interval for the location of the maximum within a box.
 
     Monte Carlo method: coefficients are drawn from the distribution that the regression gives (Student's t with their
     covariance), and the best point of a grid is determined for each draw.

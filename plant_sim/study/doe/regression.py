@@ -128,7 +128,7 @@ class Fit:
         return Polynomial(self.values).predict(coded)
 
     def drawn(self, number: int, *, seed: int) -> NDArray[np.float64]:
-        """Return coefficients drawn around the estimates from Student's t with their covariance.
+        """Return coefficients drawn from a multivariate t distribution at the estimates, scaled by their covariance.
 
         Args:
             number: Number of draws.

@@ -35,10 +35,10 @@ SINGLE_FACTOR: Final = (
     (12.5 * _EVEN, AGES_D, 0.45 * _EVEN),
     (12.5 * _EVEN, 52.0 * _EVEN, PRESSURES_MPA),
 )
-"""Foam thickness, mm, age, d, and claw pressure, MPa, of the three tests."""
+"""Foam thickness (mm), age (d) and claw pressure (MPa) of the three tests."""
 
 OPTIMUM: Final = (10.0, 51.0, 0.40)
-"""Optimum of the paper: foam thickness, mm, age, d, and claw pressure, MPa. Source: paper, 3.5."""
+"""Optimum of the paper: foam thickness (mm), age (d) and claw pressure (MPa). Source: paper, 3.5."""
 
 _LEVELS, _LEVELS_OF_THE_FIT = 13, 9
 _STATEMENT_WEIGHT, _WEIGHT_LINES, _WEIGHT_OPTIMUM, _WEIGHT_START = 0.75, 0.04, 20.0, 0.02
@@ -87,7 +87,7 @@ class SingleFactorCurves(NamedTuple):
 
 
 def design_region(levels: int = _LEVELS) -> tuple[Array, Array, Array]:
-    """Return a grid of foam thickness, mm, age, d, and claw pressure, MPa, over the design region of eq. 5.
+    """Return a grid of foam thickness (mm), age (d) and claw pressure (MPa) over the design region of eq. 5.
 
     The region is that of `CropSpec.extrapolates`: no factor exceeds the axial level, and no point is farther from the
     centre than the corners of the factorial.
@@ -153,9 +153,9 @@ def _foam_residuals(s: Shares) -> Array:
     return np.concatenate(
         [
             _at_most(p[:3], 0.020),
-            _at_least(d[:3], [0.10, 0.05, 0.025]),  # 7.5 mm and less: P low, D high
+            _at_least(d[:3], [0.10, 0.05, 0.025]),  # 7.5 mm or less: P low, D high
             _at_least(p[5:], [0.030, 0.080]),
-            _at_most(d[5:], [0.010, 0.008]),  # 15 mm and more: P higher, D far lower
+            _at_most(d[5:], [0.010, 0.008]),  # 15 mm or more: P higher, D far lower
             _rising(p[2:], 0.0005),
             _falling(d, 0.001),
             3 * np.maximum(np.abs(t - t.mean()) - 0.010, 0.0),  # T nearly constant
@@ -168,7 +168,7 @@ def _age_residuals(s: Shares) -> Array:
     return np.concatenate(
         [
             _at_least(p[:2], [0.060, 0.035]),
-            _at_least(d[:2], [0.030, 0.020]),  # 43 d and less: P and D high
+            _at_least(d[:2], [0.030, 0.020]),  # 43 d or less: P and D high
             _falling(p, 0.001),
             _falling(d, 0.001),
             _at_most(p[6:], 0.030),
@@ -182,8 +182,8 @@ def _pressure_residuals(s: Shares) -> Array:
     d, t, cut, slipped = (np.broadcast_to(each, PRESSURES_MPA.shape) for each in (s.D, s.T, s.cut, s.slipped))
     return np.concatenate(
         [
-            _at_least(slipped[:2], [0.080, 0.040]),  # 0.25 MPa and less: plugs stay in their cells
-            _at_least(cut[5:], [0.090, 0.150]),  # 0.65 MPa and more: stems are cut
+            _at_least(slipped[:2], [0.080, 0.040]),  # 0.25 MPa or less: plugs stay in their cells
+            _at_least(cut[5:], [0.090, 0.150]),  # 0.65 MPa or more: stems are cut
             _rising(-t[:3], [0.030, 0.015]),
             _rising(t[[3, 6]], 0.005),
             _rising(t[5:], 0.002),  # T falls fast, then rises
@@ -214,7 +214,7 @@ def _falling(shares: Array, by: Any) -> Array:
 
 
 def middle(spec: SeedlingSpec) -> SeedlingSpec:
-    """Return a seedling whose fitted constants are in the middle of their bounds."""
+    """Return a seedling with each fitted constant at the midpoint of its bounds."""
     return dataclasses.replace(spec, **{name: (low + high) / 2 for name, (low, high) in FITTED.items()})
 
 

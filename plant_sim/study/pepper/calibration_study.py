@@ -49,7 +49,7 @@ def calibration_study(machine: Machine, *, seed: int) -> Study:
         "The seedling constants that are given neither in the papers nor in catalogues are fitted so that a population "
         "under the nominal motion of the machine reproduces eq. 5 of the pepper paper over its design region, with the "
         "paper's statements on single factors as inequalities. The values of the machine are compared with a fit that "
-        "starts in the middle of all bounds.",
+        "starts at the midpoint of each constant's bounds.",
         Heading("Motion"),
         _motion_table(motion),
         Heading("Comparison with equation 5"),

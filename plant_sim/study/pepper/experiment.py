@@ -38,7 +38,7 @@ class PooledResult:
 
     @property
     def levels(self) -> tuple[float, float, float]:
-        """Foam thickness, mm, age, d, and claw pressure, MPa."""
+        """Foam thickness (mm), age (d) and claw pressure (MPa)."""
         return self.crop.foam_thickness_mm, self.crop.seedling_age_d, self.crop.claw_pressure_mpa
 
     @property
@@ -53,7 +53,7 @@ class PooledResult:
 
     @property
     def by_equation_5(self) -> float:
-        """S by equation 5, %, not limited to the range 0 to 100."""
+        """S according to equation 5, %, not limited to the range 0 to 100."""
         return success_percent(*self.levels)
 
 
@@ -78,10 +78,10 @@ def point_of(crop: CropSpec, reports: Sequence[TrialReport]) -> PooledResult:
 
 
 def setting_of(natural: Sequence[float], machine: Machine) -> FactorSetting:
-    """Return the setting for a foam thickness, mm, an age, d, and a claw pressure, MPa.
+    """Return the setting for a foam thickness (mm), an age (d) and a claw pressure (MPa).
 
-    If the receiver pressure of the machine is too low for the claw pressure, the compressor pressure is raised, as
-    in the paper, whose tests went up to 0.75 MPa.
+    If the receiver pressure of the machine is too low for the claw pressure, the compressor pressure is raised,
+    because the tests of the paper went up to 0.75 MPa.
 
     Args:
         natural: Foam thickness, age and pressure.

@@ -144,7 +144,7 @@ def _fluctuates(levels: Levels) -> Callable[[Course, str], Verdict]:
 
 
 def _unchanged(levels: Levels, others: Levels, other_shares: tuple[str, ...]) -> Callable[[Course, str], Verdict]:
-    """Return a judge that requires the change in a rate to be insignificant and much smaller than those in others."""
+    """Return a judge that requires the change in a rate to be insignificant and much smaller than in other rates."""
     error = (1 - CONFIDENCE) / (1 + len(other_shares))
 
     def judge(course: Course, share: str) -> Verdict:
@@ -165,46 +165,46 @@ def _size(interval: Interval) -> Interval:
 
 FOAM: Final = (
     Statement(
-        "7.5 mm and less: pick failures low", "F_p", "each below 5 %", _every(*(_below(at, 5) for at in range(3)))
+        "7.5 mm or less: pick failures low", "F_p", "each below 5 %", _every(*(_below(at, 5) for at in range(3)))
     ),
     Statement(
-        "7.5 mm and less: carry failures high",
+        "7.5 mm or less: carry failures high",
         "F_d",
-        "each above the pooled rate at 12.5 mm and more",
+        "each above the pooled rate at 12.5 mm or more",
         _every(*(_above((at,), (4, 5, 6)) for at in range(3))),
     ),
     Statement(
-        "15 mm and more: pick failures up",
+        "15 mm or more: pick failures up",
         "F_p",
         "both above the rate at 12.5 mm",
         _every(_above((5,), (4,)), _above((6,), (4,))),
     ),
     Statement(
-        "15 mm and more: carry failures far lower",
+        "15 mm or more: carry failures far lower",
         "F_d",
         "rate at 7.5 mm more than twice each",
         _every(_times((2,), (5,), 2), _times((2,), (6,), 2)),
     ),
     Statement(
-        "15 mm and more: throw failures unchanged",
+        "15 mm or more: throw failures unchanged",
         "F_t",
-        "no significant difference from 7.5 mm and less, and less than a third of the differences of F_p and F_d",
+        "no significant difference from 7.5 mm or less, and less than a third of the differences of F_p and F_d",
         _unchanged((5, 6), (0, 1, 2), ("F_p", "F_d")),
     ),
 )
 AGE: Final = (
     *(
         Statement(
-            f"43 d and less: {name} failures high",
+            f"43 d or less: {name} failures high",
             share,
-            "both above the pooled rate at 52 d and more",
+            "both above the pooled rate at 52 d or more",
             _every(_above((0,), (4, 5, 6)), _above((1,), (4, 5, 6))),
         )
         for name, share in (("pick", "F_p"), ("carry", "F_d"))
     ),
     *(
         Statement(
-            f"52 d and more: {name} failures fall",
+            f"52 d or more: {name} failures fall",
             share,
             "pooled rate at 55 and 58 d below 52 d",
             _every(_above((4,), (5, 6))),
@@ -214,13 +214,13 @@ AGE: Final = (
 )
 PRESSURE: Final = (
     Statement(
-        "0.25 MPa and less: plugs stay in their cells",
+        "0.25 MPa or less: plugs stay in their cells",
         "F_p",
         "both above the rate at 0.45 MPa",
         _every(_above((0,), (3,)), _above((1,), (3,))),
     ),
     Statement(
-        "0.65 MPa and more: stems are cut",
+        "0.65 MPa or more: stems are cut",
         "F_p",
         "both above the rate at 0.45 MPa",
         _every(_above((5,), (3,)), _above((6,), (3,))),

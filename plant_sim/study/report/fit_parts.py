@@ -202,7 +202,7 @@ def fit_pictures(
     runs = observed_against_predicted(fit.response, fit.predict(fit.coded), response=response, r2=fit.r2)
     remark = (
         "The dashed frame is the search box; beyond the runs of the design the surface is extrapolated. A hollow "
-        "marker is not on the slice; its response is in the legend."
+        "marker is a point at other levels of the factors not shown; its response is in the legend."
     )
     return (
         *no_share_text(fit, factors, held=held.tolist(), reach=reach),

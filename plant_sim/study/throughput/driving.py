@@ -23,7 +23,7 @@ SPACING_M: Final = 0.40
 MARGIN: Final = 0.10
 """Margin of the recommendation, as a fraction of the highest speed."""
 CONFIRMING_TRIALS: Final = 5
-"""Minimum number of trials for the recommendation, as the start position of the cups shifts the limit slightly."""
+"""Minimum number of trials for the recommendation, because the start position of the cups shifts the limit slightly."""
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ class CyclePace:
         return sum(each.missed_cups for each in self.settled_rounds) / (trays * len(self.runs))
 
     def least_margin_s(self, row: int) -> float:
-        """Return the smallest margin of an arm with this row, s."""
+        """Return the smallest margin of the rounds of either arm that end with the throw of this row, s."""
         margins_ms = [each.margin_ms for each in self.all_rounds if each.throw.row == row]
         return min(margins_ms, default=math.nan) / 1000
 

@@ -126,7 +126,7 @@ def _tried_parts(result: ThroughputResult) -> list[Part]:
 
 
 def _least_wait_s(point: FrequencyResult) -> float:
-    """Return the shortest of the mean waits of each arm for cups with each row, s."""
+    """Return the shortest mean wait for cups among all combinations of arm and row, s."""
     return min(point.waiting_s(side, row) for side in SIDES for row in ROWS)
 
 

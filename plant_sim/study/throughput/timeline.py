@@ -147,7 +147,7 @@ class Timeline:
     throws: Mapping[Side, tuple[Throw, ...]]
 
     def before(self, sequence: str, at_ms: int) -> StepInterval | None:
-        """Return the interval of a sequence that contains a time or ended then; None if no step was active."""
+        """Return the interval of a sequence that contains a time or ends at it; None if no step was active."""
         return next((each for each in reversed(self.intervals[sequence]) if each.from_ms < at_ms <= each.to_ms), None)
 
     def release_before(self, side: Side, at_ms: int) -> int:

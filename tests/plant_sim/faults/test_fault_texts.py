@@ -95,7 +95,7 @@ def test_two_faults_of_the_same_value_at_the_same_time_are_rejected(first: str, 
 def test_a_fault_in_the_past_is_rejected() -> None:
     rig = Rig()
     rig.run(100)
-    with pytest.raises(FaultError, match=r"ends before the present time, 100 ms; specify a later end$"):
+    with pytest.raises(FaultError, match=r"ends before the current time, 100 ms; specify a later end$"):
         rig.plant.faults.add(parse_fault("jammed:left.slide@0s..100ms"))
     with pytest.raises(FaultError, match=r"must be set before the run; add it at plant time 0$"):
         rig.plant.faults.add(parse_fault("missing_cells:tray_1=5"))

@@ -92,7 +92,7 @@ def test_a_fault_added_during_the_run_is_activated_at_once_and_can_be_cleared() 
     rig.run(2_000)
     assert rig.active("left.lift_down")
     with pytest.raises(
-        FaultError, match=r"^stuck_on:left\.lift_up: neither active nor scheduled; present faults: none$"
+        FaultError, match=r"^stuck_on:left\.lift_up: neither active nor scheduled; current faults: none$"
     ):
         rig.plant.faults.clear("stuck_on:left.lift_up")
 

@@ -69,7 +69,7 @@ def test_the_operator_waits_for_the_pressure() -> None:
 
 
 def test_repairing_a_missing_fault_is_an_error() -> None:
-    with pytest.raises(FaultError, match=r"^jammed:left.slide: neither active nor scheduled; present faults: none$"):
+    with pytest.raises(FaultError, match=r"^jammed:left.slide: neither active nor scheduled; current faults: none$"):
         repair(switched_on(), parse_fault("jammed:left.slide"))
 
 

@@ -275,7 +275,7 @@ def test_verdicts_on_all_statements_without_random_scatter() -> None:
     for name, sentences in STATEMENTS.items():
         rows = tables(study)[f"words-{name}"].rows
         assert [row[0] for row in rows] == [each.text for each in sentences]
-        against = {"foam": ["15 mm and more: throw failures unchanged"], "pressure": ["carry failures fluctuate"]}
+        against = {"foam": ["15 mm or more: throw failures unchanged"], "pressure": ["carry failures fluctuate"]}
         assert [row[0] for row in rows if row[3] != "yes"] == against.get(name, [])
         assert {row[3] for row in rows} <= {"yes", "no"}
 
