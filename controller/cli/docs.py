@@ -134,8 +134,9 @@ def command_table(machine: Transplanter) -> str:
         f"refused command has no effect; {control.refused} contains its number, {control.refusal} the number of the "
         f"reason, and {control.refusals} the number of refusals.\n\n"
         f"{table(('number', 'device', 'command', 'PackML', 'function', 'refused because'), commands)}\n"
-        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Modes\n\nStored in {control.mode} "
-        f"and retained through a loss of power.\n\n{table(('number', 'mode', '模式'), modes)}\n## Set-points\n\n"
+        f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Modes\n\nThe mode is stored in "
+        f"{control.mode} and retained through a loss of power.\n\n{table(('number', 'mode', '模式'), modes)}\n"
+        "## Set-points\n\n"
         f"{table(('device', 'set-point', 'default', 'range', 'meaning'), defaults)}"
     )
 

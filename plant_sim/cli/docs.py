@@ -47,9 +47,9 @@ def plant_modbus_table() -> str:
     """Return the table of the plant's Modbus data, except the points of the I/O map."""
     box = [("coil", "button", "meaning"), *((str(c.offset), c.button, c.meaning) for c in BOX_COILS)]
     return (
-        f"# The plant over Modbus TCP\n\n{GENERATED}\n\nX points are discrete inputs and Y points coils, at the "
-        f"offsets of `io_map.yaml` (see io.md).\n\n## Operator box\n\n{_table(box)}\n## Telemetry (input registers)\n\n"
-        f"{_table(telemetry_table())}"
+        f"# The plant over Modbus TCP\n\n{GENERATED}\n\nX points are discrete inputs and Y points are coils, at "
+        f"the offsets given in `io_map.yaml` ([I/O](io.md)).\n\n## Operator box\n\n{_table(box)}\n"
+        f"## Telemetry (input registers)\n\n{_table(telemetry_table())}"
     )
 
 

@@ -50,9 +50,9 @@ def _undetected(note: str, *harm: str, loses: bool = False) -> Expectation:
 
 
 _PASSED_ROW = (
-    "a row has a single switch, at which the slide brakes; a slide that does not detect the switch or brakes too "
-    "weakly overruns the standing seedlings before detection is possible. This causes no damage, because the arm is "
-    "low with its claws open and converged"
+    "each row has a single switch, at which the slide brakes; a slide that does not detect the switch or brakes too "
+    "weakly overruns the row, into the standing seedlings, before the fault can be detected. This causes no damage, "
+    "because the arm is low with its claws open and converged"
 )
 _CLAWS = (
     "the claws have no sensor, so neither a failure to close (the row stays in its tray) nor a failure to open (the "
@@ -64,10 +64,10 @@ _SINKS = (
     "before the switch turns off"
 )
 _CREEPS = (
-    f"{_PASSED_ROW}. No energised coil holds a slide at rest: before its switch turns off, it creeps over a row, "
-    "creeps away from the row as the claws close, or tears clamped stems"
+    f"{_PASSED_ROW}. A slide at rest is not held by an energised coil: before its switch turns off, the slide may "
+    "creep over a row, creep away from the row as the claws close, or tear clamped stems"
 )
-_TOLERATED = "the stroke takes longer or shorter but completes in time"
+_TOLERATED = "the stroke takes more or less time than usual but ends before its timeout"
 _ENDS_LATER = "the step takes longer by this delay but ends before its timeout"
 """Note on a late switch. If a belt switch turns off late, the return stroke appears too short; this is detected."""
 _TRAY_TOO_FAR = (
@@ -199,7 +199,9 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     },
     "low_supply": {
         "supply": _damaging(
-            _AIR, f"{_PASSED_ROW}; a pressure switch (`air_pressure_ok`) detects it immediately", "arm_through_tray"
+            _AIR,
+            f"{_PASSED_ROW}; a pressure switch (`air_pressure_ok`) would detect the low pressure immediately",
+            "arm_through_tray",
         ),
     },
     "low_claw_supply": {
@@ -214,7 +216,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "compressor": _damaging(
             _AIR,
             "the receiver supplies the machine until the end of the trial; a pressure switch "
-            "(`air_pressure_ok`) detects it before a stroke is late",
+            "(`air_pressure_ok`) would detect the failure before a stroke is late",
             "arm_through_tray",
         ),
     },
