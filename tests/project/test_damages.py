@@ -154,7 +154,7 @@ def test_a_missing_test_file_and_an_escape_without_a_reason_are_reported(tmp_pat
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a copy of the tracked files, one per worker."""
+    """Return a copy of the tracked files; each test worker has its own copy."""
     root = tmp_path_factory.mktemp("damages") / "project"
     git = shutil.which("git")
     assert git is not None

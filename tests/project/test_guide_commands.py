@@ -45,8 +45,8 @@ NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILI
 """Commands that need hardware, each with the hardware that it needs, as listed in docs/README.md."""
 NOT_RUN_COUNT: Final = 2
 RUN_ELSEWHERE: Final = re.compile(r"scripts/test\b|\.venv/bin/python -m controller prove$")
-"""Commands that other tests run: this run is one of `scripts/test`, test_scenario_guide.py runs the scenario of the
-guide, and test_prove.py the complete proof."""
+"""Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
+scenario guide, and test_prove.py runs the complete proof."""
 SLOW: Final = {
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
     ".venv/bin/python -m plant_sim study throughput --json",
@@ -249,7 +249,7 @@ def test_the_slow_commands_of_a_page_run(name: str, folder: Path, capsys: pytest
 
 
 def test_every_exception_is_on_a_page() -> None:
-    """NOT_RUN and SLOW contain only commands that are on a page, and no page uses any other program."""
+    """NOT_RUN and SLOW contain only commands that are on a page, and pages run only Python and three scripts."""
     everything = {command for page in PAGES.values() for command in commands(page)}
     assert len(NOT_RUN) == NOT_RUN_COUNT
     assert set(NOT_RUN) | SLOW <= everything

@@ -48,7 +48,7 @@ def morning_ms() -> int:
 
 @pytest.fixture
 def path(tmp_path: Path, morning_ms: int) -> Path:
-    """Return a history with two runs; the first one is two days older."""
+    """Return the path of a history with two runs; the first run starts two days before the second."""
     path = tmp_path / "history.sqlite"
     write(path, [("runs", 0, ("transplanter", "0.0.9")), event(0, "state", 2, "Stopped")], morning_ms - 48 * HOUR)
     write(
@@ -215,7 +215,7 @@ def cycle(at_ms: int, side: str, cycle_ms: int, missed_cups: int) -> RecordedRow
 
 @pytest.fixture
 def shift(tmp_path: Path) -> Path:
-    """Return a history with one run that spans midnight and a later run."""
+    """Return the path of a history with one run that spans midnight and a later run."""
     a = AlarmState
     path = tmp_path / "shift.sqlite"
     before = [

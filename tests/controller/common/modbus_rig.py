@@ -92,7 +92,7 @@ class Client:
         return data
 
     def rest_after_rubbish(self) -> bytes:
-        """Return the remaining data, or no data if the server resets the connection by closing it with data unread."""
+        """Return the remaining data, or no data if the server resets the connection because of unread data."""
         with contextlib.suppress(ConnectionResetError):
             return self.rest()
         return b""

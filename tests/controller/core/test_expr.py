@@ -42,7 +42,7 @@ CONSTANTS = st.sampled_from([TRUE, FALSE])
 
 
 def _branches(inner: st.SearchStrategy[Expr]) -> st.SearchStrategy[Expr]:
-    """Return a strategy for trees built with & | ~ and for trees built from the classes, which are not flattened."""
+    """Return a strategy for trees built with & | ~ and for unflattened trees built directly from the classes."""
     several = st.lists(inner, min_size=1, max_size=3).map(tuple)
     return st.one_of(
         st.builds(lambda a, b: a & b, inner, inner),

@@ -40,7 +40,7 @@ def test_json_output_is_one_object_per_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_closed_pipe_is_not_an_error(count: int) -> None:
-    """Text that remains in the buffer does not raise an error when the output is closed."""
+    """If the reader has closed the pipe, closing an output with buffered text raises no error."""
     reading, writing = os.pipe()
     os.close(reading)
     with os.fdopen(writing, "w", encoding="utf-8") as out:

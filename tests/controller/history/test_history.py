@@ -335,7 +335,7 @@ def test_kill_9_while_writing_loses_no_committed_row(tmp_path: Path) -> None:
 
 
 def test_commits_are_synchronized_to_disk(tmp_path: Path) -> None:
-    """The database settings guarantee durability; a power loss itself cannot be tested."""
+    """The database is set to synchronize every commit to disk; a power loss itself cannot be tested."""
     file = HistoryFile(tmp_path / "history.sqlite", 4_000_000)
     full = 2
     assert file._db.execute("PRAGMA synchronous").fetchone() == (full,)

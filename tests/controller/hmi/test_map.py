@@ -200,7 +200,7 @@ def test_heartbeat_and_time_follow_the_scan() -> None:
 
 
 def test_scan_times_are_counted_in_one_bucket() -> None:
-    """The upper bounds of the buckets are inclusive; longer times are counted in the last bucket."""
+    """The upper bounds of the buckets are inclusive; times above the greatest bound are counted in the last bucket."""
     with HmiRig() as rig:
         client = rig.client()
         for time_us in (100, 101, 10_000, 10_001, 100_000, 100_001):

@@ -430,7 +430,7 @@ def test_second_client_takes_over_the_jog_permanently(manual: HmiRig, client: Cl
 
 
 def test_order_of_the_first_client_in_the_takeover_scan_does_not_win(manual: HmiRig, client: Client) -> None:
-    """The next request of the second client, 100 ms later, restores its jog."""
+    """If both clients order a jog for the same scan, the next request of the second client restores its jog."""
     other = manual.client()
     manual.press(client, jog_command(OTHER_OUTPUT))
     manual.twin.run_for(50)

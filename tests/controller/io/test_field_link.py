@@ -149,7 +149,7 @@ def test_output_levels_are_raw_regardless_of_the_polarity(make_rig: RigMaker) ->
 
 
 def test_a_tripped_module_rejects_writes_until_the_safe_image_is_written(rig: Rig) -> None:
-    """After a trip, further writes of the controller are rejected and set no output."""
+    """After a trip, writes are rejected and set no output until the link is reopened and the safe image is written."""
     rig.link.write_outputs(one_on(5))
     rig.on_plant(lambda: rig.module.advance(101))
     assert rig.on_plant(lambda: rig.module.tripped)

@@ -134,7 +134,7 @@ def test_safe_images_are_raw_levels(tmp_path: Path) -> None:
 
 
 def test_delivered_safe_images_are_all_off(io_map: IoMap) -> None:
-    """All safe levels are off, because a normally closed stop that is pressed removes the voltage from its terminal."""
+    """All safe levels are off, because pressing a normally closed stop button removes the voltage from its terminal."""
     assert io_map.safe_inputs() == [False] * io_map.input_count
     assert io_map.safe_outputs() == [False] * io_map.output_count
 
@@ -439,7 +439,7 @@ def test_a_missing_file_and_a_folder_are_rejected(tmp_path: Path) -> None:
 
 @st.composite
 def damaged(draw: st.DrawFn) -> bytes:
-    """Draw the delivered file with one to five faults: lines lost, doubled or moved, characters swapped or replaced."""
+    """Draw the delivered file with one to five faults in its lines (missing, repeated, moved) or its characters."""
     lines = TEXT.encode().splitlines(keepends=True)
     for _ in range(draw(st.integers(1, 5))):
         at = draw(st.integers(20, len(lines) - 1))  # below the comment at the top

@@ -19,7 +19,7 @@ MOTORS_TOGETHER = y(0) & y(1)
 
 
 def locked(*, one: Expr, two: Expr) -> tuple[Set, Rst, Set, Out, Out]:
-    """Return rungs of two motors started by X0 and X1 and stopped by X2; the second one has a latched request."""
+    """Return rungs of two motors that X0 and X1 start; X2 stops the first motor, and the second is never stopped."""
     return (
         Set(m(1), when=x(0) & one),
         Rst(m(1), when=x(2)),

@@ -48,7 +48,7 @@ UPHELD_BY_RULES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("clamp at a place",): ("close away from row and feed",),
     ("open at a place",): ("open a load elsewhere",),
 }
-"""Arm rules, each with the requirements that are violated if it is removed."""
+"""Arm rules and pairs of rules, each with the requirements that are violated if the rule or pair is removed."""
 UPHELD_BY_TRAY_RULES = {"arms at feed": "tray, arm away from feed", "no fault of the feeder": "tray with a fault"}
 PAIRS = tuple(pair(*coils) for coils in (SLIDE, LIFT, BELT, CLAWS))
 REDUNDANT: dict[tuple[str, ...], str] = {
@@ -57,7 +57,7 @@ REDUNDANT: dict[tuple[str, ...], str] = {
     pair(*CLAWS): "as for the slide coils",
     **{(name,): "the other rule of the pair remains" for names in PAIRS for name in names},
 }
-"""Arm rules that can be removed without violating any requirement, with the reason."""
+"""Arm rules and pairs of rules that can be removed without violating any requirement, each with the reason."""
 SELECTED_RULES = ("belt at rest", "lift clear")
 
 
@@ -77,7 +77,7 @@ def assert_violated_without(rules: tuple[str, ...], requirements: tuple[str, ...
 
 
 def test_every_rule_upholds_a_requirement_or_is_listed_as_redundant() -> None:
-    """Each rule in the interlock table is in one of the two lists."""
+    """Each arm rule is in at least one of the two tables, and each tray rule but "motion allowed" is in its table."""
     listed = {name for rules in (*UPHELD_BY_RULES, *REDUNDANT) for name in rules}
     for side in SIDES:
         assert listed == {rule.name for rule in MACHINE.rules[side]}

@@ -250,7 +250,7 @@ RULES: list[list[Rung | Sequence]] = [
         Sequence("dwell", 20, [Step("only", [To("only", x(3))], dwell=Dwell(Timer(200), 150, when=x(0)))]),
     ],
 ]
-"""Programs, each of which tests one rule."""
+"""Programs, each of which tests one rule of the symbolic scan."""
 
 
 @pytest.mark.parametrize("items", RULES)

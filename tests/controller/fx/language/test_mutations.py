@@ -46,7 +46,7 @@ def cut(text: str, rng: random.Random) -> str:
 
 
 def token(text: str, rng: random.Random) -> str:
-    """Delete or double a word, or replace it with a token or with another word of the text."""
+    """Delete or duplicate a word, or replace it with a token or with another word of the text."""
     words = list(re.finditer(r"[^\s\"]+", text))
     if not words:
         return text

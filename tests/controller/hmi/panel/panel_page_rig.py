@@ -40,7 +40,7 @@ from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 SCAN_MS = 10
 TIMEOUT_S = 60.0
 SLOWER = 4
-"""Factor by which the jog lease lasts longer in real time than on the machine, in the tests that hold a jog button."""
+"""Factor by which simulated time is slowed and the panel's jog lease lengthened in tests that hold a jog button."""
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
 
@@ -185,7 +185,7 @@ class PanelProcess:
     """Panel in a separate process.
 
     Args:
-        slow: Whether the panel's jog lease is that of a machine slowed down by `LiveMachine.slow`.
+        slow: Whether the panel's jog lease is lengthened for a machine that `LiveMachine.slow` has slowed down.
     """
 
     def __init__(

@@ -92,7 +92,7 @@ def test_every_command_is_available_or_refused_as_shown(rig: PanelRig) -> None:
     with rig.browser("operate") as browser:
         for name in names:
             if name in ("reset", "abort") or name.startswith("mode_"):
-                continue  # these change the state in which the others are checked
+                continue  # these change the state in which the other commands are checked
             shown = browser.view["commands"][name]
             reply = browser.order(type="command", command=name)
             assert reply["ok"] is shown["free"], (name, reply, shown)

@@ -80,14 +80,14 @@ def started(folder: Path, *, slow: bool = False) -> Iterator[Station]:
 
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Machine in Stopped; each test must leave it in Stopped, in continuous mode and without alarms."""
+    """Yield a machine in Stopped; each test must leave it in Stopped, in continuous mode and without alarms."""
     with started(tmp_path_factory.mktemp("stopped")) as station:
         yield station
 
 
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Machine for jogging; each test must leave it in manual mode with its outputs off."""
+    """Yield a machine for jogging; each test must leave it in manual mode with its outputs off."""
     with started(tmp_path_factory.mktemp("manual"), slow=True) as station:
         yield station
 

@@ -47,7 +47,7 @@ VIEWS = st.fixed_dictionaries(
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelRig]:
-    """Machine just before the end of its first cycle, because the rig runs in real time and a cycle takes 8 s."""
+    """Yield a machine just before the end of its first cycle; in real time, a complete cycle would take 8 s."""
     twin = at_work()
     twin.run_until(lambda: any(twin.in_step(f"{side} arm", "release delay") for side in SIDES), within_ms=30_000)
     with PanelRig(tmp_path_factory.mktemp("panel"), twin) as rig:
