@@ -169,7 +169,7 @@ def unfold(node: yaml.MappingNode, depth: int = 2, convert: Callable[[yaml.Node]
             if not isinstance(key_node, yaml.ScalarNode):
                 located.faults.append(InvalidValue(line, path, f"{shown(key_node)} is not a valid key; write a word"))
             elif key in values:
-                text = f"key {shown(key)} is already defined in line {located.lines[key_path]}; delete one"
+                text = f"key {shown(key)} is already defined on line {located.lines[key_path]}; delete one"
                 located.faults.append(InvalidValue(line, path, text))
             else:
                 located.lines[key_path] = line

@@ -197,7 +197,7 @@ class _MapReader:
             if name not in SECTIONS:
                 self._fault(line, "file", f"unknown section {shown(name)}; {suggestion(name, SECTIONS)}")
             elif name in lines:
-                self._fault(line, name, f"section is already defined in line {lines[name]}; merge both sections")
+                self._fault(line, name, f"section is already defined on line {lines[name]}; merge both sections")
             elif not isinstance(node, yaml.SequenceNode):
                 self._fault(line, name, "is not a list; write one '- {tag: ...}' per line below it")
             else:
@@ -228,7 +228,7 @@ class _MapReader:
         """Add a valid point; report a fault if another point has the same tag, terminal or offset."""
         duplicate = self._points.setdefault(point.tag, point)
         if duplicate is not point:
-            located.add_fault(("tag",), f"is already defined in line {duplicate.line}; delete one of the two entries")
+            located.add_fault(("tag",), f"is already defined on line {duplicate.line}; delete one of the two entries")
             return
         resources: tuple[tuple[KeyPath, str, tuple[str, int]], ...] = (
             (("address",), point.address, (point.device, point.number)),

@@ -155,7 +155,7 @@ def _double_coils(ladder: Ladder) -> Iterator[Finding]:
             continue
         lines = sorted(line for _, _, line in coils)
         where = ", ".join(map(str, lines[:-1])) + f" and {lines[-1]}"
-        text = f"OUT {device_name(*device)} is in lines {where}, and the last one executed takes effect; drive it once"
+        text = f"OUT {device_name(*device)} is on lines {where}, and the last one executed takes effect; drive it once"
         yield Finding("warning", lines[1], text)
 
 
@@ -189,7 +189,7 @@ def _repeated_steps(ladder: Ladder) -> Iterator[Finding]:
         first = begun.setdefault(step.states, step.line)
         if first != step.line:
             names = " ".join(f"STL S{number}" for number in step.states)
-            text = f"{names} is already defined in line {first}; write the step in one place"
+            text = f"{names} is already defined on line {first}; write the step in one place"
             yield Finding("warning", step.line, text)
 
 

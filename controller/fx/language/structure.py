@@ -244,7 +244,7 @@ class _StructureCheck:
     def label(self, label: Operand) -> None:
         """Process a label."""
         if (first := self.labels.get(label)) is not None:
-            self.report(f"the label is already defined in line {first.line}; use another one")
+            self.report(f"the label is already defined on line {first.line}; use another one")
         self.labels.setdefault(label, self.here.instruction)
         if self.main_end:
             self.subroutines.add(label)

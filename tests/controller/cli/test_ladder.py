@@ -72,7 +72,7 @@ def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFi
     program.write_text(SEAL_IN.replace("END", "LD X2\nOUT Y0\nEND"), encoding="utf-8")
     assert controller(["ladder", "check", str(program)]) == 0
     printed = capsys.readouterr().out
-    assert f"{program}:10: warning: OUT Y0 is in lines 8 and 10" in printed
+    assert f"{program}:10: warning: OUT Y0 is on lines 8 and 10" in printed
     assert "of 8000 steps" in printed
 
 

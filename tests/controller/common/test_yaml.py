@@ -52,7 +52,7 @@ def test_valid_values(tmp_path: Path) -> None:
                 "2: items[1].size: is missing; write the size in mm",
             ],
         ),
-        ("items:\n- size: 1\n  size: 2", ["3: items[1]: key 'size' is already defined in line 2; delete one"]),
+        ("items:\n- size: 1\n  size: 2", ["3: items[1]: key 'size' is already defined on line 2; delete one"]),
         ("items: &a\n- *a", ["1: items[1]: cannot be a list; write a mapping: a key, a colon and a value per line"]),
         ('items: []\n"a\\nb": 1', ["2: 'a\\nb': unknown key; use one of items, count, switch"]),
     ],

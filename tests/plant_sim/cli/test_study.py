@@ -184,7 +184,7 @@ def test_an_invalid_option_is_reported_in_one_line_and_nothing_is_written(
         ("  crop.claw_pressure_mpa: {levels: [0.4, 0.7]}\n", "", ":4: factors: "),
         ("missed_cups]", "missed_cup]\nmodel: quadratic", ":7: responses: unknown response 'missed_cup'; did "),
         ("missed_cups]", "missed_cups]\nmodel: quadratic", ":8: model: quadratic cannot be fitted to this design: "),
-        ("seedlings: 12", "seed: 1\nseed: 2", ":7: file: key 'seed' is already defined in line 6; delete one"),
+        ("seedlings: 12", "seed: 1\nseed: 2", ":7: file: key 'seed' is already defined on line 6; delete one"),
     ],
     ids=["unknown factor", "impossible level", "wrong unit", "empty design", "response", "singular design", "twice"],
 )

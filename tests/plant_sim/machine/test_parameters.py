@@ -82,7 +82,7 @@ def test_a_machine_is_immutable() -> None:
         ),
         (
             BORE.replace("unit", "value: 0.03, unit"),
-            f"slide.bore_m: key 'value' is already defined in line {BORE_LINE}; delete one",
+            f"slide.bore_m: key 'value' is already defined on line {BORE_LINE}; delete one",
         ),
         (
             BORE.replace("0.025", "!metres 1"),

@@ -259,7 +259,7 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
     ("lines", "complaint"),
     [
         ("titel: t", "1: titel: unknown key; did you mean title?"),
-        ("title: t\ntitle: u", "2: file: key 'title' is already defined in line 1; delete one"),
+        ("title: t\ntitle: u", "2: file: key 'title' is already defined on line 1; delete one"),
         ("title: t\nseed: one", "2: seed: must be an integer, 0 to 2147483647, not 'one'"),
         ("title: t\ntrays: 0", "2: trays: must be an integer, 1 to 1000, not '0'"),
         ("title: t\nmachine: [a]", "2: machine: must be a mapping; write a key, a colon and a value per line"),

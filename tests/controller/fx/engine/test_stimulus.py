@@ -119,8 +119,8 @@ def test_required_and_optional_keys(tmp_path: Path) -> None:
             "at_ms: -1",
             "5: inputs[1].at_ms: -1 is outside the run; write 0 to 20 (the last scan), or run more scans",
         ),
-        ("X010: 1", "X010: 1, X010: 0", "5: inputs[1].set: key 'X010' is already defined in line 5; delete one"),
-        ("scans: 3", "scans: 3\nscans: 4", "3: file: key 'scans' is already defined in line 2; delete one"),
+        ("X010: 1", "X010: 1, X010: 0", "5: inputs[1].set: key 'X010' is already defined on line 5; delete one"),
+        ("scans: 3", "scans: 3\nscans: 4", "3: file: key 'scans' is already defined on line 2; delete one"),
     ],
 )
 def test_error_has_line_key_and_remedy(tmp_path: Path, old: str, new: str, line: str) -> None:

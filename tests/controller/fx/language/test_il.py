@@ -311,7 +311,7 @@ STRUCTURE_ERRORS = [
     ("LD X0\nCJ P1\nEND", "2:1: CJ P1: label P1 is missing"),
     ("LD X0\nCALL P1\nP1\nFEND\nEND", "2:1: CALL P1: P1 is in the main program"),
     ("SRET\nEND", "1:1: SRET: not allowed in the main program"),
-    ("P1\nP2\n\nP1\nEND", "4:1: P1: the label is already defined in line 1"),
+    ("P1\nP2\n\nP1\nEND", "4:1: P1: the label is already defined on line 1"),
 ]
 
 

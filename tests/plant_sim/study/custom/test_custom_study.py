@@ -223,9 +223,9 @@ BAD: list[tuple[str, int, str]] = [
     (
         edited("crop.claw_pressure_mpa", "crop.foam_thickness_mm"),
         6,
-        "factors: key 'crop.foam_thickness_mm' is already defined in line 5; delete one",
+        "factors: key 'crop.foam_thickness_mm' is already defined on line 5; delete one",
     ),
-    (GOOD + "model: linear\n", 11, "file: key 'model' is already defined in line 10; delete one"),
+    (GOOD + "model: linear\n", 11, "file: key 'model' is already defined on line 10; delete one"),
     (
         GOOD[: GOOD.index("factors:")] + "factors: {}\n" + GOOD[GOOD.index("replicates") :],
         4,
