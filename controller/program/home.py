@@ -100,7 +100,7 @@ def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         Step(
             "raise at feed",
             hold=[want["lift_retract"]],
-            go=[To("discard, spread", when=a.up & a.discard), To("press to feed", when=a.up)],
+            go=[To("discard, spread", when=a.up & a.discard), To("pressurise at feed", when=a.up)],
             watch=limit("home: raise at feed", LIFT_LIMIT_MS),
         ),
         Step(
@@ -136,11 +136,11 @@ def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         Step(
             "lower",
             hold=[want["lift_extend"]],
-            go=[To("press to feed", when=a.down)],
+            go=[To("pressurise at feed", when=a.down)],
             watch=limit("home: lower", LIFT_LIMIT_MS),
         ),
         Step(
-            "press to feed",
+            "pressurise at feed",
             hold=[want["slide_outward"]],
             dwell=Dwell(a.t_press, PRESS_MS),
             go=[To("homed", when=a.t_press.done)],

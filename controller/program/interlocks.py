@@ -66,7 +66,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             ARM_OUTPUTS,
             machine.motion & ~x.emergency_stop,
         ),
-        ("no fault of the arm", "a jammed actuator is no longer driven", ARM_OUTPUTS, ~a.fault | machine.jogging),
+        ("no arm fault", "a jammed actuator is no longer driven", ARM_OUTPUTS, ~a.fault | machine.jogging),
         (
             "belt at rest",
             "slide and lift must be at rest while the claws spread or converge",
@@ -116,13 +116,13 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             a.at_feed | all_of(home["lower to put back"], a.on_row, a.at_wanted_row, ~a.down),
         ),
         (
-            "spread up at feed",
+            "spread only when up at feed",
             "there is room for spread claws only over the cups",
             ("spread",),
             all_of(a.up, a.at_feed),
         ),
         (
-            "converge empty at feed",
+            "converge only when empty at feed",
             "a load would be torn, and the cups must be below",
             ("converge",),
             all_of(a.at_feed, ~a.loaded),
@@ -139,9 +139,14 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             ("converge",),
             ~a.sensed_converged | a.distrusted["belt"],
         ),
-        ("clamp at a place", "claws may close only at the next row or at feed", ("claws_close",), clamping_place),
         (
-            "open at a place",
+            "close only at row or feed",
+            "claws may close only at the next row or at feed",
+            ("claws_close",),
+            clamping_place,
+        ),
+        (
+            "release load only at cups or row",
             "a load is released only over the cups or at its own row",
             ("claws_open",),
             ~a.loaded | opening_place,
@@ -171,7 +176,7 @@ def tray_rules(tags: Tags) -> list[Rule]:
             machine.motion & ~x.emergency_stop,
         ),
         Rule(2, "arms at feed", "a moving tray would damage an arm in it", both, at_feed & ~inward),
-        Rule(3, "no fault of the feeder", "a jammed tray is no longer driven", both, ~tray.fault | machine.jogging),
+        Rule(3, "no feeder fault", "a jammed tray is no longer driven", both, ~tray.fault | machine.jogging),
     ]
 
 

@@ -46,33 +46,39 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     """Yield the invariants about machine states, register values and steps."""
     tags = machine.tags
     control = tags.machine
-    yield "the state is one of PackML's", _one_of(control.state, State)
-    yield "the mode is one of the modes", _one_of(control.mode, Mode)
-    yield "the tray is in one of its phases", _one_of(tags.tray.phase, range(4))
+    yield "the state is a PackML state", _one_of(control.state, State)
+    yield "the mode is valid", _one_of(control.mode, Mode)
+    yield "the tray phase is valid", _one_of(tags.tray.phase, range(4))
     rows = [row for arm in tags.arms.values() for row in arm.rows.values()]
-    yield "every row is in one of its states", all_of(*(_one_of(row, range(4)) for row in rows))
-    yield "motion is allowed in moving states", _implies(control.motion, _one_of(control.state, MOVING))
-    yield "the state of homing is Resetting", _implies(control.resetting, control.state.equals(State.RESETTING))
+    yield "every row state is valid", all_of(*(_one_of(row, range(4)) for row in rows))
+    yield "motion is allowed only in moving states", _implies(control.motion, _one_of(control.state, MOVING))
+    yield (
+        "the resetting relay is on only in Resetting",
+        _implies(control.resetting, control.state.equals(State.RESETTING)),
+    )
     for sequence in machine.program.sequences():
         bits = [bit for bit, _ in sequence]
         yield f"{sequence.name}: one step at a time", all_of(*(~(a & b) for a, b in itertools.combinations(bits, 2)))
     yield "moving states allow motion", _implies(_one_of(control.state, MOVING), control.motion)
     moved = safety.machine.moved
-    yield "the monitor saw the motion", _implies(control.motion, moved)
-    yield "the monitor saw the jog", _implies(control.jog.differs(0), safety.machine.jogged)
-    yield "manual only in manual mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
+    yield "the monitor records that motion is allowed", _implies(control.motion, moved)
+    yield "the monitor records the jog", _implies(control.jog.differs(0), safety.machine.jogged)
+    yield "the manual relay is on only in manual mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
     jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)
-    yield "outputs are held by hand in manual Execute", _implies(control.jogging, jogs)
+    yield "jogging is active only in manual mode and Execute", _implies(control.jogging, jogs)
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]
-    yield "no step in manual", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
-    yield "tray feeder: no step without motion", _implies(_any_step(machine.feeder), control.motion)
+    yield "no step is active in manual mode", _implies(control.mode.equals(Mode.MANUAL), ~any_of(*steps))
+    yield "tray feeder: steps are active only in moving states", _implies(_any_step(machine.feeder), control.motion)
     in_place = tags.tray.phase.equals(IN_PLACE)
     feeding = any_of(
-        *(machine.feeder[title] for title in ("move tray out", "index", "met in the index", "creep", "no tray"))
+        *(machine.feeder[title] for title in ("move tray out", "index", "tray in the gap", "creep", "no tray"))
     )
-    yield "a tray is fed after its question is answered", _implies(feeding | machine.feeder["settle"], ~tags.tray.ask)
     yield (
-        "a tray that is fed is not in place",
+        "a tray is fed only after its question is answered",
+        _implies(feeding | machine.feeder["settle"], ~tags.tray.ask),
+    )
+    yield (
+        "a tray being fed is not in place",
         _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.met), ~in_place),
     )
     for side in SIDES:
@@ -80,16 +86,19 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
         arm, cycle = tags.arms[side], machine.cycles[side]
         over = any_of(*(cycle[title] for title in over_tray))
         left = any_of(*(row.differs(TAKEN) for row in arm.rows.values()))
-        yield f"{side} arm: it goes in over a tray in place, for a row", _implies(over, in_place & left)
+        yield f"{side} arm: picks only from a tray in place with a row left", _implies(over, in_place & left)
         empty = over & ~cycle["close claws"]
-        yield f"{side} arm: it goes in empty", _implies(empty, ~arm.loaded)
+        yield f"{side} arm: moves in only when empty", _implies(empty, ~arm.loaded)
         slide = arm.coils["slide_inward"] | arm.coils["slide_outward"]
-        yield f"{side} arm: it closes its claws at rest", _implies(cycle["close claws"], ~slide)
+        yield f"{side} arm: closes its claws only with the slide at rest", _implies(cycle["close claws"], ~slide)
     for side in SIDES:
         cycle, home = machine.cycles[side], machine.homings[side]
         moves = all_of(control.motion, ~control.resetting)
-        yield f"{cycle.name}: no step without motion", _implies(_any_step(cycle), moves)
-        yield f"{home.name}: no step but in Resetting", _implies(_any_step(home), control.resetting)
+        yield (
+            f"{cycle.name}: steps are active only in moving states except Resetting",
+            _implies(_any_step(cycle), moves),
+        )
+        yield f"{home.name}: steps are active only in Resetting", _implies(_any_step(home), control.resetting)
 
 
 def _any_step(sequence: Sequence) -> Expr:
@@ -105,19 +114,23 @@ def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str,
     driven = a.coils["slide_inward"] | a.coils["slide_outward"]
     return {
         "claws that are not closed are open": _implies(~a.claws_closed, monitor.open),
-        "what the claws may hold counts as a load": _implies(monitor.holds, a.loaded),
-        "a load is held by closed claws": _implies(a.loaded, a.claws_closed),
-        "clamped claws have gripped": _implies(a.clamped, monitor.gripped),
-        "claws closed on a row have not moved from it": _implies(a.on_row, monitor.unmoved),
-        "a row in progress has not been left": _implies(in_progress & monitor.holds, monitor.unmoved | driven),
-        "a slide that has arrived has passed": _implies(monitor.arrived, a.passed),
-        "release delay follows a cup": _implies(cycle["release delay"], monitor.released | ~monitor.holds),
-        "claws open after a cup": _implies(cycle["open claws"], monitor.released | ~monitor.holds),
-        "a load is discarded by order": _implies(a.discard, monitor.discarded),
-        "discarding was ordered": _implies(discarding, a.discard | ~a.loaded),
-        "out low goes an empty arm": _implies(home["out low"], ~a.loaded),
-        "at feed only a discarded load opens": _implies(home["open at feed"], a.discard | ~a.loaded),
-        "an arm in the centre is known or not believed home": _implies(
+        "claws that may hold seedlings count as loaded": _implies(monitor.holds, a.loaded),
+        "loaded claws are closed": _implies(a.loaded, a.claws_closed),
+        "clamped claws have closed for their dwell time": _implies(a.clamped, monitor.gripped),
+        "with claws closed at a row, the slide has not moved": _implies(a.on_row, monitor.unmoved),
+        "the slide has not left a row in progress": _implies(in_progress & monitor.holds, monitor.unmoved | driven),
+        "an arrival at the next row is stored": _implies(monitor.arrived, a.passed),
+        "the release delay of a load starts only after a cup": _implies(
+            cycle["release delay"], monitor.released | ~monitor.holds
+        ),
+        "in the cycle, loaded claws open only after a cup": _implies(
+            cycle["open claws"], monitor.released | ~monitor.holds
+        ),
+        "a load is discarded only by command": _implies(a.discard, monitor.discarded),
+        "discard steps with a load follow a discard command": _implies(discarding, a.discard | ~a.loaded),
+        "an arm moving out low is empty": _implies(home["out low"], ~a.loaded),
+        "homing opens loaded claws at feed only to discard": _implies(home["open at feed"], a.discard | ~a.loaded),
+        "an arm in the centre is known to be there, or is neither home nor cycling": _implies(
             monitor.in_centre, a.in_centre | ~any_of(a.at_feed, a.cycling, working)
         ),
     }

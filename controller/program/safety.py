@@ -145,7 +145,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             "while a question about the tray is unanswered, the tray may be misplaced",
             inward & tray.ask,
         ),
-        "inward, into the other arm": (
+        "inward, other arm in the centre": (
             "the fingers of both arms do not fit in the centre together",
             all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre),
         ),
@@ -153,7 +153,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             "claws may close only at the next row or at feed",
             closes & ~feed & ~(down & _at_next_row(a)),
         ),
-        "up, half closed": (
+        "up, claws neither open nor clamped": (
             "over the tray the lift moves up only with the claws clamped or open",
             all_of(raises, ~feed, ~monitor.open, ~monitor.gripped),
         ),
@@ -161,7 +161,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             "the load would be dragged through the tray",
             all_of(outward, monitor.holds, ~up),
         ),
-        "outward low, claws not open": (
+        "outward, not up, claws not open": (
             "closed claws would tear the seedlings",
             all_of(outward, ~up, ~(down & monitor.open)),
         ),
@@ -172,16 +172,16 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         "spread, not up at feed": ("there is room for spread claws only over the cups", spreads & ~(up & feed)),
         "belt with slide or lift": ("slide and lift must be at rest while the belt runs", belt & slide_or_lift),
         "converge with a load": ("the seedlings would be torn", converges & monitor.holds),
-        "belt against its stop": (
+        "belt against its end stop": (
             "the motor may run against its end stop only after a switch has been found implausible",
             ~a.distrusted["belt"] & ((spreads & a.sensed_spread) | (converges & a.sensed_converged)),
         ),
         "converge away from feed": ("claws may change their pitch only at feed", converges & ~feed),
-        "open a load elsewhere": (
+        "load released away from its cups and row": (
             "a load may be released only over its cups, at its own row, or after a discard command",
             all_of(opens, monitor.holds, ~over_cups, ~(monitor.unmoved & down)),
         ),
-        "coil with a fault": (
+        "coil on during a fault": (
             "a jammed actuator may be driven only in manual mode",
             all_of(fault, ~tags.machine.manual, any_of(*y.values())),
         ),
@@ -212,24 +212,27 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
     run, forward = tags.tray.driven["tray_run"], tags.tray.driven["tray_forward"]
     away, entering = any_of(*(~a.sensed_at_feed for a in arms)), any_of(*(a.coils["slide_inward"] for a in arms))
     never = {
-        "moves in an emergency stop": ("no motion during an emergency stop", moves & x.emergency_stop),
+        "motion during an emergency stop": ("no motion during an emergency stop", moves & x.emergency_stop),
         "motion without inputs": ("no motion without inputs", moves & tags.system.link_lost),
-        "moves after a fault of scan or store": (
+        "motion after a scan or store fault": (
             "outputs must be off after such a fault",
             moves & (tags.system.scan_fault | tags.system.store_fault),
         ),
-        "moves at rest": ("no motion in a state that does not allow it", moves & ~machine.motion),
-        "moves in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
-        "restarts by itself": ("after a stop, motion requires a new command", monitor.restarted),
-        "jog not renewed": (
+        "motion in a state that does not allow it": (
+            "no motion in a state that does not allow it",
+            moves & ~machine.motion,
+        ),
+        "motion in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
+        "restart without a command": ("after a stop, motion requires a new command", monitor.restarted),
+        "jog without renewal": (
             "releasing a jog command must stop the motion",
             machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0)),
         ),
         "jog without command": ("an output is jogged only by command", monitor.jog_unbidden),
-        "tray, arm away from feed": ("a moving tray would damage an arm in it", (run | forward) & away),
-        "tray, arm goes in": ("the arm moves in only over a tray at rest", (run | forward) & entering),
-        "tray, wrong way": ("the belt has one direction", run & ~forward),
-        "tray with a fault": (
+        "tray moves with an arm away from feed": ("a moving tray would damage an arm in it", (run | forward) & away),
+        "tray moves while an arm moves in": ("the arm moves in only over a tray at rest", (run | forward) & entering),
+        "tray moves in the wrong direction": ("the belt has one direction", run & ~forward),
+        "tray moves during a fault": (
             "a jammed tray may be driven only in manual mode",
             all_of(tray_fault, ~machine.manual, run | forward),
         ),

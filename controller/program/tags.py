@@ -146,7 +146,7 @@ class MachineTags:
         m = Area("M", 10, 99)
         d = Area("D", 100, 109)
         self.state = d.word("state", "PackML state number")
-        self.state_before = d.word("state before", "PackML state number in the previous scan")
+        self.state_before = d.word("previous state", "PackML state number in the previous scan")
         self.trays_done = Word("D", 560, "trays done", "trays emptied since the last reset of the counts")
         self.mode = Word("D", 562, "mode", "mode number: 1 continuous, 3 manual, 4 one cycle, 5 step, 6 zero return")
         self.reason = d.word("reason", "number of the reason for Suspended or Held")
@@ -170,8 +170,8 @@ class MachineTags:
         self.held_by_operator = m.bit("held by operator", "held by the hold command")
         self.held_by_panel = m.bit("held by panel", "held by a panel timeout")
         self.suspended_by_operator = m.bit("suspended by operator", "suspended by command until the unsuspend command")
-        self.complete_ordered = m.bit("complete ordered", "no new row is started; then Complete")
-        self.ordered = m.bit("ordered", "command given or button pressed, this scan")
+        self.complete_ordered = m.bit("complete requested", "no new row is started; then Complete")
+        self.ordered = m.bit("command given", "command given or button pressed, this scan")
         self.manual = m.bit("manual", "mode is manual")
         self.stepping = m.bit("stepping", "step mode active: each transfer requires a press")
         self.stops_at_once = m.bit("stops at once", "the mode stops without finishing the cycle")
@@ -247,13 +247,15 @@ class ArmTags:
         self.was_converged = m.bit("was converged", "last confirmed place of the claws: converged")
         self.lift_travelled = m.bit("lift travelled", "shortest travel time to the other end has elapsed")
         self.slide_travelled = m.bit("slide travelled", "shortest travel time between feed and a row has elapsed")
-        self.slide_hopped = m.bit("slide hopped", "shortest travel time between two rows has elapsed")
+        self.slide_hopped = m.bit("slide travelled between rows", "shortest travel time between two rows has elapsed")
         self.belt_travelled = m.bit("belt travelled", "shortest travel time to the other end has elapsed")
-        self.placed = {name: m.bit(f"{name} placed", f"a place of the {name} is confirmed") for name in DEVICES}
+        self.placed = {
+            name: m.bit(f"{name} place confirmed", f"a place of the {name} is confirmed") for name in DEVICES
+        }
         self.doubt = {name: m.bit(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
         self.passed = m.bit("passed row", "the slide has reached or passed the next row since it left feed")
         self.begins_rest = m.bit(
-            "begins rest", "rest time without a coil of lift, slide or belt has elapsed, this scan"
+            "comes to rest", "rest time without a coil of lift, slide or belt has elapsed, this scan"
         )
         self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
         self.rests_up = m.bit("rests up", "the lift was up when it came to rest")
@@ -273,11 +275,11 @@ class ArmTags:
         self.row_full = m.bit("row full", "the next row is full")
         self.row_in_progress = m.bit("row in progress", "a row is clamped but not yet lifted")
         self.row_in_doubt = m.bit("row in doubt", "power was lost between clamping and lifting")
-        self.at_wanted_row = m.bit("at wanted row", "slide at the next row")
+        self.at_wanted_row = m.bit("at next row", "slide at the next row")
         self.permit = m.bit("cycle permit", "a new cycle may start")
         self.park = m.bit("park", "a loaded arm moves up and stays there")
         self.in_centre = m.bit("in centre", "the arm occupies the space inward of pick 2")
-        self.thrown = m.bit("thrown", "row released over the cups, this scan")
+        self.thrown = m.bit("row released", "row released over the cups, this scan")
         self.retried = m.bit("retried", "the slide has returned to its row once")
         self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is complete")
         self.ask = m.bit("ask loaded", "question to the operator: does the arm hold seedlings?")
@@ -285,8 +287,8 @@ class ArmTags:
         self.ask_cups = m.bit(
             "ask cups", "question to the operator: are the cups empty? If unanswered, twelve cups must pass"
         )
-        self.ungranted = m.bit("ungranted", "a requested output is blocked by an interlock, this scan")
-        self.unbidden = m.bit("unbidden", "a switch has changed while the arm was at rest")
+        self.ungranted = m.bit("request blocked", "a requested output is blocked by an interlock, this scan")
+        self.unbidden = m.bit("switch changed at rest", "a switch has changed while the arm was at rest")
         self.blocked_by = Word(
             "D", 110 + index, f"{side}.blocked by", "number of the interlock that blocks an output; 0 = none"
         )
@@ -324,12 +326,12 @@ class ArmTags:
         self.t_opening = t10.timer("claws opening", "opening dwell of the claws")
         self.t_pause = t10.timer("pause at feed", "delay before spreading")
         self.t_release_delay = t10.timer("release delay", "delay from the cup pulse to opening")
-        self.t_lift_way = t10.timer("lift way", "lift between its ends")
-        self.t_slide_way = t10.timer("slide way", "slide between feed and a row")
-        self.t_slide_hop = t10.timer("slide hop", "slide between two rows")
-        self.t_belt_way = t10.timer("belt way", "claws between their ends")
+        self.t_lift_way = t10.timer("lift travel", "lift between its ends")
+        self.t_slide_way = t10.timer("slide travel", "slide between feed and a row")
+        self.t_slide_hop = t10.timer("slide travel between rows", "slide between two rows")
+        self.t_belt_way = t10.timer("belt travel", "claws between their ends")
         self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
-        self.t_press = Timer(226 + index, f"{side}.press to feed", "outer chamber of the slide fills")
+        self.t_press = Timer(226 + index, f"{side}.pressurise at feed", "outer chamber of the slide fills")
         pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
         self.t_pressed = {name: pressed.timer(f"{name} pressed", f"{name} driven against its end") for name in DEVICES}
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
@@ -337,8 +339,10 @@ class ArmTags:
         self.t_doubt = {
             name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES
         }
-        self.t_unbidden = t100.timer("unbidden", "a switch has changed while the arm was at rest")
-        self.lone_cups = Counter(2 + index, f"{side}.lone cups", "cups counted since the last cup of the other row")
+        self.t_unbidden = t100.timer("switch changed at rest", "a switch has changed while the arm was at rest")
+        self.lone_cups = Counter(
+            2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
+        )
 
 
 class TrayTags:
@@ -361,17 +365,19 @@ class TrayTags:
         self.ready = m.bit("ready", "feeding is complete, or no tray is available")
         self.at_rest = m.bit("at rest", "no tray is being moved")
         self.missing = m.bit("missing", "no tray arrived")
-        self.ungranted = m.bit("ungranted", "a requested conveyor output is blocked by an interlock, this scan")
+        self.ungranted = m.bit("request blocked", "a requested conveyor output is blocked by an interlock, this scan")
         self.blocked_by = Word(
             "D", 112, "tray.blocked by", "number of the interlock that blocks the conveyor; 0 = none"
         )
         self.fault = m.bit("fault", "an alarm of the feeder is set")
-        self.met = m.bit("met", "a tray reached the front edge sensor while the belt was not creeping, this scan")
+        self.met = m.bit(
+            "unexpected", "a tray reached the front edge sensor while the belt was not creeping, this scan"
+        )
         self.t_index = t10.timer("index", "full speed into the gap behind a tray")
         self.t_settle = t10.timer("settle", "tray at rest")
         self.t_on = t10.timer("creep on", "creep: run time of a pulse")
         self.t_off = t10.timer("creep off", "creep: pause after a pulse")
-        self.t_met = Timer(234, "tray.met", "front edge sensor on in the gap behind a tray")
+        self.t_met = Timer(234, "tray.in gap", "front edge sensor on in the gap behind a tray")
         self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
         self.t_lost = Timer(106, "tray.lost", "front edge sensor off while a tray should be in place")
         self.t_jam = Timer(104, "tray.jam", "front edge sensor still on while a tray moves out")

@@ -41,7 +41,7 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
     steps = [
         Step(
             "wait for an empty tray",
-            waits_for="the tray to be empty, arms at feed",
+            waits_for="an empty tray and both arms at feed",
             go=[
                 To("move tray out", when=t.permit & t.edge & t.phase.equals(MOVING_OUT)),
                 To("settle", when=t.permit & t.edge & t.phase.equals(COMING)),
@@ -58,10 +58,10 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
             "index",
             hold=[t.want_run],
             dwell=Dwell(t.t_index, sp.tray_index),
-            go=[To("met in the index", when=t.edge), To("creep", when=t.t_index.done)],
+            go=[To("tray in the gap", when=t.edge), To("creep", when=t.t_index.done)],
         ),
         Step(
-            "met in the index",
+            "tray in the gap",
             dwell=Dwell(t.t_met, MET_MS),
             go=[To("creep", when=~t.edge), To("wait for an empty tray", when=t.t_met.done)],
         ),
@@ -142,7 +142,7 @@ def bookkeeping(tags: Tags, feeder: Sequence) -> Block:
     """Return the block that follows the sequences: phase, rows of a new tray, creep pulses."""
     t, arms = tags.tray, tags.arms
     arrived = all_of(feeder["settle"], t.t_settle.done, t.edge, t.phase.differs(IN_PLACE))
-    in_the_gap = feeder["met in the index"] & t.t_met.done
+    in_the_gap = feeder["tray in the gap"] & t.t_met.done
     unawaited = feeder["no tray"] & (tags.machine.start_requested | tags.machine.entered_starting)
     rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
     return Block(

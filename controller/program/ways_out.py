@@ -62,7 +62,7 @@ def _to_stopped(machine: Transplanter) -> Iterator[WayOut]:
     steps = any_of(*(bit for sequence in machine.program.sequences() for bit, _ in sequence))
     dead = all_of(_is(machine, State.ABORTED), ~steps, ~any_coil(tags))
     anywhere = _is(machine, *State)
-    yield WayOut("emergency stop: from anywhere to Aborted, all steps and coils off", anywhere, (stop, stop), dead)
+    yield WayOut("emergency stop: from any state to Aborted, all steps and coils off", anywhere, (stop, stop), dead)
     clear = (operator.press(tags.commands.clear), operator.off())
     yield WayOut("clear: from Aborted to Stopped", _is(machine, State.ABORTED), clear, _is(machine, State.STOPPED))
 
@@ -73,7 +73,7 @@ def _from_stopped(machine: Transplanter) -> Iterator[WayOut]:
     for mode, command in tags.commands.modes.items():
         wanted = tags.machine.mode.equals(mode)
         yield WayOut(
-            f"mode {mode.name.lower()}: from Stopped, whatever the mode", stopped, (operator.press(command),), wanted
+            f"mode {mode.name.lower()}: selected in Stopped from any mode", stopped, (operator.press(command),), wanted
         )
     for state in HOMED_FROM:
         yield WayOut(
@@ -100,4 +100,4 @@ def _to_work(machine: Transplanter) -> Iterator[WayOut]:
         )
     manual = all_of(_is(machine, State.IDLE), control.manual, machine.orders.free(tags.commands.start))
     run = (operator.press(tags.commands.start), operator.off())
-    yield WayOut("start: manual from Idle to work by hand", manual, run, control.jogging | control.fault)
+    yield WayOut("start: from Idle to jogging in manual mode", manual, run, control.jogging | control.fault)

@@ -68,7 +68,7 @@ FEEDER_MOTIONS: Final[Mapping[str, StepMotion]] = {
     "wait for an empty tray": StepMotion("wait for an empty tray", "program", "waits"),
     "move tray out": StepMotion("tray out", "conveyor", "moves"),
     "index": StepMotion("tray index", "conveyor", "moves"),
-    "met in the index": StepMotion("tray met in the index", "conveyor", "dwells"),
+    "tray in the gap": StepMotion("tray in the gap", "conveyor", "dwells"),
     "creep": StepMotion("tray creep", "conveyor", "moves"),
     "no tray": StepMotion("no tray", "program", "waits"),
     "settle": StepMotion("tray settle", "conveyor", "dwells"),

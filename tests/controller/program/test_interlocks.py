@@ -246,4 +246,4 @@ def test_every_rule_has_a_reason_and_existing_outputs() -> None:
 @pytest.mark.parametrize(("side", "output"), COILS)
 def test_every_output_obeys_the_emergency_stop_and_its_fault(side: Side | None, output: str) -> None:
     names = {rule.name for rule in rules_of(side) if output in rule.outputs}
-    assert names >= {"motion allowed", "no fault of the arm" if side else "no fault of the feeder"}
+    assert names >= {"motion allowed", "no arm fault" if side else "no feeder fault"}

@@ -53,16 +53,16 @@ OF_AN_ARM: dict[str, list[Case]] = {
         Case("close away from row and feed", "claws_close lift_down slide_at_pick_1 row_1_taken", "row_1_taken"),
     ],
     "the lift goes up over the tray only clamped for its dwell, or open": [
-        Case("up, half closed", "lift_retract", "gripped"),
-        Case("up, half closed", "lift_retract", "open"),
-        Case("up, half closed", "lift_retract", "slide_at_feed"),
+        Case("up, claws neither open nor clamped", "lift_retract", "gripped"),
+        Case("up, claws neither open nor clamped", "lift_retract", "open"),
+        Case("up, claws neither open nor clamped", "lift_retract", "slide_at_feed"),
     ],
     "a load goes out only up; an empty arm up, or low and open": [
         Case("outward with a load, not up", "slide_outward holds", "lift_up"),
         Case("outward with a load, not up", "slide_outward holds", "holds"),
-        Case("outward low, claws not open", "slide_outward lift_down", "open"),
-        Case("outward low, claws not open", "slide_outward open", "lift_down"),
-        Case("outward low, claws not open", "slide_outward", "lift_up"),
+        Case("outward, not up, claws not open", "slide_outward lift_down", "open"),
+        Case("outward, not up, claws not open", "slide_outward open", "lift_down"),
+        Case("outward, not up, claws not open", "slide_outward", "lift_up"),
     ],
     "down only at feed": [Case("down away from feed", "lift_extend", "slide_at_feed")],
     "spread only up at feed": [
@@ -79,8 +79,8 @@ OF_AN_ARM: dict[str, list[Case]] = {
         )
     ],
     "the belt stops at its ends": [
-        Case("belt against its stop", "spread claws_spread", "claws_spread"),
-        Case("belt against its stop", "converge claws_converged", "claws_converged"),
+        Case("belt against its end stop", "spread claws_spread", "claws_spread"),
+        Case("belt against its end stop", "converge claws_converged", "claws_converged"),
     ],
     "converge only empty, at feed": [
         Case("converge with a load", "converge holds slide_at_feed", "holds"),
@@ -89,7 +89,7 @@ OF_AN_ARM: dict[str, list[Case]] = {
     "a load opens only over its cups, at its row, or by a discard command": [
         *(
             Case(
-                "open a load elsewhere",
+                "load released away from its cups and row",
                 " ".join(["claws_open holds", *(name for name in over_cups if name != missing)]),
                 missing,
             )
@@ -99,48 +99,48 @@ OF_AN_ARM: dict[str, list[Case]] = {
             )
             for missing in over_cups
         ),
-        Case("open a load elsewhere", "claws_open holds lift_down", "unmoved"),
-        Case("open a load elsewhere", "claws_open holds unmoved", "lift_down"),
-        Case("open a load elsewhere", "claws_open holds", "holds"),
+        Case("load released away from its cups and row", "claws_open holds lift_down", "unmoved"),
+        Case("load released away from its cups and row", "claws_open holds unmoved", "lift_down"),
+        Case("load released away from its cups and row", "claws_open holds", "holds"),
     ],
     "never both arms in one space": [
-        Case("inward, into the other arm", "slide_inward rows_1_and_2_taken other_in_centre", "other_in_centre"),
-        Case("inward, into the other arm", "slide_inward rows_1_and_2_taken other_in_centre", "arms_may_meet"),
+        Case("inward, other arm in the centre", "slide_inward rows_1_and_2_taken other_in_centre", "other_in_centre"),
+        Case("inward, other arm in the centre", "slide_inward rows_1_and_2_taken other_in_centre", "arms_may_meet"),
     ],
     "a jammed actuator is driven only in manual mode": [
-        Case("coil with a fault", "fault claws_open", "fault"),
-        Case("coil with a fault", "fault claws_open", "manual"),
+        Case("coil on during a fault", "fault claws_open", "fault"),
+        Case("coil on during a fault", "fault claws_open", "manual"),
     ],
 }
 OF_THE_MACHINE: dict[str, list[Case]] = {
     "the tray moves only with both arms at feed, and none goes in over it": [
         *(
-            Case("tray, arm away from feed", f"{coil} {at_feed}.slide_at_feed", f"{away}.slide_at_feed")
+            Case("tray moves with an arm away from feed", f"{coil} {at_feed}.slide_at_feed", f"{away}.slide_at_feed")
             for coil in ("tray_run", "tray_forward")
             for at_feed, away in (SIDES, SIDES[::-1])
         ),
-        *(Case("tray, arm goes in", f"tray_run {side}.slide_inward", "tray_run") for side in SIDES),
-        Case("tray, wrong way", "tray_run", "tray_forward"),
-        Case("tray with a fault", "tray_forward tray_fault", "tray_fault"),
-        Case("tray with a fault", "tray_forward tray_fault", "manual"),
+        *(Case("tray moves while an arm moves in", f"tray_run {side}.slide_inward", "tray_run") for side in SIDES),
+        Case("tray moves in the wrong direction", "tray_run", "tray_forward"),
+        Case("tray moves during a fault", "tray_forward tray_fault", "tray_fault"),
+        Case("tray moves during a fault", "tray_forward tray_fault", "manual"),
     ],
     "nothing moves in an emergency stop": [
-        Case("moves in an emergency stop", f"emergency_stop motion left.{MOVES}", "emergency_stop"),
-        Case("moves in an emergency stop", "emergency_stop motion tray_run", "tray_run"),
+        Case("motion during an emergency stop", f"emergency_stop motion left.{MOVES}", "emergency_stop"),
+        Case("motion during an emergency stop", "emergency_stop motion tray_run", "tray_run"),
     ],
     "no motion without inputs or after a fault": [
         Case("motion without inputs", f"link_lost motion right.{MOVES}", "link_lost"),
-        Case("moves after a fault of scan or store", f"scan_fault motion left.{MOVES}", "scan_fault"),
-        Case("moves after a fault of scan or store", f"store_fault motion left.{MOVES}", "store_fault"),
+        Case("motion after a scan or store fault", f"scan_fault motion left.{MOVES}", "scan_fault"),
+        Case("motion after a scan or store fault", f"store_fault motion left.{MOVES}", "store_fault"),
     ],
     "nothing restarts by itself: after reset, power or link return": [
-        Case("moves at rest", f"left.{MOVES}", "motion"),
-        Case("moves in the first scan", f"first_scan motion left.{MOVES}", "first_scan"),
-        Case("restarts by itself", "restarted", "restarted"),
+        Case("motion in a state that does not allow it", f"left.{MOVES}", "motion"),
+        Case("motion in the first scan", f"first_scan motion left.{MOVES}", "first_scan"),
+        Case("restart without a command", "restarted", "restarted"),
     ],
     "jogging only while the command is renewed": [
-        Case("jog not renewed", f"manual motion left.{MOVES}", "jog"),
-        Case("jog not renewed", f"manual motion left.{MOVES} jog jog_lease_over", "jog_lease_over"),
+        Case("jog without renewal", f"manual motion left.{MOVES}", "jog"),
+        Case("jog without renewal", f"manual motion left.{MOVES} jog jog_lease_over", "jog_lease_over"),
         Case("jog without command", "jog_unbidden", "jog_unbidden"),
     ],
 }

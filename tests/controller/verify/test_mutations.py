@@ -32,24 +32,27 @@ def pair(one: str, two: str) -> tuple[str, str]:
 UPHELD_BY_RULES: dict[tuple[str, ...], tuple[str, ...]] = {
     pair(*LIFT): ("lift_extend with lift_retract",),
     ("motion allowed",): ("close away from row and feed",),
-    ("no fault of the arm",): ("coil with a fault",),
+    ("no arm fault",): ("coil on during a fault",),
     ("belt at rest",): ("belt with slide or lift",),
     ("inward ready",): ("inward, not down", "inward, claws not open", "inward, not converged"),
     ("tray in place",): ("inward, no tray at rest", "inward, tray unknown"),
     ("stop at the row",): ("inward, past the row",),
-    ("not yet spread",): ("belt against its stop",),
-    ("not yet converged",): ("belt against its stop",),
-    ("centre is free",): ("inward, into the other arm",),
-    ("outward clear",): ("outward with a load, not up", "outward low, claws not open"),
-    ("lift clear",): ("up, half closed",),
+    ("not yet spread",): ("belt against its end stop",),
+    ("not yet converged",): ("belt against its end stop",),
+    ("centre is free",): ("inward, other arm in the centre",),
+    ("outward clear",): ("outward with a load, not up", "outward, not up, claws not open"),
+    ("lift clear",): ("up, claws neither open nor clamped",),
     ("down at feed only",): ("down away from feed",),
-    ("spread up at feed",): ("spread, not up at feed",),
-    ("converge empty at feed",): ("converge with a load", "converge away from feed"),
-    ("clamp at a place",): ("close away from row and feed",),
-    ("open at a place",): ("open a load elsewhere",),
+    ("spread only when up at feed",): ("spread, not up at feed",),
+    ("converge only when empty at feed",): ("converge with a load", "converge away from feed"),
+    ("close only at row or feed",): ("close away from row and feed",),
+    ("release load only at cups or row",): ("load released away from its cups and row",),
 }
 """Arm rules and pairs of rules, each with the requirements that are violated if the rule or pair is removed."""
-UPHELD_BY_TRAY_RULES = {"arms at feed": "tray, arm away from feed", "no fault of the feeder": "tray with a fault"}
+UPHELD_BY_TRAY_RULES = {
+    "arms at feed": "tray moves with an arm away from feed",
+    "no feeder fault": "tray moves during a fault",
+}
 PAIRS = tuple(pair(*coils) for coils in (SLIDE, LIFT, BELT, CLAWS))
 REDUNDANT: dict[tuple[str, ...], str] = {
     pair(*SLIDE): "no step requests both coils, and manual control drives one output at a time",
@@ -205,37 +208,40 @@ MUTATIONS: dict[str, tuple[Change, str]] = {
     ),
     "a load is cleared before the dwell": (
         driven(Rst, ARM.loaded, OPENS, OPENING),
-        "left: open a load elsewhere",
+        "left: load released away from its cups and row",
     ),
     "claws count as clamped before their dwell": (
         driven(Set, ARM.clamped, TRUE, CLOSING),
-        "left: up, half closed",
+        "left: up, claws neither open nor clamped",
     ),
     "unknown claws count as empty": (
         driven(Set, ARM.loaded, FALSE, FIRST_SCAN, CONDITIONS),
-        "left: what the claws may hold counts as a load",
+        "left: claws that may hold seedlings count as loaded",
     ),
-    "steps stay on at rest": (dropped(ZoneReset, CYCLE.first), "left arm: no step without motion"),
+    "steps stay on at rest": (
+        dropped(ZoneReset, CYCLE.first),
+        "left arm: steps are active only in moving states except Resetting",
+    ),
     "the emergency stop is ignored": (
         everywhere(*terminal(TAGS.x.emergency_stop)),
-        "moves in an emergency stop",
+        "motion during an emergency stop",
     ),
     "the field link is ignored": (everywhere(TAGS.system.link_lost, FALSE), "motion without inputs"),
-    "homing starts without a request": (driven(Out, CONTROL.home_requested, TRUE), "restarts by itself"),
+    "homing starts without a request": (driven(Out, CONTROL.home_requested, TRUE), "restart without a command"),
     "a jog without renewal continues": (
         driven(Mov, CONTROL.jog, FALSE, CONTROL.t_jog_lease.done),
-        "jog not renewed",
+        "jog without renewal",
     ),
     "confirmations are accepted while the arm moves": (
         everywhere(~CONTROL.motion | HOME["decide"], TRUE),
-        "left: discarding was ordered",
+        "left: discard steps with a load follow a discard command",
     ),
-    "the centre is not reserved": (dropped(Set, ARM.in_centre), "right: inward, into the other arm"),
+    "the centre is not reserved": (dropped(Set, ARM.in_centre), "right: inward, other arm in the centre"),
     "claws count as open without their coil": (
         driven(OnDelay, ARM.t_opening, TRUE),
-        "left: up, half closed",
+        "left: up, claws neither open nor clamped",
     ),
-    "alarms stop no arm": (dropped(Out, ARM.fault), "left: coil with a fault"),
+    "alarms stop no arm": (dropped(Out, ARM.fault), "left: coil on during a fault"),
     "the lift always counts as down": (driven(Out, ARM.down, TRUE, ARM.sensed_down), "left: inward, not down"),
 }
 """Rung mutations, each with a goal that it violates."""

@@ -269,9 +269,9 @@ ROUTES: dict[tuple[str, str], Route] = {
     ("homing", "raise to converge"): Route(lead=homing_after("converge", 300)),
     ("homing", "converge"): Route(lead=homing_after("converge", 300)),
     ("homing", "lower"): Route(lead=homing_after("converge", 300)),
-    ("homing", "press to feed"): Route(lead=homing_after("converge", 300)),
+    ("homing", "pressurise at feed"): Route(lead=homing_after("converge", 300)),
     ("homing", "homed"): Route(lead=homing_after("converge", 300)),
-    ("tray feeder", "met in the index"): Route(trays=2, lead=meet_a_tray_in_the_index, restore=clear_the_beam),
+    ("tray feeder", "tray in the gap"): Route(trays=2, lead=meet_a_tray_in_the_index, restore=clear_the_beam),
     ("tray feeder", "no tray"): Route(trays=2, lead=empty_the_magazine, restore=fill_the_magazine),
 }
 

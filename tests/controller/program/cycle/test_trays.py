@@ -241,7 +241,7 @@ def test_a_tray_met_at_full_speed_is_a_jam_and_not_in_place() -> None:
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "index", within_ms=2 * TRAY_MS)
     twin.plant.conveyor.beam.stuck = True
-    met_ms = until_step(twin, "tray feeder", "met in the index", within_ms=50)
+    met_ms = until_step(twin, "tray feeder", "tray in the gap", within_ms=50)
     twin.scan()
     assert "tray_run" not in twin.outputs()
     twin.run_until(lambda: twin.alarms() == ["tray_jam"], within_ms=300)
@@ -259,7 +259,7 @@ def test_a_beam_that_flickers_during_the_index_step_is_not_a_jam() -> None:
     until_step(twin, "tray feeder", "index", within_ms=2 * TRAY_MS)
     beam = twin.plant.conveyor.beam
     beam.stuck = True
-    until_step(twin, "tray feeder", "met in the index", within_ms=50)
+    until_step(twin, "tray feeder", "tray in the gap", within_ms=50)
     beam.stuck = None
     until_step(twin, "tray feeder", "creep", within_ms=50)
     assert to_complete(twin) == undisturbed(trays=2)

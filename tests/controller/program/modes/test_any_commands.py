@@ -218,10 +218,18 @@ def jogging(side: Side, *jogs: str) -> Story:
     [
         ("left: inward ready", ["left_claws_close", "left_slide_inward"], "left: inward, claws not open"),
         ("left: down at feed only", ["left_slide_inward", "left_lift_extend"], "left: down away from feed"),
-        ("left: outward clear", ["left_slide_inward", "left_lift_retract", "left_slide_outward"], "left: outward low"),
-        ("left: spread up at feed", ["left_spread"], "left: spread, not up at feed"),
-        ("left: clamp at a place", ["left_slide_inward", "left_claws_close"], "left: close away from row and feed"),
-        ("tray: arms at feed", ["left_slide_inward", "tray_run"], "tray, arm away from feed"),
+        (
+            "left: outward clear",
+            ["left_slide_inward", "left_lift_retract", "left_slide_outward"],
+            "left: outward, not up",
+        ),
+        ("left: spread only when up at feed", ["left_spread"], "left: spread, not up at feed"),
+        (
+            "left: close only at row or feed",
+            ["left_slide_inward", "left_claws_close"],
+            "left: close away from row and feed",
+        ),
+        ("tray: arms at feed", ["left_slide_inward", "tray_run"], "tray moves with an arm away from feed"),
     ],
 )
 def test_jogging_without_an_interlock_violates_a_requirement(rule: str, jogs: list[str], broken: str) -> None:
@@ -233,6 +241,6 @@ def test_jogging_without_an_interlock_violates_a_requirement(rule: str, jogs: li
 
 
 def test_random_scenarios_detect_a_missing_interlock() -> None:
-    rig = Rig(build(MACHINE.io_map, without=["left: no fault of the arm"]))
-    with pytest.raises(AssertionError, match="left: coil with a fault"):
+    rig = Rig(build(MACHINE.io_map, without=["left: no arm fault"]))
+    with pytest.raises(AssertionError, match="left: coil on during a fault"):
         search(rig, settings(SEARCH, derandomize=True, phases=[Phase.generate]))

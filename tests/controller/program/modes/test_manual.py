@@ -175,13 +175,13 @@ def test_in_manual_mode_the_machine_must_be_started_first() -> None:
 @pytest.mark.parametrize(
     ("side", "before", "output", "rule"),
     [
-        ("left", (), "spread", "spread up at feed"),
+        ("left", (), "spread", "spread only when up at feed"),
         ("right", ("lift_retract",), "slide_inward", "inward ready"),
         ("left", ("claws_close",), "slide_inward", "inward ready"),
         ("right", ("slide_inward",), "lift_extend", "down at feed only"),
         ("left", ("slide_inward",), "slide_inward", "stop at the row"),
         ("right", ("slide_inward", "claws_close"), "slide_outward", "outward clear"),
-        ("left", ("slide_inward", "claws_close", "lift_retract"), "claws_open", "open at a place"),
+        ("left", ("slide_inward", "claws_close", "lift_retract"), "claws_open", "release load only at cups or row"),
         ("right", (), "converge", "not yet converged"),
     ],
 )
