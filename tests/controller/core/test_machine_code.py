@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given, settings
 
 from controller.core import machine_code
-from controller.core.devices import WORD_MAX, Memory
+from controller.core.devices import WORD_MAX, WORD_MIN, Memory
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.core.llvm_ir import translate
 from controller.core.machine_code import MachineCode, MachineExecution
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
-from controller.core.rungs import Count, OnDelay, Out, Rung, Set
+from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rung, Set
 from controller.core.scan import Plc
 from controller.core.sequence import Sequence, Step, To
-from tests.controller.core.core_rig import levels, m, program_of, s, x, y
+from tests.controller.core.core_rig import d, levels, m, program_of, s, x, y
 from tests.controller.export.fx_equality import STEPS, Differs, Pair, stories
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.verify.test_scan import COMMAND, SET_POINT, SET_POINT_DEFAULT, STIMULI, Scanned, programs
@@ -128,6 +128,11 @@ def test_a_retentive_timer_stops_at_the_largest_value() -> None:
     program = program_of(OnDelay(Timer(250), 100, when=x(0)))
     plc = scanned(program, (0, (0,)), (4_000_000, (0,)), (8_000_000, (0,)))
     assert plc.memory.TV[250] == WORD_MAX
+
+
+def test_an_increment_of_the_largest_value_gives_the_smallest() -> None:
+    plc = scanned(program_of(Mov(WORD_MAX, d(0), when=m(8002)), Inc(d(0), when=x(0))), (0, ()), (10, (0,)))
+    assert plc.memory.D[0] == WORD_MIN
 
 
 def test_a_32_bit_counter_counts_down_while_its_direction_relay_is_on() -> None:
