@@ -22,6 +22,7 @@ from controller.iomap.schema import (
     KIND_OF,
     OPTIONAL,
     OUTPUT,
+    POINT_NAMES,
     SECTIONS,
     Entry,
     ModbusTable,
@@ -30,7 +31,7 @@ from controller.iomap.schema import (
     Polarity,
 )
 
-__all__ = ["DEFAULT_IO_MAP", "IoMap", "IoMapError", "ModbusTable", "Point", "Polarity", "load_io_map"]
+__all__ = ["DEFAULT_IO_MAP", "POINT_NAMES", "IoMap", "IoMapError", "ModbusTable", "Point", "Polarity", "load_io_map"]
 
 _PACKAGED_IO_MAP = Path(__file__).resolve().with_name("io_map.yaml")
 DEFAULT_IO_MAP = _PACKAGED_IO_MAP if _PACKAGED_IO_MAP.exists() else _PACKAGED_IO_MAP.parents[2] / "io_map.yaml"

@@ -1,4 +1,4 @@
-"""Schema of ``io_map.yaml``: the tags that the program requires and the fields of an entry.
+"""Schema of ``io_map.yaml``: the tags of the program with their display names, and the fields of an entry.
 
 Only ``controller.iomap.loader`` uses this module; import from the loader instead.
 """
@@ -6,7 +6,7 @@ Only ``controller.iomap.loader`` uses this module; import from the loader instea
 import enum
 import re
 from dataclasses import dataclass
-from typing import Annotated, Literal, cast
+from typing import Annotated, Final, Literal, cast
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -104,6 +104,40 @@ OUTPUT = PointKind(
 )
 KIND_OF = {tag: kind for kind in (INPUT, OUTPUT) for tag in kind.required + kind.optional}
 SECTIONS = (INPUT.section, OUTPUT.section, OPTIONAL)
+POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
+    "start": ("start button pressed", "启动按钮按下"),
+    "stop": ("stop button pressed", "停止按钮按下"),
+    "emergency_stop": ("emergency stop pressed", "急停按下"),
+    "reset": ("reset button pressed", "复位按钮按下"),
+    "air_pressure_ok": ("main air pressure OK", "主气压正常"),
+    "magazine_empty": ("tray magazine empty", "苗盘仓已空"),
+    "tray_front_edge": ("front edge of a tray detected", "检测到苗盘前沿"),
+    "tray_run": ("tray stepper running", "苗盘步进电机运行"),
+    "tray_forward": ("tray stepper forward", "苗盘步进电机正转"),
+    "horn": ("horn on", "蜂鸣器响"),
+    "lamp_red": ("tower lamp red", "塔灯红"),
+    "lamp_amber": ("tower lamp amber", "塔灯黄"),
+    "lamp_green": ("tower lamp green", "塔灯绿"),
+    "lift_down": ("lift at lower limit", "升降在下限位"),
+    "lift_up": ("lift at upper limit", "升降在上限位"),
+    "slide_at_feed": ("slide at feed, over the cups", "滑块在投苗位（苗杯上方）"),
+    "slide_at_pick_1": ("slide at pick 1 (outermost row)", "滑块在取苗位 1（最外行）"),
+    "slide_at_pick_2": ("slide at pick 2", "滑块在取苗位 2"),
+    "slide_at_pick_3": ("slide at pick 3 (innermost row)", "滑块在取苗位 3（最内行）"),
+    "claws_spread": ("claws at cup pitch", "夹爪为杯距"),
+    "claws_converged": ("claws at tray pitch", "夹爪为盘距"),
+    "cup_pulse": ("cup passing the counter", "苗杯经过计数器"),
+    "lift_extend": ("lift cylinder extends: arm down", "升降缸伸出：臂下降"),
+    "lift_retract": ("lift cylinder retracts: arm up", "升降缸缩回：臂上升"),
+    "slide_inward": ("slide moves to the tray", "滑块移向苗盘"),
+    "slide_outward": ("slide moves to the cups", "滑块移向苗杯"),
+    "converge": ("motor converges the claws to tray pitch", "电机使夹爪聚合至盘距"),
+    "spread": ("motor spreads the claws to cup pitch", "电机使夹爪分散至杯距"),
+    "claws_open": ("claws open", "夹爪张开"),
+    "claws_close": ("claws close", "夹爪闭合"),
+}
+"""Display names in English and Chinese by tag; tags of an arm are listed without the side, which the panel adds before
+the name."""
 
 
 # --- Entries ------------------------------------------------------------------------------------

@@ -70,6 +70,8 @@ class Subject:
 def subjects(plant: Plant, only: Iterable[str] = ()) -> list[Subject]:
     """Return all rows of the matrix that apply to a machine.
 
+    The matrix applies to the points that every machine has; an optional point must be selected by name.
+
     Args:
         plant: The machine; sensors that are not wired are omitted.
         only: Selection as KIND or KIND:TARGET; all rows if empty.
@@ -107,7 +109,7 @@ def _strikable(plant: Plant, kind: str) -> Collection[str]:
 def _subjects_of(plant: Plant, kind: str, only: str) -> list[Subject]:
     by_part: dict[str, list[str]] = {}
     for target in _strikable(plant, kind):
-        if not only or target == only:
+        if target == only or not (only or target in plant.optional):
             by_part.setdefault(_row_of(kind, target), []).append(target)
     sizes: tuple[float | None, ...] = SIZES[kind] if FAULTS[kind].size is not None else (None,)
     return [Subject(kind, part, size, tuple(targets)) for part, targets in by_part.items() for size in sizes]

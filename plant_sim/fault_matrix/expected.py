@@ -29,9 +29,9 @@ class Expectation:
 
 
 def expectation(subject: Subject) -> Expectation:
-    """Return the expectation for a subject."""
+    """Return the expectation for a subject; without a row for its part, no alarm and no harm are expected."""
     table = EXPECTED[subject.kind]
-    return table[subject.part] if subject.part in table else table["*"]
+    return table.get(subject.part) or table.get("*") or _undetected("EXPECTED has no row for this part")
 
 
 def _detected(*alarms: str) -> Expectation:

@@ -64,6 +64,7 @@ class Plant:
         state: State of the machine, one record `MACHINE`.
         params: Parameters of the machine, one record `MACHINE_PARAMS`; faults change it.
         wired: Tags of the wired inputs.
+        optional: Tags of the wired inputs that a machine can run without.
         broken_wires: Tags of the inputs whose terminals are off regardless of their sensors.
         faults: Fault schedule.
     """
@@ -267,6 +268,7 @@ class Plant:
         self._image = np.zeros(io_map.input_count, np.bool_)
         self._number_of = {point.tag: point.number for point in io_map.inputs}
         self.wired = tuple(self._number_of)
+        self.optional = frozenset(point.tag for point in io_map.inputs if point.optional)
         self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in _BUTTON_TAGS if tag in io_map]
         self._other_sensors = [
             (self.sensors[point.tag], point.number, point.inverted)

@@ -29,10 +29,15 @@ TESTS: Final = (
 """Tests run in the copy by default: scenario, alarm texts, permanent numbers and generated tables."""
 NIGHTLY_TESTS: Final = (
     "tests/controller/program",
+    "tests/controller/cli",
+    "tests/controller/core",
     "tests/controller/events",
+    "tests/controller/export",
     "tests/controller/hmi",
     "tests/controller/io",
     "tests/controller/iomap",
+    "tests/plant_sim/fault_matrix",
+    "tests/plant_sim/links",
     "tests/plant_sim/machine",
 )
 

@@ -12,6 +12,7 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from controller.cli.main import main as controller
+from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
 from controller.program.states import State
 from plant_sim.cli.main import main as plant_sim
@@ -19,7 +20,10 @@ from plant_sim.machine.plant import Plant
 from plant_sim.twin import ladder_trial
 from plant_sim.twin.lock_step import Twin
 from tests.controller.export.fx_equality import EXPORTED
+from tests.paths import DOCS, ROOT
 
+STEPS = sum(steps(each) for each in EXPORTED.instructions)
+"""Program steps of the exported program."""
 SEAL_IN = "LD X0\nOR M0\nANI X1\nOUT M0\nLD M0\nOUT T0 K5\nLD T0\nOUT Y0\nEND\n"
 STIMULUS = """
 scan_ms: 100
@@ -38,6 +42,11 @@ def program(tmp_path: Path) -> Path:
     return path
 
 
+def test_the_documentation_states_the_size_of_the_export_to_the_nearest_hundred() -> None:
+    for page in (ROOT / "README.md", DOCS / "ladder.md"):
+        assert f"uses about {round(STEPS, -2):,} of the 8,000" in page.read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(("form", "ending"), [("il", "il"), ("gx-csv", "csv")])
 def test_an_export_can_be_read_back_and_its_size_is_reported(
     form: str, ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -45,7 +54,7 @@ def test_an_export_can_be_read_back_and_its_size_is_reported(
     out = tmp_path / f"transplanter.{ending}"
     assert controller(["ladder", "export", "--format", form, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert "7683 of 8000 steps" in printed
+    assert f"{STEPS} of 8000 steps" in printed
     assert printed.endswith("fits\n")
     assert load_ladder(out) == EXPORTED
 
@@ -64,7 +73,7 @@ def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixtur
     text = out.read_text(encoding="utf-8")
     assert text.count("END_PROGRAM") == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1].startswith("as instructions of an FX2N: 7683 of 8000 steps")
+    assert lines[1].startswith(f"as instructions of an FX2N: {STEPS} of 8000 steps")
     assert "fits" not in lines, "Structured Text is for other PLCs"
 
 

@@ -21,12 +21,21 @@ from plant_sim.links.server_thread import ServerThread
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 
-IO_MAP = load_io_map(DEFAULT_IO_MAP)
+DELIVERED = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
 PATIENT_S = 5.0
 """Timeout for expected responses, s; long enough for a slow computer."""
-INPUTS = len(IO_MAP.inputs)
-ALL_OFF = [False] * IO_MAP.output_count
+
+
+def terminals(points: tuple[Point, ...], count: int) -> tuple[Point, ...]:
+    """Return the first points of an I/O map, moved to the terminals and the Modbus offsets from 0."""
+    return tuple(replace(point, number=number, offset=number) for number, point in enumerate(points[:count]))
+
+
+INPUTS, OUTPUTS = 22, 18
+IO_MAP = replace(DELIVERED, inputs=terminals(DELIVERED.inputs, INPUTS), outputs=terminals(DELIVERED.outputs, OUTPUTS))
+"""I/O map with X0 to X25 and Y0 to Y21 at consecutive offsets, regardless of the wires of the delivered map."""
+ALL_OFF = [False] * OUTPUTS
 
 
 def scattered(io_map: IoMap) -> IoMap:
@@ -39,9 +48,16 @@ def scattered(io_map: IoMap) -> IoMap:
     return replace(io_map, inputs=tuple(map(move, io_map.inputs)), outputs=tuple(map(move, io_map.outputs)))
 
 
-def test_the_delivered_map_needs_one_transfer_per_direction() -> None:
+def test_the_required_points_of_the_delivered_map_need_one_transfer_per_direction() -> None:
+    """Optional points may be wired at any offset; the others are consecutive from 0."""
+    for points in (DELIVERED.inputs, DELIVERED.outputs):
+        required = [point for point in points if not point.optional]
+        assert group_into_runs(required) == (Run(0, tuple(range(len(required)))),)
+
+
+def test_consecutive_offsets_need_one_transfer_per_direction() -> None:
     assert group_into_runs(IO_MAP.inputs) == (Run(0, tuple(range(INPUTS))),)
-    assert group_into_runs(IO_MAP.outputs) == (Run(0, tuple(range(18))),)
+    assert group_into_runs(IO_MAP.outputs) == (Run(0, tuple(range(OUTPUTS))),)
 
 
 def test_transfers_are_split_at_gaps_and_ordered_by_offset() -> None:
@@ -236,12 +252,12 @@ def test_a_corrupted_answer_gives_an_image_or_a_link_error() -> None:
 
 
 def test_the_link_can_be_reopened_after_a_restart_of_the_server() -> None:
-    module = IoModule(Plant(IO_MAP, MACHINE, seed=1), IO_MAP)
+    module = IoModule(Plant(DELIVERED, MACHINE, seed=1), DELIVERED)
     with ServerThread(PlantServer(module, port=0, lock_step_ms=10)) as thread:
         port = thread.server.port
-        link = link_to(port)
+        link = ModbusTcpLink("127.0.0.1", port, DELIVERED, timeout_s=PATIENT_S)
         link.open()
-        link.write_outputs(ALL_OFF)
+        link.write_outputs(DELIVERED.safe_outputs())
     with pytest.raises(LinkError, match="connection lost"):
         link.read_inputs()
     with pytest.raises(LinkError, match="no field I/O"):
@@ -250,5 +266,5 @@ def test_the_link_can_be_reopened_after_a_restart_of_the_server() -> None:
         with pytest.raises(LinkError, match="not open"):
             link.read_inputs()
         link.open()
-        assert len(link.read_inputs()) == INPUTS
+        assert len(link.read_inputs()) == DELIVERED.input_count
         link.close()

@@ -27,6 +27,8 @@ from plant_sim.fault_matrix.judge import complaints
 from plant_sim.fault_matrix.report import COLUMNS, MatrixRow, as_csv, markdown, records, summary
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
 from plant_sim.faults import FAULTS, Fault, parse_fault
+from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.plant import Plant
 from plant_sim.twin.monitors import MONITORS
 from tests.paths import DOCS
 from tests.sampling import first_of
@@ -46,13 +48,27 @@ def subject_of(fault: Fault) -> Subject:
 
 
 def test_the_cases_cover_every_kind_part_size_and_arm() -> None:
-    plant = ONE_TRAY.twin().plant
-    unwired = {"air_pressure_ok", "magazine_empty"}
+    plant, io_map = ONE_TRAY.twin().plant, load_io_map(DEFAULT_IO_MAP)
+    optional = {point.tag for point in (*io_map.inputs, *io_map.unwired) if point.optional}
     for kind in FAULTS.values():
         rows = [subject for subject in ALL if subject.kind == kind.name]
-        assert {target for subject in rows for target in subject.targets} == set(kind.parts(plant)) - unwired
+        assert {target for subject in rows for target in subject.targets} == set(kind.parts(plant)) - optional
         assert all((subject.size is None) == (kind.size is None) for subject in rows)
     assert len(ALL) == len(set(ALL))
+
+
+def test_an_optional_point_has_no_row_unless_it_is_selected_by_name() -> None:
+    io_map = load_io_map(DEFAULT_IO_MAP)
+    (point,) = (point for point in (*io_map.inputs, *io_map.unwired) if point.tag == "air_pressure_ok")
+    others = tuple(other for other in io_map.inputs if other != point)
+    inputs = tuple(sorted((*others, replace(point, wired=True)), key=lambda each: each.number))
+    plant = Plant(replace(io_map, inputs=inputs), load_machine(), seed=1, trays=1)
+    assert "air_pressure_ok" in plant.wired
+    assert subjects(plant) == ALL
+    assert subjects(plant, ["stuck_off"]) == [subject for subject in ALL if subject.kind == "stuck_off"]
+    (chosen,) = subjects(plant, ["stuck_off:air_pressure_ok"])
+    assert chosen.targets == ("air_pressure_ok",)
+    assert expectation(chosen) == Expectation(note="EXPECTED has no row for this part")
 
 
 def test_cases_alternate_between_the_arms_during_production() -> None:

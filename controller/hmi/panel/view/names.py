@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from controller.iomap.loader import POINT_NAMES
 from controller.program.texts import Text
 
 _COMMANDS: Final = {
@@ -150,42 +151,7 @@ _WAITS: Final = {
     }.items()
 }
 
-_POINTS: Final = {
-    f"point.{tag}": text
-    for tag, text in {
-        "start": Text("start button pressed", "启动按钮按下"),
-        "stop": Text("stop button pressed", "停止按钮按下"),
-        "emergency_stop": Text("emergency stop pressed", "急停按下"),
-        "reset": Text("reset button pressed", "复位按钮按下"),
-        "air_pressure_ok": Text("main air pressure OK", "主气压正常"),
-        "magazine_empty": Text("tray magazine empty", "苗盘仓已空"),
-        "tray_front_edge": Text("front edge of a tray detected", "检测到苗盘前沿"),
-        "tray_run": Text("tray stepper running", "苗盘步进电机运行"),
-        "tray_forward": Text("tray stepper forward", "苗盘步进电机正转"),
-        "horn": Text("horn on", "蜂鸣器响"),
-        "lamp_red": Text("tower lamp red", "塔灯红"),
-        "lamp_amber": Text("tower lamp amber", "塔灯黄"),
-        "lamp_green": Text("tower lamp green", "塔灯绿"),
-        "lift_down": Text("lift at lower limit", "升降在下限位"),
-        "lift_up": Text("lift at upper limit", "升降在上限位"),
-        "slide_at_feed": Text("slide at feed, over the cups", "滑块在投苗位（苗杯上方）"),
-        "slide_at_pick_1": Text("slide at pick 1 (outermost row)", "滑块在取苗位 1（最外行）"),
-        "slide_at_pick_2": Text("slide at pick 2", "滑块在取苗位 2"),
-        "slide_at_pick_3": Text("slide at pick 3 (innermost row)", "滑块在取苗位 3（最内行）"),
-        "claws_spread": Text("claws at cup pitch", "夹爪为杯距"),
-        "claws_converged": Text("claws at tray pitch", "夹爪为盘距"),
-        "cup_pulse": Text("cup passing the counter", "苗杯经过计数器"),
-        "lift_extend": Text("lift cylinder extends: arm down", "升降缸伸出：臂下降"),
-        "lift_retract": Text("lift cylinder retracts: arm up", "升降缸缩回：臂上升"),
-        "slide_inward": Text("slide moves to the tray", "滑块移向苗盘"),
-        "slide_outward": Text("slide moves to the cups", "滑块移向苗杯"),
-        "converge": Text("motor converges the claws to tray pitch", "电机使夹爪聚合至盘距"),
-        "spread": Text("motor spreads the claws to cup pitch", "电机使夹爪分散至杯距"),
-        "claws_open": Text("claws open", "夹爪张开"),
-        "claws_close": Text("claws close", "夹爪闭合"),
-    }.items()
-}
-"""I/O points by tag; tags of an arm are listed without the side, which the page adds before the text."""
+_POINTS: Final = {f"point.{tag}": Text(*name) for tag, name in POINT_NAMES.items()}
 
 _CONDITIONS: Final = {
     f"condition.{name}": Text(english, chinese)

@@ -564,7 +564,7 @@ def part_keys() -> list[str]:
     tags = machine.tags
     bare = [
         point.tag.partition(".")[2] if point.tag.partition(".")[0] in SIDES else point.tag
-        for point in (*IO_MAP.inputs, *IO_MAP.outputs)
+        for point in (*IO_MAP.inputs, *IO_MAP.outputs, *IO_MAP.unwired)
     ]
     steps = [step for sequence in machine.program.sequences() for _, step in sequence]
     return [

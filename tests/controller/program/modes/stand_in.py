@@ -1,24 +1,37 @@
 """Fast substitute for the machine: cups, trays, and switches that follow the coils after plausible times.
 
-It models no air, seedlings or collisions. It is used to run a program through its states many times.
+It models no air, seedlings or collisions. Inputs without a model are in their state at power-up of the plant. It is
+used to run a program through its states many times.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 from controller.iomap.loader import IoMap
 from controller.program.tags import SIDES
 from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.plant import Plant
 
 BAND_MM = 6.0
 """Half-width of a switch band, mm."""
 LIFT_MM, BELT_MM = 150.0, 187.0
-PICKS_MM = tuple(1_000 * pick_m for pick_m in load_machine().picks_m)
+MACHINE = load_machine()
+PICKS_MM = tuple(1_000 * pick_m for pick_m in MACHINE.picks_m)
 TRAY_MM, GAP_MM = 540.0, 40.0
 SPEED_MM_MS = {"slide": 0.15, "lift": 0.2, "belt": 0.2, "tray": 0.2}
 CUP_MS = 400
 """Cup period, ms; much shorter than in the field, because the sequences here are short."""
+
+
+@cache
+def at_power_up(io_map: IoMap) -> tuple[bool, ...]:
+    """Return the logical state of each input, by X number, at power-up of the plant."""
+    states, levels = [False] * io_map.input_count, Plant(io_map, MACHINE, seed=1).x
+    for point in io_map.inputs:
+        states[point.number] = point.active(levels[point.number])
+    return tuple(states)
 
 
 @dataclass(slots=True)
@@ -69,6 +82,7 @@ class StandIn:
         self._cups = [io_map[f"{side}.cup_pulse"].number for side in SIDES]
         self._beam, self._run = io_map["tray_front_edge"].number, io_map["tray_run"].number
         self._sensed, self._coils = [False] * io_map.input_count, [False] * io_map.output_count
+        self._at_rest = at_power_up(io_map)
         self._tray_mm = TRAY_MM  # the rear edge of a tray has just passed
         self._turned_ms = 0
 
@@ -93,6 +107,7 @@ class StandIn:
     def advance(self, ms: int, image: list[bool]) -> list[bool]:
         """Apply a Y image for a given time and return the raw X levels at the end."""
         coils, sensed = self._coils, self._sensed
+        sensed[:] = self._at_rest
         for number, inverted in self._outputs:
             coils[number] = image[number] != inverted
         for axis in self._axes:
