@@ -1,7 +1,7 @@
 """Forbidden combinations of outputs, stated in terms of the machine and evaluated on the memory after a scan.
 
-The places of an arm are its confirmed positions. In tests of the output block alone they are ordinary devices; in the
-complete program they are derived from the terminals.
+The positions of an arm are read from the terminals in the complete program, but from forced relays in tests of the
+output block alone.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ PLACES = {
     }
     for side, arm in TAGS.arms.items()
 }
-"""Place relays of each arm, by switch."""
+"""Relays of the confirmed positions of each arm, by switch."""
 SWITCHES = (
     ("lift_down", "lift_up"),
     ("claws_spread", "claws_converged"),
     ("slide_at_feed", *(f"slide_at_pick_{row}" for row in ROWS)),
 )
-"""Switches of each device; only one of them is on at a time."""
+"""Switches of each device; at most one of them is on at a time."""
 
 Device = Bit | Word
 
@@ -70,7 +70,7 @@ class Scene:
 
 
 class BlockScene(Scene):
-    """Memory of the output block alone, in which the place relays are forced devices."""
+    """Memory of a PLC that runs only the output block; the relays of the confirmed positions are forced."""
 
     def places(self, side: Side) -> set[str]:
         return {name for name, place in PLACES[side].items() if self.has(place)}
@@ -114,13 +114,13 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
 
 
 def putting_back(scene: Scene, side: Side) -> bool:
-    """Return True if the arm is being lowered onto the row on which it has just closed its claws."""
+    """Return True if homing is lowering the arm to put the gripped row back in its place."""
     arm, home = TAGS.arms[side], MACHINE.homings[side]
     return bool(scene.has(home["lower to put back"]) and scene.has(arm.on_row) and scene.has(arm.at_wanted_row))
 
 
 def inward_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
-    """Return the conditions that are forbidden while the slide moves inward."""
+    """Return each condition that is forbidden while the slide moves inward, and whether it is present."""
     arm, other, place = TAGS.arms[side], TAGS.other(side), scene.places(side)
     tray_in_place = scene.has(TAGS.tray.phase) == IN_PLACE and "tray_front_edge" in scene.sensed
     shares = not scene.has(arm.row_is[3]) or scene.has(TAGS.sp.arms_may_meet)
@@ -141,7 +141,7 @@ def inward_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
 
 
 def opening_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
-    """Return the conditions that are forbidden while an arm that holds a row opens its claws."""
+    """Return each condition that is forbidden while a loaded arm opens its claws, and whether it is present."""
     arm, cycle, home, place = TAGS.arms[side], MACHINE.cycles[side], MACHINE.homings[side], scene.places(side)
     is_jogged, feed = scene.is_jogged(f"{side}.claws_open"), "slide_at_feed" in place
     at_its_row = is_jogged and scene.has(arm.row_in_progress) and scene.has(arm.at_wanted_row)

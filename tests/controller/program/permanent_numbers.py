@@ -1,4 +1,4 @@
-"""Checked-in list of permanent numbers: alarm -> S number, HMI tag -> Modbus table and address.
+"""Checked-in list of permanent numbers: S numbers of the alarms, and Modbus tables and addresses of the HMI tags.
 
 Append new entries after adding an alarm or a tag:
 
@@ -35,7 +35,7 @@ class Entry(NamedTuple):
 
 
 def read_list(path: Path = LIST) -> list[Entry]:
-    """Return the checked-in entries in the order of the file."""
+    """Return the checked-in entries in file order."""
     with path.open(encoding="utf-8", newline="") as file:
         return [Entry(row["kind"], row["name"], row["table"], int(row["number"])) for row in csv.DictReader(file)]
 
@@ -50,7 +50,7 @@ def entries_of(machine: Transplanter) -> list[Entry]:
 
 
 def append_new(path: Path = LIST) -> None:
-    """Append the entries of the program that are missing from the list; existing lines are not changed."""
+    """Append the program entries that are missing from the list; existing lines are not changed."""
     listed = {(entry.kind, entry.name) for entry in read_list(path)} if path.exists() else set()
     new = [entry for entry in entries_of(build(load_io_map(DEFAULT_IO_MAP))) if entry[:2] not in listed]
     with path.open("a", encoding="utf-8", newline="") as file:

@@ -45,7 +45,7 @@ The claws have no switch of their own; their entries name the slide switches at 
 
 
 def tag_names(text: str) -> set[str]:
-    """Return the words with an underscore, which are tag names."""
+    """Return the words of a text that contain an underscore, i.e. the tag names."""
     return set(re.findall(r"[a-z]+(?:_[a-z0-9]+)+", text))
 
 

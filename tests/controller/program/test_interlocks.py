@@ -56,7 +56,7 @@ def known(expr: Expr, stimulus: Stimulus) -> bool | None:
 
 
 def values_of(device: Device, expr: Expr) -> Iterator[int]:
-    """Yield both values of a bit, or every number to which a word is compared and the largest of them plus 1."""
+    """Yield both values of a bit, or all numbers with which a word is compared, followed by their maximum plus 1."""
     if isinstance(device, Bit):
         yield from (0, 1)
         return
@@ -148,7 +148,7 @@ def test_every_coil_can_be_on(side: Side | None, output: str) -> None:
 
 @pytest.mark.parametrize("index", range(len(COILS)), ids=[tag_of(*name) for name in COILS])
 def test_no_one_or_two_changes_to_an_allowed_situation_allow_a_forbidden_one(index: int) -> None:
-    """In a situation that turns a coil on, no change of one or two devices turns on a forbidden combination."""
+    """In a situation in which a coil is on, changing one or two devices never results in a forbidden combination."""
     plc = outputs_alone()
     base = dict.fromkeys(every_device(), 0) | allowing()[index]
     changes = [(device, value) for device, values in every_device().items() for value in values - {base[device]}]

@@ -23,7 +23,7 @@ OVER_THE_CUPS = {"lift_up", "slide_at_feed"}
 
 
 def anything(random: Random, plc: Plc) -> None:
-    """Write random steps, arm data and machine state; half of the calls leave the arms empty and a tray in place."""
+    """Write random steps, arm data and machine state; in half of the cases with empty arms and a tray in place."""
     ordinary = random.random() < 0.5
     for sequence in MACHINE.program.sequences():
         bits = [bit for bit, _ in sequence]
@@ -89,7 +89,7 @@ def knows_its_place(scene: Scene, side: Side) -> bool:
 
 
 def test_nothing_forbidden_is_on_from_any_state_of_the_complete_program() -> None:
-    """No forbidden output is on in 16,000 random situations, in which steps and jogs each turn on every coil."""
+    """No forbidden output is on in 16,000 random situations; every coil is turned on by steps and by jogging."""
     random, plc, now_ms = Random(1), Plc(MACHINE.program, input_filter_ms=0), 0
     plc.scan(now_ms, MACHINE.io_map.safe_inputs())
     times_on = {(tag_of(side, output), is_jogged): 0 for side, output in COILS for is_jogged in (False, True)}

@@ -1,4 +1,4 @@
-"""Permanent numbers: the numbers of alarms and HMI tags never change, and new entries take unused numbers."""
+"""Permanent numbers: the numbers of alarms and HMI tags never change, and new entries use unused numbers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_new_entries_take_numbers_that_were_never_used() -> None:
 
 
 def test_new_alarms_are_appended() -> None:
-    """A new alarm follows all listed alarms below S990, and a new warning follows all listed alarms."""
+    """The number of a new alarm follows those listed below S990; that of a new warning follows all listed numbers."""
     listed = read_list()
     numbers = [entry.number for entry in listed if entry.kind == "alarm"]
     last = max(number for number in numbers if number < WARNINGS_FROM)

@@ -1,4 +1,4 @@
-"""Program tables: steps, alarms, texts, commands, devices, states, and the optional points if they are wired."""
+"""Program tables: steps, alarms, texts, commands, devices, states and optional points."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_required_devices_are_retentive() -> None:
 
 
 def named_devices(owner: object) -> list[Bit | Word]:
-    """Return the devices among the attributes of an object, including the values of dictionaries."""
+    """Return the devices among the attributes of an object, including those in dictionaries."""
     found: list[Bit | Word] = []
     for value in vars(owner).values():
         values = value.values() if isinstance(value, dict) else [value]
@@ -340,7 +340,7 @@ def test_suspended_is_amber_and_not_green(all_wired: IoMap) -> None:
 
 
 def inverted(point: Point) -> Point:
-    """Return the point with the opposite polarity."""
+    """Return a copy of a point with the opposite polarity."""
     opposite = {
         Polarity.NORMALLY_OPEN: Polarity.NORMALLY_CLOSED,
         Polarity.NORMALLY_CLOSED: Polarity.NORMALLY_OPEN,

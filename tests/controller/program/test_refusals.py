@@ -1,4 +1,4 @@
-"""Refusals: each obstacle alone causes its command to be refused and reported in both languages, with no other effect.
+"""Refusals: each obstacle alone causes its command to be refused and the refusal to be reported, without other effects.
 
 A search over the devices that the obstacles read finds a situation in which exactly one obstacle is active.
 """
@@ -95,7 +95,7 @@ def look_for(memory: Memory, wanted: list[tuple[Expr, bool]], seed: int) -> None
 
 
 def situation(command: Command, index: int, seed: int) -> Memory:
-    """Return a memory in which one obstacle of a command is active and no other."""
+    """Return a memory in which only one obstacle of a command is active, or none if `index` is -1."""
     memory = copy.deepcopy(NEW)
     for number, level in enumerate(LEVELS):
         memory.X[number] = level
@@ -123,7 +123,7 @@ def after(memory: Memory, *presses: Bit) -> Memory:
 
 
 def differing(one: Memory, other: Memory) -> set[str]:
-    """Return the devices that differ, except edges, timers, `ordered` and the refusal registers."""
+    """Return the devices whose values differ, excluding edge memories, timers, `ordered` and the refusal registers."""
     apart = {"M": {CONTROL.ordered.number}, "D": {word.number for word in REFUSAL_REGISTERS}}
     return {
         f"{kind}{number}"
@@ -148,7 +148,7 @@ def test_an_obstacle_refuses_the_command_and_is_reported_without_any_other_effec
 
 @pytest.mark.parametrize("command", [c for c in TAGS.commands if MACHINE.orders.obstacles(c.bit)], ids=lambda c: c.name)
 def test_a_command_without_an_obstacle_is_accepted(command: Command) -> None:
-    """If no obstacle is active, no refusal is reported and the memory changes, unless the mode is already selected."""
+    """If no obstacle is active, no refusal is reported, and the memory changes unless the mode is already active."""
     before = situation(command, -1, seed=1)
     without, heard = after(before), after(before, command.bit)
     assert heard.word("D", CONTROL.refusals.number) == 0
@@ -181,7 +181,7 @@ def test_text_of_a_refusal() -> None:
 
 @pytest.mark.parametrize("command", list(TAGS.commands), ids=lambda c: c.name)
 def test_every_refusal_text_contains_the_command_and_the_reason(command: Command) -> None:
-    """For each reason, the text in both languages contains the command, then the reason."""
+    """For each reason, the text in both languages states the command and then the reason."""
     texts: set[tuple[Refusal, str]] = set()
     for obstacle in MACHINE.orders.obstacles(command.bit):
         english, chinese = (refusal_text(command, obstacle.reason, language) for language in ("en", "zh"))

@@ -158,7 +158,7 @@ class Situation:
                 self.memory.D[arm.rows[row].number] = FULL
 
     def set_true(self, condition: Expr) -> None:
-        """Make the condition of a terminal or relay true."""
+        """Set the terminal or relay in a condition such that the condition is true."""
         bit = condition.operand if isinstance(condition, Not) else condition
         assert isinstance(bit, Bit)
         self.memory.bits(bit.kind)[bit.number] = not isinstance(condition, Not)

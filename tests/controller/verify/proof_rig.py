@@ -32,17 +32,17 @@ Change = Callable[[str, Rung], Rung | None]
 
 
 def seconds() -> float:
-    """Return the reading of the clock that measures proofs, s."""
+    """Return the current time of the clock that measures the duration of proofs, s."""
     return CLOCK.now_ms() / 1000
 
 
 def without(*rules: str) -> Specification:
-    """Return the specification of the machine without some interlock rules."""
+    """Return the specification of the machine with the given interlock rules removed."""
     return specification(build(MACHINE.io_map, without=rules))
 
 
 def mutated(change: Change, *rules: str) -> Specification:
-    """Return the specification of the machine with mutated rungs and without some interlock rules.
+    """Return the specification of the machine with mutated rungs and with the given interlock rules removed.
 
     Raises:
         ValueError: The change matches no rung.
@@ -63,7 +63,7 @@ def _changed(block: Block, change: Change) -> Iterator[Rung | Sequence]:
 
 
 def put(expr: Expr, part: Expr, by: Expr) -> Expr:
-    """Return a condition with all occurrences of one part replaced."""
+    """Return a condition in which all occurrences of a part are replaced."""
     if expr == part:
         return by
     match expr:
@@ -95,7 +95,7 @@ def is_breakable(of: Specification, *names: str) -> bool:
 
 
 def _scans(model: Model) -> Iterator[tuple[z3.Solver, list[z3.BoolRef], SymbolicMemory]]:
-    """Yield each kind of scan: its solver, the assumptions before it, and the memory after it."""
+    """Yield, for each kind of scan, the solver, the assumptions before the scan, and the memory after it."""
     unknown, facts = model.unknown("before")
     for before, first, assuming in (
         (unknown, False, True),

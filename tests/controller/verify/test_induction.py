@@ -19,7 +19,7 @@ MOTORS_TOGETHER = y(0) & y(1)
 
 
 def locked(*, one: Expr, two: Expr) -> tuple[Set, Rst, Set, Out, Out]:
-    """Return rungs of two motors that X0 and X1 start; X2 stops the first motor, and the second is never stopped."""
+    """Return rungs for two motors started by X0 and X1; X2 stops the first motor, and the second is never stopped."""
     return (
         Set(m(1), when=x(0) & one),
         Rst(m(1), when=x(2)),
@@ -69,7 +69,7 @@ def test_an_interlock_is_proved() -> None:
 
 @pytest.mark.parametrize(("one", "two"), [(x(0), ~m(1)), (~m(2), x(1))])
 def test_incomplete_interlock_is_broken_with_a_trace(one: Expr, two: Expr) -> None:
-    """If one half of an interlock is missing, the goal is broken by a trace from the first power-up."""
+    """If one half of an interlock is missing, the goal is violated, and the trace starts at the first power-up."""
     row = row_of(specification_of(*locked(one=one, two=two), never=MOTORS_TOGETHER))
     assert row.result is Result.BROKEN
     assert row.trace is not None
@@ -79,7 +79,7 @@ def test_incomplete_interlock_is_broken_with_a_trace(one: Expr, two: Expr) -> No
 def test_a_requirement_may_need_an_invariant() -> None:
     """Outputs of two steps overlap in the scan of a transfer unless each also requires the other step to be off.
 
-    The steps are proved exclusive at the end of every scan with an invariant that states this.
+    That the two steps are never both on after a scan is proved with an invariant.
     """
     steps = [Step("a", [To("b", x(0))], waits_for="b"), Step("b", [To("a", x(1))], waits_for="a")]
     items = (Set(s(20), when=m(8002)), Sequence("two", 20, steps), Out(y(0), when=s(20)), Out(y(1), when=s(21)))
@@ -105,7 +105,7 @@ def test_unreachable_violation_is_not_reported_as_broken() -> None:
 
 
 def test_wrong_invariant_invalidates_dependent_proofs() -> None:
-    """Goals that depend directly or indirectly on a wrong invariant are reported; other goals are proved."""
+    """Goals that depend directly or indirectly on a wrong invariant are reported as conditional; others are proved."""
     items = (Out(m(0), when=m(1)), Out(m(1), when=m(2)), Out(m(2), when=x(0)), Out(m(3), when=m(3) & x(0)))
     wrong = {"own": ~m(3), "second": ~m(1), "third": ~m(2)}
     specification = specification_of(*items, never=m(0), invariants=wrong)
@@ -183,7 +183,7 @@ def test_devices_are_lost_or_retained_as_in_the_plc(rung: Rung, in_first_scan: E
 
 
 def test_edge_memories_are_lost_with_power() -> None:
-    """After a power loss, a terminal that has gone off causes no falling edge; one that is on causes a rising edge."""
+    """After a power loss, a terminal that has turned off causes no falling edge; one that is on causes a rising one."""
     for edge, moments in ((PulseFalling(m(0), when=x(0)), []), (Pulse(m(0), when=x(0)), [Moment.FACTORY])):
         quiet = {"no edge in the first scan": ~(m(8002) & m(0))}
         assert failed_at(Model(specification_of(edge, invariants=quiet))) == moments
@@ -255,7 +255,7 @@ def test_system_bits_and_terminals_are_arbitrary_in_every_scan() -> None:
 
 
 def test_description_of_a_failure_separates_causes_from_other_values() -> None:
-    """Two bits and an edge that violate a goal are causes; a bit that is on because of an invariant is not."""
+    """Two bits and an edge that violate a goal are causes, whereas a bit that is on because of an invariant is not."""
     items = (
         Pulse(m(5), when=x(3)),
         Out(y(0), when=m(1) & m(2) & m(5)),
@@ -277,7 +277,7 @@ def test_description_of_a_failure_separates_causes_from_other_values() -> None:
 
 
 def test_running_timer_is_described_by_its_time() -> None:
-    """If a timer violates a goal, the description of the failure states that the timer has run for its preset."""
+    """If the contact of a timer violates a goal, the description of the failure states how long the timer has run."""
     model = Model(specification_of(OnDelay(Timer(200), 30, when=m(0)), Out(m(0), when=x(0)), never=t(200)))
     failure = Induction(model).prove(model.goals[0]).failure
     assert failure is not None
@@ -289,6 +289,6 @@ def test_running_timer_is_described_by_its_time() -> None:
 
 @pytest.mark.parametrize("timer", [0, 200])
 def test_a_timer_that_is_not_driven_is_off(timer: int) -> None:
-    """It is proved without an invariant that the contact of a timer is on only while its coil is on."""
+    """No invariant is needed to prove that the contact of a timer is on only while its coil is on."""
     items = (OnDelay(Timer(timer), 300, when=x(0)), Out(m(0), when=x(0)))
     assert row_of(specification_of(*items, never=t(timer) & ~m(0))).result is Result.PROVED

@@ -65,7 +65,7 @@ SELECTED_RULES = ("belt at rest", "lift clear")
 
 
 def assert_violated_without(rules: tuple[str, ...], requirements: tuple[str, ...]) -> None:
-    """Check that removing these rules violates every requirement, and that each trace replays on a soft PLC."""
+    """Check that removing these rules violates every requirement, and that a soft PLC can replay each trace."""
     of = without(*rules)
     report = prove(of, clock=seconds, only=requirements)
     rows = {row.name: row for row in report.rows if row.name in requirements}
@@ -80,7 +80,7 @@ def assert_violated_without(rules: tuple[str, ...], requirements: tuple[str, ...
 
 
 def test_every_rule_upholds_a_requirement_or_is_listed_as_redundant() -> None:
-    """Each arm rule is in at least one of the two tables, and each tray rule but "motion allowed" is in its table."""
+    """Together, the two tables of arm rules are complete; the table of tray rules omits only "motion allowed"."""
     listed = {name for rules in (*UPHELD_BY_RULES, *REDUNDANT) for name in rules}
     for side in SIDES:
         assert listed == {rule.name for rule in MACHINE.rules[side]}
@@ -90,7 +90,7 @@ def test_every_rule_upholds_a_requirement_or_is_listed_as_redundant() -> None:
 @pytest.mark.parametrize("rule", first_of(SELECTED_RULES))
 @pytest.mark.timeout(300)
 def test_removed_rule_violates_its_requirement(rule: str) -> None:
-    """If a rule of the left arm is removed, its requirement is violated, and the trace of the violation replays."""
+    """If a rule of the left arm is removed, its requirements are violated, and the traces can be replayed."""
     assert_violated_without((f"left: {rule}",), tuple(f"left: {name}" for name in UPHELD_BY_RULES[rule,]))
 
 
@@ -101,7 +101,7 @@ def test_removed_rule_violates_its_requirement(rule: str) -> None:
 def test_every_removed_rule_violates_its_requirements(
     side: Side, rules: tuple[str, ...], requirements: tuple[str, ...]
 ) -> None:
-    """If any non-redundant rule is removed, its requirements are violated, and the traces of the violations replay."""
+    """If any non-redundant rule is removed, its requirements are violated, and the traces can be replayed."""
     assert_violated_without(
         tuple(f"{side}: {name}" for name in rules), tuple(f"{side}: {name}" for name in requirements)
     )
@@ -111,7 +111,7 @@ def test_every_removed_rule_violates_its_requirements(
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(("rule", "requirement"), UPHELD_BY_TRAY_RULES.items())
 def test_every_removed_rule_of_the_tray_violates_its_requirement(rule: str, requirement: str) -> None:
-    """If a tray rule is removed, its requirement is violated, and the trace of the violation replays."""
+    """If a tray rule is removed, its requirement is violated, and the trace of the violation can be replayed."""
     assert_violated_without((f"tray: {rule}",), (requirement,))
 
 
@@ -187,7 +187,7 @@ def _is(rung: Rung, kind: type[Rung], target: Bit | Word | Timer) -> bool:
 
 
 def terminal(condition: Expr) -> tuple[Bit, Expr]:
-    """Return the terminal of a condition, and the value of its contact while the condition is false."""
+    """Return the terminal of a condition, and the constant whose substitution for it makes the condition false."""
     if isinstance(condition, Not):
         assert isinstance(condition.operand, Bit)
         return condition.operand, TRUE
@@ -280,7 +280,7 @@ def test_mutation_is_reported(change: Change, goal: str) -> None:
 
 
 def test_mutation_without_a_matching_rung_is_an_error() -> None:
-    """A mutation that matches no rung is rejected because a test of it would be meaningless."""
+    """A mutation that matches no rung is rejected because a test with it would prove nothing."""
     with pytest.raises(ValueError, match="matches no rung"):
         mutated(dropped(Set, CONTROL.jog))
 

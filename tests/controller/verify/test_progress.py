@@ -20,7 +20,7 @@ from tests.controller.verify.verify_rig import GOAL, report_of, row_of, specific
 
 
 def chain(*ways: Expr | None) -> tuple[Set, Sequence]:
-    """Return consecutive steps, each with a transfer to the next step unless its condition is None."""
+    """Return a sequence and the rung that starts it; a step leads to the next one unless its condition is None."""
     go = [[] if way is None else [To(str(n + 1), way)] for n, way in enumerate(ways)]
     steps = [Step(str(n), to, waits_for="anything") for n, to in enumerate([*go, []])]
     return Set(s(20), when=m(8002)), Sequence("chain", 20, steps)
@@ -43,7 +43,7 @@ def test_step_is_left_by_a_transfer_or_without_transfers_by_a_reset() -> None:
 
 
 def test_step_without_an_exit_is_a_dead_end() -> None:
-    """A last step that is never reset is reported as a dead end."""
+    """A final step that is never reset is reported as a dead end."""
     assert exit_of("S21 chain: 1", *chain(x(0))) == ("impossible", "it has no transfer and no block resets it")
 
 
@@ -55,7 +55,7 @@ def test_step_with_an_impossible_condition_is_a_dead_end() -> None:
 
 
 def test_step_set_again_in_every_scan_cannot_be_left() -> None:
-    """A step with a transfer to itself stays on if it is set again in every scan."""
+    """A step whose only transfer leads back to the same step cannot be left."""
     steps = [Step("only", [To("only", x(0))], waits_for="anything")]
     assert exit_of("S20 loop: only", Set(s(20), when=m(8002)), Sequence("loop", 20, steps))[0] == "impossible"
 
@@ -133,7 +133,7 @@ def test_way_out_with_an_impossible_start_is_rejected() -> None:
 
 
 def test_way_out_depends_on_its_invariants() -> None:
-    """A way out that depends on an invariant is proved if the invariant is correct, otherwise conditional."""
+    """A way out that depends on an invariant is proved if the invariant is correct, and conditional otherwise."""
     blocked = (Set(STUCK, when=x(0)), Rst(STUCK, when=x(1) & ~m(4)))
     for rung, result in ((Out(m(4), when=m(4) & x(3)), Result.PROVED), (Out(m(4), when=x(3)), Result.CONDITIONAL)):
         specification = latch(*blocked, rung, out=way({x(1): True}), invariants={"not blocked": ~m(4)})
@@ -141,7 +141,7 @@ def test_way_out_depends_on_its_invariants() -> None:
 
 
 def test_way_out_that_is_not_an_input_is_rejected() -> None:
-    """A way out that turns on a coil of the program is rejected with an error that names the coil."""
+    """A way out that specifies the level of a program relay is rejected with an error that names the relay."""
     with pytest.raises(ModelError, match="way out 'clear it': M1 is not an input, command or timer"):
         Model(latch(*LATCH, out=way({STUCK: False})))
 
@@ -173,7 +173,7 @@ def test_report_is_a_table_followed_by_details() -> None:
 
 
 def test_the_report_as_json_has_the_same_rows() -> None:
-    """The JSON form of a report contains rows, results and traces."""
+    """The JSON form of a report contains the rows and results of the report, and its traces."""
     report = report_of(reported())
     data = json.loads(report.to_json())
     assert [(row["name"], row["result"]) for row in data["rows"]] == [(row.name, row.result) for row in report.rows]
@@ -182,7 +182,7 @@ def test_the_report_as_json_has_the_same_rows() -> None:
 
 
 def test_the_short_form_is_induction_only() -> None:
-    """The short form contains no traces and no progress rows, but it describes the failure."""
+    """The short form contains no traces and no progress rows, but it describes each failure."""
     rows = report_of(reported(), short=True).rows
     assert [(row.name, row.result, row.trace) for row in rows] == [
         ("apart", Result.PROVED, None),

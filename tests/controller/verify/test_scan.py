@@ -105,7 +105,7 @@ FREELY_REPEATED: st.SearchStrategy[Rung] = st.one_of(
 
 @st.composite
 def sequences(draw: st.DrawFn) -> Sequence:
-    """Draw one to four steps with arbitrary transfers; one of the steps has a dwell."""
+    """Draw a sequence of one to four steps with arbitrary transfers; one of the steps has a dwell."""
     size = draw(st.integers(1, 4))
     titles = [str(n) for n in range(size)]
     dwelling = draw(st.sampled_from(titles))
@@ -174,7 +174,7 @@ class Pair:
         self._timing = timing
 
     def scan(self, inputs: Scanned) -> SymbolicMemory:
-        """Scan both and return the symbolic memory, including the external inputs."""
+        """Execute the real and the symbolic scan, and return the symbolic memory, including the external inputs."""
         self.now_ms += inputs.pause_ms
         if inputs.power_lost:
             retained = self.plc.retained()
@@ -209,7 +209,7 @@ def number(term: z3.ExprRef) -> int:
 @SCANS
 @given(programs(), STIMULI)
 def test_symbolic_scan_equals_the_real_scan(items: list[Rung | Sequence], scans: list[Scanned]) -> None:
-    """Both scans of an arbitrary program give all devices the same values while inputs change and power is lost."""
+    """The symbolic and the real scan of an arbitrary program give all devices the same values in every scan."""
     pair = Pair(items, exact)
     for given_now in scans:
         pair.memory = pair.scan(given_now)
@@ -255,7 +255,7 @@ RULES: list[list[Rung | Sequence]] = [
 
 @pytest.mark.parametrize("items", RULES)
 def test_symbolic_scan_of_each_rule(items: list[Rung | Sequence]) -> None:
-    """Both scans of a program for one rule give all devices the same values in two passes of the terminal sequence."""
+    """The symbolic and the real scan of a program that tests one rule give all devices the same values."""
     pair = Pair(items, exact)
     for on in WALK * 2:
         pair.memory = pair.scan(walked(on))
@@ -271,7 +271,7 @@ def test_free_timers_allow_all_behaviour_of_exact_timers(items: list[Rung | Sequ
 
 @pytest.mark.parametrize("items", RULES)
 def test_free_timers_allow_the_behaviour_of_each_rule(items: list[Rung | Sequence]) -> None:
-    """After every scan of a program for one rule, the formulas with free timers allow the real device values."""
+    """After every scan of a program that tests one rule, the formulas with free timers allow the real device values."""
     assert_free_timers_follow(Pair(items, lambda _: FreeTimers("now")), [walked(on) for on in WALK])
 
 

@@ -21,7 +21,7 @@ def found(row: GoalResult) -> Trace:
 
 
 def broken_scans(specification: Specification, trace: Trace) -> list[bool]:
-    """Return whether the requirement is violated after each scan of a replay."""
+    """Return, for each scan of a replay, whether the requirement is violated after the scan."""
     never = specification.requirements[0].never
     return [evaluate(never, memory) for memory in replay(specification.watched, trace)]
 
@@ -43,7 +43,7 @@ DWELLING = (
 
 
 def test_trace_from_power_up_through_steps_and_dwells() -> None:
-    """If the fourth step violates the goal, the trace waits for exactly the dwell of the step before it."""
+    """If the fourth step violates the goal, the trace waits exactly for the dwell time of the third step."""
     specification = specification_of(*DWELLING, never=y(0))
     row = row_of(specification)
     trace = found(row)
@@ -73,7 +73,7 @@ def test_trace_may_begin_with_retained_values() -> None:
 
 
 def test_fallback_trace_is_one_scan_from_a_state() -> None:
-    """If a goal is violated only in the third scan and the limit is two, the trace is one scan from some state."""
+    """If a goal is violated only in the third scan but the limit is two, the trace has one scan from some state."""
     items = (
         Out(y(0), when=m(2) & t(0) & ~m(8002)),
         Out(m(2), when=m(1)),

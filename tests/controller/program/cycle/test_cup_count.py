@@ -16,7 +16,7 @@ EDGE_TO_OPENING_MS = range(50, 80)
 
 
 class Cups:
-    """Cup edges and claw openings on one side."""
+    """Recorder of the cup edges and claw openings on one side."""
 
     def __init__(self, twin: Twin, side: Side) -> None:
         self.edges_ms: list[int] = []
@@ -31,7 +31,7 @@ class Cups:
         return [c.at_ms for c in self._outputs.of(f"{self._side}.") if c.on and c.name == "claws_open"]
 
     def between(self, from_ms: int, to_ms: int) -> list[int]:
-        """Return the edges after `from_ms`, up to and including `to_ms`."""
+        """Return the times of the cup edges after `from_ms`, up to and including `to_ms`."""
         return [at_ms for at_ms in self.edges_ms if from_ms < at_ms <= to_ms]
 
     def _see(self, twin: Twin) -> None:
@@ -42,12 +42,12 @@ class Cups:
 
 
 def machine() -> Twin:
-    """Return a machine in Stopped with one tray and the default planting rate, at which no arm is late for its cups."""
+    """Return a machine in Stopped with one tray and the default planting rate, at which both arms keep up."""
     return switched_on({"trays_target": 1})
 
 
 def until_opening(twin: Twin, side: Side) -> int:
-    """Run until the claws open over the cups and return the time at which they do."""
+    """Run until the claws begin to open over the cups and return that time."""
     return until_step(twin, f"{side} arm", "open claws", within_ms=60_000)
 
 
@@ -69,7 +69,7 @@ def test_cups_are_counted_in_emergency_stop_and_the_next_edge_releases(side: Sid
 
 @pytest.mark.parametrize("side", SIDES)
 def test_with_fewer_than_twelve_cups_the_release_waits_for_the_twelfth(side: Side) -> None:
-    """If the tractor stops during an emergency stop, the cups before and after the stop add up to twelve."""
+    """If the tractor stops during an emergency stop, the count then continues to the twelfth cup."""
     twin = machine()
     cups = Cups(twin, side)
     run_to("approach row")(twin, side)
@@ -88,7 +88,7 @@ def test_with_fewer_than_twelve_cups_the_release_waits_for_the_twelfth(side: Sid
 
 @pytest.mark.parametrize("side", SIDES)
 def test_after_a_power_loss_twelve_edges_must_pass(side: Side) -> None:
-    """After a power loss the count is unknown; a held row is released on the twelfth edge after power-up."""
+    """After a power loss the cup count is unknown; a held row is released on the twelfth cup edge after power-up."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     twin.run_for(5_000)
@@ -103,7 +103,7 @@ def test_after_a_power_loss_twelve_edges_must_pass(side: Side) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_after_a_power_loss_the_operator_can_confirm_empty_cups(side: Side) -> None:
-    """After the operator confirms empty cups, one edge releases the row; the following row waits for twelve cups."""
+    """After the operator confirms empty cups, the next edge releases the row; the row after it waits for 12 cups."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     twin.power_cycle(15_000)
@@ -144,7 +144,7 @@ def test_a_discarded_row_fills_the_cups_and_restarts_the_count(side: Side) -> No
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_flag_that_bounces_at_standstill_counts_once(side: Side) -> None:
-    """If the tractor stops at the edge of a cup and the sensor flag bounces for 20 s, one cup is counted."""
+    """If the tractor stops on a cup edge and the sensor flag bounces for 20 s, one cup is counted."""
     twin = machine()
     run_to("wait for cups")(twin, side)
     arm, counter = arm_of(twin, side).cups, tags_of(twin, side).cup_counter.value

@@ -1,8 +1,8 @@
 """One cycle of an arm: order of outputs, duration of each phase, cup count and use of the shared centre.
 
-The bounds are calculated manually from machine.yaml. A cylinder needs at least 15 ms for its valve, 4 ms for its tube
-and the travel time at the speed that its throttle permits. The upper bound adds the longest start delay: the air in
-front of the piston must vent through the throttle before the piston moves.
+The bounds are calculated manually from machine.yaml. A stroke takes at least 15 ms for the valve, 4 ms for the tube,
+and the travel time at the speed that the throttle permits. The upper bound adds the longest start delay, which is the
+time that the air in front of the piston needs to vent through the throttle before the piston moves.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def signed(changes: list[Change]) -> dict[str, list[int]]:
 
 
 def outputs_of(run: Run, side: Side, row: int) -> list[Change]:
-    """Return the output changes of an arm in one cycle, without those that end the previous cycle."""
+    """Return the output changes of an arm in one cycle, excluding those that end the previous cycle."""
     cycle = cycle_of(run.twin, side, row)
     changes = run.outputs.of(f"{side}.", cycle.at_ms - cycle.cycle_ms, cycle.at_ms + 10)
     first = next(index for index, change in enumerate(changes) if change.on)
@@ -156,7 +156,7 @@ def outputs_of(run: Run, side: Side, row: int) -> list[Change]:
 
 
 def releases_ms(run: Run, side: Side) -> list[int]:
-    """Return the times at which the claws opened over the cups, for the row assumed at the start and rows 1 to 3."""
+    """Return the times at which the claws released the row assumed at the start and rows 1 to 3 over the cups."""
     return signed(run.outputs.of(f"{side}."))["+claws_open"]
 
 
@@ -222,8 +222,8 @@ def test_rows_are_taken_from_the_feed_inward_by_both_arms() -> None:
 def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: dict[int, int], mean_ms: int) -> None:
     """Each cycle time is within 0.1 s of the expected time; the mean at 600 mm row spacing is at most 9 s.
 
-    At 800 mm each stroke of the slide is 100 mm longer, which takes 668 ms. For row 1 the slide starts from its end
-    stop, where homing has filled the cylinder, and the air in front of the piston takes 0.3 s to vent.
+    At a row spacing of 800 mm, each slide stroke is 100 mm longer, which adds 668 ms. For row 1 the slide starts from
+    its end stop, where homing has filled the cylinder, and the air in front of the piston takes 0.3 s to vent.
     """
     parameters = MACHINE.with_values({"layout.row_spacing_m": row_spacing_m})
     twin = at_work({"trays_target": 1}, parameters=parameters)
@@ -241,7 +241,7 @@ def test_cycle_time_without_waiting_for_cups(row_spacing_m: float, expected_ms: 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("descend_at_count", [9, 11, 12, 20])
 def test_the_arm_goes_down_at_the_set_cup_and_not_before(side: Side, descend_at_count: int) -> None:
-    """The claws are spread at about cup 6; the raised arm is lowered at the set cup, at the latest at the twelfth."""
+    """The claws are spread at about cup 6; the raised arm is lowered at the set cup, but no later than at cup 12."""
     run = tray_run(descend_at_count=descend_at_count)
     lowered_ms = signed(outputs_of(run, side, 1))["+lift_extend"][0]
     cups_ms = cups_before(run, side, 1, lowered_ms)
@@ -281,7 +281,7 @@ def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
 
 
 def test_an_arm_that_has_finished_stays_at_home_and_misses_no_cups() -> None:
-    """If the left cups run at 25/min, the right arm finishes early; cups that then pass are not counted as missed."""
+    """If the left cups run at 25/min, the right arm finishes early; later cups are not counted as missed."""
     twin = at_work({"trays_target": 1})
     twin.plant.left.cups.planting_frequency_per_min = 25.0
     arm = tags_of(twin, "right")
@@ -339,7 +339,7 @@ def test_arms_that_may_meet_go_to_row_3_together() -> None:
 
 
 def test_the_priority_of_the_left_arm_does_not_interrupt_the_right_arm_in_the_centre() -> None:
-    """If the right arm starts for row 3 first, the left arm waits until the right arm has left the centre."""
+    """If the right arm moves in to row 3 first, the left arm waits until the right arm has left the centre."""
     run = tray_run()
     left_ms, right_ms = leaves_feed_ms(run.outputs, "left")[2], leaves_feed_ms(run.outputs, "right")[2]
     passes_ms = signed(run.sensors.of("right.", right_ms, left_ms))["+slide_at_pick_2"]

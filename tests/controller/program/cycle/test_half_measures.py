@@ -30,7 +30,7 @@ def to_jogging(twin: Twin) -> Twin:
 
 
 def test_the_feeder_in_step_mode_rests_at_the_end_of_each_step() -> None:
-    """The motion of each feeder step ends without a further press, and the next tray stops in place."""
+    """In step mode, the motion of each feeder step ends without a further press, and the next tray stops in place."""
     twin = at_work({"step_sequence": 3}, trays=2, mode=Mode.STEP)
     for side in SIDES:
         for row in ROWS:
@@ -73,7 +73,7 @@ def test_one_press_covers_cup_delay_and_opening() -> None:
 
 
 def test_claws_that_have_begun_to_open_block_the_lift() -> None:
-    """If claws that clamp a row are jogged open briefly, lifting is blocked and the row remains in progress."""
+    """If the claws that clamp a row are briefly jogged open, lifting is blocked and the row remains in progress."""
     twin = switched_on({"trays_target": 1})
     twin.home()
     twin.start()

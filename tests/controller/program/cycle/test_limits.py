@@ -1,4 +1,4 @@
-"""Time limits of all steps: if one expires, its alarm is raised, its arm stops, and the other arm proceeds to feed.
+"""Step time limits: if one expires, the alarm of the step is raised, its arm stops, and the other arm moves to feed.
 
 No seedling is lost. The limits are read from the declared sequences; a step that is not reached fails the test.
 """
@@ -80,7 +80,7 @@ def is_up_at_feed(twin: Twin, side: Side) -> bool:
 
 @pytest.mark.parametrize("stop", sampled(WATCHED, 0, of=2))
 def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: Stop) -> None:
-    """If an actuator jams as its step begins, its arm stops with an alarm; after repair the trial is finished."""
+    """If an actuator jams as its step begins, its arm stops with an alarm; after repair the trial can be finished."""
     assert stop.step.watch is not None
     limit_ms, alarm = stop.step.watch.ms, stop.step.watch.alarm
     route = route_to(stop)
@@ -142,7 +142,7 @@ def test_no_arm_starts_a_release_while_holding(left_late_until: str, step: str, 
 
 
 def in_row_1(side: Side, step: str) -> Twin:
-    """Return a machine whose arm is in this step of its first row."""
+    """Return a machine whose arm on this side is in this step of its first row."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     until_step(twin, f"{side} arm", step)
@@ -186,7 +186,7 @@ def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
 
 
 def test_a_slide_that_cannot_stop_in_its_row_overruns_it_twice() -> None:
-    """Without its brake the slide coasts 17 mm instead of 6 mm and passes its row inward and again outward."""
+    """Without its brake the slide coasts 17 mm instead of 6 mm and overruns its row, first inward and then outward."""
     twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.brake_n": 0.0}))
     twin.run_until(lambda: twin.alarms() != [], within_ms=30_000)
     assert twin.alarms() == ["right: overrun"]

@@ -1,4 +1,4 @@
-"""Confirmed positions: valid after the minimum travel time, while no other switch of the device is on."""
+"""Confirmed positions: valid only after the minimum travel time and while no other switch of the device is on."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NARROW = MACHINE.with_values({"layout.row_spacing_m": 0.350})
 
 
 def alarm_ms(twin: Twin, alarm: str) -> int:
-    """Run until this alarm is the only active one; return the time since the filtered inputs changed, ms."""
+    """Run until this alarm and no other is raised; return the time since the filtered inputs changed, ms."""
     took_ms = twin.run_until(lambda: twin.alarms() != [], within_ms=1_000, what=alarm)
     assert twin.alarms() == [alarm]
     return took_ms - 2 * SCAN_MS
@@ -61,7 +61,7 @@ def test_a_switch_that_is_on_too_early_is_ignored_and_raises_an_alarm(
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_switch_that_flickers_on_confirms_no_position_and_raises_no_alarm(side: Side) -> None:
-    """If the feed switch comes on for 100 ms halfway along the stroke, the slide continues to the feed position."""
+    """If the feed switch turns on for 100 ms halfway along the stroke, the slide continues to the feed position."""
     twin = switched_on({"trays_target": 1})
     run_to("slide to feed")(twin, side)
     twin.run_for(500)
@@ -86,7 +86,7 @@ def test_a_switch_that_flickers_on_confirms_no_position_and_raises_no_alarm(side
     ],
 )
 def test_an_implausible_switch_is_checked_before_it_is_trusted(step: str, switch: str, device: str, power: str) -> None:
-    """If X0 is pressed repeatedly while the switch is still stuck, the alarm is raised again and nothing is damaged."""
+    """If X0 is pressed repeatedly while the switch is still stuck, the alarm is raised again; no seedling is lost."""
     twin = switched_on({"trays_target": 1})
     run_to(step)(twin, "left")
     sensor = arm_of(twin, "left").sensors[switch]
@@ -110,7 +110,7 @@ def test_an_implausible_switch_is_checked_before_it_is_trusted(step: str, switch
 
 
 def test_an_alarm_with_a_switch_still_stuck_is_not_reset() -> None:
-    """While the upper switch is stuck on at feed, X0 does not reset the alarm; after repair, X0 resets it and homes."""
+    """While the upper switch is stuck on, X0 does not reset the alarm; after repair, X0 resets it and starts homing."""
     twin = at_work({"trays_target": 1})
     until_step(twin, "left arm", "wait for cups", within_ms=TRAY_MS)
     sensor = arm_of(twin, "left").sensors["lift_up"]
@@ -129,7 +129,7 @@ def test_an_alarm_with_a_switch_still_stuck_is_not_reset() -> None:
 
 
 def test_another_row_spacing_needs_another_minimum_travel_time() -> None:
-    """At 350 mm row spacing the default minimum travel time raises an alarm; the one calculated for 350 mm does not."""
+    """At a row spacing of 350 mm, the default minimum travel time raises an alarm; the calculated one does not."""
     twin = at_work({"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}, parameters=NARROW)
     twin.run_until(lambda: twin.alarms() != [], within_ms=TRAY_MS)
     assert {alarm.partition(": ")[2] for alarm in twin.alarms()} == {"slide switches"}
@@ -140,6 +140,6 @@ def test_another_row_spacing_needs_another_minimum_travel_time() -> None:
 
 
 def finish_running(twin: Twin) -> None:
-    """Run to Complete and check that nothing was lost and no alarm was raised."""
+    """Run to Complete and check that no seedling was lost and no alarm was raised."""
     assert to_complete(twin) == undisturbed()
     assert twin.alarm_events() == []

@@ -21,7 +21,7 @@ SECOND_SWITCH: list[tuple[Side, str, str]] = [
 
 
 def over_the_cups(side: Side) -> Twin:
-    """Return a machine whose arm holds row 1 and waits for its cups."""
+    """Return a machine whose arm on this side holds row 1 and waits for its cups."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     until_step(twin, f"{side} arm", "wait for cups")
@@ -85,7 +85,7 @@ def test_in_manual_mode_an_implausible_switch_raises_no_alarm(side: Side, switch
 
 @pytest.mark.parametrize("side", SIDES)
 def test_in_manual_mode_cups_on_one_side_only_raise_no_alarm(side: Side) -> None:
-    """In manual mode, ten cups of one carousel raise no alarm while the other carousel is at rest."""
+    """In manual mode, no alarm is raised if ten cups pass on one side while the other carousel is at rest."""
     twin = in_manual(side)
     arm_of(twin, side).cups.jammed = True
     twin.run_for(14_000)

@@ -1,4 +1,4 @@
-"""Tray feeder: tray changes, missing trays, jams, and runs that end after a number of trays."""
+"""Tray feeder: tray changes, missing trays, jams, and runs that end after a set number of trays."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def trays_done(twin: Twin) -> int:
 
 @pytest.mark.parametrize(("late", "seed"), [("left", 1), ("right", 0)])
 def test_the_tray_leaves_when_both_arms_are_at_feed_with_their_rows(late: Side, seed: int) -> None:
-    """If one of the arms that hold the last rows is delayed, the tray leaves only after this arm has reached feed."""
+    """If one of the two arms is delayed with its last row, the tray leaves only after this arm has reached feed."""
     twin = at_work(trays=2, seed=seed)
     until_picking(twin, late, 3)
     until_step(twin, f"{late} arm", "slide to feed")
@@ -70,7 +70,7 @@ def test_the_tray_leaves_when_both_arms_are_at_feed_with_their_rows(late: Side, 
 
 
 def test_a_tray_is_also_changed_between_empty_arms() -> None:
-    """After a stop during the last rows of a tray, homing brings in the next tray between empty arms."""
+    """If X24 is pressed while an arm approaches row 3, homing brings in the next tray while both arms are empty."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_picking(twin, "left", 3)
     twin.press("stop")
@@ -237,7 +237,7 @@ def test_a_jammed_tray_raises_the_question_and_is_conveyed_out_after_homing() ->
 
 
 def test_a_tray_met_at_full_speed_is_a_jam_and_not_in_place() -> None:
-    """If X15 turns on during the index step, the belt stops with an alarm; homing then brings the tray into place."""
+    """If X15 turns on during the index step, the belt stops with an alarm; homing after repair brings in a tray."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "index", within_ms=2 * TRAY_MS)
     twin.plant.conveyor.beam.stuck = True
@@ -283,7 +283,7 @@ def test_a_leaving_tray_is_not_taken_for_a_new_one_if_the_beam_flickers_off() ->
 
 
 def test_a_tray_under_the_beam_after_a_failed_search_raises_the_question() -> None:
-    """If X15 fails while a tray creeps past, X0 leads to an alarm after repair, and homing asks the tray question."""
+    """If X15 fails while a tray creeps past, X0 after repair raises an alarm; homing then asks the tray question."""
     twin = at_work({"trays_target": 2}, trays=2)
     until_step(twin, "tray feeder", "creep", within_ms=2 * TRAY_MS)
     twin.plc.write(twin.machine.tags.sp.no_tray, 15)
@@ -305,7 +305,7 @@ def test_a_tray_under_the_beam_after_a_failed_search_raises_the_question() -> No
 
 @pytest.mark.parametrize("gap_m", first_of([0.058, 0.040, 0.045, 0.071]))
 def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -> None:
-    """For any distance left after the index step, creep pulses of 3.6 mm stop the tray within 2 mm of its place."""
+    """For any distance that remains after indexing, creep pulses of 3.6 mm stop the tray within 2 mm of its place."""
     twin = at_work(trays=4, parameters=MACHINE.with_values({"conveyor.gap_m": gap_m}))
     for number in range(4):
         assert abs(twin.plant.conveyor.offset_m(number)) <= 0.0020
@@ -315,7 +315,7 @@ def test_every_tray_stops_within_half_a_creep_pulse_of_its_place(gap_m: float) -
 
 
 def test_a_beam_stuck_on_does_not_convey_the_next_tray_out_as_well() -> None:
-    """If X15 is stuck on as a tray leaves, the full tray behind it overruns by at most 100 mm; nothing is lost.
+    """If X15 is stuck on as a tray leaves, the full tray behind it overruns by at most 100 mm; no seedling is lost.
 
     After the operator has pulled the full tray back behind the beam, it is brought into place like any other tray.
     """
@@ -336,7 +336,7 @@ def test_a_beam_stuck_on_does_not_convey_the_next_tray_out_as_well() -> None:
 
 
 def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
-    """The first run releases only the rows assumed at the start; each later run transplants one row with each arm.
+    """The first run releases only the rows that the arms are assumed to hold; each later run takes one row per arm.
 
     Two trays are emptied in six later runs.
     """
@@ -356,7 +356,7 @@ def test_one_cycle_mode_takes_one_row_with_each_arm() -> None:
 def test_one_cycle_mode_is_complete_only_when_the_tray_is_also_at_rest() -> None:
     """If the arms are at home before the next tray arrives, Complete is reached only after the tray is in place.
 
-    The cups are fast, and the gap of 300 mm requires the feeder to creep 280 mm at 3.6 mm per 70 ms.
+    At 80 cups/min the arms finish early, and with a gap of 300 mm the feeder creeps 280 mm at 3.6 mm per 70 ms.
     """
     parameters = MACHINE.with_values({"conveyor.gap_m": 0.3, "cups.planting_frequency_per_min": 80.0})
     twin = at_work(trays=2, parameters=parameters, mode=Mode.ONE_CYCLE)
@@ -374,7 +374,7 @@ def test_one_cycle_mode_is_complete_only_when_the_tray_is_also_at_rest() -> None
 
 
 def test_one_cycle_mode_can_be_left_at_rest_but_not_during_a_cycle() -> None:
-    """During a cycle the mode change is refused and both arms finish; in Complete the change is accepted."""
+    """During a cycle a mode change is refused and both arms finish their rows; in Complete it is accepted."""
     twin = at_work({"trays_target": 1}, mode=Mode.ONE_CYCLE)
     done = tags_of(twin, "right").cycle_done
     twin.run_until(lambda: bool(twin.plc.read(done)), within_ms=TRAY_MS)

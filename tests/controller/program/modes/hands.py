@@ -1,4 +1,4 @@
-"""Operator actions in manual mode: one output at a time."""
+"""Operator actions in manual mode, in which one output is jogged at a time."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def in_manual(side: Side = "left") -> Twin:
 
 
 def jog_command(output: str) -> str:
-    """Return the jog command of an output."""
+    """Return the name of the command that jogs an output."""
     return f"jog_{output.replace('.', '_')}"
 
 
@@ -65,18 +65,18 @@ def jog(twin: Twin, output: str, for_ms: int) -> None:
 
 
 def take_row(twin: Twin, side: Side) -> None:
-    """Move in to the next row and close the claws."""
+    """Move the arm in to the next row and close its claws."""
     jog(twin, f"{side}.slide_inward", 2_500)
     jog(twin, f"{side}.claws_close", 500)
 
 
 def bring_to_feed(twin: Twin, side: Side) -> None:
-    """Lift the held row and move it out to feed."""
+    """Raise the arm with its row and move it out to feed."""
     jog(twin, f"{side}.lift_retract", 1_500)
     jog(twin, f"{side}.slide_outward", 2_500)
 
 
 def blocking_rule(twin: Twin, side: Side) -> str | None:
-    """Return the name of the interlock that blocks a request of an arm."""
+    """Return the name of the interlock rule that blocks an output of an arm, or None."""
     number = twin.plc.read(twin.machine.tags.arms[side].blocked_by)
     return next((rule.name for rule in twin.machine.rules[side] if rule.number == number), None)

@@ -1,7 +1,8 @@
-"""Fast substitute for the machine: cups, trays, and switches that follow the coils after plausible times.
+"""Fast substitute for the machine with cups, trays, and switches that follow the coils after plausible times.
 
-It models no air, seedlings or collisions. Inputs without a model are in their state at power-up of the plant. It is
-used to run a program through its states many times.
+Air, seedlings and collisions are not modelled. Inputs without a model keep their state at power-up of the plant. The
+substitute is used where a program must run through its states
+many times.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ PICKS_MM = tuple(1_000 * pick_m for pick_m in MACHINE.picks_m)
 TRAY_MM, GAP_MM = 540.0, 40.0
 SPEED_MM_MS = {"slide": 0.15, "lift": 0.2, "belt": 0.2, "tray": 0.2}
 CUP_MS = 400
-"""Cup period, ms; much shorter than in the field, because the sequences here are short."""
+"""Cup period, ms; much shorter than on the machine, because the scenarios are short."""
 
 
 @cache
@@ -39,10 +40,10 @@ class Axis:
     """Device that two coils move between its end positions.
 
     Attributes:
-        end_mm: Far end, mm; the near end is 0.
+        end_mm: Position of the far end, mm; the near end is at 0.
         speed_mm_ms: Speed, mm/ms.
-        to: Y number of the coil that drives to the far end.
-        fro: Y number of the coil that drives to the near end.
+        to: Y number of the coil that moves the device to the far end.
+        fro: Y number of the coil that moves the device to the near end.
         switches: X number and position, mm, of each switch.
         at_mm: Position, mm.
     """
@@ -55,7 +56,7 @@ class Axis:
     at_mm: float = 0.0
 
     def move(self, ms: int, coils: list[bool], sensed: list[bool]) -> None:
-        """Move for a given time according to the coils and update the switches."""
+        """Move the device for a given time according to its coils, and update its switches."""
         way_mm = (coils[self.to] - coils[self.fro]) * self.speed_mm_ms * ms
         self.at_mm = min(max(self.at_mm + way_mm, 0.0), self.end_mm)
         for number, place_mm in self.switches:

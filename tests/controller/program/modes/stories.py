@@ -25,7 +25,7 @@ Check = Callable[[Memory], str]
 
 
 def compiled(specification: Specification) -> Check:
-    """Return a function that returns the name of the first requirement or invariant that a memory violates, or ''."""
+    """Return a check that returns the name of the first requirement or invariant violated by a memory, or ''."""
     kinds = ("X", "Y", "M", "S", "T", "C", "D", "TV", "CV")
     lines = [f"    if {expression(each.never)}: return {each.name!r}" for each in specification.requirements]
     lines += [f"    if not ({expression(each.holds)}): return {each.name!r}" for each in specification.invariants]
@@ -37,7 +37,7 @@ def compiled(specification: Specification) -> Check:
 
 
 class Rig:
-    """Program with its monitors in RUN mode, reused for many runs.
+    """Rig that scans and checks the machine program with its monitors; it is reused for many runs.
 
     Attributes:
         checked: Number of scans that have been checked.
@@ -110,7 +110,7 @@ class Rig:
             self._stand_in.pressed.discard(tag)
 
     def repair(self) -> None:
-        """Release all switches and buttons, and end all runtime faults."""
+        """Release all switches and buttons, and clear all runtime faults."""
         self.write(dict.fromkeys(self.tags.system.bits(), 0))
         if self._stand_in is not None:
             self._stand_in.stuck.clear()
@@ -131,7 +131,7 @@ class Rig:
         self.scan(10)
 
     def scan(self, ms: int, times: int = 1) -> None:
-        """Run a number of scans with this period, ms, and check each scan."""
+        """Run `times` scans with a period of `ms`, and check the memory after each scan."""
         memory, steps = self._plc.memory, 1 + max(self._steps)
         state, mode = self.tags.machine.state.number, self.tags.machine.mode.number
         for _ in range(times):
@@ -220,7 +220,7 @@ class Button:
 
 @dataclass(frozen=True)
 class Terminal:
-    """Forced terminal level during another action."""
+    """Terminal level that is forced during another action."""
 
     number: int
     level: bool
@@ -262,7 +262,7 @@ class SetPoint:
 
 @dataclass(frozen=True)
 class PowerLoss:
-    """Power loss and return."""
+    """Loss and return of power, optionally with loss of the retentive memory."""
 
     memory_lost: bool
 
@@ -302,7 +302,7 @@ class ToAndFro:
 
 @dataclass(frozen=True)
 class GoOn:
-    """Operator actions that resume operation in a mode: repair, stop, clear, answer, home and start."""
+    """Operator actions that resume operation in a given mode: repair, stop, clear, answer, home and start."""
 
     mode: Mode
     answers: tuple[str, ...]

@@ -1,7 +1,7 @@
 """Random commands and inputs: no requirement is violated and every invariant holds.
 
 Random scenarios of commands, terminal levels, system bits, set-points, power losses and waits are run on the program
-with its monitors. If one interlock is omitted, the same rig must detect the violations.
+with its monitors. If an interlock rule is omitted, the same rig must detect the resulting violation.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ def jogging(side: Side, *jogs: str) -> Story:
     ],
 )
 def test_jogging_without_an_interlock_violates_a_requirement(rule: str, jogs: list[str], broken: str) -> None:
-    """Without one rule, the rig names the violated requirement; with all rules, the same jogging violates none."""
+    """If a rule is omitted, the rig names the violated requirement; with all rules, the same jogging violates none."""
     story = jogging("left", *jogs)
     Rig(MACHINE).run(story)
     with pytest.raises(AssertionError, match=broken):

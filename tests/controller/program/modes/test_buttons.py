@@ -1,4 +1,4 @@
-"""Operation without an HMI, by X0, X24 and X25."""
+"""Operation without an HMI, using only X0, X24 and X25."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_start_button_held_at_power_up_moves_nothing() -> None:
 def test_stop_has_priority_over_start() -> None:
     """While X24 is held, pressing X0 has no effect; after X24 is released, X0 homes the machine.
 
-    X24 pressed in Idle leads back to Stopped, where X0 is ignored again while X24 is held.
+    Pressing X24 in Idle leads to Stopped, where X0 is again ignored while X24 is held.
     """
     twin = Twin()
     twin.scan()
@@ -59,7 +59,7 @@ def test_a_broken_wire_acts_like_the_pressed_button(tag: str) -> None:
 
 
 def test_emergency_stop_is_cleared_by_holding_stop_for_three_seconds() -> None:
-    """In Aborted with X25 released, holding X24 for 3 s clears the emergency stop; the machine then stays Stopped."""
+    """In Aborted with X25 released, holding X24 for 3 s clears the emergency stop; the machine stays in Stopped."""
     twin = Twin()
     twin.home()
     twin.start()
@@ -87,7 +87,7 @@ def test_emergency_stop_is_cleared_by_holding_stop_for_three_seconds() -> None:
 
 
 def test_x0_has_one_meaning_in_each_state() -> None:
-    """X0 homes in Stopped and Complete, starts in Idle, and is ignored in Execute and Aborted."""
+    """X0 homes the machine in Stopped and Complete, starts it in Idle, and is ignored in Execute and Aborted."""
     twin = Twin(trays=1, set_points={"trays_target": 1})
     twin.home()
     twin.start()

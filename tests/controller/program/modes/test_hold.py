@@ -34,7 +34,7 @@ def state_reasons(twin: Twin) -> list[tuple[str, str]]:
 
 
 def in_row_1(side: Side, step: str) -> Twin:
-    """Return a machine whose arm has just entered this step for the first time since it began to approach row 1."""
+    """Return a machine whose arm on this side has just entered this step of its first row."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     if step != "approach row":
@@ -87,7 +87,7 @@ def test_a_hold_by_an_alarm_has_another_reason_and_cannot_be_resumed(side: Side)
 
 @pytest.mark.parametrize("side", SIDES)
 def test_unhold_is_refused_while_an_arm_is_not_ready(side: Side) -> None:
-    """While the upper switch of an arm that holds a row is off in Held, unhold is refused with this reason."""
+    """In Held, unhold is refused while the upper switch of a loaded arm is off, and the reason is reported."""
     twin = in_row_1(side, "slide to feed")
     hold(twin)
     switch = arm_of(twin, side).sensors["lift_up"]
@@ -120,7 +120,7 @@ def test_x0_after_a_hold_command_homes_and_resumes() -> None:
 
 @pytest.mark.parametrize("step", ["approach row", "wait for cups"])
 def test_no_row_is_started_while_suspended_by_command(step: str) -> None:
-    """After suspend, held rows are released over the cups and no row is started; unsuspend resumes work."""
+    """After a suspend command, held rows are released over the cups and no row is started; unsuspend resumes work."""
     twin = in_row_1("left", step)
     twin.command("suspend")
     twin.run_until_state(State.SUSPENDED, within_ms=50)
@@ -153,7 +153,7 @@ def test_a_suspension_without_cups_is_not_ended_by_command() -> None:
 
 @pytest.mark.parametrize(("side", "after_ms"), [("left", 0), ("right", 10)])
 def test_complete_releases_the_held_rows_and_starts_no_row(side: Side, after_ms: int) -> None:
-    """If complete is commanded during an approach, that row is transplanted before Complete; the other rows remain."""
+    """If complete is commanded during an approach, the row is transplanted before Complete; no other row is started."""
     twin = in_row_1(side, "approach row")
     twin.run_for(after_ms)
     twin.command("complete")

@@ -117,7 +117,7 @@ def test_one_output_at_a_time() -> None:
 
 @pytest.mark.parametrize("ends", ["stop", "emergency_stop"])
 def test_a_stop_ends_a_jog_at_once(ends: str) -> None:
-    """X24 or X25 switches the output off, and it stays off although the jog command is renewed."""
+    """X24 or X25 switches the output off, and it stays off even if the jog command is renewed."""
     twin = in_manual()
     twin.command(jog_command("left.lift_retract"))
     twin.run_for(50)
@@ -133,7 +133,7 @@ def test_a_stop_ends_a_jog_at_once(ends: str) -> None:
 
 
 def test_outside_manual_mode_no_output_can_be_jogged() -> None:
-    """In Idle in continuous mode each jog command is refused with its reason, and no output turns on."""
+    """In continuous mode in Idle, each jog command is refused, the reason is reported, and no output turns on."""
     twin = switched_on()
     twin.home()
     for number, output in enumerate(JOGGED, 1):
@@ -154,7 +154,7 @@ def test_a_jog_command_during_automatic_operation_has_no_effect() -> None:
 
 
 def test_in_manual_mode_the_machine_must_be_started_first() -> None:
-    """In manual mode outputs can be jogged in Execute, but not in Stopped and Idle."""
+    """In manual mode outputs can be jogged in Execute, but not in Stopped or Idle."""
     twin = switched_on(mode=Mode.MANUAL)
     for state in (State.STOPPED, State.IDLE):
         if state is State.IDLE:
@@ -246,7 +246,7 @@ def test_a_row_discarded_in_manual_mode_is_counted_once_and_work_resumes(side: S
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_row_brought_to_feed_in_manual_mode_is_released_in_automatic_mode(side: Side) -> None:
-    """Homing leaves the row at feed; after the start it is released over the cups, and nothing is lost."""
+    """Homing leaves the row at feed; after start the arm releases it over the cups, and no seedling is lost."""
     twin = in_manual(side)
     take_row(twin, side)
     bring_to_feed(twin, side)
@@ -269,7 +269,7 @@ def test_a_row_put_back_in_manual_mode_is_full_again(side: Side) -> None:
 
 
 def test_a_tray_moved_in_manual_mode_raises_the_question_and_is_conveyed_out() -> None:
-    """After a partly emptied tray has been moved, no arm goes in; the answer "none" brings in the next tray."""
+    """After a partly emptied tray is moved, inward motion is blocked; the answer "none" brings in the next tray."""
     twin = switched_on({"trays_target": 1}, trays=2)
     run_row_1(twin, "left")
     stop(twin)

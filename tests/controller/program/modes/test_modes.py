@@ -92,7 +92,7 @@ def test_the_mode_cannot_change_in_execute() -> None:
 
 @pytest.mark.parametrize("mode", list(Mode))
 def test_at_rest_the_mode_changes_and_is_reported(mode: Mode) -> None:
-    """In Stopped any mode can be selected, and the change is reported by name."""
+    """In Stopped any mode can be selected, and the name of the new mode is reported."""
     twin = switched_on(mode=Mode.ZERO_RETURN if mode is Mode.CONTINUOUS else Mode.CONTINUOUS)
     before = len(twin.events)
     twin.command(f"mode_{mode.name.lower()}")
@@ -173,7 +173,7 @@ def test_zero_return_does_not_resume_from_a_hold() -> None:
 
 
 def test_one_cycle_is_one_row_of_each_arm_every_time() -> None:
-    """In one-cycle mode each start transplants at most one row per arm until the tray is empty; nothing is lost."""
+    """In one-cycle mode each start transplants at most one row per arm until the tray is empty; no seedling is lost."""
     twin = at_work_machine()
     run_row_1(twin, "left")
     stop(twin)

@@ -42,7 +42,7 @@ def press(twin: Twin) -> None:
 
 
 def step_to(twin: Twin, side: Side, title: str) -> list[str]:
-    """Press once every half second until a step of the arm is on; return all steps of the arm that were on."""
+    """Issue the step command every 0.5 s until this step of the arm is on; return all steps of the arm that were on."""
     recorder = ChangeRecorder.of_steps(twin)
     for _ in range(300):
         press(twin)
@@ -114,7 +114,7 @@ def test_without_a_press_nothing_moves() -> None:
 
 
 def test_a_button_press_is_a_step_too() -> None:
-    """X0 in step mode moves the arm by one step and is not refused as a start."""
+    """In step mode, X0 moves the arm by one step and is not refused as a start command."""
     twin = stepping()
     events = len(twin.events)
     twin.press("start")
@@ -147,7 +147,7 @@ def test_a_press_waits_two_seconds_for_its_transfer_and_expires(late_ms: int, go
 
 @pytest.mark.parametrize("step", ["approach row", "converge"])
 def test_no_limit_expires_while_the_operator_waits(step: str) -> None:
-    """Ten seconds without a press after a motion, twice the longest limit, raise no alarm."""
+    """No alarm is raised during ten seconds without a press after a motion, which is twice the longest limit."""
     twin = stepping()
     step_to(twin, "left", step)
     twin.run_for(10_000)
@@ -166,7 +166,7 @@ def test_a_motion_that_does_not_end_is_an_alarm_in_step_mode_too() -> None:
 
 
 def test_the_tray_feeder_is_stepped_through_while_rows_are_held() -> None:
-    """After a hold while the last rows move to feed, work resumes in step mode, and presses bring in the next tray."""
+    """If work resumes in step mode after a hold with the last rows, step commands bring in the next tray."""
     twin = switched_on({"trays_target": 2, "step_sequence": CHOSEN["tray feeder"]}, trays=2)
     twin.home()
     twin.start()
@@ -217,7 +217,7 @@ def test_stop_in_step_mode_is_immediate() -> None:
 
 
 def test_step_mode_is_not_suspended_without_cups() -> None:
-    """While an arm waits over cups at rest, the machine stays in Execute."""
+    """The machine stays in Execute while an arm waits for cups that are at rest."""
     twin = stepping()
     step_to(twin, "left", "wait for cups")
     twin.plant.planting_frequency_per_min = 0.0

@@ -1,4 +1,4 @@
-"""X24: the current cycle is finished and the arms go home; over cups at rest a held row is parked, not lost."""
+"""X24: the arms finish the current cycle and move home, but a row held over cups at rest is parked."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def start_tractor(twin: Twin) -> None:
 
 @pytest.mark.parametrize("step", one_in(3, CYCLE_STEPS))
 def test_stop_in_any_step_finishes_the_cycle_and_goes_home(step: str) -> None:
-    """After X24 in this step of the first row, the arm releases the row, starts no other row and moves home."""
+    """If X24 is pressed in this step of row 1, the arm releases the row, starts no other row and moves home."""
     twin = at_work({"trays_target": 1, "converge_at": int(step in RAISING)})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", step)
@@ -170,7 +170,7 @@ def test_cups_at_rest_on_one_side_block_only_new_cycles_of_the_other(side: Side)
 
 @pytest.mark.parametrize("side", SIDES)
 def test_six_cups_on_one_side_and_none_on_the_other_hold_the_machine(side: Side) -> None:
-    """While the cups of one side are at rest, the sixth cup of the other raises an alarm, and the row is parked."""
+    """While the cups of one side are at rest, the sixth cup of the other side raises an alarm; the row is parked."""
     other = other_side(side)
     twin = nearly_counted(side, cups=11)
     cups = ChangeRecorder(twin, lambda _: {"cup"} if twin.plant.arms[other].cups.pulse.read() else set())
@@ -192,7 +192,7 @@ def test_six_cups_on_one_side_and_none_on_the_other_hold_the_machine(side: Side)
 def test_a_stop_over_cups_at_rest_parks_the_rows_and_a_start_resumes_with_them(
     descend_at_count: int, waits_in: str
 ) -> None:
-    """In Suspended without cups, X24 parks both arms up and closed; pressing X0 twice resumes with the held rows."""
+    """In Suspended without cups, X24 parks both arms raised and closed; pressing X0 twice resumes work."""
     twin, _ = both_waiting({"descend_at_count": descend_at_count})
     halt_tractor(twin)
     twin.run_for(10_000)

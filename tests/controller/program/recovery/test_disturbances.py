@@ -32,7 +32,7 @@ def pull_the_cable(twin: Twin, for_ms: int) -> None:
 
 
 def check_trial(twin: Twin, route: Route) -> None:
-    """Check that every seedling is where it would be without the disturbance; a discarded row may miss the cups."""
+    """Check that the seedling counts match an undisturbed trial, unless the route discards or loosens a row."""
     counts, wanted = twin.plant.counts(), undisturbed(trays=route.trays)
     assert counts.in_tray == counts.in_claw == 0
     assert route.discards or route.loosens or counts == wanted
@@ -83,9 +83,9 @@ def test_claws_that_did_not_open_do_not_count_as_open(side: Side, switch: str) -
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize(("step", "switch"), [("close claws", "lift_down"), ("open claws", "lift_down")])
 def test_claws_without_a_confirmed_position_raise_the_alarm_of_their_step(side: Side, step: str, switch: str) -> None:
-    """If the position signal is lost permanently just after arrival, the alarm of the step is raised at its limit.
+    """If the position signal is lost permanently as a claw step begins, the alarm of the step is raised at its limit.
 
-    The arm is lowered late, so it opens its claws less than a second after it is down. After repair and homing, work
+    The arm is lowered late, so its claws open less than a second after it is down. After repair and homing, work
     resumes.
     """
     twin = at_work({"trays_target": 1, "descend_at_count": 12})
@@ -108,7 +108,7 @@ def test_claws_without_a_confirmed_position_raise_the_alarm_of_their_step(side: 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("switch", ["lift_down", "claws_spread", "slide_at_feed"])
 def test_a_switch_that_changes_at_rest_raises_an_alarm_and_a_flicker_does_not(side: Side, switch: str) -> None:
-    """If a switch of an arm at rest changes, an alarm is raised after 0.5 s; a change of 0.3 s raises none."""
+    """If a switch of an arm at rest changes, an alarm is raised after 0.5 s; a change that lasts 0.3 s raises none."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, side, 1)
     until_step(twin, f"{side} arm", "wait for cups")
@@ -148,7 +148,7 @@ def test_a_flicker_of_the_lower_limit_while_clamping_marks_no_row_as_taken(flick
 
 
 class SlowStore:
-    """Store that needs a given time to save data."""
+    """Store that takes a given time to save data."""
 
     error = None
 
@@ -301,7 +301,7 @@ def test_an_arm_that_left_home_by_itself_raises_an_alarm_and_causes_no_collision
 
 
 def test_the_reason_of_a_suspension_is_reported() -> None:
-    """If the cups of one side stop, the event of the change to Suspended contains the reason and the side."""
+    """If the cups of one side stop, the event of the change to Suspended states the reason and the side."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "wait for cups")
@@ -348,7 +348,7 @@ def test_first_out_names_the_alarm_that_came_first() -> None:
 
 
 def test_an_open_stop_wire_does_not_clear_and_is_reported() -> None:
-    """While the wire of X24 is open, an emergency stop is not cleared, and a warning names the cause."""
+    """While the wire of X24 is open, an emergency stop cannot be cleared, and a warning names the cause."""
     twin = at_work({"trays_target": 1})
     twin.plant.box.stop = True
     twin.run_for(6_000)

@@ -1,6 +1,6 @@
-"""Emergency stop in every step of every sequence: it is immediate and latched, and work resumes without losses.
+"""Emergency stop in every step: motion stops immediately, the stop is latched, and work resumes without losses.
 
-A monitor in every scenario checks that no coil is on in the scan that reads the button.
+In every scenario a monitor checks that no coil is on in the scan that reads the button.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def stopping_distances() -> Positions:
 
 
 def is_at_rest_except_warm_lift(before: Positions, after: Positions) -> bool:
-    """Return True if nothing has moved, except for a slight rise of a lift while its air temperature settles."""
+    """Return True if nothing has moved, except for a slight rise of a lift while the temperature of its air settles."""
     raised_m = {name: before[name] - after[name] for name in before}
     lifts = {f"{side} lift" for side in SIDES}
     return all(-ROUNDING_M <= raised_m[name] <= (CREEP_M if name in lifts else 0) + ROUNDING_M for name in before)
@@ -64,7 +64,7 @@ def speed_m_s(twin: Twin, side: Side | None) -> float:
 
 
 def holds(twin: Twin) -> dict[str, list[int]]:
-    """Return the claws that hold a seedling, for each arm whose claws are not opening."""
+    """Return the numbers of the claws that hold a seedling, for each arm whose claws are not opening."""
     return {
         side: [seedling.along for seedling in arm_of(twin, side).grip.held]
         for side in SIDES
@@ -78,7 +78,7 @@ def states(twin: Twin, since: int) -> list[State]:
 
 
 def check_trial(twin: Twin, route: Route, side: Side, *, discarded: bool) -> None:
-    """Check that every seedling is where it would be without the disturbance, and that every row was counted once."""
+    """Check the seedling counts against an undisturbed trial, and that each tray and each row was counted once."""
     counts, wanted = twin.plant.counts(), undisturbed(trays=route.trays)
     if route.loosens:
         assert wanted.P + 10 <= counts.P <= wanted.P + 12
@@ -168,7 +168,7 @@ def test_an_emergency_stop_at_rest_is_also_latched(state: State) -> None:
 
 
 def test_an_emergency_stop_pressed_at_power_up() -> None:
-    """If the button is latched at power-up, the machine is Aborted and X0 does not home it."""
+    """If the button is latched at power-up, the machine is in Aborted and X0 does not home it."""
     twin = switched_on({"trays_target": 1}, parameters=BRISK)
     twin.home()
     twin.plant.box.emergency_stop = True

@@ -43,7 +43,7 @@ def machine() -> Twin:
 
 
 def stopped_in(side: Side, step: str, into_ms: int) -> Twin:
-    """Return a machine in Stopped after an emergency stop `into_ms` after the start of a step of row 2."""
+    """Return a machine in Stopped after an emergency stop during a step of row 2, `into_ms` after its start."""
     twin = machine()
     run_to(step)(twin, side)
     twin.run_for(into_ms)
@@ -78,7 +78,7 @@ class Stroke(NamedTuple):
 
 
 def strokes(recorder: ChangeRecorder, side: Side) -> list[Stroke]:
-    """Return the intervals of the outputs of an arm in order of their start, except those of only one scan.
+    """Return the intervals in which the outputs of an arm were on, in order of start, excluding those of only one scan.
 
     A step whose end position is already reached still turns its coil on for one scan.
     """
@@ -114,7 +114,7 @@ def is_loaded(twin: Twin, side: Side) -> bool:
 
 
 def resumes_with(twin: Twin, side: Side, row: int) -> None:
-    """Start, check that the arm approaches this row next, and finish the trial with the undisturbed result."""
+    """Start, check that the arm approaches this row next, and check the seedling counts at the end of the trial."""
     twin.start()
     until_step(twin, f"{side} arm", "approach row")
     assert twin.plc.read(tags_of(twin, side).row_is[row])
@@ -128,7 +128,7 @@ def resumes_with(twin: Twin, side: Side, row: int) -> None:
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("is_open", [False, True])
 def test_claws_in_an_unknown_state_count_as_closed_and_holding_a_row(side: Side, is_open: bool) -> None:
-    """On a new machine an arm low over the tray moves fully up, then out, and is then ready to release a row."""
+    """On a new machine, an arm that is down over the tray moves fully up, then out, and can then release a row."""
     twin = machine()
     arm_of(twin, side).place(x_m=0.15, is_open=is_open)
     assert is_loaded(twin, side)
@@ -233,7 +233,7 @@ def test_an_empty_arm_that_is_down_moves_out_without_lifting(side: Side, step: s
 
 @pytest.mark.parametrize("side", SIDES)
 def test_an_empty_arm_at_mid_height_moves_up_and_then_out(side: Side) -> None:
-    """An empty arm that was manually raised halfway over the tray is lifted before it moves out over the seedlings."""
+    """An empty arm that was manually raised halfway over the tray is raised fully before it moves outward."""
     twin = stopped_in(side, "approach row", 1_000)
     operate_manually(twin, f"{side}.lift_retract", for_ms=600)
     assert 0.03 < arm_of(twin, side).lift.rise_m < 0.12

@@ -1,4 +1,4 @@
-"""Field link loss and late scans: outputs become safe, the fault is latched, and nothing restarts by itself."""
+"""Field link loss and late scans: outputs go to their safe states, the fault is latched, and nothing restarts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LIMIT_MS = 100
 
 @pytest.fixture
 def cabled() -> tuple[Twin, CableLink]:
-    """Return a twin in Execute with the left slide moving inward, and the link whose cable can be disconnected."""
+    """Return a twin in Execute with the left slide moving inward, and its link, whose cable can be disconnected."""
     twin = Twin(trays=1, set_points={"trays_target": 1})
     cable = CableLink(twin.module)
     twin.runtime = Runtime(twin.machine, Plc(twin.machine.program), cable, DirectRetentiveWriter(twin.store))
@@ -65,7 +65,7 @@ def test_a_longer_gap_is_a_latched_fault(cabled: tuple[Twin, CableLink]) -> None
 
 
 def test_nothing_restarts_when_the_link_returns(cabled: tuple[Twin, CableLink]) -> None:
-    """After reconnection the machine stays Aborted and at rest until clear, home and start; no seedling is lost."""
+    """After reconnection the machine stays in Aborted and at rest until clear, home and start; no seedling is lost."""
     twin, cable = cabled
     cable.pulled = True
     twin.run_for(3_000)
@@ -129,7 +129,7 @@ def test_a_field_that_never_responded_is_a_lost_link_from_the_first_scan() -> No
 
 
 def test_the_field_recovers_with_horn_and_red_lamp_wired(tmp_path: Path) -> None:
-    """Even if outputs are on in Aborted, the tripped module receives the safe image that it requires."""
+    """The tripped module receives the safe image that it requires, even though the horn and the red lamp are on."""
     text = DEFAULT_IO_MAP.read_text(encoding="utf-8")
     wired = tmp_path / "io_map.yaml"
     wired.write_text(text.replace("wired: false", "wired: true"), encoding="utf-8")

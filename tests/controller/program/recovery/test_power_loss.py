@@ -1,4 +1,4 @@
-"""Power loss in every step: no motion at power-up, a question if the state is unknown, and work resumes."""
+"""Power loss in every step: nothing moves at power-up, unknown states lead to a question, and work resumes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def lift_heights_m(twin: Twin) -> list[float]:
 
 
 def check_at_rest(twin: Twin, for_ms: int) -> None:
-    """Run and check that the machine is Stopped, all outputs are off and nothing moves, except that a lift may rise."""
+    """Run and check that the machine is in Stopped with all outputs off, and that nothing moves except a lift."""
     before, low_m = positions_without_lifts(twin), lift_heights_m(twin)
     for _ in range(for_ms // SCAN_MS):
         twin.scan()
@@ -89,7 +89,7 @@ def tray_seen_ms() -> int:
     [(200, False, False), (180, True, False), (80, False, True), (40, True, False), (0, True, True)],
 )
 def test_power_loss_just_before_the_tray_is_in_place(earlier_ms: int, is_seen: bool, is_in_place: bool) -> None:
-    """If power is lost during creep, the belt runs until the watchdog trips; if X15 is then on, a question is asked."""
+    """After a power loss during creep, the tray question is asked if X15 is on when the watchdog stops the belt."""
     twin = at_work({"trays_target": 2}, trays=2, parameters=BRISK)
     twin.run_for(tray_seen_ms() - twin.now_ms - earlier_ms)
     assert twin.in_step("tray feeder", "creep")

@@ -74,7 +74,7 @@ def came_on(recorder: ChangeRecorder, side: Side) -> list[str]:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_answer_yes_takes_the_row_in_doubt_up_and_out(side: Side) -> None:
-    """The arm stays at rest until the question is answered; homing then moves the row up and out, and work resumes."""
+    """The arm stays at rest until the answer 'yes' is given; homing then moves the row up and out, and work resumes."""
     twin = power_lost_clamping(side)
     recorder = ChangeRecorder.of_outputs(twin)
     assert held(twin) == {f"{side} loaded"}
@@ -93,7 +93,7 @@ def test_answer_yes_takes_the_row_in_doubt_up_and_out(side: Side) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_answer_no_puts_the_row_in_doubt_back_whether_it_is_held_or_not(side: Side) -> None:
-    """A wrong 'no' for a row that is held does no harm: the row is put back and taken again."""
+    """If 'no' is answered although the row is held, the row is put back and taken again."""
     twin = power_lost_clamping(side)
     assert arm_of(twin, side).grip.held
     assert held(twin) == {f"{side} loaded"}
@@ -108,7 +108,7 @@ def test_answer_no_puts_the_row_in_doubt_back_whether_it_is_held_or_not(side: Si
 
 
 def test_the_question_stays_until_it_is_answered() -> None:
-    """Until the question is answered, X0 leads to Held again, start is refused, and the arm in doubt does not move."""
+    """Until the question is answered, X0 leads to Held again, start is refused, and the arm does not move."""
     twin = power_lost_clamping("left")
     assert questions(twin) == {"left loaded"}
     assert held(twin) == {"left loaded"}
@@ -215,7 +215,7 @@ def test_a_discarded_row_is_released_over_the_cups(side: Side, step: str) -> Non
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_discard_command_applies_to_one_row(side: Side) -> None:
-    """After one row has been discarded, the next row stays in the claws if it is stopped on its way to feed."""
+    """After a row has been discarded, the next row stays in the claws even after an emergency stop."""
     twin = machine()
     run_to("slide to feed")(twin, side)
     press_emergency_stop(twin)
@@ -246,7 +246,7 @@ def stopped_after_row_1(trays: int = 1) -> Twin:
 
 
 def push_tray(twin: Twin, *, until_seen: bool) -> None:
-    """Push the trays forward manually until the beam is interrupted or, if `until_seen` is False, free."""
+    """Push the trays forward manually until the beam is interrupted or, if `until_seen` is False, clear."""
     while twin.plant.conveyor.beam.read() != until_seen:
         operate_manually(twin, "tray_run", "tray_forward", for_ms=50)
 
@@ -315,7 +315,7 @@ def test_answer_none_conveys_the_tray_out_and_brings_in_the_next(is_seen: bool) 
 
 
 def test_memory_lost_with_a_full_tray_in_place() -> None:
-    """After a memory loss both arms count as holding a row; after the answer 'full' the tray is emptied."""
+    """After a memory loss both arms are assumed to hold a row; after the answer 'full' the tray is emptied."""
     twin = machine()
     twin.home()
     lose_memory(twin)
@@ -329,7 +329,7 @@ def test_memory_lost_with_a_full_tray_in_place() -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_memory_lost_with_a_held_row_over_the_tray(side: Side) -> None:
-    """If the memory is lost while a row is lifted, the row moves fully up, out, and finally into the cups."""
+    """If the memory is lost while a row is lifted, the arm moves fully up, then out, and finally releases the row."""
     twin = machine(trays=2)
     run_to("lift from row")(twin, side)
     twin.run_for(400)

@@ -21,7 +21,7 @@ from tests.plant_sim.twin.twin_rig import at_work, scan_ms, undisturbed
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 LIMIT_MS, TIMEOUT_MS = 100, 30
-"""Time limit for the detection of a link loss, and timeout of a request, ms."""
+"""Time limit for detecting the loss of the link, and timeout of a request, ms."""
 PANEL_LIMIT_MS = 1_000
 
 
