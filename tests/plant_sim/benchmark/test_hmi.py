@@ -28,7 +28,7 @@ def last_report(capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
 
 @contextmanager
 def server(serve: Callable[[socket.socket], None]) -> Iterator[int]:
-    """Let a function serve one connection; yield the port."""
+    """Serve one connection with a function; yield the port number."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
 
         def accept() -> None:

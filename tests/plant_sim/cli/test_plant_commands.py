@@ -1,4 +1,4 @@
-"""Command line of the plant, in the test process: bad input is reported in one line, and nothing is started."""
+"""Command line of the plant, run in the test process: bad input is reported in one line, and nothing is started."""
 
 from __future__ import annotations
 

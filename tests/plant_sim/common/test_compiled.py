@@ -31,14 +31,14 @@ def compiled_files() -> set[Path]:
 
 
 def imported_files(file: Path) -> set[Path]:
-    """Return the package files from which a file imports; their constants become part of its machine code."""
+    """Return the package files that a file imports from; their constants are compiled into its machine code."""
     imports = [node.module for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.ImportFrom)]
     paths = [PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in imports if name]
     return {path for path in paths if path.is_relative_to(PACKAGE) and path.exists()}
 
 
 def missing_sources(patterns: Iterable[str]) -> set[Path]:
-    """Return the sources of machine code that no pattern matches."""
+    """Return the source files of machine code that match none of the patterns."""
     needed, pending = set(), compiled_files()
     while pending:
         needed |= pending

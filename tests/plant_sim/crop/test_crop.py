@@ -1,4 +1,4 @@
-"""Response surface, traits, trays and counting, without the machine."""
+"""Response surface, traits, trays and counts of seedlings, tested separately from the machine."""
 
 import dataclasses
 import math
@@ -97,7 +97,7 @@ def test_traits_depend_on_seed_and_tray_only() -> None:
 
 
 def test_traits_are_standard_normal_and_independent() -> None:
-    """For n = 14,400, means and correlations are within 4/sqrt(n) and variances within 4 sqrt(2/n) of their values."""
+    """For n = 14,400, means and correlations are within 4/sqrt(n) of 0, and variances are within 4 sqrt(2/n) of 1."""
     drawn = np.array([plant.traits for plant in Seedlings(trays=200, seed=7)])
     assert np.abs(drawn.mean(axis=0)).max() < 4 / math.sqrt(14_400)
     assert np.abs(drawn.var(axis=0) - 1).max() < 4 * math.sqrt(2 / 14_400)
@@ -133,7 +133,7 @@ def test_moving_a_seedling_counts_it_once() -> None:
     [(0.0, 12), (0.008, 12), (0.0216, 11), (-0.0216, 11), (0.301, 5), (-0.301, 5), (0.516, 0), (-0.516, 0)],
 )
 def test_the_claws_reach_the_cells_under_them(offset_m: float, count: int) -> None:
-    """Claws reach half a cell pitch in either direction, so the number of cells under them falls with the offset."""
+    """Claws reach half a cell pitch in either direction, so a larger offset leaves fewer cells under them."""
     seedlings = Seedlings(trays=1, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
     bed.lay([(0, offset_m)], trays_m=0.0, is_placed=True, turned={})
@@ -144,7 +144,7 @@ def test_the_claws_reach_the_cells_under_them(offset_m: float, count: int) -> No
 
 
 def test_seedlings_of_a_skewed_tray_are_offset_in_proportion_to_their_cell() -> None:
-    """With 10 mrad of skew about the middle, cells 0 and 11, 5.5 pitches of 43 mm away, are offset by -/+2.365 mm."""
+    """At a skew of 10 mrad, cells 0 and 11, 5.5 pitches of 43 mm from the centre, are offset by -/+2.365 mm."""
     seedlings = Seedlings(trays=2, seed=1)
     bed = Bed(seedlings, pitch_m=0.043)
     bed.lay([(0, 0.0)], trays_m=0.0, is_placed=True, turned={0: 0.010})
@@ -189,8 +189,11 @@ def grip_over(
 
 @pytest.mark.parametrize(("mirrored", "column", "missed"), [(False, 0, [8, 9, 10, 11]), (True, 5, [0, 1, 2, 3])])
 def test_the_skew_of_a_tray_adds_to_the_offset_of_the_claws(mirrored: bool, column: int, missed: list[int]) -> None:
-    """A skew of 10 mrad offsets each cell by 0.43 mm more than the previous one. With claws 4 mm off, strips that reach
-    5 mm miss the cells more than 2.3 pitches from the middle, on the side where both offsets add."""
+    """A skew of 10 mrad offsets each cell by 0.43 mm more than the previous one.
+
+    With claws offset by 4 mm, strips that reach 5 mm miss the cells more than 2.3 pitches from the centre, on the side
+    where the two offsets add up.
+    """
     row = Row()
     row.seedlings.make_typical()
     grip = grip_over(row, turned_rad=0.010, mirrored=mirrored, strip_reach_m=0.005)
@@ -205,7 +208,7 @@ def test_the_skew_of_a_tray_adds_to_the_offset_of_the_claws(mirrored: bool, colu
 
 
 def test_stems_harmed_by_the_claws_are_lost_when_the_claws_open() -> None:
-    """If claws close and open without a lift, stems too weak for the force or for the holding time are lost."""
+    """If the claws close and reopen without rising, stems too weak for the force or for the holding time are lost."""
     row = Row()
     row.seedlings.make_typical()
     plants = row.seedlings.column(0, 0)
@@ -221,7 +224,7 @@ def test_stems_harmed_by_the_claws_are_lost_when_the_claws_open() -> None:
 
 
 class Row:
-    """Row of cups with a chain position set by the test; cup -n is under claw n."""
+    """Row of cups whose chain position is set by the test; cup -n is under claw n."""
 
     def __init__(self) -> None:
         self.seedlings = Seedlings(trays=2, seed=1)
@@ -265,7 +268,7 @@ def test_a_plug_falls_for_its_time() -> None:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.010, 0.100])
 def test_a_plug_meets_the_cups_at_their_position_at_landing(late_s: float) -> None:
-    """A landing evaluated up to 100 ms late uses the chain position at the landing; the tolerance is 16 mm."""
+    """A landing evaluated up to 100 ms late uses the chain position at the time of landing; the tolerance is 16 mm."""
     for off_m, place in ((0.0159, Location.IN_CUP), (0.0161, Location.LOST_THROW)):
         row = Row()
         seedling = next(row.waiting)
@@ -289,7 +292,7 @@ def test_a_second_plug_into_a_cup_is_lost_and_reported() -> None:
 
 
 def test_missed_cups_are_the_empty_ones_between_the_first_and_the_last_filled_cup() -> None:
-    """If cups 0, 3 and 4 are filled, 1 and 2 are missed; the cups before 0 and after 4 do not count."""
+    """If cups 0, 3 and 4 are filled, cups 1 and 2 are missed; the cups before 0 and after 4 are not counted."""
     row = Row()
     for cup in (0, 3, 4):
         row.fall(0.0, cup * 0.060)

@@ -1,4 +1,4 @@
-"""Individual laws of the seedling mechanics, and the failure rate of a population that follows from these laws."""
+"""Individual laws of the seedling mechanics, and the population failure rates that follow from them."""
 
 import dataclasses
 import math
@@ -24,7 +24,10 @@ def mechanics(foam_mm: float = 10.0, age_d: float = 51.0, spec: SeedlingSpec = S
 
 
 def test_the_free_stem_equals_the_manual_calculation() -> None:
-    """Height is 128 mm at 51 d plus daily growth; its excess over the finger height is given in standard deviations."""
+    """Stem height is 128 mm at 51 d plus daily growth.
+
+    The margin is the excess over the finger height, in standard deviations.
+    """
     need_m, sd_m, growth_m_d = SPEC.finger_height_m, SPEC.height_sd_m, 1e-3 * SPEC.growth_mm_d
     for age_d in (41.0, 51.0, 58.0):
         margin = (0.128 + growth_m_d * (age_d - 51) - need_m) / sd_m
@@ -32,7 +35,7 @@ def test_the_free_stem_equals_the_manual_calculation() -> None:
 
 
 def test_the_grip_equals_the_manual_calculation() -> None:
-    """The friction of two fingers at 50 d, less the weight, is divided by the adhesion."""
+    """The margin is ln((friction of two fingers - plug weight) / adhesion), in standard deviations of the adhesion."""
     spec = dataclasses.replace(SPEC, friction_age=0.0, friction_age2=0.0)
     holds_n = 2 * 0.5 * FORCE_N - spec.plug_kg * 9.80665
     margin = math.log(holds_n / spec.adhesion_n) / spec.adhesion_sd
@@ -68,7 +71,7 @@ def test_drifts_add_as_squares_and_grow_with_the_fall() -> None:
 
 
 def test_every_law_at_another_foam_age_and_force() -> None:
-    """Foam 5 mm thicker narrows the gap by 5 mm times `gap_foam`; 56 d is 1.2 steps of 5 d above 50 d."""
+    """Adding 5 mm of foam narrows the gap by 5 mm times `gap_foam`; an age of 56 d is 1.2 units of 5 d above 50 d."""
     here, force_n = mechanics(foam_mm=15.0, age_d=56.0), 6.0
     foam, age, force = math.log(1.5), 1.2, math.log(0.75)
     calculated = {
@@ -90,7 +93,7 @@ def test_every_law_at_another_foam_age_and_force() -> None:
 
 
 def test_every_drift_at_another_foam_age_and_force() -> None:
-    """The sway increases with a lower force, whether the force is set lower or reduced by thicker foam."""
+    """The sway increases as the force decreases, whether because of a lower set force or because of thicker foam."""
     foam, age, force = math.log(1.5), 1.2, math.log(0.75)
     passed_on = [1 / (1 + (foam_mm / SPEC.yield_mm) ** SPEC.yield_exponent) for foam_mm in (15, 10)]
     calculated = {
@@ -146,7 +149,7 @@ def test_a_stem_between_the_pads_is_missed_if_lean_and_error_add_up(sign: int) -
 
 @pytest.mark.parametrize("setting", [(10.0, 51.0, 7.8), (16.0, 45.0, 5.0), (7.0, 57.0, 11.0)])
 def test_the_expected_shares_are_those_of_many_seedlings(setting: tuple[float, float, float]) -> None:
-    """28,800 seedlings are evaluated one by one; the tolerance is four binomial standard deviations."""
+    """28,800 seedlings are evaluated individually; the tolerance is four binomial standard deviations."""
     foam_mm, age_d, force_n = setting
     plain = mechanics(foam_mm, age_d)
     motion = dataclasses.replace(MOTION, force_n=force_n)

@@ -1,7 +1,8 @@
 """Claws: latching valve, motion of the fingers, gripping angle and force.
 
-Times are measured with this rig at simulation.step_s 1e-3 (at 0.1e-3 they are up to 3 ms shorter): from the
-coil, 15 ms in the valve and 1.9 m / 343 m/s = 5.5 ms in the tube; then the air that holds the fingers is exhausted.
+Times were measured with this rig at simulation.step_s = 1e-3; at 0.1e-3 they are up to 3 ms shorter. After the coil
+turns on, the delay is 15 ms in the valve and 1.9 m / 343 m/s = 5.5 ms in the tube; then the air that holds the fingers
+is exhausted.
 """
 
 import pytest
@@ -78,7 +79,7 @@ def test_grip_and_release_times_are_interpolated_within_a_step() -> None:
 
 
 def test_the_grip_has_no_force_at_first() -> None:
-    """The fingers close before the pressure is fully built up: reaching 7 N takes another 100 ms."""
+    """The fingers close before the pressure has fully built up: the force takes about another 100 ms to reach 7 N."""
     rig, claws = make_claws(is_open=True)
     rig.run_until(lambda: claws.gripping, "left.claws_close")
     assert claws.clamp_n < 1.0
@@ -95,7 +96,7 @@ def test_claws_keep_their_state_without_power(is_open: bool) -> None:
 
 
 def test_a_pulse_of_the_coil_is_enough_if_it_is_as_long_as_the_delay() -> None:
-    """After 15 ms in the valve and 5.5 ms in the tube, the pilot switches in the twenty-first millisecond."""
+    """The pilot switches after 15 ms in the valve and 5.5 ms in the tube, so only the 21 ms pulse is long enough."""
     for pulse_ms, angle_deg in ((20, CLOSED_DEG), (21, OPEN_DEG)):
         rig, claws = make_claws(is_open=False)
         rig.run(pulse_ms, "left.claws_open")
@@ -111,7 +112,7 @@ def test_both_coils_together_have_no_effect(is_open: bool) -> None:
 
 
 def test_the_remaining_coil_takes_effect() -> None:
-    """The pilot of the other coil releases after 20 ms in the valve and 5.5 ms in the tube."""
+    """If one of two energised coils turns off, its pilot releases after 20 ms in the valve and 5.5 ms in the tube."""
     rig, claws = make_claws(is_open=True)
     rig.run(100, "left.claws_open", "left.claws_close")
     rig.run(25, "left.claws_close")

@@ -1,6 +1,7 @@
-"""Tray conveyor: the stepper and its ramp, beam edges, gaps, magazine, stops, lost steps.
+"""Tray conveyor: the stepper and its ramp, beam edges, gaps, magazine, stops and lost steps.
 
-0.2 m/s, 4 m/s2: a ramp takes 50 ms and 5 mm. A full step turns a 40 mm drum by 1.8 degrees / 3: 0.209 mm at the belt.
+At 0.2 m/s and 4 m/s2, a ramp takes 50 ms and 5 mm. A full step turns the 40 mm drum by 1.8 degrees / 3, which moves the
+belt by 0.209 mm.
 """
 
 import math
@@ -37,7 +38,7 @@ def test_the_direction_alone_moves_nothing() -> None:
 
 
 def test_the_belt_ramps_up_and_down_and_stops_within_5_mm() -> None:
-    """The motor lags by 9 um because of 15 N of friction, and oscillates by less than a step."""
+    """Friction of 15 N makes the belt lag by 9 um, and the motor oscillates by less than a step."""
     rig, conveyor = make_conveyor()
     rig.run(50, *FORWARD)
     assert conveyor.belt_m == pytest.approx(0.005, abs=STEP_M)
@@ -54,7 +55,10 @@ def test_the_belt_ramps_up_and_down_and_stops_within_5_mm() -> None:
 
 
 def test_the_beam_detects_tray_gap_tray_and_then_nothing() -> None:
-    """The first edge occurs after 302 mm and 25 ms of ramp; a 540 mm tray, a 45 mm gap and the next tray follow."""
+    """The first edge occurs after 302 mm of travel plus 25 ms for the ramp.
+
+    A 540 mm tray, a 45 mm gap and the next tray follow.
+    """
     rig, conveyor = make_conveyor()
     edges_s: list[float] = []
     levels = []
@@ -76,7 +80,10 @@ def test_the_gap_equals_the_parameter(gap_m: float) -> None:
 
 
 def test_the_magazine_waits_for_room() -> None:
-    """There is room for the second tray after 2 mm of play and 300 + 285 mm of travel: 2.96 s, checked every 10 ms."""
+    """There is room for the second tray after 2 mm of play and 300 + 285 mm of travel, i.e. after 2.96 s.
+
+    The magazine checks for room every 10 ms.
+    """
     rig, conveyor = make_conveyor()
     rig.run(2_950, *FORWARD)
     assert list(conveyor.front_m) == [0]
@@ -99,7 +106,7 @@ def test_a_withheld_tray_is_placed_at_the_magazine_once_released() -> None:
 
 
 def test_a_tray_leaves_at_the_far_end() -> None:
-    """The rear edge must pass 1 m, which takes 300 + 1540 mm of travel and 9.225 s."""
+    """The rear edge must pass the belt end at 1 m, which requires 300 + 1540 mm of travel and takes 9.225 s."""
     rig, conveyor = make_conveyor(1)
     rig.run(9_220, *FORWARD)
     assert list(conveyor.front_m) == [0]
@@ -155,10 +162,10 @@ def test_a_tray_driven_backward_stops_against_the_magazine_and_steps_are_lost() 
 
 
 class TestLostSteps:
-    """Steps that the motor cannot follow are lost in multiples of four, unnoticed by the controller."""
+    """Steps that the motor cannot follow are lost in multiples of four, undetected by the controller."""
 
     def test_a_blocked_belt_does_not_move_while_its_drive_continues(self) -> None:
-        """Half a second at 0.2 m/s is 100 mm: 477 steps."""
+        """Half a second at 0.2 m/s corresponds to 100 mm of belt travel, i.e. 477 steps."""
         rig, conveyor = make_conveyor()
         rig.run(500, *FORWARD)
         conveyor.jammed = True

@@ -1,4 +1,4 @@
-"""Rotating cups: period, jitter, lead, missed and doubled flags, standstill."""
+"""Rotating cups: period, jitter, lead, missed and doubled flags, and standstill."""
 
 import itertools
 
@@ -19,7 +19,7 @@ def make_cups(frequency_per_min: float = 45.0, *, jitter: float = 0.01, seed: in
 
 
 def edges(rig: Rig, for_ms: int) -> list[tuple[float, bool, float]]:
-    """Return the edges of the left flag: time, s; level; and chain travel, m."""
+    """Return the edges of the left cup pulse, each as its time, s, its level, and the chain travel, m."""
     cups, pulse = rig.left.cups, rig.plant.state[0]["arms"][0]["cups"]["pulse"]
     changes = []
     last_s = cups.pulse.edge_s
@@ -33,7 +33,7 @@ def edges(rig: Rig, for_ms: int) -> list[tuple[float, bool, float]]:
 
 
 def off_place_m(chain_m: float) -> float:
-    """Return the offset of a flag, m; a pulse nominally occurs 15 mm before the cups are under the claws."""
+    """Return the offset of a flag from its nominal position, 15 mm before the cups are under the claws, m."""
     return (chain_m + LEAD_M + PITCH_M / 2) % PITCH_M - PITCH_M / 2
 
 
@@ -41,7 +41,7 @@ def off_place_m(chain_m: float) -> float:
 def test_pulses_come_at_the_planting_frequency_and_jitter_by_one_percent(
     frequency_per_min: float, period_s: float
 ) -> None:
-    """Two flags may each be offset by 1 % in opposite directions, so that a period varies by up to 2 %."""
+    """Adjacent flags may be offset by 1 % in opposite directions, so a period varies by up to 2 %."""
     rig, _ = make_cups(frequency_per_min)
     rises_s = [at_s for at_s, on, _ in edges(rig, 60_000) if on]
     assert len(rises_s) == pytest.approx(frequency_per_min, abs=1)
@@ -52,7 +52,7 @@ def test_pulses_come_at_the_planting_frequency_and_jitter_by_one_percent(
 
 
 def test_without_jitter_pulses_are_even_and_last_two_fifths_of_the_pitch() -> None:
-    """Edges are interpolated within a step, to a few microseconds."""
+    """Edge times are interpolated within a step and are accurate to a few microseconds."""
     rig, _ = make_cups(jitter=0.0)
     changes = edges(rig, 20_000)
     rise = next(index for index, (_, on, _) in enumerate(changes) if on)
@@ -72,7 +72,7 @@ def test_a_pulse_begins_15_mm_before_the_cups_are_under_the_claws() -> None:
 
 
 def test_a_flag_has_the_same_offset_in_every_round() -> None:
-    """After 256 flags the sequence repeats."""
+    """The sequence of offsets repeats after 256 flags."""
     rig, _ = make_cups(240.0)
     offs_m = [off_place_m(chain_m) for _, on, chain_m in edges(rig, 70_000) if on]
     assert len(offs_m) > 266
@@ -87,7 +87,7 @@ def test_the_phase_of_the_cups_differs_by_row_and_follows_the_seed() -> None:
 
 
 def test_a_closing_contact_bounces_and_settles() -> None:
-    """A contact that closes and opens twice within 3 ms shows one to three changes when sampled every millisecond."""
+    """A closing contact that reopens twice within 3 ms shows one to three changes when sampled every millisecond."""
     rig, cups = make_cups()
     changes = rig.changes(cups.pulse, 10_000)
     ups = [(at_ms, on) for at_ms, on in changes if on]
@@ -130,7 +130,7 @@ def test_a_flag_missed_is_still_a_cup() -> None:
 
 
 def test_cups_follow_the_tractor_to_a_standstill_and_back() -> None:
-    """From 45 mm/s at 0.05 m/s2, stopping takes 0.9 s and 20.25 mm, plus half a step at the last speed."""
+    """Stopping from 45 mm/s at 0.05 m/s2 takes 0.9 s and 20.25 mm, plus half a simulation step at the final speed."""
     rig, cups = make_cups()
     rig.plant.planting_frequency_per_min = 0
     before_m = cups.chain_m

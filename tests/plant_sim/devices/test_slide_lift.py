@@ -1,9 +1,9 @@
-"""Pneumatic motion of slide and lift: start, speed, ends and stops, compared with manually derived figures.
+"""Pneumatic motion of slide and lift: start, speed, ends and stops, compared with calculated values.
 
-Areas: slide pi/4 * 0.025^2 = 490.87 mm2; lift pi/4 * 0.050^2 = 1963.5 mm2 full, less pi/4 * 0.020^2 at the
-rod 1649.3 mm2. Meter-out speed, C * 1e5 / area: slide 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; lift down
-3.5e-9 * 1e5 / 1649.3e-6 = 0.2122 m/s, up 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088 m/s. Delay from the coil to
-the first flow: 15 ms (on) or 20 ms (off) in the valve, plus the tube length at 343 m/s: 4.2 ms (slide), 3.8 ms (lift).
+Areas: slide pi/4 * 0.025^2 = 490.87 mm2; lift pi/4 * 0.050^2 = 1963.5 mm2 on the cap side and, less pi/4 * 0.020^2 for
+the rod, 1649.3 mm2 on the rod side. Meter-out speed, C * 1e5 / area: slide 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s;
+lift down 3.5e-9 * 1e5 / 1649.3e-6 = 0.2122 m/s, up 4.1e-9 * 1e5 / 1963.5e-6 = 0.2088 m/s. Delay from the coil to the
+first flow: 15 ms (on) or 20 ms (off) in the valve, plus the tube length at 343 m/s: 4.2 ms (slide), 3.8 ms (lift).
 """
 
 import math
@@ -22,7 +22,7 @@ ATMOSPHERE_PA = 101_325.0
 
 
 def pressures_pa(cylinder: Cylinder) -> tuple[float, float]:
-    """Return the absolute chamber pressures; the chamber that drives away from position 0 comes first."""
+    """Return the absolute chamber pressures, first that of the chamber that drives the load away from position 0."""
     plus, minus = (float(cylinder.state[end]["chamber"]["pressure_pa"]) for end in ("plus", "minus"))
     return plus, minus
 
@@ -40,7 +40,7 @@ class TestValve:
 
     @pytest.mark.parametrize(("coil", "end"), [("left.slide_inward", 1.0), ("left.slide_outward", -1.0)])
     def test_it_switches_19_ms_after_its_coil_comes_on_and_24_ms_after_it_goes_off(self, coil: str, end: float) -> None:
-        """The delay is 15 + 4.2 ms or 20 + 4.2 ms; the spool then takes 4 ms from the middle to an end."""
+        """The delay is 15 + 4.2 ms or 20 + 4.2 ms; the spool then takes 4 ms from mid-position to an end position."""
         rig = make_rig(x_m=0.3)
         seen = []
         for for_ms, tags in ((19, [coil]), (1, [coil]), (3, [coil]), (24, []), (1, []), (3, [])):
@@ -83,19 +83,20 @@ def spool(rig: Rig) -> float:
 
 
 class TestStart:
-    """The slide does not move until the air in front of it is exhausted through the throttle."""
+    """Start of the slide, delayed until the air in front of the piston has been exhausted through the throttle."""
 
     @pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
     @pytest.mark.parametrize("throttle_m3_s_pa", [0.4e-9, 0.735e-9, 1.2e-9])
     def test_it_starts_when_the_pressure_before_it_has_fallen(
         self, x_m: float, coil: str, throttle_m3_s_pa: float
     ) -> None:
-        """Both chambers rest at 0.9 * 0.5 MPa + atmosphere = 551.3 kPa.
+        """Both chambers are initially at 0.9 * 0.5 MPa + atmosphere = 551.3 kPa.
 
-        The supply, 601.3 kPa less 10 kPa to open the check valve, soon fills the 23 cm3 behind the piston to
-        591.3 kPa; 35 N of friction are overcome at 71.3 kPa across it, so the other side must fall to 520.0 kPa. From
-        its V = 22 + 490.87 * 0.598 = 315.5 cm3 it loses C * 1e5 per second: t = V / (n C 1e5) * ln(551.3 / 520.0), n
-        between 1 (slow) and 1.2 (fast); 0.21 to 0.25 s with the default. Valve and spool add 21 ms before that.
+        The supply, 601.3 kPa less the 10 kPa that open the check valve, soon fills the 23 cm3 behind the piston to
+        591.3 kPa. A difference of 71.3 kPa overcomes 35 N of friction, so the other pressure must fall to 520.0 kPa.
+        From its volume V = 22 + 490.87 * 0.598 = 315.5 cm3, a volume of C * 1e5 is exhausted per second: t = V /
+        (n C 1e5) * ln(551.3 / 520.0), with n between 1 (slow) and 1.2 (fast), i.e. 0.21 to 0.25 s with the default
+        throttle. Valve and spool add 21 ms.
         """
         slow_ms = 1000 * 315.5e-6 / (throttle_m3_s_pa * 1e5) * math.log(551.3 / 520.0)
         rig = make_rig({"slide.throttle_conductance_m3_s_pa": throttle_m3_s_pa}, x_m=x_m)
@@ -105,7 +106,10 @@ class TestStart:
         assert 21 + slow_ms / 1.2 <= stands_ms <= 21 + slow_ms + 5
 
     def test_residual_air_of_the_previous_stroke_lengthens_the_delay(self) -> None:
-        """After reversal at pick 3 the air that drove the previous stroke is in front: 579 kPa instead of 551 kPa."""
+        """After a reversal at pick 3, the pressure in front of the piston is 579 kPa instead of 551 kPa.
+
+        This is residual air that drove the previous stroke.
+        """
         fresh = make_rig(x_m=PICK_3_M)
         used = make_rig()
         used.go_to_pick(3)
@@ -118,7 +122,7 @@ class TestStart:
 
 
 class TestSpeed:
-    """Steady speed with choked exhaust is C * 1e5 / area, or slightly less if the air is cold."""
+    """Steady speed with a choked exhaust: C * 1e5 / area, or slightly less if the air is cold."""
 
     @pytest.mark.parametrize(("x_m", "coil", "sign"), [(0.0, "slide_inward", 1), (0.6, "slide_outward", -1)])
     def test_the_slide_runs_at_150_mm_s_either_way(self, x_m: float, coil: str, sign: int) -> None:
@@ -147,14 +151,15 @@ class TestSpeed:
     def test_the_lift_runs_at_about_200_mm_s(self, y_m: float, coil: str, at_m_s: float) -> None:
         """The stroke is too short for a steady speed, and the flow in the throttle is not fully choked.
 
-        Measured over the middle of the stroke: 0.232 m/s down, while still oscillating, and 0.195 m/s up.
+        The mean speeds measured over the middle of the stroke are 0.232 m/s down, still with oscillation, and 0.195 m/s
+        up.
         """
         rig = make_rig(y_m=y_m)
         lift = rig.left.lift
         assert crossing_m_s(rig, lambda: lift.y_m, 0.040, 0.130, coil) == pytest.approx(at_m_s, rel=0.10)
 
     def test_the_weight_of_the_arm_accelerates_the_start_of_lowering(self) -> None:
-        """The 15 kg arm loads the rod side at rest; once it moves, it first compresses the air there."""
+        """At rest, the rod-side air carries the 15 kg arm; as the arm starts to move, it first compresses this air."""
         down, up = make_rig(y_m=0.0), make_rig(y_m=0.150)
         down_m_s = max(down.trace(lambda: down.left.lift.speed_m_s, 300, "left.lift_extend"))
         up_m_s = -min(up.trace(lambda: up.left.lift.speed_m_s, 300, "left.lift_retract"))
@@ -175,13 +180,16 @@ def crossing_m_s(rig: Rig, place_m: object, low_m: float, high_m: float, coil: s
 
 
 class TestEnds:
-    """Bumpers, cushions, end stops."""
+    """Bumpers, cushions and end stops."""
 
     @pytest.mark.parametrize(
         ("coil", "rests_m", "stop_m"), [("inward", INNERMOST_M, 0.600), ("outward", OUTERMOST_M, 0.0)]
     )
     def test_the_slide_compresses_its_bumper(self, coil: str, rests_m: float, stop_m: float) -> None:
-        """240 N (490 kPa * 490.87 mm2) less up to 35 N of friction compress a bumper of 200 N/mm by 1.0 to 1.2 mm."""
+        """A bumper of 200 N/mm is compressed by 1.0 to 1.2 mm.
+
+        The force is 490 kPa * 490.87 mm2 = 240 N, less up to 35 N of friction.
+        """
         rig = make_rig(x_m=0.3)
         slide = rig.left.slide
         places_m = rig.trace(lambda: slide.x_m, 6_000, f"left.slide_{coil}")
@@ -192,7 +200,7 @@ class TestEnds:
         assert abs(slide.speed_m_s) < 1e-6
 
     def test_the_bumper_softens_the_stop(self) -> None:
-        """Stopping 10.4 kg from 0.15 m/s takes a mean force of 60 N within 2 mm, and 1560 N within 1 ms (hard stop)."""
+        """Stopping 10.4 kg from 0.15 m/s requires a mean force of 60 N over 2 mm, but 1560 N in 1 ms (hard stop)."""
         rig = make_rig(x_m=0.3)
         slide = rig.left.slide
         speeds_m_s = rig.trace(lambda: slide.speed_m_s, 4_000, "left.slide_inward")
@@ -201,7 +209,10 @@ class TestEnds:
 
     @pytest.mark.parametrize(("y_m", "coil", "end_m"), [(0.0, "lift_extend", 0.150), (0.150, "lift_retract", 0.0)])
     def test_the_cushion_slows_the_last_15_mm(self, y_m: float, coil: str, end_m: float) -> None:
-        """The cushion halves the throttle and thus the speed, except for oscillation; without it, speed is constant."""
+        """The cushion halves the throttle conductance and thus the speed, apart from oscillation.
+
+        Without the cushion, the speed is constant.
+        """
         slowest_m_s, hits_m_s = [], []
         for share in (0.5, 1.0):
             rig = make_rig({"lift.cushion_share": share}, y_m=y_m)
@@ -235,7 +246,7 @@ class TestEnds:
     def test_the_lift_arrives_in_time(self, y_m: float, coil: str, first_ms: int, last_ms: int) -> None:
         """A stroke of 145 mm at 0.21 m/s takes 690 ms.
 
-        Measured with this rig: 677 ms down, helped by the weight; 864 ms up, delayed by the air to be exhausted.
+        The measured times are 677 ms down, assisted by the weight, and 864 ms up, delayed by the air to be exhausted.
         """
         rig = make_rig(y_m=y_m)
         rig.run(1_500, f"left.{coil}")
@@ -252,11 +263,14 @@ class TestEnds:
 
 
 class TestHolding:
-    """Effect of the air trapped between the check valves."""
+    """Effects of the air trapped between the check valves."""
 
     @pytest.mark.parametrize(("coil", "y_m"), [("left.lift_extend", 0.0), ("left.lift_retract", 0.150)])
     def test_the_lift_stops_on_its_trapped_air(self, coil: str, y_m: float) -> None:
-        """The 24 ms valve delay takes 5 mm; then 15 kg at 0.21 m/s compress 100 to 200 cm3 of air. Measured: 12 mm."""
+        """The lift travels 5 mm during the 24 ms valve delay, and 12 mm in total (measured).
+
+        After the delay, 15 kg at 0.21 m/s compress 100 to 200 cm3 of air.
+        """
         rig = make_rig(y_m=y_m)
         lift = rig.left.lift
         rig.run_until(lambda: abs(lift.y_m - y_m) > 0.060, coil)
@@ -283,7 +297,7 @@ class TestFaults:
     """Jams and decoupled magnets."""
 
     def test_a_jammed_slide_stops_and_continues_when_released(self) -> None:
-        """After release the slide accelerates freely, because the air in front of it has been exhausted."""
+        """After the jam is cleared, the slide accelerates freely, because the air in front of it has been exhausted."""
         rig = make_rig()
         slide = rig.left.slide
         rig.run(1_000, "left.slide_inward")

@@ -1,6 +1,6 @@
-"""Stopping the slide: by its brake, within the 2 mm stated in the paper, and in the band of every pick switch.
+"""Stopping distances of the slide with and without its brake, compared with the paper and the switch bands.
 
-Speed 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; see test_slide_lift.py.
+The speed is 0.735e-9 * 1e5 / 490.87e-6 = 0.1497 m/s; see test_slide_lift.py.
 """
 
 import pytest
@@ -21,7 +21,7 @@ def both_closed(cylinder: Cylinder) -> bool:
 @pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
 @pytest.mark.parametrize("for_ms", [1_700, 2_000, 2_300, 2_611])
 def test_the_slide_moves_less_than_2_mm_after_its_check_valves_have_closed(x_m: float, coil: str, for_ms: int) -> None:
-    """The 2 mm is stated in the paper and is interpreted as in docs/sources/machine.md 4."""
+    """The limit of 2 mm is stated in the paper and is interpreted as in docs/sources/machine.md 4."""
     rig = make_rig(x_m=x_m)
     slide = rig.left.slide
     rig.run(for_ms, coil)
@@ -38,12 +38,13 @@ def test_the_slide_moves_less_than_2_mm_after_its_check_valves_have_closed(x_m: 
 
 @pytest.mark.parametrize(("x_m", "coil"), [(0.0, "left.slide_inward"), (0.6, "left.slide_outward")])
 def test_the_slide_stops_about_6_mm_after_its_coil(x_m: float, coil: str) -> None:
-    """The delay is 24.2 ms in the valve, 2 ms until its spool opens the exhaust, and the time to vent the driving tube.
+    """The delay is the sum of valve delay, spool travel to the exhaust, and time to vent the driving tube.
 
-    The brake engages at 300 kPa gauge in that tube. The tube, 18.2 cm3, is vented through valve and tube,
-    0.76e-8 m3/(s Pa), from 594 to 401 kPa in 18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 401) = 7.8 to 9.4 ms. These 34
-    to 36 ms correspond to 5.1 to 5.4 mm. Then 150 N and 35 N stop 10.4 kg within 0.6 mm, or 0.9 mm with the remaining
-    drive force.
+    The valve takes 24.2 ms, and its spool opens the exhaust 2 ms later. The brake engages at 300 kPa gauge in the
+    driving tube. This tube, 18.2 cm3, is vented through a conductance of 0.76e-8 m3/(s Pa) from 594 to 401 kPa in
+    18.2e-6 / (1.0 to 1.2 * 0.76e-3) * ln(594 / 401) = 7.8 to 9.4 ms. The delay of 34 to 36 ms corresponds to 5.1 to 5.4
+    mm. Then 150 N from the brake and 35 N of friction stop 10.4 kg within 0.6 mm, or within 0.9 mm if the remaining
+    drive force is included.
     """
     rig = make_rig(x_m=x_m)
     slide = rig.left.slide
@@ -69,7 +70,7 @@ def test_the_slide_stops_within_60_ms() -> None:
 def test_without_its_brake_the_slide_coasts_on_its_trapped_air() -> None:
     """The check valves close 45 ms and 7 mm after the coil turns off; then only the trapped air stops the slide.
 
-    Measured with this rig: 17.0 mm in total.
+    The measured distance is 17.0 mm in total.
     """
     rig = make_rig({"slide.brake_n": 0.0})
     slide = rig.left.slide
@@ -81,10 +82,10 @@ def test_without_its_brake_the_slide_coasts_on_its_trapped_air() -> None:
 
 
 def test_a_reversed_slide_stops_before_it_comes_back() -> None:
-    """The second coil cancels the first after 19 ms and then exhausts the chamber now in front.
+    """The second coil overrides the first after 19 ms and then exhausts the chamber that is now in front of the piston.
 
     One of the two tubes always releases the brake, so the air alone reverses the slide. The slide first travels at
-    least the 2.9 mm of the valve delay, and at most 19 mm, the limit without a brake.
+    least 2.9 mm, the distance covered during the valve delay, and at most 19 mm, the limit for a slide without a brake.
     """
     rig = make_rig()
     slide = rig.left.slide
@@ -99,10 +100,10 @@ def test_a_reversed_slide_stops_before_it_comes_back() -> None:
 @pytest.mark.parametrize("spacing_m", [0.350, 0.600, 0.800])
 @pytest.mark.parametrize("pick", [1, 2, 3])
 def test_the_slide_stops_in_the_band_of_every_pick_for_any_reaction_time(spacing_m: float, pick: int) -> None:
-    """The switch turns on at -5 mm and off at +6 mm, so the slide may travel 11 mm from the edge.
+    """The switch turns on at -5 mm and off at +6 mm, so the slide may travel 11 mm after the edge.
 
-    The reaction time of 20 to 30 ms at 0.15 m/s takes 3.0 to 4.5 mm, and the stop takes 5.9 mm.
-    With a row spacing of 350 mm the slide reaches pick 1 slightly faster, at 0.155 m/s.
+    During the reaction time of 20 to 30 ms at 0.15 m/s, the slide travels 3.0 to 4.5 mm, and then another 5.9 mm until
+    it stops. With a row spacing of 350 mm the slide reaches pick 1 slightly faster, at 0.155 m/s.
     """
     rig = make_rig({"layout.row_spacing_m": spacing_m})
     slide = rig.left.slide
@@ -124,7 +125,7 @@ def test_the_slide_stops_in_the_band_of_every_pick_for_any_reaction_time(spacing
 
 
 def test_a_slide_that_overran_by_2_mm_returns_into_its_band_for_any_reaction_time() -> None:
-    """With the coil off 45 ms after the edge, the slide stops 8 mm past the pick; its slow return ends in the band."""
+    """If the coil turns off 45 ms after the edge, the slide stops 8 mm past the pick; its return ends in the band."""
     rig = make_rig()
     slide = rig.left.slide
     switch = slide.at_pick[0]

@@ -1,8 +1,9 @@
 """The spreader: a DC motor, its brake, its belt and its end switches.
 
-Motor 24 V, 5.25 ohm, 105 V s/m (and N/A) at the belt; 28 kg in total, 60 N of friction. Steady speed (24 V - 60 N *
-5.25 ohm / 105 N/A) / 105 V s/m = 0.200 m/s. Its back-EMF brakes with 105^2 / 5.25 = 2100 N s/m, so it reaches this
-speed with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and from then on lags 0.2 * 13.3 ms = 2.67 mm.
+The motor runs on 24 V with 5.25 ohm and 105 V s/m (= N/A) at the belt and moves 28 kg against 60 N of friction. The
+steady speed is (24 V - 60 N * 5.25 ohm / 105 N/A) / 105 V s/m = 0.200 m/s. The back-EMF damps the motion with 105^2 /
+5.25 = 2100 N s/m, so the spreader approaches this speed with a time constant of 28 kg / 2100 N s/m = 13.3 ms, and then
+lags by 0.2 m/s * 13.3 ms = 2.67 mm.
 """
 
 import math
@@ -30,7 +31,7 @@ def test_at_steady_speed_motor_force_and_friction_balance() -> None:
 
 
 def test_it_accelerates_with_a_time_constant_of_13_ms() -> None:
-    """The speed is 0.2 m/s * (1 - exp(-t / 13.3 ms)), 63 % after 13.3 ms; steps of 1 ms give up to 4 % more."""
+    """The speed is 0.2 m/s * (1 - exp(-t / 13.3 ms)), i.e. 63 % after 13.3 ms; steps of 1 ms give up to 4 % more."""
     rig, spreader = make_spreader()
     for at_ms in (5, 10, 20, 40, 80):
         rig.run(at_ms - rig.plant.time_ms, "left.spread")
@@ -111,10 +112,10 @@ def test_a_jammed_spreader_stops_and_continues_when_released() -> None:
 
 
 def test_a_slipping_belt_transmits_its_slip_force_only() -> None:
-    """120 N less 60 N accelerate 8 kg at 7.5 m/s2: 0.0375 m/s after 5 ms. An intact belt transmits 180 N: 0.063 m/s.
+    """A slip force of 120 N less 60 N of friction accelerates 8 kg at 7.5 m/s2, to 0.0375 m/s in 5 ms.
 
-    Derivation of the 180 N: 480 N from the motor less 60 N accelerate 28 kg at 15 m/s2; 8 kg of this need 120 N, plus
-    60 N of friction.
+    An intact belt transmits 180 N, and the spreader reaches 0.063 m/s: the motor force of 480 N less 60 N accelerates
+    28 kg at 15 m/s2, for which the 8 kg driven by the belt require 120 N, plus 60 N of friction.
     """
     speeds_m_s = []
     for slips_n in (120.0, 190.0):

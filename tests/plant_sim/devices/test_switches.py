@@ -20,7 +20,7 @@ PICK_1_M, PICK_2_M, PICK_3_M = 0.1925, 0.2355, 0.2785
 def test_a_pick_switch_has_band_and_hysteresis_from_either_side(
     from_m: float, coil: str, on_m: float, off_m: float
 ) -> None:
-    """Edges are timed at the crossing of the position, interpolated within the step."""
+    """The time of an edge is that at which the slide crosses the edge position, interpolated within the step."""
     rig = make_rig(x_m=from_m)
     slide = rig.left.slide
     switch = slide.at_pick[0]
@@ -53,7 +53,7 @@ def test_a_lift_switch_turns_off_6_mm_from_its_end_and_on_5_mm_from_it(
 
 
 def test_a_contact_bounces_for_3_ms_when_it_closes_and_opens_clean() -> None:
-    """Closed, open, closed, open, closed: five intervals of 0.6 ms within 3 ms."""
+    """The contact is closed, open, closed, open and closed, for 0.6 ms each."""
     rig = make_rig({"simulation.step_s": 1e-4}, x_m=0.05)
     switch = rig.left.slide.at_pick[0]
     says = []

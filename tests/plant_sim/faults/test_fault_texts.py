@@ -1,4 +1,4 @@
-"""Syntax of faults, and rejected faults."""
+"""Syntax of faults, and rejection of invalid faults."""
 
 from __future__ import annotations
 

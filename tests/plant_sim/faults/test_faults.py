@@ -29,7 +29,7 @@ def receiver_pa(rig: Rig) -> float:
 
 
 def test_a_fault_starts_and_ends_at_its_millisecond() -> None:
-    """With stuck_off from 15 to 25 ms, a switch that is on reads off during exactly these milliseconds."""
+    """With a stuck_off fault from 15 to 25 ms, a switch that is on reads off during exactly these milliseconds."""
     rig = activated("stuck_off:left.lift_down@15ms..25ms")
     levels = []
     for _ in range(40):
@@ -39,7 +39,7 @@ def test_a_fault_starts_and_ends_at_its_millisecond() -> None:
 
 
 def test_a_long_step_stops_at_every_fault() -> None:
-    """With a valve that sticks for 7 ms in mid-stroke, one step of 500 ms equals 500 steps of 1 ms."""
+    """With a jam and a leak that start and end during the step, one step of 500 ms equals 500 steps of 1 ms."""
     ends = []
     for chunk_ms in (500, 1):
         rig = activated("jammed:left.slide@203ms..310ms", "leak:left.lift.minus=3e-9@111ms..333ms")
@@ -177,7 +177,7 @@ def test_flags_are_missed_or_counted_twice(fault: str, low: float, high: float) 
 
 
 def test_a_stuck_valve_keeps_its_position() -> None:
-    """If the spool sticks in mid-stroke, the arm continues with its coil off; if in the middle, it does not move."""
+    """If the spool sticks during a stroke, the arm rises with its coil off; if it sticks centred, the arm is still."""
     rig = activated("stuck_valve:left.lift@300ms..")
     rig.run(300, UP)
     assert rig.left.lift.rise_m < 0.05
@@ -224,7 +224,7 @@ def test_an_arm_that_loses_its_air_sinks_without_coils(fault: str) -> None:
 
 
 def test_a_leak_vents_the_supply() -> None:
-    """With a hole in the manifold for 2 s, its pressure falls and recovers, and the air is exhausted."""
+    """During a 2 s leak in the manifold, its pressure falls and air escapes; afterwards the pressure recovers."""
     rig = activated("leak:supply=3e-8@0s..2s")
     before_kg = float(rig.plant.state[0]["air"]["network"]["outside"]["mass_kg"])
     rig.run(2_000)
@@ -236,7 +236,7 @@ def test_a_leak_vents_the_supply() -> None:
 
 
 def test_a_closed_throttle_slows_the_stroke_that_it_exhausts() -> None:
-    """With the outer throttle closed to a third, the slide moves in at a third of its speed and out at full speed."""
+    """With the outer throttle closed to a third, the slide is three times slower inward and unchanged outward."""
 
     def times_ms(rig: Rig) -> tuple[int, int]:
         inward = rig.run_until(lambda: rig.left.slide.position_m > 0.15, IN)
@@ -264,7 +264,7 @@ def test_a_low_supply_falls_with_consumption_and_recovers() -> None:
 
 
 def test_a_low_claw_supply_weakens_the_grip_alone_and_recovers() -> None:
-    """With the regulator at 0.2 MPa, claws clamp with half their force at 0.4 MPa; the main pressure is unchanged."""
+    """With the regulator at 0.2 MPa, the claw force is half of that at 0.4 MPa; the main pressure is unchanged."""
     rig = activated("low_claw_supply:supply=0.2MPa@0s..12s")
     for _ in range(6):
         rig.run(1_000, "left.claws_open")
@@ -288,7 +288,7 @@ def test_a_failing_compressor_empties_the_receiver() -> None:
 
 
 def test_claws_lose_their_air_past_the_check_valve_of_their_reservoir() -> None:
-    """With an empty receiver, claws still grip with air from their reservoir, but weakly if its check valve leaks."""
+    """With an empty receiver, claws grip with air from their reservoir, but only weakly if its check valve leaks."""
 
     def clamp_n(*faults: str) -> float:
         rig = activated("failing_supply:compressor=0%", "leak:supply=5e-8", *faults)

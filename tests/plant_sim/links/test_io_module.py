@@ -102,7 +102,7 @@ def test_the_watchdog_cannot_be_disabled(watchdog_ms: int) -> None:
 
 
 def test_after_the_last_write_the_machine_moves_for_exactly_the_limit() -> None:
-    """The spreader, which starts immediately, travels the distance of 101 ms with its coil on, not of 100 or 102 ms."""
+    """The spreader, which starts without delay, travels exactly as far as with its coil on for 101 ms."""
     module = make_module()
     module.write_outputs(0, one_on(SPREAD))
     module.advance(300)
@@ -221,7 +221,7 @@ def test_a_write_is_applied_completely_or_not_at_all(first: int) -> None:
 
 
 def test_outputs_without_a_wire_are_ignored_and_do_not_feed_the_watchdog() -> None:
-    """With tray_forward moved to Y24 (20), numbers 17 to 19 of the image have no terminal."""
+    """With tray_forward moved to Y24 (number 20), outputs 17 to 19 of the image have no terminal."""
     moved = replace(IO_MAP["tray_forward"], number=20)
     io_map = replace(IO_MAP, outputs=(*IO_MAP.outputs[:-1], moved))
     module = make_module(io_map)

@@ -1,4 +1,4 @@
-"""Modbus TCP server of the plant at byte level: framing, exceptions, limits, and effects of writes."""
+"""The plant's Modbus TCP server at byte level: framing, exceptions, limits, and effects of writes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_thirty_requests_in_one_segment_are_answered_in_order(client: Client) ->
 
 
 def test_requests_that_exceed_the_receive_buffer(rig: Rig, client: Client) -> None:
-    """Requests longer than the receive buffer in total, split at arbitrary points, are all answered."""
+    """Requests that together exceed the receive buffer are all answered, even if split at arbitrary points."""
     client.send(b"".join(frame(READ_ALL_INPUTS, transaction=n) for n in range(2_000)))
     assert [client.receive()[0] for _ in range(2_000)] == list(range(2_000))
 
@@ -96,7 +96,7 @@ def test_a_malformed_header_closes_the_connection_after_the_previous_requests(ri
 
 
 def test_the_longest_frame_is_accepted(client: Client) -> None:
-    """A length of 254 is legal; such a frame is merely invalid as a read request."""
+    """A length of 254 is valid, so the frame is rejected only as an invalid read request."""
     assert client.ask(READ_ALL_INPUTS + bytes(253 - 5)) == exception(2, ILLEGAL_VALUE)
 
 
@@ -265,7 +265,7 @@ def test_buttons(rig: Rig, client: Client, offset: int, button: str) -> None:
 
 
 def test_a_button_reaches_the_terminal_with_its_polarity(client: Client) -> None:
-    """Start is normally open, stop and emergency stop are normally closed."""
+    """The start button is normally open; stop and emergency stop are normally closed."""
     before = client.ask(read_pdu(2, 0, 1)), client.ask(read_pdu(2, 20, 2))
     client.ask(write_coils_pdu(100, "111"))
     after = client.ask(read_pdu(2, 0, 1)), client.ask(read_pdu(2, 20, 2))

@@ -1,4 +1,4 @@
-"""Operation of the Modbus TCP server of the plant: time, watchdog, connections, start and stop, malformed data."""
+"""Operation of the plant's Modbus TCP server: time, watchdog, connections, start and stop, and malformed data."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_lock_step_beyond_the_watchdog_time_is_rejected(lock_step_ms: int) -> 
 
 
 def test_plant_time_and_watchdog_run_in_real_time() -> None:
-    """After a single write the watchdog trips, although the client keeps reading."""
+    """After a single write the watchdog trips, although the client continues to read."""
     with Rig(PlantServer(make_module(), port=0)) as rig:
         client = rig.client()
         client.ask(write_coils_pdu(0, "000001" + "0" * 12))
@@ -124,7 +124,7 @@ class BrokenPlant(Plant):
 
 @pytest.mark.parametrize("lock_step_ms", [None, 10], ids=["real time", "lock step"])
 def test_an_error_of_the_plant_ends_the_server(lock_step_ms: int | None) -> None:
-    """The error reaches the caller of the server; the server does not continue without the machine."""
+    """The error propagates to the caller of the server, and the server stops."""
     server = PlantServer(IoModule(BrokenPlant(IO_MAP, MACHINE, seed=1), IO_MAP), port=0, lock_step_ms=lock_step_ms)
 
     def run() -> None:
@@ -204,14 +204,14 @@ def test_an_idle_connection_is_closed() -> None:
 
 
 def let_pass(rig: Rig, seconds: float) -> None:
-    """Age all connections, then run their timeout checks."""
+    """Age all connections by a number of seconds, then run their timeout checks."""
     for connection in tuple(rig.server._frontend.connections):
         connection._last_request_s -= seconds
         connection._check_idle()
 
 
 def test_only_complete_requests_keep_a_connection_alive(rig: Rig) -> None:
-    """A connection that sent only pieces of half a frame in 61 s is closed; one with a request 2 s ago is not."""
+    """A connection that sends only parts of a frame for 61 s is closed; one with a complete request 2 s ago is not."""
     busy, halting = rig.client(), rig.client()
     for piece, seconds in ((slice(0, 8), 59.0), (slice(8, 11), 2.0)):
         halting.send(frame(READ_ALL_INPUTS)[piece])
@@ -310,7 +310,7 @@ def test_the_default_address_is_loopback_port_5020() -> None:
 
 
 def mutated(rng: random.Random) -> bytes:
-    """Return a valid frame with some bytes changed, cut or appended."""
+    """Return a valid frame with some bytes changed, removed or appended."""
     data = bytearray(
         frame(
             rng.choice(

@@ -35,7 +35,7 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
 
 
 def test_telemetry_of_a_machine_in_its_initial_state(client: Client) -> None:
-    """There are two full trays; the arms are at feed against their bumpers, down and open; nothing has been written."""
+    """There are two full trays; both arms are at feed against the bumpers, down and open; no output is written."""
     telemetry = read_registers(client)
     assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms", "S_pct"))
     arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "clamp_n": -7.8, "missed_cups": 0}

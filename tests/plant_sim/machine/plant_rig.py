@@ -1,4 +1,4 @@
-"""Plant driven directly by the test, without a controller: coils are set by tag, time advances in milliseconds."""
+"""Plant driven directly by the test, without a controller: coils are set by tag, and time advances in milliseconds."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -20,14 +20,14 @@ test_claws.py), and it falls 80 mm in 127.7 ms."""
 
 
 class Situation(NamedTuple):
-    """Complete state of motion of the machine at one time; seedlings are not included."""
+    """Complete motion state of the machine at one time, excluding the seedlings."""
 
     state: NDArray[Any]
     time_ms: int
 
 
 class Rig:
-    """Plant with its terminals operated by the test."""
+    """Plant whose terminals are operated by the test."""
 
     def __init__(
         self,
@@ -145,7 +145,7 @@ class Rig:
         self.lower_arm(side)
 
     def wait_for_cups(self, side: str = "left", *, off_m: float = 0.0) -> None:
-        """Wait until plugs released at that moment would land at a given offset from the centre of empty cups."""
+        """Wait until plugs, if released now, would land at a given offset from the centres of empty cups."""
         cups = self.plant.arms[side].cups
         pitch_m = self.machine.cups.pitch_m
 

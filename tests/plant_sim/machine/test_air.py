@@ -37,10 +37,10 @@ def test_the_emergency_stop_removes_coil_power_and_air_regardless_of_the_outputs
 
 
 def test_the_emergency_stop_vents_the_manifold_and_not_the_claws() -> None:
-    """The manifold pressure falls from 601 kPa to 1/e of this in 50 to 60 ms, while the claw supply keeps its pressure.
+    """The manifold pressure falls from 601 kPa to 1/e of that in 50 to 60 ms; the claw supply retains its pressure.
 
-    The manifold of 0.3 L is vented through 5e-8 m3/(s Pa). After 60 ms, the pressure is
-    601 kPa / exp(1.0 to 1.2) = 181 to 221 kPa, 80 to 120 kPa gauge.
+    The 0.3 L manifold is vented through a conductance of 5e-8 m3/(s Pa). After 60 ms, its pressure is 601 kPa / exp(1.0
+    to 1.2) = 181 to 221 kPa abs, or 80 to 120 kPa gauge.
     """
     rig = Rig()
     rig.left.place(is_open=False)
@@ -82,7 +82,10 @@ def test_nothing_moves_when_air_returns() -> None:
 
 
 def test_air_returns_softly() -> None:
-    """At 0.6 MPa, 0.2e-8 m3/(s Pa) passes 0.12e-2 m3/s ANR, so 2 bar in 0.3 L take 0.5 s; then the valve opens."""
+    """At 0.6 MPa, a conductance of 0.2e-8 m3/(s Pa) passes 0.12e-2 m3/s ANR and fills 0.3 L to 2 bar in 0.5 s.
+
+    Then the soft-start valve opens fully.
+    """
     rig = Rig(trays=0)
     rig.plant.box.emergency_stop = True
     rig.run(3_000)
@@ -151,10 +154,10 @@ def edges_of_a_cycle(step_s: float) -> list[dict[str, float]]:
 
 
 def test_a_finer_step_moves_no_edge_noticeably_for_a_controller() -> None:
-    """Halving the step shifts motor edges by at most 0.1 ms and cup edges not at all.
+    """Halving the step shifts spreader edges by at most 0.1 ms and does not shift cup edges.
 
-    Measured shifts of the other edges: slides 1.2 ms at the start, while the air in front is exhausted, and less than
-    0.3 ms after that; the lift 0.5 ms, and 1.0 ms at its end in the cushion.
+    The measured shifts of the slide edges are 1.2 ms at the start, while the air in front of the piston is exhausted,
+    and less than 0.3 ms after that; those of the lift edges are 0.5 ms, and 1.0 ms at the end of the cushion.
     """
     coarse, fine = edges_of_a_cycle(1e-3), edges_of_a_cycle(0.5e-3)
     assert [set(part) for part in coarse] == [set(part) for part in fine]
@@ -184,7 +187,10 @@ def worked_claws(rig: Rig) -> float:
 
 
 def test_claws_can_be_set_above_the_main_pressure() -> None:
-    """The receiver feeds the claws: at 0.6 MPa their force is 1.5 times that at 0.4, with the slides at 0.5 MPa."""
+    """The claws are supplied from the receiver: at 0.6 MPa their force is 1.5 times that at 0.4 MPa.
+
+    The main pressure remains 0.5 MPa.
+    """
     rig = Rig({"crop.claw_pressure_mpa": 0.6})
     assert worked_claws(rig) == pytest.approx(1.5 * worked_claws(Rig()), rel=0.03)
     assert rig.plant.supply.claw_pressure_pa == pytest.approx(0.6e6, rel=0.02)

@@ -1,4 +1,4 @@
-"""Seedlings on the complete machine, with coils driven by the test."""
+"""Seedling handling by the complete machine, with coils driven by the test."""
 
 import dataclasses
 
@@ -10,13 +10,13 @@ from tests.plant_sim.machine.plant_rig import Rig
 
 
 def thriving(rig: Rig) -> Rig:
-    """Return a crop in which no seedling fails by itself."""
+    """Make all seedlings typical, so that none fails by itself, and return the rig."""
     rig.plant.seedlings.make_typical()
     return rig
 
 
 def counts(**places: int) -> SeedlingCounts:
-    """Return counts of 144 seedlings; those not given are in their trays."""
+    """Return the counts of 144 seedlings; those not assigned to another location are in their trays."""
     rest = {"in_claw": 0, "in_cups": 0, "P": 0, "D": 0, "T": 0} | places
     return SeedlingCounts(in_tray=144 - sum(places.values()), **rest, total=144)
 
@@ -54,7 +54,10 @@ LOST_AT = dict(zip(WEAK, [Location.LOST_PICK] * 5 + [Location.LOST_CARRY] + [Loc
 
 
 def test_every_seedling_of_a_row_fails_at_the_stage_of_its_weakness() -> None:
-    """Each weak seedling has one trait 9 standard deviations off, or 6 for drift: with 9 it would hit the next cup."""
+    """Each weak seedling has one trait that deviates by 9 standard deviations, or by 6 for drift.
+
+    A drift of 9 standard deviations would land the seedling in the next cup.
+    """
     rig = rig_with_tray()
     for plant, traits in zip(rig.column(0), WEAK.values(), strict=False):
         plant.traits = traits
@@ -117,7 +120,7 @@ def test_fingers_that_regain_their_force_grip_the_stems_between_them() -> None:
 
 @pytest.mark.parametrize("open_ms", [50, 55, 60, 70])
 def test_an_aborted_opening_drops_the_seedlings(open_ms: int) -> None:
-    """The fingers do not move, but lose their force for a moment."""
+    """The fingers do not move, but briefly lose their clamping force."""
     rig = rig_with_tray()
     rig.go_to_pick(1)
     rig.close()
@@ -261,7 +264,7 @@ def test_a_second_plug_in_a_cup_is_reported_and_lost() -> None:
 
 
 def test_the_emergency_stop_does_not_affect_a_falling_plug() -> None:
-    """The plug is released 120 ms after the coil and is in the cup 127.7 ms later: 248 ms in total."""
+    """The plug is released 120 ms after the coil turns on and lands in the cup 127.7 ms later, i.e. after 248 ms."""
     rig = rig_with_tray()
     rig.pick(1)
     rig.wait_for_cups()
@@ -466,7 +469,7 @@ def test_an_event_carries_its_time() -> None:
 
 
 def test_a_late_row_misses_the_cups_that_pass() -> None:
-    """Twelve cups are filled, the cups that pass during the next pick stay empty, and then twelve are filled."""
+    """Twelve cups are filled, the cups that pass during the next pick remain empty, and then twelve more are filled."""
     rig = rig_with_tray()
     pitch_m = 0.060
     rig.pick(1)
@@ -486,8 +489,10 @@ def test_a_late_row_misses_the_cups_that_pass() -> None:
 
 
 def test_a_skewed_tray_is_gripped_in_the_middle_and_cut_at_its_ends() -> None:
-    """A lead of 8 mm over 140 mm is 57 mrad: cells 0.5 and 1.5 pitches from the middle are offset by 1.2 and 3.7 mm,
-    those 2.5 pitches away by 6.1 mm, more than the 6 mm within which the claws grip."""
+    """A lead of 8 mm over 140 mm is a skew of 57 mrad; the claws grip only stems that are offset by up to 6 mm.
+
+    Cells 0.5, 1.5 and 2.5 pitches from the centre are offset by 1.2, 3.7 and 6.1 mm.
+    """
     rig = thriving(Rig())
     rig.plant.conveyor.skewed_m[0] = 0.008
     rig.bring_tray()

@@ -133,7 +133,7 @@ def test_a_file_of_another_kind_is_rejected(tmp_path: Path, text: str) -> None:
 
 
 def test_an_entry_may_take_fields_from_another_one(tmp_path: Path) -> None:
-    """YAML merge keys copy fields from one entry or from several."""
+    """YAML merge keys copy fields from one or several entries."""
     path = tmp_path / "machine.yaml"
     text = TEXT.replace(BORE, BORE.replace("bore_m: ", "bore_m: &bore "))
     for base in ("*bore", "[*bore, {unit: s}]"):

@@ -227,10 +227,10 @@ def assert_possible(rig: Rig) -> None:
 def assert_pressures_possible(plant: Plant) -> None:
     """Check that there is no vacuum, and no pressure above the limits set by the supply and a falling arm.
 
-    The receiver holds at most 0.75 MPa gauge plus one step of compressor delivery. The valves supply at most the
-    regulated 601 kPa. A lift driven down by 591 kPa and 147 N of weight compresses its rod side to
-    (490 kPa * 1963.5 mm2 + 147 N) / 1649.3 mm2 + 101 kPa = 774 kPa, and overshoots by at most the difference to
-    551 kPa: 997 kPa.
+    The receiver pressure is at most 0.75 MPa gauge plus one step of compressor delivery. The valves supply at most the
+    regulated 601 kPa. A lift driven down by 591 kPa and 147 N of weight compresses the air on its rod side from 551 kPa
+    to (490 kPa * 1963.5 mm2 + 147 N) / 1649.3 mm2 + 101 kPa = 774 kPa. It overshoots by at most the same increase of
+    223 kPa, i.e. to 997 kPa.
     """
     network = plant.state[0]["air"]["network"]
     assert all(50e3 < float(network[name]["pressure_pa"]) < 860e3 for name in NETWORK)
@@ -257,7 +257,7 @@ def assert_seedlings_accounted_for(plant: Plant) -> None:
 
 
 def random_run(seed: int, *, split: int = 1) -> tuple[object, ...]:
-    """Pick and throw a row, then drive random coils for 40 s, the same coils for every plant seed."""
+    """Pick and throw a row, then drive random coils for 40 s; the coils do not depend on the seed of the plant."""
     rig = Rig({"crop.claw_pressure_mpa": 0.60}, seed=seed)
     rig.bring_tray()
     rig.pick(1)

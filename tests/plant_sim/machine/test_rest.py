@@ -1,4 +1,4 @@
-"""Parts at rest are not computed; every possible cause of motion resumes the computation."""
+"""Skipped computation of parts at rest, and its resumption by every possible cause of motion."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_a_resting_lift_sinks_when_its_check_valve_begins_to_leak() -> None:
 
 
 def test_resting_claws_follow_their_supply() -> None:
-    """The claws are always supplied: after an increase of their set pressure they clamp harder."""
+    """The claws are always connected to their supply, so they clamp with more force if its set pressure rises."""
     rig = Rig({"supply.pressure_pa": 0.6e6})
     rig.close()
     rig.run(20_000)
@@ -89,7 +89,7 @@ def test_a_resting_slide_decouples_when_the_magnet_weakens() -> None:
 
 
 def test_a_decoupled_carriage_recouples_when_the_piston_passes() -> None:
-    """By default the magnets recouple below 0.25 m/s, above the 0.15 m/s of the piston."""
+    """By default, the magnets recouple below 0.25 m/s; the piston moves at only 0.15 m/s."""
     rig = Rig()
     run_to_row(rig)
     slide = rig.left.slide
@@ -103,7 +103,7 @@ def test_a_decoupled_carriage_recouples_when_the_piston_passes() -> None:
 
 
 def test_claws_without_air_drop_their_seedlings() -> None:
-    """When the claw reservoir leaks empty after an emergency stop, the fingers lose their force and drop all twelve."""
+    """If the claw air leaks out after an emergency stop, the fingers lose their force and drop all seedlings."""
     rig = Rig()
     rig.plant.seedlings.make_typical()
     rig.bring_tray()

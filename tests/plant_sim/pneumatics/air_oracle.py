@@ -2,8 +2,8 @@
 
 Equations and their order within a step are those of `plant_sim.pneumatics`, but the algebra is not optimised: where the
 compiled code saves a division or a power, this model uses the textbook form. Only physical constants are shared. Every
-state has the fields of its compiled record in the same order, so that `read` can convert records and `values` can
-compare both.
+state has the fields of its compiled record in the same order, so that `read` can convert records and the results of
+`values` can be compared.
 
 Source of the equations: docs/sources/plant.md 1 and 3.4, and the docstrings of `plant_sim.pneumatics`.
 """
@@ -75,7 +75,7 @@ class Chamber:
         self.energy_j += heat_j
 
     def resize(self, volume_m3: float, gas: Any) -> None:
-        """Move the piston: dp/dV = -n p/V by the trapezoidal rule, and the work done."""
+        """Change the volume: integrate dp/dV = -n p/V by the trapezoidal rule, and account for the work done."""
         n, before_pa, grown_m3 = gas.exponent, self.pressure_pa, volume_m3 - self.volume_m3
         if grown_m3 == 0.0:
             return
@@ -86,7 +86,7 @@ class Chamber:
         self.stiffness = n * self.pressure_pa / self.mass_kg
 
     def settle(self, gas: Any) -> None:
-        """Complete a step: compute the new temperature and the pressure that follows from it."""
+        """Complete a step: compute the new temperature and the resulting pressure."""
         density_kg_m3 = self.mass_kg / self.volume_m3
         if gas.thermal:
             walls_m2 = (36 * math.pi) ** (1 / 3) * self.volume_m3 ** (2 / 3)
@@ -129,14 +129,14 @@ def tendency(
 
 
 def move(a: Chamber, b: Chamber, mass_kg: float) -> None:
-    """Transfer air with its heat; a negative mass flows back."""
+    """Transfer air and its heat from `a` to `b`, or from `b` to `a` if the mass is negative."""
     heat_j = mass_kg * HEAT_P * (a if mass_kg > 0 else b).temperature_k
     a.gain(-mass_kg, -heat_j)
     b.gain(mass_kg, heat_j)
 
 
 def transfer(up: Chamber, down: Chamber, up_pa: float, conductance: float, critical: float, step_s: float) -> float:
-    """Pass air through one restriction: one Newton step towards the final pressures, limited to equal pressures."""
+    """Pass air through one restriction in one Newton step, limited to the mass that makes both pressures equal."""
     kg_s, by_up, by_down = tendency(up, down, up_pa, conductance, critical)
     mass_kg = step_s * kg_s / (1 + step_s * (by_up * up.stiffness - by_down * down.stiffness))
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down.stiffness)
@@ -228,7 +228,7 @@ class Line:
         outside: Chamber,
         gas: Any,
     ) -> None:
-        """Step piston, valve, pilot, check valve and throttle, leak, in this order."""
+        """Step the piston, the valve, the pilot, the check valve with the throttle, and the leak, in this order."""
         tube, chamber, step_s, critical = self.tube, self.chamber, gas.step_s, params.critical_ratio
         chamber.resize(volume_m3, gas)
         behind_pa = params.pilot_ratio * (chamber.pressure_pa - ATMOSPHERE_PA)
@@ -247,7 +247,7 @@ class Line:
     def _pass(
         self, params: Any, source: Chamber, valve_c: float, valve_b: float, out_share: float, step_s: float
     ) -> float:
-        """Step valve and throttle together: one Newton step for both flows; return the mass drawn from the source."""
+        """Compute valve and throttle flows in one joint Newton step; return the mass drawn from the source."""
         tube, chamber, critical = self.tube, self.chamber, params.critical_ratio
         (q1, up1, down1), ends1 = _between(source, tube, 0.0, valve_c, valve_b)
         if tube.pressure_pa > chamber.pressure_pa:
@@ -283,7 +283,7 @@ class Line:
 def _between(
     a: Chamber, b: Chamber, crack_pa: float, conductance: float, critical: float
 ) -> tuple[tuple[float, float, float], float]:
-    """Return the signed flow from `a` to `b`, its slopes with respect to both pressures, and their difference."""
+    """Return the flow from `a` to `b` with its slopes with respect to both pressures, and the pressure difference."""
     apart_pa = a.pressure_pa - b.pressure_pa
     if conductance <= 0 or 0 <= apart_pa <= crack_pa:
         return (0.0, 0.0, 0.0), apart_pa
@@ -347,7 +347,7 @@ class Cylinder:
         self.piston_m, self.piston_m_s = self.position_m, self.speed_m_s
 
     def _move_two(self, params: Any, push_n: float, step_s: float) -> None:
-        """Move load and piston coupled by a magnet: both speeds at the end of the step."""
+        """Move load and piston coupled by a magnet; solve for both speeds at the end of the step."""
         self._couple(params)
         coupled = not self.decoupled
         spring_n = params.magnet_n_m * (self.piston_m - self.position_m) if coupled else 0.0
@@ -388,7 +388,7 @@ class Cylinder:
             self.decoupled = 0
 
     def _bumper(self, params: Any, step_s: float) -> tuple[float, float]:
-        """Return the bumper force at the start of the step, and its decrease with speed."""
+        """Return the bumper force at the start of the step, and the decrease of this force per unit of speed."""
         for way, depth_m in (
             (1, params.bumper_m - self.position_m),
             (-1, self.position_m - (params.stroke_m - params.bumper_m)),
@@ -425,7 +425,7 @@ class Supply:
     taken_in_kg: float
 
     def step(self, params: Any, fed: bool, gas: Any) -> None:
-        """Step from the compressor to the manifolds."""
+        """Step all parts of the supply, from the compressor to the manifolds."""
         step_s, critical = gas.step_s, params.critical_ratio
         self._compress(params, step_s)
         main_pa, claw_pa = params.regulated_pa + ATMOSPHERE_PA, params.claw_regulated_pa + ATMOSPHERE_PA
@@ -462,7 +462,7 @@ class Supply:
 
 
 def _regulate(a: Chamber, b: Chamber, wanted_pa: float, conductance: float, params: Any, step_s: float) -> None:
-    """Open the regulator in proportion to the missing pressure, limited to the flow that supplies it within a step."""
+    """Open the regulator in proportion to the pressure deficit, limited to the flow that eliminates it in a step."""
     lacking_pa = wanted_pa - b.pressure_pa
     if lacking_pa > 0:
         opening = conductance * min(1.0, lacking_pa / params.band_pa)

@@ -33,8 +33,8 @@ class Trace:
     """Recorded states.
 
     Attributes:
-        cylinders: Records `CYLINDER`, one row per recorded step, one column per cylinder.
-        supply: Records `SUPPLY`, one per recorded step.
+        cylinders: `CYLINDER` records, one row per recorded step and one column per cylinder.
+        supply: `SUPPLY` records, one per recorded step.
     """
 
     cylinders: NDArray[Any]
@@ -45,11 +45,11 @@ class Bench:
     """Supply with some cylinders.
 
     Attributes:
-        gas: Record `GAS` in an array of one, like all records below.
-        supply: Record `SUPPLY`.
-        supply_params: Record `SUPPLY_PARAMS`.
-        cylinders: Records `CYLINDER`.
-        all_params: Records `CYLINDER_PARAMS`.
+        gas: `GAS` record, as an array of one element.
+        supply: `SUPPLY` record, as an array of one element.
+        supply_params: `SUPPLY_PARAMS` record, as an array of one element.
+        cylinders: `CYLINDER` records, one per cylinder.
+        all_params: `CYLINDER_PARAMS` records, one per cylinder.
         ideal: True if the manifold pressure is constant regardless of consumption.
     """
 
@@ -73,14 +73,14 @@ class Bench:
         self.supply[0]["manifold"]["pressure_pa"] = ATMOSPHERE_PA + gauge_pa
 
     def run(self, for_s: float, coils: Any = OFF, *, fed: Any = True, every: int = 1, skip_rest: bool = False) -> Trace:
-        """Drive the coils.
+        """Drive the coils and return the recorded states.
 
         Args:
             for_s: Duration, s.
             coils: Levels (plus, minus) for all cylinders, one pair per cylinder, or pairs for each step.
             fed: True if the relay energises the dump valve; one value or one per step.
             every: Number of steps per recorded step.
-            skip_rest: True to skip cylinders at rest, like the kernel.
+            skip_rest: True to skip cylinders at rest, as the kernel does.
         """
         steps, count = round(for_s / self.step_s), len(self.cylinders)
         every_coil = np.ascontiguousarray(np.broadcast_to(np.asarray(coils, np.bool_), (steps, count, 2)))
@@ -131,7 +131,7 @@ def _drive(
     seen_supply: Any,
     every: int,
 ) -> None:
-    """Step like the kernel: step the supply and the cylinders, then settle the supply. Cylinder 3 uses claw air."""
+    """Step the supply and the cylinders as the kernel does, then settle the supply; cylinder 3 uses claw air."""
     s, air = supply[0], gas[0]
     for step in range(len(fed)):
         if not ideal:
@@ -181,14 +181,14 @@ def textbook_bench(
     throttle_m3_s_pa: float = 1e-7,
     step_s: float = 0.001,
 ) -> Bench:
-    """Return a bench with one rigid, frictionless cylinder, ideal supply, wide valves and lines; vented, at position 0.
+    """Return a bench with an ideal supply, wide lines and one rigid, frictionless cylinder, vented and at position 0.
 
     Args:
         bore_m: Bore, m.
         rod_m: Diameter of the rod, m.
         stroke_m: Stroke, m.
         load_kg: Moving mass, kg.
-        throttle_m3_s_pa: Meter-out throttles, m3/(s Pa).
+        throttle_m3_s_pa: Conductance of the meter-out throttles, m3/(s Pa).
         step_s: Length of a step, s.
     """
     bench = Bench(1, ideal=True, step_s=step_s)

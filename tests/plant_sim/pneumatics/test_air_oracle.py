@@ -39,7 +39,7 @@ FAULTS: dict[str, tuple[int, tuple[str, ...], float]] = {
 
 
 class Twin:
-    """An arm with its supply, in both implementations."""
+    """Arm with its supply, in both implementations."""
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
@@ -48,7 +48,7 @@ class Twin:
         self.cylinders = [read(Cylinder, record) for record in bench.cylinders]
 
     def run(self, steps: int, coils: tuple[bool, ...], *, fed: bool = True, every: int = 5) -> None:
-        """Step both equally and compare their complete states after every few steps."""
+        """Step both implementations with the same coils and compare their complete states every few steps."""
         trace = self.bench.run(steps * self.bench.step_s, np.reshape(coils, (3, 2)), fed=fed, every=every)
         all_params = [read_params(record) for record in self.bench.all_params]
         supply_params = read_params(self.bench.supply_params[0])
@@ -89,7 +89,7 @@ def random_coils(rng: np.random.Generator) -> tuple[bool, ...]:
     ("seed", "step_s", "thermal"), first_of([(2, 0.001, 1), (3, 0.005, 0), (1, 0.001, 0), (4, 0.0002, 0)], 2)
 )
 def test_both_implementations_agree_under_random_coils(seed: int, step_s: float, thermal: int) -> None:
-    """4000 steps in 10 segments of up to 0.8 s; in about one segment in six, the relay has released the dump valve."""
+    """The test runs 4000 steps in 10 segments; in about one segment in six, the relay de-energises the dump valve."""
     rng = np.random.default_rng(seed)
     bench = machine_bench({"air.thermal": bool(thermal)}, step_s=step_s)
     twin = Twin(bench)
@@ -121,7 +121,7 @@ def test_both_implementations_agree_with_any_fault(
 
 
 def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
-    """A carriage blocked at 0.3 m decouples at 0.8 MPa; passed fast it stays behind, passed slowly it recouples."""
+    """A carriage blocked at 0.3 m decouples at 0.8 MPa; it recouples only if the piston passes it slowly."""
     bench = machine_bench(
         {"supply.pressure_pa": 0.8e6, "supply.compressor_on_pa": 0.9e6, "supply.compressor_off_pa": 1e6}
     )
@@ -142,7 +142,7 @@ def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
 
 
 def test_both_implementations_agree_on_supply_faults() -> None:
-    """The compressor fails, the manifold leaks, the claw check valve leaks; then the compressor is restored."""
+    """The compressor fails, the manifold leaks, and the claw check valve leaks; then the compressor is restored."""
     bench = machine_bench({"supply.receiver_m3": 0.002})
     twin = Twin(bench)
     params = bench.supply_params[0]

@@ -26,7 +26,7 @@ BAR_PA = 1e5
 
 
 def meter_out(gauge_pa: float, load_n: float) -> Any:
-    """Return the records of case V4: a 50/20 cylinder, exhaust C = 0.54 dm3/(s bar), extends 1 m against a load."""
+    """Return the records of case V4: a 50/20 cylinder with exhaust C = 0.54 dm3/(s bar) extends 1 m against a load."""
     bench = textbook_bench(0.050, 0.020, load_kg=1.0, throttle_m3_s_pa=0.54e-8)
     bench.all_params[0]["weight_n"] = -load_n
     bench.feed(gauge_pa)
@@ -62,7 +62,7 @@ def test_v6_back_pressure_of_a_throttled_exhaust(load_n: float, back_bar: float,
     """V6: at 6 bar the back pressure is 5.73 bar abs under 400 N (choked) and 2.70 under 900 N (not choked), +-5 %.
 
     Choked means tube/chamber <= b = 0.3. Source: handbook, docs/sources/plant.md 2. The simulation gives 5.63 and 2.60,
-    because the pressure drop of valve and line is 0.08 bar of the 7.01.
+    because 0.08 bar of the supplied 7.01 bar is lost in valve and line.
     """
     run = meter_out(6 * BAR_PA, load_n)
     line = run[int((run["position_m"] >= 0.9).argmax())]["minus"]
@@ -94,7 +94,7 @@ def test_v8_force_of_a_cylinder(coils: tuple[bool, bool], sign: int, force_n: fl
 def test_v10_air_consumed_by_the_tubes_per_cycle() -> None:
     """V10: tubes of 2 m x 6 mm at 0.5 MPa consume 0.56 L ANR per cycle, +-2 %. Source: SMC chart, plant.md 2.
 
-    The tubes are closed at the chambers. Both fill once per cycle.
+    The tubes are closed at the cylinder, and each is filled once per cycle.
     """
     bench = textbook_bench(0.025)
     bench.feed(0.5e6)
@@ -143,9 +143,9 @@ def trapped(speed_m_s: float = 0.0, friction_n: float = 0.0, *, wall_s: float = 
     ],
 )
 def test_overrun_between_closed_checks(speed_m_s: float, friction_n: float, overrun_mm: float) -> None:
-    """The overruns are those of plant.md 1.9, +-20 %; energy is conserved to 2 % plus half a step of travel.
+    """The overruns are those of plant.md 1.9, +-20 %; energy is conserved to within 2 % plus half a step of travel.
 
-    m v^2 / 2 = F x + k x^2 / 2 with k = 2 n p A^2 / V = 1544 N/m.
+    The energy balance is m v^2 / 2 = F x + k x^2 / 2 with k = 2 n p A^2 / V = 1544 N/m.
     """
     position_m = trapped(speed_m_s, friction_n).run(1.0).cylinders["position_m"][:, 0]
     peak_mm = 1000 * (float(position_m.max()) - 0.3)
@@ -156,7 +156,10 @@ def test_overrun_between_closed_checks(speed_m_s: float, friction_n: float, over
 
 
 def test_the_fastest_overrun_rebounds() -> None:
-    """At 0.4 m/s against 25 N, the peak is 19.8 mm and the final value 12.5 mm, +-5 %. Source: plant.md 1.9."""
+    """At 0.4 m/s against 25 N of friction, the overrun peaks at 19.8 mm and ends at 12.5 mm, +-5 %.
+
+    Source: plant.md 1.9.
+    """
     position_m = trapped(0.4, 25.0).run(2.0).cylinders["position_m"][:, 0]
     assert 1000 * (position_m.max() - 0.3) == pytest.approx(19.8, rel=0.05)
     assert 1000 * (position_m[-1] - 0.3) == pytest.approx(12.5, rel=0.05)
@@ -164,7 +167,7 @@ def test_the_fastest_overrun_rebounds() -> None:
 
 
 def test_a_trapped_load_oscillates_with_constant_amplitude() -> None:
-    """In a minute at +-32 mm without friction or heat, no peak is 1 um above the first or 1 % below it."""
+    """In a minute of lossless oscillation at 32 mm, no peak exceeds the first by 1 um or is 1 % below it."""
     position_m = trapped(0.4).run(60.0).cylinders["position_m"][:, 0] - 0.3
     peaks_m = np.abs(position_m).reshape(120, 500).max(axis=1)
     assert peaks_m[0] == pytest.approx(0.0321, rel=0.01)
@@ -173,7 +176,7 @@ def test_a_trapped_load_oscillates_with_constant_amplitude() -> None:
 
 
 def test_heat_transfer_damps_a_trapped_load() -> None:
-    """With heat transfer to the walls the amplitude decreases every half second, to a tenth after 15 s."""
+    """With heat transfer to the walls, the amplitude decreases every half second, to below a tenth after 15 s."""
     position_m = trapped(0.4, wall_s=0.4).run(20.0).cylinders["position_m"][:, 0] - 0.3
     peaks_m = np.abs(position_m).reshape(40, 500).max(axis=1)
     assert (np.diff(peaks_m) < 0).all()
@@ -182,7 +185,7 @@ def test_heat_transfer_damps_a_trapped_load() -> None:
 
 @pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
 def test_sticking_is_exact(share: float, moves: bool) -> None:
-    """With a force just below static friction not a single bit changes in 20 s; just above it, the load moves."""
+    """Under a force just below static friction, the position is constant for 20 s; just above it, the load moves."""
     bench = trapped(0.0, 90.0)
     bench.all_params[0]["friction"]["coulomb_n"] = 60.0
     bench.all_params[0]["weight_n"] = share * 90.0
@@ -192,7 +195,7 @@ def test_sticking_is_exact(share: float, moves: bool) -> None:
 
 @pytest.mark.parametrize("step_s", [0.001, 0.0002])
 def test_an_arm_at_rest_is_bit_identical(step_s: float) -> None:
-    """In one minute with all coils off and the air on, not one bit of any cylinder changes."""
+    """In one minute with all coils off and the air on, not a single bit of the cylinder records changes."""
     bench = machine_bench(step_s=step_s)
     bench.run(12.0)
     before = bench.cylinders.tobytes()
@@ -201,7 +204,7 @@ def test_an_arm_at_rest_is_bit_identical(step_s: float) -> None:
 
 
 def test_a_stopped_arm_comes_to_rest_and_stays() -> None:
-    """Stopped halfway, slide and lift are at rest within 2 s, and then not a single bit changes for a minute."""
+    """Stopped halfway, slide and lift come to rest within 2 s and keep bit-identical positions for a minute."""
     bench = machine_bench()
     bench.run(1.5, [PLUS, OFF, OFF])
     bench.run(0.4, [PLUS, MINUS, OFF])
@@ -214,7 +217,7 @@ def test_a_stopped_arm_comes_to_rest_and_stays() -> None:
 
 
 def test_skipping_parts_at_rest_has_no_significant_effect() -> None:
-    """The kernel skips cylinders at rest: under random coils positions agree to 0.1 mm, pressures to 1 kPa."""
+    """With and without skipping, positions under random coils agree to 0.1 mm and pressures to 1 kPa."""
     rng = np.random.default_rng(7)
     coils = np.repeat(rng.random((12, 3, 2)) < 0.4, 3000, axis=0)
     all_steps, some_steps = (machine_bench().run(36.0, coils, skip_rest=skip, every=10) for skip in (False, True))
@@ -259,7 +262,7 @@ def test_the_magnet_decouples_at_the_catalogue_force() -> None:
 
 @pytest.mark.parametrize(("throttle_m3_s_pa", "catches"), [(0.4e-9, True), (0.735e-9, False)])
 def test_the_piston_recouples_to_the_carriage_at_low_speed(throttle_m3_s_pa: float, catches: bool) -> None:
-    """Passing a carriage at rest, the piston couples at 0.08 but not at 0.147 m/s; the limit is set to 0.10 m/s."""
+    """Passing a carriage at rest, the piston recouples at 0.08 m/s but not at 0.147 m/s; the limit is 0.10 m/s."""
     bench = machine_bench()
     bench.ideal = True
     bench.feed(0.5e6)
@@ -282,7 +285,7 @@ def test_the_piston_recouples_to_the_carriage_at_low_speed(throttle_m3_s_pa: flo
 
 
 def edges_ms(step_s: float) -> dict[str, float]:
-    """Return the times, ms after their coils, at which slide, lift and claws pass their switch edges both ways."""
+    """Return the times, ms after the coil turns on, at which slide, lift and claws pass their switch edges."""
     bench, band_m = machine_bench(step_s=step_s), MACHINE.slide.switch_band_m
     there = bench.run(5.0, [PLUS, MINUS, MINUS]).cylinders["position_m"]
     back = bench.run(5.0, [MINUS, PLUS, PLUS]).cylinders["position_m"]
@@ -299,9 +302,9 @@ def edges_ms(step_s: float) -> dict[str, float]:
 
 
 def test_half_the_step_hardly_changes_the_arrival_of_slide_and_lift() -> None:
-    """Steps of 1 and 0.5 ms agree within 1 ms, and in the cushion of the lift within 5 ms. Measured: 0.8 and 1.3.
+    """Arrival times with steps of 1 and 0.5 ms agree within 1 ms, or within 5 ms in the cushion of the lift.
 
-    Source of the bounds: docs/sources/plant.md 3.2.
+    The measured differences are 0.8 and 1.3 ms. Source of the bounds: docs/sources/plant.md 3.2.
     """
     whole, half = edges_ms(0.001), edges_ms(0.0005)
     for name, at_ms in whole.items():
@@ -310,8 +313,10 @@ def test_half_the_step_hardly_changes_the_arrival_of_slide_and_lift() -> None:
 
 @pytest.mark.parametrize("step_s", [0.001, 0.005])
 def test_no_volume_of_the_machine_overshoots_or_oscillates_without_motion(step_s: float) -> None:
-    """With pistons held and valves fully open, no pressure overshoots its source or the ambient pressure by more
-    than 1 kPa; with steps of 1 ms, none reverses by more than 1 kPa more than twice between changes of the coils."""
+    """With blocked pistons, no pressure overshoots its source or the ambient pressure by more than 1 kPa.
+
+    With steps of up to 1 ms, no pressure reverses by more than 1 kPa more than twice between changes of the coils.
+    """
     bench = machine_bench(step_s=step_s)
     bench.all_params["blocked"] = 1
     receiver_pa = float(bench.supply[0]["receiver"]["pressure_pa"])

@@ -1,6 +1,6 @@
-"""Flow and chambers compared with the data sheet, closed-form solutions and conservation laws.
+"""Flow and chambers compared with a data sheet, closed-form solutions and conservation laws.
 
-Closed forms use kappa = 1.4 and R T0 = 84149 J/kg of `plant_sim.pneumatics.flow`.
+The closed forms use kappa = 1.4 and R T0 = 84149 J/kg from `plant_sim.pneumatics.flow`.
 """
 
 import math
@@ -109,14 +109,17 @@ def test_the_flow_falls_with_the_downstream_pressure_and_returns_its_slopes(
 
 @pytest.mark.parametrize("at", [0.3, 0.99])
 def test_the_flow_is_continuous(at: float) -> None:
-    """At the critical ratio and at the laminar limit both sides agree to 1e-6 of the choked flow."""
+    """At the critical ratio and at the laminar limit, the flows on either side agree to 1e-6 of the choked flow."""
     below, above = (flow(7e5, 7e5 * (at + eps), 1e-8, 0.3, REFERENCE_K)[0] for eps in (-1e-10, 1e-10))
     assert below == pytest.approx(above, abs=1e-6 * flow(7e5, 0.0, 1e-8, 0.3, REFERENCE_K)[0])
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
 def test_a_closed_chamber_keeps_p_v_to_the_n(exponent: float) -> None:
-    """Compression to half in 500 steps without heat gives p0 2^n to 1e-5 (second order), expansion back p0 to 1e-9."""
+    """Without heat transfer, compression to half in 500 steps gives p0 2^n to 1e-5, and expansion gives p0 to 1e-9.
+
+    The integration is of second order.
+    """
     gas = make_gas(exponent)
     chamber = make_chambers(gas, (200e-6, 3e5))
     way_m3 = np.linspace(200e-6, 100e-6, 501)
@@ -128,8 +131,10 @@ def test_a_closed_chamber_keeps_p_v_to_the_n(exponent: float) -> None:
 
 
 def test_slow_and_fast_are_the_limits_of_the_walls() -> None:
-    """Air with n = 1.2 that is compressed to half follows p V = const if this takes 100 wall time constants,
-    and p V^1.2 = const if it takes a hundredth of one, to within 1 %."""
+    """Compression of air with n = 1.2 to half its volume is isothermal if slow and polytropic if fast, to within 1 %.
+
+    Slow is 100 wall time constants, with p V = const; fast is a hundredth of one, with p V^1.2 = const.
+    """
     for for_s, exponent in ((40.0, 1.0), (0.004, 1.2)):
         gas = make_gas(1.2, 0.4, step_s=for_s / 400)
         chamber = make_chambers(gas, (200e-6, 3e5))
@@ -138,7 +143,7 @@ def test_slow_and_fast_are_the_limits_of_the_walls() -> None:
 
 
 def test_the_energy_balance_is_adiabatic_without_wall_and_isothermal_with_a_large_wall() -> None:
-    """In a compression to half within a second, p V^1.4 is constant to 1e-4 or, with a large wall, p V to 1e-3."""
+    """If air is compressed to half in a second, p V^1.4 is constant to 1e-4 or, with a large wall, p V to 1e-3."""
     for wall_w_m2_k, exponent, tolerance in ((0.0, KAPPA, 1e-4), (1e6, 1.0, 1e-3)):
         gas = make_gas(KAPPA, thermal=True, wall_w_m2_k=wall_w_m2_k)
         chamber = make_chambers(gas, (200e-6, 3e5))
@@ -214,7 +219,7 @@ def test_exchange_conserves_mass_and_energy() -> None:
 def test_any_volume_fills_and_vents_without_overshoot(
     volume_m3: float, conductance_m3_s_pa: float, step_ms: float, gauge_pa: float, thermal: bool
 ) -> None:
-    """For all allowed volumes and conductances, at steps up to 5 ms, pressure overshoots by less than 0.5 %."""
+    """For all allowed volumes and conductances and steps of up to 5 ms, the pressure overshoots by less than 0.5 %."""
     gas = make_gas(KAPPA if thermal else 1.2, 0.4, thermal=thermal, wall_w_m2_k=50.0, step_s=step_ms / 1000)
     full_pa = ATMOSPHERE_PA + gauge_pa
     for main_pa, start_pa in ((full_pa, ATMOSPHERE_PA), (ATMOSPHERE_PA, full_pa)):
@@ -225,7 +230,7 @@ def test_any_volume_fills_and_vents_without_overshoot(
 
 
 def test_settled_air_is_bit_identical() -> None:
-    """During a minute with an open valve between equal pressures nothing changes once the air has settled."""
+    """Once the air has settled, nothing changes during a minute with an open valve between equal pressures."""
     gas = make_gas(1.2, 0.4)
     chambers = make_chambers(gas, (1e-4, ATMOSPHERE_PA), (1e-5, ATMOSPHERE_PA))
     join(chambers, gas, 1e-8, 0.3, 1000, False, np.empty((1000, 2)))

@@ -123,11 +123,10 @@ def test_the_claw_reservoir_retains_its_pressure_after_the_main_is_lost() -> Non
 
 
 def test_air_returns_softly_and_moves_nothing() -> None:
-    """After a stop the manifold pressure rises no faster than by choked flow. The soft-start valve opens fully at
-    half of the upstream pressure; no cylinder moves by more than the travel of its bumper.
+    """After a stop, the manifold pressure rises no faster than choked flow allows, and no cylinder moves.
 
-    Choked: dp/dt = n R T C rho0 p_header / V with n = 1.2 and C = 2e-9 through 0.3 L: 0.48 MPa/s, at most
-    1.25 times that while the air warms.
+    The soft-start valve opens fully at half of the upstream pressure. Choked flow of C = 2e-9 into 0.3 L with n = 1.2
+    gives dp/dt = n R T C rho0 p_header / V = 0.48 MPa/s, and up to 1.25 times that while the air warms.
     """
     bench = settled_bench()
     bench.run(5.0, OFF, fed=False)

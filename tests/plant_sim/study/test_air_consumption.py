@@ -137,8 +137,9 @@ def test_the_formula_matches_the_air_of_a_trial(
     """The formula and the recorded flow agree within 1/8 for each drive, and within 1/20 for their sum.
 
     The strokes of the claws are complete. Slide and lift retain air behind their check valves, which the formula omits.
-    The slide deviates most: homing ends by pressing it to feed, and its next inward stroke works against that pressure;
-    the formula includes only the tube. One tray is too short to average this out.
+    The slide deviates most: homing ends with the slide pressed to feed, for which the formula includes only the air in
+    the tube, and the next inward stroke works against the remaining pressure. One tray is too short to average this
+    out.
     """
     report = air_of(trial[0])
     assert report.drives["claws"].difference == pytest.approx(0.0, abs=0.02)

@@ -142,7 +142,7 @@ def test_an_invalid_machine_is_rejected(values: dict[str, float], complaint: str
 
 
 def test_a_time_of_the_program_is_set_in_its_steps() -> None:
-    """A time set-point is parsed and displayed in ms."""
+    """A time in ms is converted to the counts of its set-point, which are 10 or 100 ms."""
     assert [
         study_parameter(name, MACHINE).setting(4000.0) for name in ("program.release_delay", "program.no_cups")
     ] == [400, 40]

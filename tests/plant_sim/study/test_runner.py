@@ -114,7 +114,7 @@ def test_incomplete_trials_are_counted_and_the_first_are_listed() -> None:
 
 
 def test_workers_run_in_separate_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One worker runs in the calling process, two run in other processes."""
+    """One worker runs in the calling process; two workers run in other processes."""
     monkeypatch.setattr(runner, "run_trial", process_id)
     here: list[list[object]] = list(map(list, options().run(SETTINGS)))
     assert here == [[os.getpid()], [os.getpid()]]
@@ -172,7 +172,7 @@ def test_an_invalid_number_of_seedlings_is_rejected(monkeypatch: pytest.MonkeyPa
 
 
 def test_jobs_are_distributed_in_order_with_an_unpicklable_progress() -> None:
-    """The progress function of a terminal bar cannot be sent to another process."""
+    """A progress function that cannot be sent to another process, such as that of a terminal bar, reports every job."""
     lock, reported = threading.Lock(), []
 
     def see(done: int, total: int) -> None:

@@ -77,7 +77,7 @@ STOPS = declared_stops()
 def sampled(stops: Sequence[Stop], share: int, of: int) -> list[ParameterSet]:
     """Return test parameters for every step; one fraction of them runs by default, the others with ``--nightly``.
 
-    The same step of the two arms never falls into the same fraction.
+    Corresponding steps of the two arms are never in the same fraction.
 
     Args:
         stops: The steps.
@@ -112,8 +112,8 @@ class Route:
     """Route to a step.
 
     Attributes:
-        set_points: Set-points that the step needs.
-        trays: Number of trays in the magazine and of trays to empty.
+        set_points: Set-points required to reach the step.
+        trays: Number of trays in the magazine, all of which are to be emptied.
         lead: Action that brings the machine to the point from which the step follows automatically; by default a plain
             run up to the end of row 1.
         restore: Action that restores the machine after the route.
@@ -164,7 +164,7 @@ def run_to(step: str) -> Act:
 
 
 def overrun(twin: Twin, side: Side) -> None:
-    """Nudge the slide out of its row while it settles."""
+    """Move the slide off its row position while it settles there."""
     run_to("settle at row")(twin, side)
     arm = arm_of(twin, side)
     arm.place(x_m=arm.slide.x_m + NUDGE_M)
@@ -178,7 +178,7 @@ def stop_over_standing_cups(twin: Twin, side: Side) -> None:
 
 
 def homing_after(step: str, into_ms: int, *, discard: bool = False) -> Act:
-    """Return an action that presses the emergency stop some time into a step of row 2, clears it and starts homing."""
+    """Return an action that triggers an emergency stop during a step of row 2, clears it and starts homing."""
 
     def act(twin: Twin, side: Side) -> None:
         run_to(step)(twin, side)
@@ -237,7 +237,7 @@ def fill_the_magazine(twin: Twin) -> None:
 
 
 def meet_a_tray_in_the_index(twin: Twin, side: Side) -> None:
-    """Block the front edge sensor in the gap behind the first tray."""
+    """Make the front edge sensor read blocked while the feeder indexes over the gap behind the first tray."""
     run_row_1(twin, side)
     until_step(twin, "tray feeder", "index", within_ms=60_000)
     twin.plant.conveyor.beam.stuck = True

@@ -1,7 +1,7 @@
 """Effect of poor machine motion on seedlings: each defect increases one kind of failure and no other.
 
-Complete trials of one tray on the twin. Seeds are the same as in the undisturbed trials, so the seedlings are identical
-and differences come from the motion only.
+The tests run complete trials of one tray on the twin. The seeds are the same as in the undisturbed trials, so the
+seedlings are identical and differences are due to the motion only.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ def test_the_undisturbed_machine_matches_the_optimum_of_the_paper() -> None:
     first_of([(20.0, 0.0065, 2.0, 20), (40.0, 0.005, 1.0, 1), (10.0, 0.0075, 3.0, 100)]),
 )
 def test_slide_overrun_increases_pick_failures_only(brake_n: float, band_m: float, more_mm: float, more: int) -> None:
-    """A worn brake, hidden by long switch bands, makes the claws close beside the stems.
+    """A worn brake, masked by long switch bands, makes the claws close beside the stems.
 
     Seedlings that are not picked can neither break nor miss the cups, so carry and throw failures do not increase.
     """

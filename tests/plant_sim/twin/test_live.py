@@ -1,4 +1,4 @@
-"""Signal handling of the live run, without processes."""
+"""Signal handling of the live run, tested without starting processes."""
 
 from __future__ import annotations
 

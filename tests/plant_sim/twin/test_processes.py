@@ -1,4 +1,4 @@
-"""Both programs as processes on loopback: errors, a trial over Modbus, a killed controller, Ctrl-C."""
+"""Controller and plant as processes on loopback: errors, a trial over Modbus, a killed controller, and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -307,7 +307,7 @@ class TcpMachine:
 
 @pytest.mark.parametrize("trays", first_of([1, 2]))
 def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int) -> None:
-    """In lock step, sockets and two processes give the same events and the same seedling counts."""
+    """In lock step, a trial of two processes over Modbus has the same events and counts as one in a single process."""
     with ExitStack() as stack:
         _, port = stack.enter_context(
             plant_process("--lock-step-ms", str(SCAN_MS), "--seed", "7", "--trays", str(trays))
@@ -381,7 +381,7 @@ def test_two_presses_of_a_button_stay_distinct() -> None:
 def test_the_watchdog_switches_outputs_off_when_the_controller_is_killed_or_hangs(
     tmp_path: Path, stroke: signal.Signals
 ) -> None:
-    """If the controller is killed or stopped while an arm moves, the plant's watchdog trips at its plant-time limit."""
+    """If the controller is killed or suspended while an arm moves, the watchdog trips after its limit in plant time."""
     watchdog_ms = 500
     with (
         plant_process("--watchdog-ms", str(watchdog_ms)) as (_, port),

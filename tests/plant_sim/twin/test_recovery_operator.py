@@ -75,7 +75,10 @@ def test_repairing_a_missing_fault_is_an_error() -> None:
 
 @pytest.mark.parametrize("opened", [False, True])
 def test_the_loaded_question_is_answered_from_the_claws(opened: bool) -> None:
-    """After a power loss with closed claws, opened manually or not, the answer is correct and no seedling is lost."""
+    """After a power loss with closing claws, the answer is correct and no seedling is lost.
+
+    This includes claws that are opened manually before the answer.
+    """
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "close claws")
@@ -116,7 +119,7 @@ def test_homing_continues_after_its_question_is_answered() -> None:
 
 
 def test_a_machine_with_a_remaining_fault_is_not_homed() -> None:
-    """With a lift still jammed, homing ends in its alarm, and recovery fails, reporting the situation."""
+    """With a lift still jammed, homing ends in an alarm, and recovery fails with a message that describes the state."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 2)
     until_step(twin, "left arm", "lift from row")

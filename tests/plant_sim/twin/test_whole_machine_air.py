@@ -32,10 +32,10 @@ LINES = ("plus", "minus")
 
 
 def test_air_mass_is_conserved() -> None:
-    """Stored plus compressed air equals stored plus exhausted air over two trays with an emergency stop.
+    """Over two trays with an emergency stop, the change in stored air is the air delivered less the air exhausted.
 
-    The requirement is 0.1 % of the compressor delivery. Masses are moved between chambers, so the balance holds to
-    rounding.
+    The requirement is 0.1 % of the compressor delivery. Masses are only moved between chambers, so the balance is exact
+    except for rounding.
     """
     twin = Twin(set_points={"trays_target": 2})
     twin.home()
@@ -56,7 +56,7 @@ def test_air_mass_is_conserved() -> None:
 
 
 def test_a_machine_at_rest_does_not_change() -> None:
-    """With all coils off, not a single bit of the state of arms and conveyor changes in ten minutes; no air leaves."""
+    """With all coils off, the states of arms and conveyor are equal after ten minutes, and no air is exhausted."""
     twin = Twin()
     plant = twin.plant
     plant.planting_frequency_per_min = 0.0

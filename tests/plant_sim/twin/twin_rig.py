@@ -106,7 +106,7 @@ def arm_of(twin: Twin, side: Side) -> ArmPlant:
 
 
 def free(device: Device) -> None:
-    """Clear a jam with the trapped air vented, as an operator must; otherwise the part would jump."""
+    """Clear a jam after venting the trapped air, as an operator must; otherwise the part would jump."""
     if isinstance(device, Cylinder):
         device.place(device.position_m)
     device.jammed = False
@@ -126,7 +126,7 @@ def at_initial_state(twin: Twin, side: Side) -> bool:
 
 
 def is_parked_loaded(twin: Twin, side: Side) -> bool:
-    """Return whether an arm is at feed, up, with closed claws."""
+    """Return whether an arm is at feed and up with closed claws."""
     sensors = arm_of(twin, side).sensors
     return sensors["slide_at_feed"].read() and sensors["lift_up"].read() and arm_of(twin, side).claws.gripping
 

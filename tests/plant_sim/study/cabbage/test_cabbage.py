@@ -177,7 +177,7 @@ def test_the_plots(studies: dict[str, Study]) -> None:
 
 
 def test_the_optimum_of_the_paper_is_marked_at_its_setting(studies: dict[str, Study]) -> None:
-    """The markers differ for the 2.9 and 2.83 % stated in [K] and for the predictions of the refitted models."""
+    """The 2.9 and 2.83 % stated in [K] and the predictions of the refitted models have different markers."""
     for study in studies.values():
         (picture,) = (part for part in study.parts if isinstance(part, Picture) and part.name == "pareto-front")
         drawn = {line.get_label(): np.asarray(line.get_xydata()) for line in picture.figure.axes[0].lines}
@@ -186,7 +186,7 @@ def test_the_optimum_of_the_paper_is_marked_at_its_setting(studies: dict[str, St
 
 
 def test_the_slices_contain_the_smallest_response(studies: dict[str, Study]) -> None:
-    """The marker of that response is filled in every panel because the third factor is held at its level there."""
+    """The marker of the smallest response is filled in every panel: the third factor has the level of that point."""
     for study in studies.values():
         for name in ("Y1", "Y2"):
             (picture,) = (
@@ -205,7 +205,7 @@ def test_the_number_of_matching_figures_is_listed_with_the_data(studies: dict[st
 
 
 def test_a_lack_of_fit_is_reported_first(studies: dict[str, Study]) -> None:
-    """The model of Y1 has a lack of fit for the printed data; the reconciled data have none, as in the paper."""
+    """The model of Y1 has a lack of fit for the printed data but, as in the paper, not for the reconciled data."""
     assert str(studies["printed"].parts[0]).startswith("Y1, full quadratic: the model does not fit (lack of fit P 0.04")
     assert "the model does not fit" not in studies["reconciled"].text()
 

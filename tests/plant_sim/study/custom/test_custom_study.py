@@ -347,7 +347,10 @@ def test_percentages_are_pooled_and_get_the_exact_binomial_interval() -> None:
 
 @pytest.mark.parametrize(("count", "share"), [("in_cups", "S"), ("P", "F_p"), ("D", "F_d"), ("T", "F_t")])
 def test_a_number_of_seedlings_has_the_interval_of_its_share(count: str, share: str) -> None:
-    """The interval is multiplied by the seedlings per trial; for 3 and 5 seedlings Student's t would give ± 12.7."""
+    """The interval of the share is multiplied by the number of seedlings per trial.
+
+    For 3 and 5 seedlings, Student's t distribution would give ± 12.7.
+    """
     trials = [report(**{count: 3}, seedlings=144), report(**{count: 5}, seedlings=144)]
     found, part = estimate(count, trials), estimate(share, trials)
     assert found.mean == pytest.approx(4.0)
@@ -532,7 +535,7 @@ def test_counts_have_a_unit(tmp_path: Path) -> None:
 
 
 def test_a_small_study_runs_on_the_twin(tmp_path: Path) -> None:
-    """These are real trials: at half the cup frequency an arm waits longer for cups."""
+    """In real trials, an arm waits longer for cups at half the planting frequency."""
     text = edited(
         "crop.claw_pressure_mpa: {low: 0.3, high: 5 bar}", "cups.planting_frequency_per_min: {low: 30, high: 1 /s}"
     )

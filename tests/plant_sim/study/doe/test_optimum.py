@@ -46,7 +46,7 @@ def peak(sd: float, seed: int) -> Fit:
 
 
 def test_the_interval_of_the_location_of_an_optimum_has_its_coverage() -> None:
-    """For each factor, nominally 95 % of 30 intervals contain the optimum; fewer than 25 are very unlikely."""
+    """For each factor, nominally 95 % of 30 intervals contain the optimum; fewer than 25 of 30 is very unlikely."""
     held = np.zeros(2)
     for seed in range(30):
         low, high = best_location_interval(peak(0.5, seed), LOW, HIGH)

@@ -1,4 +1,4 @@
-"""Calibration of the seedling in machine.yaml against eq. 5 and every statement of the paper."""
+"""Calibration of the seedling parameters in machine.yaml against eq. 5 and every statement of the paper."""
 
 import dataclasses
 import json
@@ -80,7 +80,7 @@ def test_the_nominal_motion_is_the_motion_of_the_twin(motion: NominalMotion) -> 
 
 
 def test_foam(motion: NominalMotion) -> None:
-    """Up to 7.5 mm, pick failures are rare and carry failures frequent; from 15 mm on, the reverse.
+    """Up to 7.5 mm, pick failures are rare and carry failures frequent; from 15 mm, the reverse is true.
 
     Throw failures hardly change.
     """
@@ -136,7 +136,7 @@ def test_the_residuals_of_the_statements_are_small(motion: NominalMotion) -> Non
 
 @pytest.mark.nightly
 def test_the_fit_converges_to_the_values_of_the_file_from_another_start(motion: NominalMotion) -> None:
-    """A fit from the middle of all bounds gives the same constants to within 1 % of their range."""
+    """A fit that starts at the midpoint of all bounds gives the same constants to within 1 % of their range."""
     found = calibrate(middle(SPEC), motion)
     for name, (low, high) in FITTED.items():
         assert getattr(found, name) == pytest.approx(getattr(SPEC, name), abs=0.01 * (high - low)), name

@@ -139,7 +139,7 @@ def test_a_sufficient_compressor_pressure_is_unchanged() -> None:
 
 @pytest.mark.parametrize("mpa", [0.60, 0.65, 0.75])
 def test_the_fingers_reach_the_force_of_every_pressure(mpa: float) -> None:
-    """The force is that of 0.39 N m at 0.5 MPa with a lever of 40 mm."""
+    """The force follows from a moment of 0.39 N m at 0.5 MPa, in proportion to the pressure, and a lever of 40 mm."""
     rows = observed_rows(setting_of((12.5, 52, mpa), MACHINE).machine(MACHINE))
     assert [row.force_n for row in rows] == pytest.approx([0.78 * mpa / 0.040] * len(rows), rel=1e-3)
     assert len(rows) >= 12
@@ -267,9 +267,10 @@ def test_single_lists_every_share_of_every_level(no_chance: Expected) -> None:
 
 
 def test_verdicts_on_all_statements_without_random_scatter() -> None:
-    """All but two statements hold for the expected failure rates and 144000 seedlings per level.
+    """All but two statements are true of the expected failure rates with 144000 seedlings per level.
 
-    Throw failures rise with the foam, from 0.1 to 2.7 %, and carry failures never fall with the pressure.
+    The exceptions: throw failures rise with the foam thickness, from 0.1 to 2.7 %, and carry failures never fall with
+    the pressure.
     """
     study = typical(single_study)
     for name, sentences in STATEMENTS.items():
@@ -457,7 +458,7 @@ def test_rsm_runs_table_4_and_the_verification(no_chance: Expected) -> None:
 
 
 def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper() -> None:
-    """The optima agree within 1 mm, 2 d and 0.03 MPa, and the coefficients within 1 point; success is about equal."""
+    """The optima agree within 1 mm, 2 d and 0.03 MPa, success rate and coefficients within 0.5 percentage points."""
     study = typical(rsm_study)
     record = json.loads(study.json())
     twin, paper = record["optimum"], record["paper_optimum"]
@@ -474,7 +475,7 @@ def test_the_optimum_without_random_scatter_is_that_of_the_data_of_the_paper() -
 
 
 def test_rsm_compares_paper_refit_and_twin() -> None:
-    """Every table contains the figures of the record under the right heading."""
+    """Every table contains the values of the record under the correct heading."""
     study = typical(rsm_study)
     record, found = json.loads(study.json()), tables(study)
     assert list(found) == ["runs", "coefficients", "anova", "optimum", "verification"]
@@ -569,7 +570,7 @@ def test_single_reports_contradicted_statements_first() -> None:
 def test_the_verification_compares_every_trial_with_those_of_the_paper(
     monkeypatch: pytest.MonkeyPatch, no_chance: Expected
 ) -> None:
-    """The paper has five trials; the twin has three others, their mean and the interval for all seedlings."""
+    """The table lists five trials of the paper, three of the twin and their means; the text gives the interval."""
     usual = no_chance(seed=1, seedlings=MANY, parameters=MACHINE)
     lucky = {trial_seed(5, 20, number): one for number, one in enumerate((usual, trial(0, 0, 0, of=MANY), usual))}
 

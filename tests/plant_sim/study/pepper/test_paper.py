@@ -1,4 +1,4 @@
-"""Analysis of the data of the pepper paper: equation, table, optimum, and reported discrepancies."""
+"""Analysis of the pepper paper's data: equation, table, optimum, and reported discrepancies."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_equal_studies_write_identical_files(tmp_path: Path) -> None:
 
 
 def test_a_third_column_is_added_to_paper_and_refit(fitted: Fit) -> None:
-    """The column contains a fit of other data, for example of the twin."""
+    """The column contains a fit of other data, for example those of the twin."""
     columns = {"paper": equation_5().coefficients, "refit": fitted.values, "twin": {"1": 93.0, "X1": -2.0}}
     shown = coefficients(columns, fitted)
     assert shown.heading == ("term", "paper", "refit", "twin", "standard error", "P")

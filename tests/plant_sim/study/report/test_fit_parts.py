@@ -67,7 +67,7 @@ def test_the_colour_scale_of_a_share_ends_at_its_limits(
 
 
 def test_a_marker_is_filled_only_on_the_slice_of_its_point() -> None:
-    """The best point defines the slice; the other point differs from it only in the third factor."""
+    """The best point defines the slice; the other point differs only in the third factor."""
     surface = Polynomial({"1": 10.0, "X1": 1.0, "X3": 7.0})
     marks = {"best": np.array([0.5, 0.5, 0.5]), "other": np.array([0.5, 0.5, -1.0])}
     figure = contours(surface, FACTORS, response="S, %", held=[0.5] * 3, reach=[1.5] * 3, marks=marks)

@@ -232,7 +232,7 @@ def test_an_invalid_folder_is_rejected_before_the_study_runs(tmp_path: Path, mon
 def test_a_failed_write_leaves_no_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: Exception, empty_there: bool
 ) -> None:
-    """If the disk is full at the last plot, no partial folder remains, and the error is one line."""
+    """If the disk is full at the last plot, no partial folder remains, and the error message is one line."""
     folder = tmp_path / "out"
     if empty_there:
         folder.mkdir()

@@ -38,7 +38,7 @@ def line(
     right_in_centre: tuple[tuple[int, int], ...] = (),
     row: int = 1,
 ) -> Timeline:
-    """Return a timeline in which the left arm released at 0 ms and approaches one row only."""
+    """Return a timeline in which the left arm has released a row at 0 ms and approaches only one row."""
     sets_out = {each.from_ms: row for each in intervals(ARM["left"], left) if each.step == "approach row"}
     return Timeline(
         intervals={
@@ -96,7 +96,7 @@ def test_a_wait_for_the_centre_continues_with_the_other_arm() -> None:
 
 
 def test_the_centre_blocks_row_three_only() -> None:
-    """A wait before row 2 is on the path as a wait, even while the other arm is in the centre."""
+    """A wait before row 2 is attributed to the waiting arm, even if the other arm is in the centre."""
     timeline = line(
         [("converge", 100), ("wait at feed", 410), ("approach row", 700)],
         [("slide to feed", 600)],
@@ -148,7 +148,7 @@ def test_a_path_outside_the_recording_is_rejected() -> None:
 
 
 def steps_of(sequence: str) -> st.SearchStrategy[Steps]:
-    """Return a strategy for steps of a sequence with a total of 1 s."""
+    """Return a strategy for the steps of a sequence, with a total duration of 1 s."""
     ends = st.lists(st.integers(1, 99), max_size=8, unique=True).map(lambda times: [*sorted(times), 100])
     return ends.flatmap(
         lambda times: st.lists(
@@ -189,7 +189,7 @@ def test_any_path_is_contiguous_and_complete(
 def observed_rounds(
     frequency_per_min: float, throttled: str = "", share: float = 1.0, row_spacing_m: float = 0.6
 ) -> dict[Side, tuple[Round, ...]]:
-    """Return the rounds of two trays with the throttles of a device reduced to a fraction."""
+    """Return the rounds of a run with two trays and with the throttles of a device reduced to a fraction."""
     machine = load_machine()
     names = {
         "slide": ("slide.throttle_conductance_m3_s_pa",),

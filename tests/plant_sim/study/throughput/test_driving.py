@@ -38,7 +38,7 @@ def limits(without_gap: int | None) -> FrequencyLimits:
 def advised(
     monkeypatch: pytest.MonkeyPatch, limit: int | None, bad: dict[int, TrialReport], options: RunOptions = OPTIONS
 ) -> tuple[list[FrequencyResult], Advice | None]:
-    """Return the recommendation below a limit, with a bad last trial at some frequencies."""
+    """Return the tested frequencies and the recommendation for a limit; some frequencies have one bad trial."""
 
     def points(options: RunOptions, frequencies: Sequence[int]) -> list[FrequencyResult]:
         good = [trial()] * (options.trials - 1)

@@ -82,7 +82,7 @@ def test_plugs_land_in_the_middle_while_the_cup_sensor_is_far_enough_ahead(frequ
 
 
 def test_plugs_land_late_but_in_their_cups_up_to_90_per_minute() -> None:
-    """The delay is zero, so the offset grows with the speed of the chain."""
+    """The release delay cannot be negative, so the landing offset grows with the chain speed."""
     offsets = [landing_offset_mm(MACHINE, setting_at(MACHINE, frequency)) for frequency in (60, 75, 90)]
     assert 0 < offsets[0] < offsets[1] < offsets[2] < 1000 * MACHINE.cups.catch_m
     assert setting_at(MACHINE, 90).set_points() == {"release_delay": 0, "no_cups": 20}
@@ -127,7 +127,7 @@ def test_bisection_finds_the_limit_with_the_fewest_tests(tried: set[int], limit:
 
 
 def test_the_search_continues_below_the_first_frequency() -> None:
-    """If 54 and 55 are bad, the result is 52 if it is good, and None if the slowest frequency is bad too."""
+    """If 54 and 55 are bad, the result is the highest good frequency below them, or None if even the slowest is bad."""
     assert highest((54, 55), lambda frequency: frequency <= 52) == 52
     assert highest((54, 55), lambda frequency: frequency <= SLOWEST_PER_MIN) == SLOWEST_PER_MIN
     assert highest((54, 55), lambda _: False) is None
@@ -143,7 +143,7 @@ def test_at_45_per_minute_no_cup_is_missed_and_every_row_has_a_margin() -> None:
 
 
 def test_at_90_per_minute_gaps_remain_in_the_settled_state() -> None:
-    """Every row is late, with and without tray change; both cases have a bottleneck with a chart."""
+    """Rounds with and without a tray change are late, and the bottleneck of each kind is identified."""
     pace = paces()(90)
     assert pace.completes
     assert pace.settled_missed_cups > 1
@@ -236,7 +236,7 @@ def test_a_trial_can_be_repeated_with_its_seed_and_setting() -> None:
 
 
 def test_the_longest_motion_is_a_single_motion_of_one_arm() -> None:
-    """Motions of the same name of both arms are not summed; the wait excludes the motions of the waiting arm."""
+    """Motions of the same name on different arms are not summed; the wait excludes motions of the waiting arm."""
     found = first_late({90: paces()(90)}, changes_tray=False)
     assert found is not None
     moving = [each.length_ms for each in found.round.path if each.motion.kind == "moves"]
@@ -259,7 +259,7 @@ def test_the_longest_motion_is_a_single_motion_of_one_arm() -> None:
 
 
 def test_air_and_success_are_those_of_the_trials() -> None:
-    """Air per seedling is the air of the trial, from power-up to its end, divided by 72."""
+    """Air per seedling is the air consumed in the trial, from power-up to the end, divided by 72."""
     for point in json.loads(study().json())["points"]:
         assert point["S_low"] < point["S"] < point["S_high"]
         assert point["S_sd"] is None

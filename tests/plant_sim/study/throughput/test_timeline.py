@@ -76,7 +76,7 @@ def test_the_intervals_match_the_active_steps_after_every_scan() -> None:
 
 @pytest.mark.parametrize("release_delay", [0, 6])
 def test_each_arm_throws_three_rows_twelve_cups_apart(release_delay: int) -> None:
-    """This also holds for a release delay of zero, whose step is never active after a scan."""
+    """Throws are twelve cups apart even with a release delay of zero, whose step is never active after a scan."""
     timeline, _ = recorded(release_delay)
     for side in SIDES:
         assert [throw.row for throw in timeline.throws[side]] == [1, 2, 3]
@@ -118,7 +118,7 @@ def test_dwells_last_their_set_point_plus_at_most_one_scan() -> None:
     )
 )
 def test_intervals_of_any_steps_have_no_gap_and_no_overlap(scans: list[tuple[int | None, ...]]) -> None:
-    """This holds for any sequence of steps per scan, including scans without a step."""
+    """For any active steps in each scan, the intervals match these steps and do not overlap."""
     sequences = {each.name: each for each in TWIN.machine.program.sequences()}
     names = ("left arm", "right arm")
     states, recorder = TWIN.plc.memory.S, TimelineRecorder()
