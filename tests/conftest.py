@@ -1,4 +1,4 @@
-"""Set-up of the test run: compile the plant and the program, and select the default arm of tests for both arms."""
+"""Test set-up: compilation of the plant and the program, and choice of the arm for tests that exist for both arms."""
 
 import gc
 from pathlib import Path

@@ -25,5 +25,5 @@ def give_machine_code(package: Path, cache: Path) -> None:
 
 
 def _stored_name(folder: Path) -> str:
-    """Return the name of the folder in which numba stores the machine code of the sources in a folder."""
+    """Return the name of the folder in which numba stores the machine code for a source folder."""
     return f"{folder.name}_{sha1(str(folder).encode(), usedforsecurity=False).hexdigest()}"

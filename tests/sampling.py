@@ -7,7 +7,7 @@ from _pytest.mark import ParameterSet
 
 
 def first_of(values: Iterable[object], count: int = 1) -> list[ParameterSet]:
-    """Return parameters of which the first `count` run by default and the others only with ``--nightly``.
+    """Return parameters, of which only the first `count` run without ``--nightly``.
 
     Args:
         values: Parameters; a tuple contains the values of several arguments.
@@ -17,7 +17,7 @@ def first_of(values: Iterable[object], count: int = 1) -> list[ParameterSet]:
 
 
 def one_in(every: int, values: Iterable[object]) -> list[ParameterSet]:
-    """Return parameters of which one in `every`, starting with the first, runs by default; the others run nightly."""
+    """Return parameters, of which only one in `every`, starting with the first, runs without ``--nightly``."""
     return [_parameter(value, by_default=n % every == 0) for n, value in enumerate(values)]
 
 

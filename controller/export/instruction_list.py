@@ -1,8 +1,8 @@
 """Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
 
-Sequences become STL steps, requests remain relays, Y is written once in the last block, and annunciators become ANS
-instructions. A separate block contains the functions that the soft PLC performs outside the program: it resets
-all states, writes the initial set-points and switches M8049 on.
+Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators become
+ANS instructions. A separate block contains the functions that the soft PLC performs outside the program: it resets all
+states, writes the initial set-points and switches M8049 on.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
 
 
 def acting(program: Program) -> Program:
-    """Return the part of a program that influences Y, without registers used only for information.
+    """Return the part of a program that influences Y, excluding registers used only for information.
 
     A sequence is either included completely or omitted.
     """
@@ -189,9 +189,10 @@ class _ListWriter:
         return {str(device): device.name for device in self._program.devices() if device.name}
 
     def _first_values(self, done: int) -> None:
-        """Write the initialisation of the soft PLC: steps and alarms off at power-up, initial values of set-points.
+        """Write the power-up initialisation of the soft PLC: reset steps and alarms, and set the initial set-points.
 
-        An FX2N retains S500 to S999 through a loss of power; the program detects faults again.
+        The reset is required because an FX2N retains S500 to S999 through a loss of power. Faults that persist are
+        detected again.
         """
         self._titles[len(self._list)] = "power-up"
         self._add("LD", DeviceOperand("M", ALWAYS))

@@ -67,7 +67,7 @@ def structured_text(program: Program, *, name: str = "transplanter") -> str:
 
 
 class _TextWriter:
-    """Writer of the statements, line by line."""
+    """Line-by-line writer of the statements."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
@@ -94,7 +94,7 @@ class _TextWriter:
             self._add(f"{self._var(clock)} := (now_ms MOD 1000) < 500;")
 
     def _end(self) -> None:
-        """Reset the steps that were left, and perform the END functions of the soft PLC."""
+        """Write the statements that reset the steps that were left and perform the END functions of the soft PLC."""
         self._add("", "(* END *)")
         for sequence in self._program.sequences():
             for bit, _ in sequence:
@@ -262,7 +262,7 @@ class _TextWriter:
         return self._condition(expr) if bare else f"({self._condition(expr)})"
 
     def _number(self, operand: Word | int, type_: str) -> str:
-        """Return a number or word converted to this type; Structured Text has no implicit conversion."""
+        """Return a number or word as text, converted to the given type; Structured Text has no implicit conversion."""
         if isinstance(operand, int):
             return str(operand)
         word_type = _word_type(operand)

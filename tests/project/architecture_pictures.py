@@ -60,7 +60,7 @@ def imported(tree: ast.Module) -> Iterator[str]:
 
 
 def imports() -> dict[str, set[str]]:
-    """Return the packages that each package imports, except itself."""
+    """Return the packages that each package imports, excluding itself."""
     uses: dict[str, set[str]] = {}
     for side in SIDES:
         for path in sorted((ROOT / side).rglob("*.py")):
@@ -72,7 +72,7 @@ def imports() -> dict[str, set[str]]:
 
 
 def layers(side: str) -> list[list[str]]:
-    """Return the packages of one side by layer, as import-linter checks them, without `__main__`."""
+    """Return the packages of one side by layer, as import-linter checks them, excluding `__main__`."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = project["tool"]["importlinter"]["contracts"]
     (contract,) = [entry for entry in contracts if entry["name"] == CONTRACTS[side]]
@@ -105,12 +105,12 @@ def svg(width: int, height: int, title: str, parts: Sequence[str]) -> str:
 
 
 def text(x: float, y: float, words: str, kind: str = "", anchor: str = "middle") -> str:
-    """Return a text element."""
+    """Return an SVG text element."""
     return f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}" class="{kind}">{escape(words)}</text>'
 
 
 def box(x: float, y: float, width: float, height: float, kind: str = "box") -> str:
-    """Return a rectangle."""
+    """Return an SVG rectangle."""
     return f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="4" class="{kind}"/>'
 
 
@@ -206,7 +206,7 @@ def scan() -> str:
 
 
 def called(name: str) -> list[str]:
-    """Return the `step_` and `settle_` functions that a kernel function calls, in order, each once."""
+    """Return the `step_` and `settle_` functions that a kernel function calls, in order, without duplicates."""
     source = (ROOT / "plant_sim/machine/kernel.py").read_text(encoding="utf-8")
     (function,) = [
         node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef) and node.name.strip("_") == name

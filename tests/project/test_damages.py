@@ -169,7 +169,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def planted(damage: Damage, root: Path) -> Iterator[None]:
-    """Damage a file of a source tree during the block, and restore it at the end."""
+    """Damage a file of a source tree during the `with` block, and restore it at the end."""
     path = root / damage.file
     text = path.read_text(encoding="utf-8")
     path.write_text(damage.applied_to(text), encoding="utf-8")

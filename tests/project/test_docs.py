@@ -44,13 +44,13 @@ def read(path: Path) -> str:
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    """Return the fenced blocks of one language, without their common indentation."""
+    """Return the fenced blocks of one language, with their common indentation removed."""
     fenced = re.findall(rf"^ *```{language}\n(.*?)^ *```$", read(page), re.DOTALL | re.MULTILINE)
     return [textwrap.dedent(block) for block in fenced]
 
 
 def prose(page: Path) -> str:
-    """Return the text of a page without code."""
+    """Return the text of a page, excluding code."""
     return re.sub(r"`[^`]*`", "", re.sub(r"^ *```.*?^ *```$", "", read(page), flags=re.S | re.M))
 
 
@@ -252,7 +252,7 @@ def test_the_sample_report_of_the_readme_is_up_to_date(
 
 
 def test_the_performance_page_has_the_form_of_the_measurement() -> None:
-    """The page lists the same figures as scripts/bench prints; their values may differ."""
+    """The page lists the figures that scripts/bench prints; their values may differ."""
     number = r" *\d+(?:\.\d+)?"
     (page,) = blocks(DOCS / "performance.md", "text")
     assert masked(page, number) == masked(Figures(*[1.0] * len(fields(Figures))).text(), number)

@@ -220,7 +220,7 @@ PREPARED: Final[Mapping[str, Callable[[Path], None]]] = {
 
 
 def check(name: str, folder: Path, capsys: pytest.CaptureFixture[str], *, slow: bool) -> None:
-    """Run the commands of a page."""
+    """Run the commands of a page, and check their exit codes and output."""
     if name in PREPARED:
         PREPARED[name](folder)
     for command in runnable(PAGES[name], slow=slow):
@@ -249,7 +249,7 @@ def test_the_slow_commands_of_a_page_run(name: str, folder: Path, capsys: pytest
 
 
 def test_every_exception_is_on_a_page() -> None:
-    """NOT_RUN and SLOW contain only commands that are on a page, and pages run only Python and three scripts."""
+    """NOT_RUN and SLOW contain only commands that are on a page, and the pages call only Python and three scripts."""
     everything = {command for page in PAGES.values() for command in commands(page)}
     assert len(NOT_RUN) == NOT_RUN_COUNT
     assert set(NOT_RUN) | SLOW <= everything

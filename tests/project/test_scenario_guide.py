@@ -1,4 +1,4 @@
-"""Scenario guide: its code, pasted into the file that it names, passes the checks that its command runs."""
+"""Scenario guide: the code in the guide, pasted into the file that the guide names, passes the guide's checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Documentation site: built with strict checks of links and anchors, searchable, without files from other servers."""
+"""Documentation site: built with strict checks of links and anchors, searchable, with no files from other servers."""
 
 from __future__ import annotations
 

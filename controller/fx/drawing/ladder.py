@@ -1,7 +1,7 @@
 """Ladder diagrams: SVG files of the rungs, page by page, and of the step charts.
 
 Every symbol is in a group of class "symbol" whose `data-at` is the index of its instruction. Instructions without a
-symbol (ANB, ORB, MPS, MRD, MPP) are listed in the `data-joins` of the group of their rung.
+symbol (ANB, ORB, MPS, MRD, MPP) are listed in the `data-joins` attribute of the rung's group.
 """
 
 from __future__ import annotations
@@ -296,7 +296,7 @@ class _Page:
             self._picture.text(middle, y + 20 + 11 * n, line, "note", middle=True)
 
     def _comment(self, instruction: Instruction) -> str:
-        """Return the comment of the last operand that has one, which is the operand written or tested."""
+        """Return the comment of the last operand that has a comment."""
         comments = (self.ladder.comments.get(_device(operand)) for operand in reversed(instruction.operands))
         return next(filter(None, comments), "")
 

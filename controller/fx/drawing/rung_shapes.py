@@ -51,7 +51,7 @@ class Leg:
 
     Attributes:
         head: Contacts; None = the leg starts with an output.
-        items: Outputs by index, and legs that branch here, from top to bottom.
+        items: Indexes of the outputs, and legs that branch off here, from top to bottom.
     """
 
     head: Shape | None = None
@@ -64,7 +64,7 @@ class Rung:
 
     Attributes:
         first: Index of the first instruction.
-        leg: Shapes to draw; None = an instruction directly on the bus.
+        leg: Leg to draw; None = an instruction directly on the bus.
         joins: Indexes of the instructions without a symbol (ANB, ORB, MPS, MRD, MPP).
     """
 
@@ -74,7 +74,7 @@ class Rung:
 
 
 def series(parts: Iterable[Shape]) -> Shape | None:
-    """Return shapes in series, flattened; None if there are none."""
+    """Return shapes combined in series, without nested series; None if there are no shapes."""
     return _joined(Series, parts)
 
 

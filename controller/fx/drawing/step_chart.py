@@ -196,7 +196,7 @@ class _ChartPage:
                 y += LINE * len(self._text(transfer)) + _GAP
 
     def _lanes(self, jumps: list[ChartTransfer]) -> dict[ChartTransfer, int]:
-        """Assign each jump to a lane that is free along its path; short jumps are on the inside."""
+        """Assign each jump to a lane that is free along its path; short jumps use the inner lanes."""
         lanes: dict[ChartTransfer, int] = {}
         occupied: list[list[tuple[int, int]]] = []
         for jump in sorted(jumps, key=lambda t: abs(self._row[t] - self._top[t.target])):

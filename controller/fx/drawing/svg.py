@@ -51,7 +51,7 @@ class SvgPicture:
         self._parts.append(f'<rect{css_class} x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}"/>')
 
     def arc(self, x: float, y: float, bulge: float, height: float) -> None:
-        """Draw one bracket of a coil, centred at `y`; it bulges to the left if `bulge` is negative."""
+        """Draw one of the two arcs of a coil symbol, centred at `y`; it bulges to the left if `bulge` is negative."""
         half = height / 2
         self._parts.append(f'<path d="M{x:g} {y - half:g} q{bulge:g} {half:g} 0 {height:g}"/>')
 

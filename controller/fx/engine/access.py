@@ -98,7 +98,8 @@ class Words:
 
     Attributes:
         find: Function that takes a device count and returns the first device.
-        step: Devices per word: 1 for a register, 2 for a pair of registers, 4 per digit of a bit group.
+        step: Devices per word: 1 for a register, 2 for a pair of registers, 4 times the number of digits for a bit
+            group.
         get: Reader of the word that starts at a device.
         put: Writer of the word that starts at a device.
     """
@@ -193,7 +194,7 @@ def _long_counters(cpu: Cpu, device: DeviceOperand, spans: _Spans) -> Words:
 
 
 def _group(cpu: Cpu, digits: int, device: DeviceOperand, wide: bool) -> Words:
-    """Return the words of a bit group, low bit first; they are signed only if the group fills the word."""
+    """Return the words of a bit group, low bit first; a word is signed only if the group fills it."""
     cells, size = cpu.memory.bits(device.kind), 4 * digits
     spans = _SPANS[device.kind] if size <= width_of(wide) else ()
 
@@ -241,7 +242,7 @@ def writer(cpu: Cpu, operand: Operand, wide: bool) -> Writer:
 
 
 def bits(cpu: Cpu, operand: Operand) -> tuple[list[bool], Callable[[int], slice]]:
-    """Return the cells of a bit device, and a function that turns a count into the slice that starts at the device.
+    """Return the cells of a bit device, and a function that converts a count to the slice that starts at the device.
 
     Args:
         cpu: CPU with the memory.

@@ -60,7 +60,7 @@ class Cpu:
     refreshed: list[bool] | None = None
 
     def ticks(self, timer: int) -> int:
-        """Return the scan time in counts of a timer's base."""
+        """Return the scan time in counts of a timer's time base."""
         return self.now_ms // {MS_100: 100, MS_10: 10}.get(timer_base_ms(timer), 1)
 
     def set_timer(self, timer: int, value: int) -> None:

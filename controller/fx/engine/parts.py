@@ -48,8 +48,8 @@ class Parts:
     """Parts of a program.
 
     Attributes:
-        main: Main program, without its END. An FEND followed by code that a jump can reach ends the scan.
-        subroutines: Parts that a CALL executes, by label, without their SRET.
+        main: Main program, excluding its END. An FEND followed by code that a jump can reach ends the scan.
+        subroutines: Parts that a CALL executes, by label, excluding their SRET.
         step_count: Number of steps.
     """
 
@@ -62,7 +62,7 @@ def parts_of(ladder: Ladder) -> Parts:
     """Return the parts of a program.
 
     Raises:
-        LadderError: A label, loop or jump is in a position that this engine does not support; the message has one line
+        LadderError: A label, loop or jump is at a position that this engine does not support; the message has one line
             for each fault.
     """
     return _PartReader(ladder).parts()

@@ -171,7 +171,7 @@ class FxPlc:
         self._build_instructions()
 
     def stop(self) -> None:
-        """Go from RUN to STOP: outputs off and non-latched memory cleared, unless M8033 retains them."""
+        """Go from RUN to STOP: turn off outputs and clear non-latched memory, unless M8033 retains them."""
         self.running = False
         if not self.memory.M[8033]:
             self.clear(latched=False)
@@ -193,7 +193,7 @@ class FxPlc:
         self.memory.D[FILTER_MS] = self._filter_ms
 
     def _resume_timers(self) -> None:
-        """Let timers retained in STOP by M8033 continue from their current values."""
+        """Resume the timers retained in STOP by M8033 from their current values."""
         memory = self.memory
         for timer in range(RETENTIVE_TIMERS):
             if memory.TS[timer] >= 0:
@@ -219,7 +219,7 @@ class FxPlc:
 
     @staticmethod
     def _numbers(kind: str, *, latched: bool) -> list[int]:
-        """Return the latched or the non-latched devices of a kind; special devices are neither."""
+        """Return the numbers of the latched or the non-latched devices of a kind, excluding special devices."""
         latched_numbers = {number for span in RETENTIVE.get(kind, ()) for number in span}
         return [number for number in range(min(SIZES[kind], 8000)) if (number in latched_numbers) == latched]
 
@@ -263,7 +263,7 @@ class FxPlc:
         return places
 
     def _instruction(self, instruction: Instruction, at: int) -> Callable[..., object]:
-        """Return the operation of an applied instruction; it sets M8067 if its current operands are invalid."""
+        """Return the operation of an applied instruction; it sets M8067 if the operands are currently invalid."""
         form = FORMS[instruction.name]
         if form.kind.name == "FOR":
             return self._repeats(instruction, at)
@@ -311,7 +311,7 @@ class FxPlc:
         self.memory.M[8004], self.memory.D[8004] = True, 8067
 
     def _transfer(self, target: int, sources: tuple[int, ...]) -> None:
-        """Set the destination immediately; the sources are reset at END."""
+        """Set the target state immediately; the source states are reset at END."""
         self.memory.S[target] = True
         self._leaving |= set(sources)
         self._leaving.discard(target)
@@ -329,7 +329,7 @@ class FxPlc:
             self._depth -= 1
 
     def _watch(self) -> None:
-        """WDT: restart the watchdog; `LONGEST_SCAN_MS` still applies, so a WDT in an endless loop cannot block."""
+        """WDT: restart the watchdog; `LONGEST_SCAN_MS` still applies, so a WDT cannot keep an endless loop running."""
         limit = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
         self._used_steps += limit - self._steps_left[0]
         if self._used_steps > LONGEST_SCAN_MS * STEPS_A_MS:

@@ -1,4 +1,4 @@
-"""Simulation of a program with a stimulus, scan by scan, with the scan time as the only clock."""
+"""Scan-by-scan simulation of a program with a stimulus; the scan time is the only clock."""
 
 from __future__ import annotations
 

@@ -61,7 +61,8 @@ class Translation:
     """Translated source text of a program.
 
     Attributes:
-        text: Definitions of `scan` and of the subroutines `sub_<label>`; they take the ticks of 100, 10 and 1 ms.
+        text: Definitions of `scan` and of the subroutines `sub_<label>`; each takes the time in ticks of 100, 10 and 1
+            ms.
         calls: Indexes of the applied instructions, called as i<index>; those of type `Level` receive their drive state.
         comparisons: Indexes of the contact comparisons called as c<index>.
         transfers: Target and source states of each transfer, by name.
@@ -192,7 +193,7 @@ class Translator:
         return total + 1
 
     def _write_step(self, step: LadderStep) -> None:
-        """Write a step: one branch for scans with its state on, and one without power for the scan that follows."""
+        """Write a step: one branch that runs while its state is on, and one, without power, for the scan after that."""
         self._step = step
         self._add(f"if {' and '.join(f'S[{state}]' for state in step.states)}:")
         with self._deeper():
@@ -372,7 +373,7 @@ class Translator:
             self._add(f"if {power}:", *(f"    {line}" for line in action))
 
     def _action(self, i: int, form: Form) -> list[str]:
-        """Return the Python lines for an applied instruction; the most common ones need no function call."""
+        """Return the Python lines for an applied instruction; the most common instructions need no function call."""
         name, operands = form.kind.name, self._list[i].operands
         words = [None if form.wide else plain_word(operand) for operand in operands]
         match name, operands:

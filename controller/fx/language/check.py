@@ -53,7 +53,7 @@ class Usage:
 
     Attributes:
         steps: Program steps, including END.
-        devices: Number of different devices by kind, X Y M S T C D, without special devices.
+        devices: Number of different devices by kind (X Y M S T C D), excluding special devices.
     """
 
     steps: int
@@ -66,7 +66,7 @@ class Usage:
 
 
 def available(kind: str) -> int:
-    """Return the number of devices of a kind in an FX2N, without special devices.
+    """Return the number of devices of a kind in an FX2N, excluding special devices.
 
     Examples:
         >>> available("M"), available("S")
@@ -113,7 +113,7 @@ class _Step:
         states: Joined states; empty = outside all steps.
         line: Line of the last STL.
         coils: Devices driven by OUT, with their lines.
-        targets: Steps that it transfers to.
+        targets: Target states of the transfers in the step.
     """
 
     states: tuple[int, ...] = ()

@@ -2,8 +2,8 @@
 
 FNC numbers, operand order and step counts follow fx2n.md 1.1 and 1.2, whose verification marks apply here too. The
 basic instructions, the FNC table and the rule "1 + 2 per 16-bit operand, 1 + 4 per 32-bit operand" are in independent
-sources. The device kinds that each operand may have, and the step counts of OUT and RST by kind, are from memory, not
-verified.
+sources. The device kinds that each operand may have, and the step counts of OUT and RST by kind, are from memory and
+have not been verified.
 """
 
 from __future__ import annotations

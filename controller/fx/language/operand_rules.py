@@ -1,8 +1,8 @@
 """Operand rules of an FX2N: ranges of devices, numbers and groups, and rules of individual instructions.
 
-The ranges of devices follow fx2n.md 1.5, whose verification marks apply here too. The following are from memory, not
-verified: limits of numbers, rules of individual instructions, no index in basic instructions, Z as the name of a 32-bit
-number in index registers, and C200 to C255 in 32-bit forms only.
+The ranges of devices follow fx2n.md 1.5, whose verification marks apply here too. The following are from memory and
+have not been verified: the limits of numbers, the rules of individual instructions, that basic instructions accept no
+index, that Z names a 32-bit number in index registers, and that C200 to C255 are valid only in 32-bit forms.
 """
 
 from __future__ import annotations

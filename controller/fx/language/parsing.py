@@ -122,7 +122,7 @@ def parse_operand(text: str) -> Operand:
 
 
 def _operand(name: str, part: dict[str, str | None]) -> Operand:
-    """Return the operand from the groups of a match of the pattern `name`."""
+    """Return the operand described by the groups that the pattern `name` has matched."""
     index = _index(part.get("index"))
     match name:
         case "decimal":
@@ -180,7 +180,7 @@ _REMEDIES: Final = {"TMR": "OUT T0 K10", "CNT": "OUT C0 K10", "JMP": "CJ P0", "L
 
 
 def mnemonic(text: str) -> str:
-    """Return a mnemonic as spelled in the instruction set: in capitals, and LDD= for DLD=."""
+    """Return a mnemonic as spelled in the instruction set: in capitals, with DLD= converted to LDD=."""
     upper = text.upper() if text.isascii() else text
     for join in JOINS:
         if upper.startswith(f"D{join}") and upper.removeprefix(f"D{join}") in RELATIONS:
@@ -257,7 +257,7 @@ def _label(name: Token, operands: Sequence[Token], findings: TextErrors, note: s
 
 
 def _unknown_mnemonic(name: str) -> str:
-    """Return the error message for a mnemonic that an FX2N lacks."""
+    """Return the error message for a mnemonic that an FX2N does not have."""
     stems = {name, name.removeprefix("D")}
     if (stems | {stem.removesuffix("P") for stem in stems}) & _FX3_ONLY:
         return f"{name} exists only on an FX3; write it with the instructions of an FX2N"

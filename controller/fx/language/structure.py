@@ -29,7 +29,7 @@ _BRANCHES: Final = frozenset({"MPS", "MRD", "MPP"})
 
 
 class Placed(NamedTuple):
-    """Instruction and its text column."""
+    """Instruction with its column in the text."""
 
     instruction: Instruction
     column: int
@@ -53,7 +53,7 @@ class _StructureCheck:
         steps: Number of consecutive STL instructions; 0 = not in a step.
         joining: Whether another STL would add a state to the current step.
         loops: Number of open FOR instructions.
-        main_end: Whether FEND has been passed.
+        main_end: Whether FEND has been processed.
         labels: Instruction of each label.
         subroutines: Labels after FEND.
         calls: Instructions that reference a label.
@@ -167,7 +167,7 @@ class _StructureCheck:
         self.driven = self.on_step = False
 
     def opening_output(self, instruction: Instruction) -> None:
-        """Process an output that opens a level or references a label."""
+        """Process an output that opens a master control level or references a label."""
         match instruction:
             case Instruction("MC", (Nest(level), _)):
                 if self.steps:

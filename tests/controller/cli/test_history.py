@@ -26,7 +26,7 @@ S, MINUTE, HOUR = 1_000, 60_000, 3_600_000
 
 
 def utc_ms(text: str) -> int:
-    """Return the timestamp of a local time, ms."""
+    """Return the timestamp of a local time in ms."""
     return round(datetime.fromisoformat(text).timestamp() * 1000)
 
 
@@ -77,7 +77,7 @@ def event(at_ms: int, kind: str, number: int = 0, text: str = "", detail: str = 
 
 
 def write(path: Path, rows: Sequence[RecordedRow], began_ms: int) -> None:
-    """Append a run; each row is (table, ms since the start of the run, values of the columns)."""
+    """Append a run; each row is (table, ms since the start of the run, column values)."""
     file = HistoryFile(path, 4_000_000)
     file.append([HistoryRow(table, began_ms + at_ms, at_ms, values) for table, at_ms, values in rows])
     file.close()

@@ -145,7 +145,8 @@ def test_the_exported_program_transplants_144_seedlings(
 ) -> None:
     """With the same button presses, the export puts each seedling where the original program does, without incidents.
 
-    The times of the presses determine where the cups are when an arm reaches them, and thus how long it holds its row.
+    The times of the presses determine where the cups are when an arm reaches them, and thus how long the arm holds its
+    row.
     """
     plants: list[Watched] = []
 

@@ -1,4 +1,4 @@
-"""Proof of the machine program through functions and commands; the monitors do not affect the program."""
+"""Proof of the machine program by function calls and by commands; the monitors do not affect the program."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_the_complete_proof_succeeds() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(300)
 def test_a_violation_is_reported_saved_and_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """If a rule is omitted, the violation is printed and its trace saved; a replay with the rule shows no violation."""
+    """If a rule is omitted, the violation is printed and its trace is saved; a replay with the rule shows none."""
     assert main(["prove", "--without", RULE, "--goal", GOAL, "--traces", str(tmp_path)]) == 1
     report = capsys.readouterr().out
     assert f"{GOAL}: violated" in report

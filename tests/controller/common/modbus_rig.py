@@ -42,7 +42,7 @@ def write_coil_pdu(offset: int, value: int) -> bytes:
 
 
 def write_coils_pdu(first: int, bits: str) -> bytes:
-    """Return a request that writes coils; `bits` begins with the first coil: '101' sets the first and third coil."""
+    """Return a request that writes coils; `bits` begins with the first coil: '101' sets the first and third coils."""
     packed = int(bits[::-1], 2).to_bytes((len(bits) + 7) // 8, "little")
     return struct.pack(">BHHB", 15, first, len(bits), len(packed)) + packed
 
@@ -107,7 +107,7 @@ class Client:
 
 
 class Rig:
-    """Running server (in lock step by default) and its clients; all of them are closed at the end of the block."""
+    """Running server (in lock step by default) and its clients; all are closed at the end of the `with` block."""
 
     def __init__(self, server: PlantServer | None = None) -> None:
         self.server = server or PlantServer(make_module(), port=0, lock_step_ms=10)

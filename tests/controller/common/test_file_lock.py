@@ -19,7 +19,7 @@ def test_the_folder_of_the_file_is_created(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_a_missing_folder_above_is_rejected(tmp_path: Path) -> None:
-    """A path with two missing folders is rejected: a mistyped path would start the controller with empty memory."""
+    """A path with two missing folders is rejected; otherwise a typo would start the controller with empty memory."""
     with pytest.raises(FileLockError, match=f"folder {tmp_path}/typo does not exist; create it or choose another file"):
         lock_file(tmp_path / "typo" / "var" / "retentive.json")
     assert list(tmp_path.iterdir()) == []

@@ -73,7 +73,7 @@ class Bench:
         self.now_ms = start_ms
 
     def scan(self, *on: int, after_ms: int | None = None) -> list[bool]:
-        """Scan one period (or `after_ms`) after the last scan with these X terminals on, and return the Y image."""
+        """Scan with these X terminals on, one period (or `after_ms`) after the last scan, and return the Y image."""
         if self.plc.scans:
             self.now_ms += self.scan_ms if after_ms is None else after_ms
         return self.plc.scan(self.now_ms, levels(*on))
@@ -83,7 +83,7 @@ class Bench:
         return {number for number, on in enumerate(self.memory.S) if on}
 
     def track(self, bit: Bit, inputs: Iterable[Rows[int]]) -> str:
-        """Scan once for each row of X numbers and return the bit after each scan, '.' for off or '1' for on."""
+        """Scan once for each row of X numbers and return the bit after each scan, as '.' (off) or '1' (on)."""
         text = ""
         for on in inputs:
             self.scan(*on)

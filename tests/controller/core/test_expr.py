@@ -59,7 +59,7 @@ CONDITIONS: st.SearchStrategy[Expr] = st.recursive(BITS | COMPARES | CONSTANTS, 
 
 @st.composite
 def memories(draw: st.DrawFn) -> Memory:
-    """Draw memories with arbitrary values in the first devices of each kind."""
+    """Draw a memory with arbitrary values in the first devices of each kind."""
     memory = Memory()
     for kind in "XMSTC":
         memory.bits(kind)[:4] = draw(st.lists(st.booleans(), min_size=4, max_size=4))

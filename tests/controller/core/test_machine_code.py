@@ -1,4 +1,4 @@
-"""Machine code: equal to the Python execution in every device after every scan; cached by content."""
+"""Machine code: the same device values as in Python execution after every scan; cached by content."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_a_step_with_a_transfer_to_itself_remains_active() -> None:
 
 
 def test_a_step_takes_one_transfer_in_a_scan() -> None:
-    """A transfer that resets its own condition does not let the next transfer of the step fire in the same scan."""
+    """A transfer that resets its own condition does not enable another transfer of the step in the same scan."""
     steps = [
         Step("one", go=[To("two", m(0)), To("three", x(0))], waits_for="X0"),
         *(Step(title, go=[], waits_for="nothing") for title in ("two", "three")),
@@ -187,7 +187,7 @@ class ExecutionPair(Pair):
     [(5_000, 0), pytest.param(1_000_000, 2_000, marks=[pytest.mark.nightly, pytest.mark.timeout(3_600)])],
 )
 def test_the_program_of_the_machine_has_equal_devices_after_every_scan(scans: int, seed: int) -> None:
-    """The devices are equal in random scenarios with faults, power failures and late scans."""
+    """The device values are equal in random scenarios with faults, power failures and late scans."""
     pairs = []
     for number in range(seed, seed + scans // A_STORY):
         *_, (pair, _) = stories(number, A_STORY, pair=ExecutionPair())

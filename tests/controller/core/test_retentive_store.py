@@ -87,7 +87,7 @@ COUNTING: list[Rung] = [
 @THOROUGH
 @given(st.lists(st.sets(st.integers(0, 2)), min_size=1, max_size=12), st.integers(0, 12))
 def test_a_power_cycle_changes_no_retentive_device(inputs: list[set[int]], off_after: int) -> None:
-    """After a power cycle, a PLC continues to count like a PLC that was idle for one scan."""
+    """After a power cycle, a PLC continues counting exactly as if it had been idle for one scan."""
     cycled, steady = Bench(*COUNTING, scan_ms=100), Bench(*COUNTING, scan_ms=100)
     for n, on in enumerate(inputs):
         if n == off_after:
@@ -287,7 +287,7 @@ def test_a_damaged_file_is_renamed_and_a_new_store_can_be_written(store: FileSto
 def test_the_new_state_is_synchronized_before_the_rename_and_the_folder_before_saving_ends(
     store: FileStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The order is checked at each call of fsync; killing the process would not show it, as the page cache survives."""
+    """The order is checked at each call of fsync; a kill would not reveal an error, as the page cache survives."""
     store.save({"D512": 1})
     synchronized: list[tuple[int, int, object]] = []
     fsync = os.fsync

@@ -170,7 +170,7 @@ def test_the_system_clock_starts_at_zero_and_never_goes_back() -> None:
 
 
 def filtered(filter_ms: int, number: int, scan_ms: int, text: str) -> str:
-    """Return the X image of a terminal with these levels, one per scan."""
+    """Return the levels of a terminal in the X image, one per scan, for these raw levels."""
     plc = Plc(program_of(), input_filter_ms=filter_ms)
     shown = ""
     for n, level in enumerate(text):

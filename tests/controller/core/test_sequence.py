@@ -27,7 +27,7 @@ def step(title: str, *go: To, dwell: Dwell | None = None) -> Step:
 
 
 def chain(*titles: str, last_to: str | None = None) -> Sequence:
-    """Return consecutive steps; button X<n> leaves the n-th step, and the last step leads to `last_to`."""
+    """Return a sequence of steps; X<n> ends the n-th step, and the last step leads to `last_to`."""
     following = [*titles[1:], last_to]
     rows = [step(a, *([To(b, when=x(n))] if b else [])) for n, (a, b) in enumerate(zip(titles, following, strict=True))]
     return Sequence("chain", FIRST, rows)
@@ -148,7 +148,7 @@ def test_steps_are_accessible_by_title_and_in_order() -> None:
 
 
 def dwelling() -> list[Rung | Sequence]:
-    """Return a step that is left after 30 ms or on X0, between two steps that wait for X1."""
+    """Return a step that is left after 30 ms or when X0 turns on, between two steps that wait for X1."""
     rows = [
         step("before", To("dwell", when=x(1))),
         step("dwell", To("after", when=x(0) | t(200)), dwell=Dwell(Timer(200), 30)),
@@ -296,7 +296,7 @@ def test_a_request_lists_every_step_that_holds_it_and_a_limit_lists_its_step() -
 
 @dataclass(frozen=True)
 class Way:
-    """Transition taken if the `on` buttons are on, the `off` buttons off and, with `after_dwell`, the dwell is over."""
+    """Transition taken if all `on` buttons are on, all `off` buttons are off and any required dwell is over."""
 
     to: int
     on: frozenset[int]

@@ -1,4 +1,4 @@
-"""Alarm list: states of ISA-18.2, acknowledging, shelving, first-out and reported changes."""
+"""Alarm list: ISA-18.2 states, acknowledging, shelving, first-out and reported changes."""
 
 from __future__ import annotations
 
@@ -367,7 +367,7 @@ def perform(rig: AlarmRig, action: tuple[Any, ...]) -> None:
 @THOROUGH
 @given(st.lists(ACTIONS, max_size=40))
 def test_after_random_actions_no_alarm_is_lost_and_no_stopping_alarm_is_shelved(actions: list[tuple[Any, ...]]) -> None:
-    """Each report starts from the last reported state, set alarms are listed, and only operators acknowledge alarms."""
+    """Reports start from the last reported state, active alarms are listed, and only operators acknowledge alarms."""
     rig, states = AlarmRig(), dict.fromkeys(CAUSES, NORMAL)
     for action in actions:
         count = len(rig.changes)

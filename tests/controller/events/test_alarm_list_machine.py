@@ -30,7 +30,7 @@ GUIDE = DOCS / "alarms.md"
 
 
 def listed(twin: Twin, changes: list[AlarmChange]) -> AlarmList:
-    """Connect an alarm list to a twin."""
+    """Connect an alarm list to a twin, and return the list."""
     alarms = AlarmList(twin.machine.alarms, twin.machine.tags.machine.first_out, changes.append)
     twin.runtime.observers.append(alarms)
     return alarms
@@ -77,8 +77,8 @@ def test_a_motion_timeout_is_latched_and_listed_until_it_is_acknowledged() -> No
 def test_a_reset_does_not_clear_an_alarm_whose_cause_is_present() -> None:
     """X0 does not reset the alarm of a stuck limit switch until the switch is repaired.
 
-    The repair alone is not sufficient: the arm has moved up with its lower switch stuck and has lost its position, so
-    its upper switch is not trusted until homing restarts.
+    The repair alone is not sufficient: the arm has moved up while its lower switch was stuck, so its position is
+    unknown and its upper switch is not trusted until homing restarts.
     """
     changes: list[AlarmChange] = []
     twin = switched_on()

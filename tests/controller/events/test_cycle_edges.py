@@ -63,7 +63,7 @@ def cycle_of(trial: Recorded, side: Side, row: int) -> tuple[CycleEvent, list[Ed
 
 
 def split(edges: list[Edge]) -> tuple[list[Edge], list[Edge]]:
-    """Return the initial levels and the edges."""
+    """Return the initial levels and the edges that follow them."""
     devices = {device for _, device, _ in edges}
     return edges[: len(devices)], edges[len(devices) :]
 

@@ -40,7 +40,7 @@ RELEASE_DELAY_MS = 60
 
 
 class Run(NamedTuple):
-    """Run with one tray, and its recorded outputs."""
+    """Run that empties one tray, with its recorded outputs."""
 
     twin: Twin
     outputs: ChangeRecorder
@@ -172,7 +172,7 @@ def abort_by_power_cycle(twin: Twin) -> None:
 
 @pytest.mark.parametrize("abort", [abort_by_emergency_stop, abort_by_jam, abort_by_power_cycle])
 def test_an_aborted_cycle_is_not_reported(abort: Callable[[Twin], None]) -> None:
-    """If both arms are stopped on the way to feed with their first rows, these rows are not reported as cycles."""
+    """If both arms are stopped while carrying their first rows to feed, these rows are not reported as cycles."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "slide to feed")
@@ -249,7 +249,7 @@ def test_an_alarm_is_reported_when_it_is_set_and_when_it_is_reset() -> None:
 
 
 def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> None:
-    """After a power loss while the claws close, the operator is asked whether the arm holds the row."""
+    """After a power loss while the claws are closing, the operator is asked whether the arm holds the row."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "close claws")
@@ -268,7 +268,7 @@ def test_a_question_is_reported_when_it_is_asked_and_when_it_is_answered() -> No
 
 
 def test_the_cup_question_is_asked_once_over_the_cups_until_it_is_answered() -> None:
-    """For the first row after power-up, the cup question is asked after the claws spread and stays until answered."""
+    """For the first row after power-up, the cup question is asked after the claws spread and remains until answered."""
     twin = at_work({"trays_target": 1})
     twin.run_until(lambda: bool(questions(twin, "right_cups")), within_ms=10_000)
     assert twin.in_step("right arm", "wait to lower") or twin.in_step("right arm", "lower over cups")

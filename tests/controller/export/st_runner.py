@@ -272,13 +272,13 @@ class StPlc:
         return [(int(m[1]) * 8 + int(m[2]), f"v_{self._by_address[m[0]].name}") for m in found if m]
 
     def write(self, address: str, value: int) -> None:
-        """Write the variable at an address, if there is one."""
+        """Write the variable at an address; do nothing if no variable has this address."""
         if address in self._by_address:
             variable = self._by_address[address]
             self.values[f"v_{variable.name}"] = bool(value) if variable.type == "BOOL" else value
 
     def power_cycle(self) -> None:
-        """Cycle the power."""
+        """Cycle the power: variables that are not retained return to their initial values."""
         for variable in self._variables.values():
             if not variable.retain:
                 self.values[f"v_{variable.name}"] = self._cold[f"v_{variable.name}"]

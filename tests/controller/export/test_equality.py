@@ -37,7 +37,7 @@ def compared(scans: int, first_seed: int) -> list[Pair]:
 
 
 def test_export_has_the_same_outputs_in_every_scan() -> None:
-    """The outputs are equal in 50,000 scans, in over a third of which an output is on; nearly all steps are reached."""
+    """The outputs are equal in 50,000 scans; over a third of them have an output on, and nearly all steps occur."""
     pairs = compared(SCANS, 0)
     assert sum(pair.scans for pair in pairs) == SCANS
     assert sum(pair.moving for pair in pairs) > SCANS // 3
@@ -121,7 +121,7 @@ def test_inverted_contact_in_the_output_block_is_detected(index: int) -> None:
 def test_most_single_mutations_are_detected(every: int) -> None:
     """At least three quarters of the mutations change an output, a relay or a state.
 
-    One instruction in 600, or with ``--nightly`` in 300, is inverted or has its constant changed. A mutation is not
+    One instruction in 600 (one in 300 with ``--nightly``) is inverted or has its constant changed. A mutation is not
     detected if it has no effect in these 24,000 scans: its command or fault never occurs, or the condition is
     redundant. If one instruction in 100 is mutated, 96,000 scans (including these) detect 28 of 39 mutations.
     """

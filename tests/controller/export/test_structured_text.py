@@ -48,7 +48,7 @@ def machine() -> StProgram:
 
 
 class StPair(Pair):
-    """Program on the soft PLC and its Structured Text."""
+    """Program on the soft PLC, paired with its Structured Text export."""
 
     make: Callable[[], StPlc]
 

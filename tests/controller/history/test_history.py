@@ -144,7 +144,7 @@ def test_ids_increase_over_all_tables_and_runs(tmp_path: Path) -> None:
 
 
 class Disk:
-    """Simulated disk of all histories; it can fail or block, and it signals each attempted and each completed write."""
+    """Simulated disk used by all histories; it can fail or block, and signals each attempted and completed write."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.attempts = threading.Semaphore(0)

@@ -1,4 +1,4 @@
-"""Third-party clients on the controller's server during a trial: mbpoll, pyModbusTCP, modbus_tk."""
+"""Third-party clients connected to the controller's server during a trial: mbpoll, pyModbusTCP, modbus_tk."""
 
 from __future__ import annotations
 

@@ -457,7 +457,7 @@ def test_disconnect_of_the_first_client_keeps_the_jog_of_the_second(manual: HmiR
 
 
 def test_refused_jog_does_not_flood_the_refusals(rig: HmiRig, client: Client) -> None:
-    """Outside manual mode a jog command is refused; polling by its client adds at most three refusals."""
+    """Outside manual mode a jog command is refused; polling by the client adds at most three more refusals."""
     refusals = rig.twin.machine.tags.machine.refusals
     before = rig.twin.plc.read(refusals)
     rig.press(client, jog_command(OUTPUT))

@@ -95,7 +95,7 @@ def rig(make_rig: RigMaker) -> Rig:
 
 
 def test_inputs_at_rest(rig: Rig) -> None:
-    """While no button is pressed, the inputs of the two normally closed buttons are on and that of start is off."""
+    """While no button is pressed, the inputs of both normally closed buttons are on, and the start input is off."""
     x = rig.link.read_inputs()
     assert len(x) == IO_MAP.input_count
     assert (x[0o0], x[0o24], x[0o25]) == (False, True, True)

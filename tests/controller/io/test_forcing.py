@@ -18,7 +18,7 @@ NOT_WIRED = 0o77
 
 @pytest.fixture
 def rig() -> Iterator[HmiRig]:
-    """Yield a machine that is Stopped in manual mode and permits forcing."""
+    """Yield a machine in the Stopped state and in manual mode that permits forcing."""
     with HmiRig(allow_forcing=True) as rig:
         change_mode(rig.twin, Mode.MANUAL)
         yield rig

@@ -1,4 +1,4 @@
-"""Release of outputs at the end of a scan: held until retentive memory is stored, except for safe levels."""
+"""Release of outputs at the end of a scan: delayed until retentive memory is stored, except for safe levels."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class TerminalStrip:
 
 
 class Cabinet:
-    """Small program on the terminals of the machine, scanned every 10 ms."""
+    """Small program connected to the terminals of the machine, scanned every 10 ms."""
 
     def __init__(self, retentive_writer: RetentiveWriter) -> None:
         self.strip = TerminalStrip()
@@ -76,7 +76,7 @@ class Cabinet:
         self.now_ms = 0
 
     def tick(self, *on: int, after_ms: int = 10) -> str:
-        """Scan with only these of X0 to X2 on and return the levels written to Y0, Y1 and Y2."""
+        """Scan with only the given terminals among X0 to X2 on, and return the levels written to Y0, Y1 and Y2."""
         self.strip.inputs[:3] = [number in on for number in range(3)]
         count = len(self.strip.written)
         self.runtime.tick(self.now_ms)

@@ -36,7 +36,7 @@ def edited(line: int, old: str, new: str) -> str:
 
 
 def load_error(tmp_path: Path, content: str | bytes) -> str:
-    """Return the one-line message with which this content is rejected, without the folder of the file."""
+    """Return the one-line error message for this content, with the folder of the file removed."""
     path = tmp_path / "io_map.yaml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(IoMapError) as caught:
@@ -134,7 +134,7 @@ def test_safe_images_are_raw_levels(tmp_path: Path) -> None:
 
 
 def test_delivered_safe_images_are_all_off(io_map: IoMap) -> None:
-    """All safe levels are off, because pressing a normally closed stop button removes the voltage from its terminal."""
+    """All safe levels are off; for the normally closed stop buttons, an off input means that the button is pressed."""
     assert io_map.safe_inputs() == [False] * io_map.input_count
     assert io_map.safe_outputs() == [False] * io_map.output_count
 

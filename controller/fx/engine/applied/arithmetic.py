@@ -106,7 +106,7 @@ def _quotient(dividend: int, divisor: int) -> int:
 
 
 def sum_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SUM s d: d := number of bits that are 1 in s; M8020 is on if there are none."""
+    """SUM s d: d := number of bits that are 1 in s; M8020 is on if this number is 0."""
     get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide)
     mask, special = (1 << width_of(wide)) - 1, cpu.memory.M
 

@@ -53,7 +53,7 @@ _SEGMENTS: Final = (
 
 
 def zrst(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """ZRST d1 d2: reset all devices of one kind from d1 to d2 (docs/sources/fx2n.md 1.2); only d1 if d2 is lower.
+    """ZRST d1 d2: reset all devices of one kind from d1 to d2 (docs/sources/fx2n.md 1.2); only d1 if d2 is below d1.
 
     The contacts and current values of timers and counters are reset. C200 and up cannot be mixed with lower counters.
     """
@@ -92,7 +92,7 @@ def _single(cpu: Cpu, device: DeviceOperand, wide: bool) -> Callable[[], int]:
 
 
 def deco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """DECO s d n: of the 2**n bits from d, set the one numbered by the low n bits of s, and reset all others.
+    """DECO s d n: among the 2**n bits from d, set the bit whose number is in the low n bits of s; reset the rest.
 
     If s is a bit device, the n bits from s are used. n is 1-8, or 1-4 for a word; n = 0 has no effect. Source of the
     one-hot rule: docs/sources/fx2n.md 1.2.
@@ -118,7 +118,7 @@ def deco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def _low_bits(cpu: Cpu, operand: Operand, wide: bool) -> Callable[[int], int]:
-    """Return a function that reads a number of low bits of a word, or of consecutive bits from a bit device."""
+    """Return a function that reads the given number of low bits of a word, or of bits from a bit device onwards."""
     if not is_bit(operand):
         get = reader(cpu, operand, wide)
         return lambda count: get() & ((1 << count) - 1)
@@ -149,7 +149,7 @@ def enco(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def bon(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """BON s d n: d := bit n of s, 0-15, or 0-31 in the 32-bit form."""
+    """BON s d n: d := bit n of s; n is 0-15, or 0-31 in the 32-bit form."""
     get, put, count = reader(cpu, operands[0], wide), bit_writer(cpu, operands[1]), reader(cpu, operands[2], wide)
     highest = width_of(wide) - 1
 
@@ -199,7 +199,7 @@ def anr(cpu: Cpu, _operands: tuple[Operand, ...], _wide: bool) -> Action:
 
 
 def ref(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """REF d n: read (X) or write (Y) n terminals from d immediately; d ends in 0, n is a multiple of 8 (fx2n.md 1.4).
+    """REF d n: read (X) or write (Y) n terminals from d at once; d ends in 0 and n is a multiple of 8 (fx2n.md 1.4).
 
     Outputs outside the range retain their terminal levels.
     """
@@ -225,7 +225,7 @@ def ref(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def _read_terminals(cpu: Cpu, span: slice) -> None:
-    """Copy the raw levels of inputs into their image; inputs without a terminal are unchanged."""
+    """Copy the raw levels of inputs into the input image; inputs without a terminal are unchanged."""
     levels = cpu.terminals[span]
     cpu.memory.X[span.start : span.start + len(levels)] = levels
 
@@ -249,7 +249,7 @@ def alt(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
 
 
 def segd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """SEGD s d: low 8 bits of d := segments of the low hexadecimal digit of s; the high 8 bits are unchanged."""
+    """SEGD s d: low 8 bits of d := 7-segment code of the low hexadecimal digit of s; the high 8 bits are unchanged."""
     get, row = reader(cpu, operands[0], wide), words(cpu, operands[1], wide)
 
     def run() -> None:

@@ -37,7 +37,7 @@ def from_registers(bits_32: int) -> float:
     """Return the number encoded in 32 bits.
 
     Raises:
-        OperationError: The bits are not a finite number.
+        OperationError: The bits do not encode a finite number.
     """
     value: float = struct.unpack(">f", (bits_32 & 0xFFFF_FFFF).to_bytes(4, "big"))[0]
     if not math.isfinite(value):
@@ -53,9 +53,10 @@ def _float_reader(cpu: Cpu, operand: Operand) -> Callable[[], float]:
 
 
 def _arithmetic(operation: Callable[[float, float], float]) -> ActionFactory:
-    """EADD ESUB EMUL EDIV: d := s1 operation s2, rounded to a single.
+    """EADD ESUB EMUL EDIV: d := s1 operation s2, rounded to single precision.
 
-    M8020: the result is 0. M8021: underflow; d is the smallest number. M8022: overflow; d is the largest number.
+    M8020: the result is 0. M8021: underflow; d has the smallest magnitude. M8022: overflow; d has the largest
+    magnitude.
     """
 
     def make(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
@@ -82,7 +83,7 @@ def _divide(dividend: float, divisor: float) -> float:
 
 
 def ecmp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
-    """ECMP s1 s2 d: compare s1 with s2; of three bits, d is on if s1 > s2, d+1 if s1 = s2, and d+2 if s1 < s2."""
+    """ECMP s1 s2 d: compare s1 with s2; bit d is on if s1 > s2, d+1 if s1 = s2, and d+2 if s1 < s2."""
     left, right = _float_reader(cpu, operands[0]), _float_reader(cpu, operands[1])
     cells, row = bits(cpu, operands[2])
 
@@ -94,7 +95,7 @@ def ecmp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
 
 
 def ezcp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
-    """EZCP s1 s2 s d: compare s with the range s1 to s2; d is on if s is below it, d+1 if within, and d+2 if above.
+    """EZCP s1 s2 s d: compare s with the range s1 to s2; bit d is on if s is below it, d+1 if within, d+2 if above.
 
     If s2 is below s1, s1 is used instead of s2.
     """

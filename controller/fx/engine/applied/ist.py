@@ -26,7 +26,7 @@ AUTOMATIC: Final = 2
 
 
 class IstMode(IntEnum):
-    """Switch position; the value is the offset from the first operand."""
+    """Switch position; the value is the offset of its input from the first operand."""
 
     INDIVIDUAL = 0
     ZERO_RETURN = 1
@@ -123,14 +123,15 @@ def ist(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Level:
     Switches: individual, zero return, stepping, one cycle, continuous, zero return start, start, stop. In every scan:
 
     * M8047 is on; M8042 is on for one scan when start is pressed. Start has no effect while stop is pressed.
-    * M8040 (transfers disabled) is always on in individual mode. In zero return and one cycle, it is on from stop to
-      start; in stepping, in all scans except that of a start; in continuous, from RUN to the first start. In zero
-      return, the zero return start button also counts as a start.
-    * M8041 (transfer start) is on in stepping and one cycle while the start button is pressed, and in continuous from
-      start to stop.
-    * A change between individual, zero return and automatic resets S0-S2, S10-S19 and d1-d2 and sets S0, S1 or S2;
-      all Y turn off unless M8043 (zero return complete) or M8045 is on. The first mode after RUN has the same effect,
-      except on the outputs; an automatic mode changes nothing if a latched automatic state is on.
+    * M8040 (transfers disabled) is always on in individual mode. In zero return and one cycle modes, it is on from a
+      stop until the next start; in stepping mode, in every scan except the one in which start is pressed; in continuous
+      mode, from RUN until the first start. In zero return mode, the zero return start button also counts as a start.
+    * M8041 (transfer start) is on in stepping and one cycle modes while the start button is pressed, and in continuous
+      mode from a start until the next stop.
+    * A change between the individual, zero return and automatic modes resets S0-S2, S10-S19 and d1-d2 and sets S0, S1
+      or S2; all Y turn off unless M8043 (zero return complete) or M8045 is on. The first mode after RUN has the same
+      effect, except on the outputs; if it is an automatic mode and a latched automatic state is on, the states do not
+      change.
     * If no switch or more than one switch is on, the mode does not change.
 
     The program must drive M8043 and M8044. A start button that is on when RUN begins counts as a start.

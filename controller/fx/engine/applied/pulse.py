@@ -1,11 +1,11 @@
 """Pulse outputs: PLSY PWM PLSR (FNC 57-59).
 
-An FX2N generates these pulses in hardware, independent of the scan. Here the number of pulses is computed exactly from
-the scan times, and Y is the level of the train at the scan time: the Y image does not show every pulse of a train
-faster than half the scan rate, but the count is correct. The total number of PLSY and PLSR pulses is in D8140 and
-D8141 for Y0, and in D8142 and D8143 for Y1. M8029 turns on with the last pulse and turns off with the drive input. When
-the drive input turns off, the pulses stop immediately, and the next train starts from the beginning. All details are
-from memory. The state of a train is stored between scans and reset when the CPU changes to RUN.
+An FX2N generates these pulses in hardware, independently of the scan. Here the number of pulses is computed exactly
+from the scan times, and Y is the level of the train at the scan time: the Y image does not show every pulse of a train
+faster than half the scan rate, but the count is correct. The total number of PLSY and PLSR pulses is in D8140 and D8141
+for Y0, and in D8142 and D8143 for Y1. M8029 turns on with the last pulse and turns off with the drive input. When the
+drive input turns off, the pulses stop immediately, and the next train starts from the beginning. All details are from
+memory. The state of a train is stored between scans and reset when the CPU changes to RUN.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class _Train:
     """Pulse train of one instruction at Y0 or Y1, starting when the instruction is first driven.
 
     Attributes:
-        out: Number of pulses since the start, including the fraction of the current one; the output is on during its
-            first half.
+        out: Number of pulses since the start, including the fraction of the current one; the output is on during the
+            first half of each pulse.
         running: Whether the instruction was driven in the last scan.
     """
 
@@ -57,7 +57,7 @@ class _Train:
         self.out, self.running = Fraction(0), True
 
     def advance(self, out: Fraction, set_number: int | None) -> None:
-        """Advance the train to `out` pulses, but not beyond the set number; None = endless."""
+        """Advance the train to `out` pulses, but not beyond `set_number` (None = endless)."""
         total = self._total[self.check()]
         out = out if set_number is None else min(out, Fraction(set_number))
         place = total.places().start
@@ -152,7 +152,7 @@ def profile(hz: int, pulses: int, ramp_ms: int) -> Profile:
 
 
 def pulses_after(steps: Profile, elapsed_ms: int) -> Fraction:
-    """Return the number of pulses of a profile after a time in ms."""
+    """Return the number of pulses that a profile has produced after the given time."""
     out, left_ms = Fraction(0), Fraction(elapsed_ms)
     for hz, pulses in steps:
         needed_ms = pulses * 1000 / hz
@@ -163,7 +163,7 @@ def pulses_after(steps: Profile, elapsed_ms: int) -> Fraction:
 
 
 def pwm(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """PWM s1 s2 Y: Y is on for s1 ms of every s2 ms; both may change while it runs; s1 > s2 is an error."""
+    """PWM s1 s2 Y: Y is on for s1 ms of every s2 ms; both may change while PWM is driven; s1 > s2 is an error."""
     width, period = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
     put: BitWriter = bit_writer(cpu, operands[2])
     since: int | None = None

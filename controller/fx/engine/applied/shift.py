@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def _rotation(*, left: bool, through_carry: bool) -> ActionFactory:
-    """ROR ROL RCR RCL d n: rotate d by n bits (0 to its width); the last bit shifted out is in M8022.
+    """ROR ROL RCR RCL d n: rotate d by n bits (0 to the width of d); the last bit shifted out is in M8022.
 
     RCR and RCL include M8022 in the rotation. A bit group must fill the word: K4, or K8 in the 32-bit form.
     """

@@ -47,10 +47,11 @@ def _between(value: int, on: int, off: int) -> bool:
 
 
 def incd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
-    """INCD s1 C d n: one of n bits (1-64) from d is on; the next one follows when C reaches the bit's word from s1.
+    """INCD s1 C d n: one of n bits (1-64) from d is on; the next bit follows when C reaches the limit of this bit.
 
-    C is reset at each change of the bit; C+1 contains the number of the bit. After the last bit, M8029 is on for one
-    scan, and the first bit follows. When the drive input turns off, both counters and the bits are cleared.
+    The table at s1 contains one limit for each bit. C is reset when the next bit turns on; C+1 contains the number of
+    the bit that is on. After the last bit, M8029 is on for one scan, and the first bit follows. When the drive input
+    turns off, both counters and the bits are cleared.
     """
     table, counters = words(cpu, operands[0], wide), words(cpu, operands[1], wide)
     cells, row = bits(cpu, operands[2])
@@ -102,8 +103,8 @@ def ttmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 def stmr(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     """STMR T n d: four bits from d, driven by one timer of n times 100 ms that starts when the drive input changes.
 
-    d: off-delay of n. d+1: on for n when the drive input turns off. d+2: on for n when it turns on. d+3: the drive
-    input, delayed by n.
+    d: the drive input with an off-delay of n. d+1: on for n after the drive input turns off. d+2: on for n after it
+    turns on. d+3: the drive input, delayed by n.
     """
     timer = operands[0]
     if not isinstance(timer, DeviceOperand):
@@ -158,7 +159,7 @@ def ramp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
 
 
 def tcmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """TCMP s1 s2 s3 s d: compare the time s1 h s2 min s3 s with the time in the three words h, min, s from s.
+    """TCMP s1 s2 s3 s d: compare the time s1:s2:s3 with the time in the three words (h, min, s) from s.
 
     Bit d is on if the first time is later, d+1 if the times are equal, and d+2 if the first time is earlier. An invalid
     time is an error.
@@ -175,7 +176,7 @@ def tcmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def tzcp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """TZCP s1 s2 s d: compare the time s with the times s1 and s2, each in three words h, min, s.
+    """TZCP s1 s2 s d: compare the time in s with the times in s1 and s2; each time is three words (h, min, s).
 
     Bit d is on if s is before s1, d+1 if it is from s1 to s2, and d+2 if it is after s2. An invalid time is an error.
     """

@@ -23,7 +23,7 @@ def mov(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def cml(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """CML s d: d := s with every bit inverted; the bits that a short bit group s lacks count as 0 before inversion."""
+    """CML s d: d := s with every bit inverted; a short bit group s is extended with zeros before inversion."""
     get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide)
     return lambda: put(~get())
 
@@ -80,7 +80,7 @@ def bin_(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def cmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """CMP s1 s2 d: compare s1 with s2; of three bits, d is on if s1 > s2, d+1 if s1 = s2, and d+2 if s1 < s2.
+    """CMP s1 s2 d: compare s1 with s2; bit d is on if s1 > s2, d+1 if s1 = s2, and d+2 if s1 < s2.
 
     The bits do not change when the drive input turns off (docs/sources/fx2n.md 1.2).
     """
@@ -95,7 +95,7 @@ def cmp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 
 def zcp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
-    """ZCP s1 s2 s d: compare s with the range s1 to s2; d is on if s is below it, d+1 if within, and d+2 if above.
+    """ZCP s1 s2 s d: compare s with the range s1 to s2; bit d is on if s is below it, d+1 if within, d+2 if above.
 
     If s2 is below s1, s1 is used instead of s2.
     """

@@ -15,7 +15,7 @@ OFF = [False] * SIZES["Y"]
 
 
 def plc_of(text: str) -> FxPlc:
-    """Return a PLC that runs a program given as instructions separated by slashes, without END."""
+    """Return a PLC that runs a program given as instructions separated by slashes; END is appended."""
     return FxPlc(read_il("\n".join([*text.split(" / "), "END"])), input_filter_ms=0)
 
 
@@ -143,7 +143,7 @@ def test_m8037_stops_and_m8035_with_m8036_runs() -> None:
 
 
 def fill(plc: FxPlc) -> None:
-    """Set all devices except special ones."""
+    """Set all devices except special devices."""
     memory = plc.memory
     for kind in "YMSTC":
         size = min(SIZES[kind], 8000)
@@ -153,7 +153,7 @@ def fill(plc: FxPlc) -> None:
 
 
 def retained_devices(plc: FxPlc) -> dict[str, set[int]]:
-    """Return the numbers of the devices that are not cleared, except special ones."""
+    """Return the numbers of the devices that are not cleared, excluding special devices."""
     memory = plc.memory
     cells = {kind: memory.bits(kind) for kind in "YMSTC"} | {"D": memory.D, "TN": memory.TV, "CN": memory.CV}
     return {kind: {number for number, value in enumerate(row[:8000]) if value} for kind, row in cells.items()}

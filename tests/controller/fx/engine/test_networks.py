@@ -23,7 +23,7 @@ class Machine:
 
     Attributes:
         bits: Devices of the networks.
-        before: Last value at each edge instruction, by line.
+        before: Level at the last execution of each edge instruction, by line.
     """
 
     bits: dict[str, bool] = field(default_factory=lambda: dict.fromkeys((*INPUTS, *COILS, "M100"), False))

@@ -127,7 +127,7 @@ def normal(word: str) -> str:
 
 
 def words_of_list(text: str) -> list[list[str]]:
-    """Return the words of a list by line, without comments and step numbers, independently of the tested parser."""
+    """Return the words of each line, excluding comments and step numbers, without using the tested parser."""
     lines = []
     for one in re.split(r"\r\n|\r|\n", text):
         words = re.split(r";|//|'|\(\*", one, maxsplit=1)[0].replace(",", " ").replace("\t", " ").split(" ")
@@ -144,7 +144,7 @@ def words_of_ladder(ladder: Ladder) -> list[list[str]]:
 
 
 def words_of_csv(data: bytes) -> list[list[str]]:
-    """Return the words of a CSV file by instruction."""
+    """Return the words of each instruction in a CSV file."""
     text = data.decode("utf-16")
     found: list[list[str]] = []
     for row in list(csv.reader(io.StringIO(text, newline=""), delimiter="\t"))[3:]:

@@ -39,7 +39,7 @@ TIMEOUT_S = 20.0
 
 
 class Browser:
-    """Socket client that maintains the view as a page does."""
+    """Socket client that maintains the view as the page does."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket
@@ -160,7 +160,7 @@ class PanelRig:
         return self._stack.enter_context(httpx.Client(base_url=self.origin, headers=headers, timeout=TIMEOUT_S))
 
     def log_in(self, user: str) -> None:
-        """Log in the local client; sockets opened afterwards have its access level."""
+        """Log in the local client; sockets opened afterwards have the access level of this user."""
         answer = self.here.post("/api/login", json={"user": user, "password": PASSWORDS[user]})
         assert answer.status_code == 200, answer.text
 

@@ -80,7 +80,7 @@ def started(folder: Path, *, slow: bool = False) -> Iterator[Station]:
 
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
-    """Yield a machine in Stopped; each test must leave it in Stopped, in continuous mode and without alarms."""
+    """Yield a machine in the Stopped state; each test must leave it Stopped, in continuous mode and without alarms."""
     with started(tmp_path_factory.mktemp("stopped")) as station:
         yield station
 

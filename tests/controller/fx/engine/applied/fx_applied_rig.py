@@ -80,7 +80,7 @@ class Bench:
         self.action(text)()
 
     def changes_only(self, text: str, after: State) -> None:
-        """Run an instruction once and check that only these devices change."""
+        """Run an instruction once and check that it sets these devices to these values and changes no others."""
         expected = copy.deepcopy(self.memory)
         for name, value in after.items():
             poke(expected, name, value)

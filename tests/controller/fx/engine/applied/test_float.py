@@ -1,4 +1,4 @@
-"""FLT INT ECMP EZCP EADD ESUB EMUL EDIV: singles in registers, rounding, flags, errors."""
+"""FLT INT ECMP EZCP EADD ESUB EMUL EDIV: single-precision numbers in registers, rounding, flags, errors."""
 
 from __future__ import annotations
 

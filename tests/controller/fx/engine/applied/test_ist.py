@@ -15,7 +15,7 @@ M8040, M8041, M8042, M8043, M8045, M8047 = 8040, 8041, 8042, 8043, 8045, 8047
 
 
 class Panel:
-    """Machine with its switches at X20 to X27 and the automatic states S20 to S30."""
+    """Machine with its switches at X20 to X27 and automatic states S20 to S30."""
 
     def __init__(self, mode: int | None, **before: int) -> None:
         self.bench = Bench(before)

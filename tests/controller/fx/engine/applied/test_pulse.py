@@ -152,7 +152,7 @@ def test_pwm_is_on_for_its_width() -> None:
 
 
 def test_plsr_accelerates_and_decelerates() -> None:
-    """With 1000 Hz and ramps of 100 ms, a ramp has ten steps with 1 to 10 pulses; the other 90 pulses take 90 ms."""
+    """At 1000 Hz with ramps of 100 ms, each ramp has ten steps with 1 to 10 pulses; the other 90 pulses take 90 ms."""
     bench = Bench()
     plsr = bench.level("PLSR K1000 K200 K100 Y0")
     times = (0, 10, 20, 100, 190, 200, 280, 289, 290, 400)
