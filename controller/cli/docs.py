@@ -68,7 +68,7 @@ def io_table(machine: Transplanter) -> str:
 
 
 def step_tables(machine: Transplanter) -> str:
-    """Return one table per sequence: requests, time limit, alarm and transitions of each step."""
+    """Return one table per sequence, with the requests, time limit, alarm and transitions of each step."""
     parts = [f"# Steps\n\n{GENERATED}\n"]
     for sequence in machine.program.sequences():
         rows = [_step_row(sequence, step) for _, step in sequence]
@@ -147,7 +147,7 @@ def _refusal_reasons(machine: Transplanter, command: Bit) -> str:
 
 
 def state_tables(machine: Transplanter) -> str:
-    """Return a table of the PackML transitions; later rows have priority."""
+    """Return a table of the PackML transitions in ascending order of priority."""
     rows = [
         (", ".join(s.name.title() for s in row.sources), row.target.name.title(), row.reason, readable(row.when))
         for row in machine.states
@@ -156,7 +156,7 @@ def state_tables(machine: Transplanter) -> str:
 
 
 def interlock_tables(machine: Transplanter) -> str:
-    """Return the interlock rules of both arms and the tray, and the proved requirements."""
+    """Return tables of the interlock rules of the arms and the tray feeder, and of the requirements to be proved."""
     parts = [
         f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and all of its rules allow it.\n"
     ]
@@ -184,7 +184,7 @@ def device_table(machine: Transplanter) -> str:
 
 
 def instruction_table(_: Transplanter) -> str:
-    """Return tables of all FX2N instructions with their support in the engine, and of the supported special devices."""
+    """Return a table of all FX2N instructions, supported or not, and a table of the supported special devices."""
     rows = []
     for kind in KINDS:
         names = [name for name, form in FORMS.items() if form.kind is kind]

@@ -1,4 +1,4 @@
-"""Command ``history``: output of recorded rows as a table, CSV, JSON or Parquet, even while the controller runs."""
+"""Command ``history``: print recorded rows as a table, CSV, JSON or Parquet, even while the controller runs."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _selection(options: argparse.Namespace, now_ms: int) -> RowSelection:
 
 
 def _instant_ms(option: str, text: str | None, now_ms: int) -> int | None:
-    """Return the wall-clock time that the text of an option specifies, ms since 1970 UTC."""
+    """Return the wall-clock time specified by an option, ms since 1970 UTC."""
     if text is None:
         return None
     ago = _RELATIVE.fullmatch(text)
@@ -154,7 +154,7 @@ def _write_summary(totals: Sequence[DayTotal], form: str, file: IO[str]) -> None
 
 
 def _output(write: Callable[[IO[str]], object], out: Path | None) -> str:
-    """Return the output text, or write it to a file and return the path."""
+    """Return the output text, or write it to a file and return the path of the file."""
     if out is None:
         printed = io.StringIO()
         write(printed)
@@ -168,7 +168,7 @@ def _output(write: Callable[[IO[str]], object], out: Path | None) -> str:
 
 
 def _write_file(out: Path, write: Callable[[Path], None]) -> str:
-    """Write a temporary file in the same folder, rename it and return the path."""
+    """Write a temporary file in the folder of the output file, rename it and return the new path."""
     part = out.with_name(out.name + ".part")
     try:
         try:

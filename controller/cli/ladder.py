@@ -132,7 +132,7 @@ def _draw(options: argparse.Namespace) -> int:
 
 
 def stepper_output(program: Program) -> PulseTrain:
-    """Return the output of the conveyor's stepper as a pulse train."""
+    """Return the conveyor's stepper output as a pulse train."""
     output = next(
         bit
         for rung in program.rungs()
@@ -143,7 +143,7 @@ def stepper_output(program: Program) -> PulseTrain:
 
 
 def _size(out: Path, program: Program) -> str:
-    """Return one line with the number of blocks, sequences and steps of an export."""
+    """Return one line that states the numbers of blocks, sequences and steps of a program."""
     sequences = list(program.sequences())
     steps = sum(len(sequence.steps) for sequence in sequences)
     return f"{out}: {program.name}, {len(program.blocks)} blocks, {len(sequences)} sequences with {steps} steps"

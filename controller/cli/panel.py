@@ -1,4 +1,4 @@
-"""Command ``panel``: serve the operator's page of a running controller."""
+"""Command ``panel``: serve the operator's web page for a running controller."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 class _Server(uvicorn.Server):
-    """Web server that prints its URL once it listens."""
+    """Web server that prints its URL once it is listening."""
 
     def __init__(self, config: uvicorn.Config, url: str) -> None:
         super().__init__(config)
@@ -106,7 +106,7 @@ class _Server(uvicorn.Server):
 
 
 def server_config(app: ASGIApp, certificate: Path | None = None, key: Path | None = None) -> uvicorn.Config:
-    """Return the server settings: message size limit, ping timeout of sockets, forwarded headers ignored."""
+    """Return the server settings; they limit the message size, set the ping timeout and ignore forwarded headers."""
     return uvicorn.Config(
         app,
         log_config=None,

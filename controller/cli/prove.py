@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the report; return 0 if everything is proved, else 1."""
+    """Print the report; return 0 if all goals are proved, otherwise 1."""
     clock = MonotonicClock()
     try:
         text, good = prove_command(
@@ -74,7 +74,7 @@ def prove_command(
         traces: Folder for the traces of violated goals.
 
     Returns:
-        The text to print, and whether everything is proved.
+        The text to print, and True if all goals are proved.
 
     Raises:
         ModelError: A goal is unknown.

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the scans; return 0 if the requirement holds after them, else 1."""
+    """Print the scans; return 0 if the goal of the trace holds after the last scan, otherwise 1."""
     specification = specification_of(machine_of(options, without=options.without))
     try:
         lines, holds = replay_command(specification, options.trace)
@@ -50,7 +50,7 @@ def replay_command(specification: Specification, path: Path) -> tuple[Iterable[s
         path: Trace file.
 
     Returns:
-        The scans as text, and whether the goal holds after them.
+        The scans as text, and True if the goal of the trace holds after the last scan.
 
     Raises:
         ModelError: The file is not a trace, or belongs to another program.

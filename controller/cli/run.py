@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run until SIGINT or SIGTERM and return the exit code: 1 if the safe outputs could not be written.
+    """Run until SIGINT or SIGTERM and return the exit code, which is 1 if the safe outputs could not be written.
 
     Raises:
         InputError: An option or a file is invalid.
@@ -311,7 +311,7 @@ def _server(
 
 
 def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
-    """Restore the memory of the last run. A damaged file is renamed and reported, and the program is notified."""
+    """Restore the memory stored by the last run. A damaged file is renamed and reported, and `memory_lost` is set."""
     try:
         values = store.load()
         if values is not None:
@@ -338,7 +338,7 @@ def _set_points(machine: Transplanter, assignments: Sequence[str]) -> list[tuple
 
 
 def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: threading.Event) -> bool:
-    """Retry until the field I/O responds; report a missing response immediately and then periodically."""
+    """Wait until the field I/O responds, with periodic reports while it does not; return False if `stop` is set."""
     tries = 0
     while not stop.is_set():
         try:

@@ -1,4 +1,4 @@
-"""Command ``tags``: list of the Modbus tags for panel builders."""
+"""Command ``tags``: write the list of Modbus tags for panel builders."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def tag_page(machine: Transplanter) -> str:
-    """Return the Modbus tags of the controller as a page."""
+    """Return a Markdown page that lists the Modbus tags of the controller."""
     return f"{TAGS_HEAD}\n{table(COLUMNS, tag_rows(machine))}"
 
 
 def write_tags(machine: Transplanter, folder: Path) -> list[Path]:
-    """Write the tag list as a page and as CSV and return the paths of the files."""
+    """Write the tag list as a Markdown page and as CSV, and return the paths of the files."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {folder / "hmi-tags.md": tag_page(machine), folder / "hmi-tags.csv": tag_csv(machine)}
     for path, text in texts.items():

@@ -10,7 +10,7 @@ from controller.common.errors import InputError
 
 
 class FileLockError(InputError):
-    """Raised if a file cannot be locked; the message is one line with the remedy, without the file name."""
+    """Raised if a file cannot be locked; the message is one line that includes the remedy but not the file name."""
 
 
 def lock_file(path: Path) -> BaseFileLock:
@@ -28,7 +28,7 @@ def lock_file(path: Path) -> BaseFileLock:
     """
     if path.is_dir():
         raise FileLockError("is a folder, not a file")
-    if not path.parent.parent.is_dir():  # probably a typing error
+    if not path.parent.parent.is_dir():  # probably a typo
         raise FileLockError(f"folder {path.parent.parent} does not exist; create it or choose another file")
     # History and retentive memory are not always closed by the thread that opened them.
     lock = FileLock(path.with_name(path.name + ".lock"), timeout=0, thread_local=False)

@@ -50,7 +50,7 @@ class LocatedMapping:
     faults: list[InvalidValue] = field(default_factory=list)
 
     def line_of(self, path: KeyPath) -> int:
-        """Return the line of a key; for a missing key, the line of the mapping that lacks it."""
+        """Return the line of a key; for a missing key, the line of the mapping that should contain it."""
         while path not in self.lines:
             path = path[:-1]
         return self.lines[path]
@@ -77,13 +77,13 @@ def read_yaml(
 
     Args:
         path: Path of the file.
-        error_type: Type of the error of an invalid file.
-        loader: Loader that resolves the types of scalars. The default resolves none; YAML 1.1 reads ``off`` as false,
-            ``010`` as 8 and ``1:30`` as 90.
+        error_type: Type of the exception raised for an invalid file.
+        loader: Loader that resolves the types of scalars. The default resolves none, because YAML 1.1 reads
+            ``off`` as false, ``010`` as 8 and ``1:30`` as 90.
 
     Raises:
         InputError: The file cannot be read, is not YAML in UTF-8, is empty or does not contain a mapping; the message
-            is one line: file, line, problem, remedy.
+            is one line with the file, the line, the problem and the remedy.
     """
     try:
         data = path.read_bytes()
@@ -104,7 +104,7 @@ def read_yaml(
 
 
 def _compose(text: str, loader: type[yaml.BaseLoader | yaml.SafeLoader]) -> yaml.Node | None:
-    """Return the node tree; the Python loader reads texts that the compiled one rejects, and reports errors."""
+    """Return the node tree; the Python loader reads text that is nested deeply or rejected by the compiled one."""
     fast = _COMPILED.get(loader)
     if fast is not None and sum(map(text.count, _NESTING)) < _MAX_NESTING:
         with suppress(yaml.YAMLError):
@@ -136,7 +136,7 @@ def line_of(node: yaml.Node) -> int:
 
 
 def value_of(node: yaml.Node) -> object:
-    """Return a bool for a plain true or false, an int for a plain decimal, otherwise the text.
+    """Return a bool for an unquoted true or false, an int for an unquoted decimal number, otherwise the text.
 
     A list or a mapping is returned as a node.
     """
@@ -193,7 +193,7 @@ def unfold(node: yaml.MappingNode, depth: int = 2, convert: Callable[[yaml.Node]
 
 
 def shown(value: object) -> str:
-    r"""Return a value from the file for use in a message: on one line and limited in length.
+    r"""Return a value from the file, formatted for a message: on one line and limited in length.
 
     >>> print(shown("two\nlines"), shown(True))
     'two\nlines' true

@@ -69,7 +69,7 @@ def complaints(error: ValidationError, model: type[BaseModel], values: object) -
 
 
 def _path(location: KeyPath, values: object) -> KeyPath:
-    """Return the part of an error location that exists in the values, without the types of a union."""
+    """Return the part of an error location that exists in the values, excluding union types and missing keys."""
     for depth, part in enumerate(location):
         is_key = isinstance(values, Mapping) and part in values
         if not is_key and not (isinstance(values, list) and isinstance(part, int)):
@@ -106,7 +106,7 @@ def _text(fault: ErrorDetails, path: KeyPath, model: type[BaseModel]) -> str:
 
 
 def _fields(annotation: object) -> Mapping[str, FieldInfo]:
-    """Return the fields of the model in an annotation, such as ``list[Change]``; empty if there is none."""
+    """Return the fields of the model in an annotation such as ``list[Change]``; empty if it contains no model."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation.model_fields
     return next((fields for each in get_args(annotation) if (fields := _fields(each))), {})

@@ -1,4 +1,4 @@
-"""Mapping of a YAML file whose values are read one by one; errors contain file and line."""
+"""Mapping of a YAML file whose values are read one by one; error messages state the file and the line."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Section:
             name: Dotted name.
             node: YAML node.
             known: Permitted keys; None = any.
-            error_type: Type of all errors.
+            error_type: Type of the exceptions raised.
 
         Raises:
             InputError: The node is not a mapping, or a key is duplicate or unknown.
@@ -64,11 +64,11 @@ class Section:
         return iter(self._values)
 
     def where(self, key: str | None = None) -> str:
-        """Return file and line of a key, or of the section."""
+        """Return the file and the line of a key, or of the section."""
         return f"{self.path}:{self.line if key is None else self._lines.get(key, self.line)}"
 
     def error(self, key: str | None, complaint: str) -> InputError:
-        """Return an error that names file, line and key."""
+        """Return an error that names the file, the line and the key."""
         return self._error_type(f"{self.where(key)}: {self._dotted(key) or 'file'}: {complaint}")
 
     def read(self, key: str, reader: Callable[[str], _Value]) -> _Value:
@@ -117,7 +117,7 @@ class Section:
         ]
 
     def entries(self, key: str, known: Collection[str]) -> list[Section | str]:
-        """Return the entries of the list of a key, words or mappings.
+        """Return the entries of the list stored under a key; each entry is a word or a mapping.
 
         Args:
             key: The key.
@@ -175,7 +175,7 @@ def read_section(path: Path, known: Iterable[str], error_type: type[InputError])
     Args:
         path: Path of the file.
         known: Permitted keys.
-        error_type: Type of all errors, including those of the sections below.
+        error_type: Type of the exceptions raised, including those of nested sections.
 
     Raises:
         InputError: The file is not valid YAML, or a key is duplicate or unknown.
@@ -196,7 +196,7 @@ def one_of(what: str, known: Iterable[_Name]) -> Callable[[str], _Name]:
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
-    """Return a reader of integers within limits."""
+    """Return a reader that accepts integers within limits."""
 
     def read(text: str) -> int:
         if re.fullmatch("-?[0-9]{1,18}", text) is None or not low <= int(text) <= high:

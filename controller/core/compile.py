@@ -214,7 +214,7 @@ def _reset(target: Bit | Word | Timer | Counter) -> tuple[str, ...]:
 
 
 def trigger(index: int, source: Bit, n: int) -> str:
-    """Return the trigger name of the n-th transfer from a step of the index-th sequence."""
+    """Return the trigger name of transfer n out of step `source` in sequence number `index`."""
     return f"transfer_{index}_{source.number}_{n}"
 
 

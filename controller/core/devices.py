@@ -27,7 +27,7 @@ RETENTIVE: Final = {
     "C": (range(100, 200), range(220, 256)),
     "D": (range(200, 8000),),
 }
-"""Battery-backed ranges. Within them M1024-M3071 and D512-D7999 are latched regardless of the parameters."""
+"""Battery-backed ranges. Within them M1024-M3071 and D512-D7999 are latched regardless of the parameter settings."""
 
 ANNUNCIATORS: Final = range(900, 1000)
 MS_100_TIMERS: Final = range(200)

@@ -40,7 +40,7 @@ class Expr:
 
 @dataclass(frozen=True, slots=True)
 class Bit(Expr):
-    """Contact of an X, Y, M, S, T or C device. Equality and hash use only the device.
+    """Contact of an X, Y, M, S, T or C device. Equality and hash depend only on `kind` and `number`.
 
     Attributes:
         kind: Device kind.

@@ -31,7 +31,7 @@ _UNUSED_S: Final = 30 * 86_400.0
 
 
 class _Bits(ctypes.Array):  # type: ignore[type-arg]
-    """Row of bits in the memory region, with the list methods that are called on the lists of a `Memory`."""
+    """Row of bits in the memory region; it has the list methods that are called on the lists of a `Memory`."""
 
     _type_ = ctypes.c_bool
     _length_ = 0
@@ -156,7 +156,7 @@ def _checksum(code: bytes) -> bytes:
 
 
 def _split(content: bytes) -> tuple[bytes, bytes]:
-    """Return the checksum and the object code in a cached file; a damaged object file would crash the process."""
+    """Return the checksum and the object code in a cached file; running damaged object code would crash the process."""
     size = hashlib.sha256().digest_size
     return content[:size], content[size:]
 
@@ -200,7 +200,7 @@ def _delete_unused(folder: Path) -> None:
 
 
 def _store(path: Path, code: bytes) -> None:
-    """Write an object file so that other processes see it complete or not at all."""
+    """Write an object file atomically: other processes see either the complete file or none."""
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
     try:
         with os.fdopen(handle, "wb") as file:

@@ -31,7 +31,7 @@ class MemoryLayout:
     """
 
     def __init__(self, edges: int) -> None:
-        """Arrange the memory of a program with this number of PLS and PLF rungs."""
+        """Arrange the memory of a program with the given number of PLS and PLF rungs."""
         sizes = {name: SIZES[kind] for name, kind in (("TV", "T"), ("TS", "T"), ("CV", "C"), ("CE", "C"), ("L", "S"))}
         sizes |= dict(SIZES) | {"E": max(edges, 1)}
         self.words: dict[str, MemoryRow] = {}

@@ -14,7 +14,7 @@ from controller.core.sequence import Sequence
 
 
 class ProgramError(ValueError):
-    """Raised for a program that violates a rule: double coil, shared timer or output written outside its block."""
+    """Raised for a program with a double coil, a shared timer or an output written outside the output block."""
 
 
 @dataclass(frozen=True, slots=True)

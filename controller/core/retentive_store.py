@@ -57,7 +57,7 @@ class FileStore:
         """Return the most recently saved values; None if the file does not exist.
 
         Raises:
-            DamagedStoreError: The content of the file is not what `save` wrote.
+            DamagedStoreError: The content of the file differs from what `save` wrote.
         """
         try:
             text = self.path.read_bytes()

@@ -177,10 +177,10 @@ class Plc:
 
         Args:
             now_ms: Monotonic time of the scan, ms. The caller reads the clock once per scan.
-            levels: Raw levels of the X terminals from X0, indexed by the octal value of the address.
+            levels: Raw levels of the X terminals from X0, indexed by the value of the octal address.
 
         Returns:
-            Copy of the Y image: raw levels indexed by the octal value of the address.
+            Copy of the Y image: raw levels indexed by the value of the octal address.
         """
         self._filter.latch(now_ms, levels)
         self._execution.run(now_ms, first=self.scans == 0)

@@ -7,7 +7,7 @@ The semantics are those of the FX step ladder (docs/sources/fx2n.md 1.7), with t
   and a destination declared later is executed in the same scan. A step left and re-entered in one scan stays on.
 - If several transitions out of a step are true, the first one is taken.
 - A request (``hold``) is a coil driven by every step that holds it. It is written once, after all sequences.
-- A step's dwell timer runs while the step is on and is reset when the scan reaches the step and the step is off.
+- A step's dwell timer runs while the step is on and is reset when the scan reaches the step while it is off.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from controller.core.rungs import Annunciate, OnDelay
 
 
 class SequenceError(ValueError):
-    """Raised for an invalid sequence: unknown step, moving step without a time limit, ..."""
+    """Raised for an invalid sequence, for example one with an unknown step or a moving step without a time limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """Transition of a sequence with its S bits; its condition excludes all transitions with higher priority."""
+    """Transition of a sequence with its S bits; it is false while a transition with higher priority is true."""
 
     source: Bit
     target: Bit

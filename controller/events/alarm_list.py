@@ -1,4 +1,4 @@
-"""Alarm list of the operator: annunciators with the states of ISA-18.2, evaluated after each scan.
+"""Operator's alarm list: annunciators with the states of ISA-18.2, evaluated after each scan.
 
 The ladder latches and resets the annunciators. Acknowledging and shelving affect only the list, not the PLC: an
 alarm that stops work does so regardless of its state in the list.
@@ -177,8 +177,8 @@ class _AlarmEntry:
 class AlarmList:
     """States of all alarms, with acknowledgement and shelving; an observer of the runtime.
 
-    Actions are thread-safe. They are checked immediately and take effect in the next scan, before the new alarms of
-    that scan, so that an alarm cannot be acknowledged before it appears in the list. After a restart the list is empty:
+    Actions are thread-safe. They are checked immediately and take effect in the next scan, before its new alarms are
+    listed, so that an alarm cannot be acknowledged before it appears in the list. After a restart the list is empty:
     annunciators that are still set must be acknowledged again, and nothing is shelved.
     """
 
@@ -226,10 +226,10 @@ class AlarmList:
             self._rows = self._sorted_rows()
 
     def rows(self) -> tuple[AlarmRow, ...]:
-        """Return the list after the last scan.
+        """Return the alarm list as of the last scan.
 
-        The first-out alarm is followed by the unacknowledged, the returned unacknowledged, the acknowledged and the
-        shelved alarms; each group is sorted by severity.
+        The first-out alarm is followed by the unacknowledged, the returned-to-normal unacknowledged, the acknowledged
+        and the shelved alarms; each group is sorted by severity.
         """
         return self._rows
 

@@ -23,8 +23,8 @@ class CycleEdges:
 
     As in the production log, a cycle starts in the scan that sets its first step. The list of edges
     starts with the levels of the previous scan, at time 0. Edges of one scan are in the order of execution: inputs,
-    steps, outputs. Of the inputs and outputs, only those of the arm, including its cup sensor, are recorded, as raw
-    terminal levels.
+    steps, outputs. Only the inputs and outputs of the arm, including its cup sensor, are recorded; their levels
+    are raw terminal levels.
     """
 
     def __init__(self, machine: Transplanter) -> None:
@@ -58,7 +58,7 @@ class CycleEdges:
         self._image: list[bool] | None = None
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
-        """Evaluate the memory after a scan; if nothing has changed, this takes only one list comparison."""
+        """Evaluate the memory after a scan; if nothing has changed, only one list comparison is made."""
         memory = plc.memory
         image = memory.X[: self._inputs]
         for steps in self._steps:
@@ -81,7 +81,7 @@ class _ArmEdges:
         """Create a recorder for one arm.
 
         Args:
-            devices: Devices of the arm, with their indices in the image.
+            devices: Index in the image and FX name of each device of the arm.
             start: Index of the first step of the cycle.
             end: Index of the home step.
         """

@@ -24,7 +24,7 @@ _MIN_WAIT_MS: Final = 50
 
 @dataclass(frozen=True, slots=True)
 class StateEvent:
-    """Entry into a PackML state, with the reason for Suspended and Held."""
+    """Entry into a PackML state, with the reason if the state is Suspended or Held."""
 
     at_ms: int
     state: int
@@ -57,13 +57,13 @@ class QuestionEvent:
 
 @dataclass(frozen=True, slots=True)
 class CycleEvent:
-    """Completed cycle of an arm: a row was released into the cups and the arm is home again.
+    """Completed cycle of an arm: a row has been released into the cups, and the arm has returned home.
 
     Attributes:
         at_ms: End of the cycle, ms.
         side: Arm.
         row: Picked row, 1 to 3.
-        cycle_ms: Time from leaving feed until the arm is at feed again, down and converged, ms.
+        cycle_ms: Time from leaving the feed position until the arm is back there, down and converged, ms.
         waiting_ms: Part of this time spent waiting for cups, ms.
         missed_cups: Number of cups missed by the arm since the last reset of the counts.
         gap_cause: Cause of the cups missed since the previous cycle.
@@ -161,7 +161,7 @@ class _CycleTimer:
         self._tray_ms = self._centre_ms = 0
 
     def _add_wait_at_feed(self, passed_ms: int, plc: Plc) -> None:
-        """Add the elapsed time at feed to the total of its cause."""
+        """Add the time since the last scan to the waiting time for the tray or for the centre."""
         if plc.read(self._tray.phase) == IN_PLACE:
             self._centre_ms += passed_ms
         else:

@@ -1,6 +1,6 @@
 """History file: one SQLite database in WAL mode with a size limit.
 
-Three quarters of the limit are for the tables, a sixteenth is for the write-ahead log (WAL), and the rest is for
+Three quarters of the limit are reserved for the tables, a sixteenth for the write-ahead log (WAL), and the rest for
 growth by one batch of rows and for SQLite's index of the log. The oldest rows are deleted to make room for new ones,
 and their pages are reused.
 """
@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 
 class HistoryRow(NamedTuple):
-    """Row without the columns `id` and `run`.
+    """Row of a table, excluding the columns `id` and `run`.
 
     Attributes:
         table: Name of the table in `TABLES`.
@@ -157,7 +157,7 @@ class HistoryFile:
             return 0
 
     def _delete_oldest(self) -> bool:
-        """Delete the rows in the lowest 1/64 of the id range, and the runs that then have no rows.
+        """Delete the rows in the lowest 1/64 of the id range, and the runs that have no rows left.
 
         Returns:
             True if a row was deleted.

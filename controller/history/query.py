@@ -31,7 +31,7 @@ _LARGEST: Final = 2**63 - 1
 
 @dataclass(frozen=True, slots=True)
 class RowSelection:
-    """Selection of rows by time and number.
+    """Selection of rows by time and maximum number.
 
     Attributes:
         since_ms: Start of the wall-clock interval, ms, inclusive; None = from the first row.
@@ -89,9 +89,9 @@ def _connect_checked(uri: str, path: Path) -> sqlite3.Connection:
 
 
 def pages(db: sqlite3.Connection, table: str, window: RowSelection) -> Iterator[list[Record]]:
-    """Yield the rows of a table in chronological order, page by page; JSON remains text.
+    """Yield the rows of a table in chronological order, page by page; JSON columns are returned as text.
 
-    Rows written after the start are not included.
+    Rows written after the first page has been read are not included.
     """
     within = "utc_ms >= ifnull(:since, utc_ms) AND utc_ms < ifnull(:until, utc_ms + 1)"
     values = {"since": window.since_ms, "until": window.until_ms, "last": -1 if window.last is None else window.last}

@@ -108,7 +108,7 @@ class HistoryWriter:
 
     @property
     def error(self) -> str | None:
-        """Error of the last attempt to write; None after a success."""
+        """Error of the last attempt to write; None if it succeeded."""
         with self._wake:
             return self._error
 
@@ -142,7 +142,7 @@ class HistoryWriter:
         self._put(HistoryRow("audit", self._wall_ms(), at_ms, texts), urgent=True)
 
     def close(self) -> None:
-        """Write the pending rows and close the file; give up after `CLOSE_S`."""
+        """Write the pending rows and close the file; give up after `CLOSE_S` seconds."""
         with self._wake:
             self._closing = True
             self._wake.notify_all()
@@ -264,7 +264,7 @@ class HistoryWriter:
 
 
 def _clean(text: str) -> str:
-    """Return an external text, truncated and encodable as UTF-8."""
+    """Return an external text, truncated and made encodable as UTF-8."""
     return text[:LONGEST_TEXT].encode(errors="replace").decode()
 
 

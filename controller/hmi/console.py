@@ -25,7 +25,7 @@ class OrderError(ValueError):
 
 
 class Console:
-    """Line interpreter; every line, including an empty one, also counts as a heartbeat of the operator."""
+    """Line interpreter; every line, including an empty one, also counts as an operator heartbeat."""
 
     def __init__(self, runtime: Runtime, alarms: AlarmList) -> None:
         """Initialise a console for a runtime and its alarm list."""

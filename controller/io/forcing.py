@@ -51,14 +51,14 @@ class Forcing:
 
     @property
     def levels(self) -> dict[int, bool]:
-        """Levels of the forced inputs by X number (octal value)."""
+        """Levels of the forced inputs, by X number (value of the octal address)."""
         return dict(self._levels)
 
     def force(self, number: int, level: bool | None) -> None:
         """Force an input to a level, or release it.
 
         Args:
-            number: X number, octal value.
+            number: X number (value of the octal address).
             level: Raw level of the terminal; None = release.
 
         Raises:

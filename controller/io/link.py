@@ -1,6 +1,6 @@
 """Field link interface of the scan loop, and the link watchdog.
 
-An image is a `list[bool]` of raw terminal levels, indexed by the octal value of the address
+An image is a `list[bool]` of raw terminal levels, indexed by the value of the octal address
 (X10 is index 8). Links do not apply the polarity.
 """
 

@@ -21,8 +21,8 @@ class Histogram:
     """Histogram of times with the bucket bounds `BOUNDS_US`.
 
     Attributes:
-        counts: Number of times in each bucket, not cumulative.
-        sum_us: Sum of all times, us.
+        counts: Number of measured times in each bucket, not cumulative.
+        sum_us: Sum of all measured times, us.
     """
 
     counts: list[int] = field(default_factory=lambda: [0] * (len(BOUNDS_US) + 1))

@@ -52,8 +52,8 @@ class ModbusTcpLink:
     """`FieldLink` to a Modbus TCP server: a remote I/O module or the simulated plant.
 
     An image is transferred in one request if the offsets in the I/O map are consecutive, otherwise in
-    one request per run of consecutive offsets, because strict modules answer an undeclared offset with
-    an exception.
+    one request per run of consecutive offsets, because strict modules reject a request for an
+    undeclared offset with an exception response.
     """
 
     def __init__(self, host: str, port: int, io_map: IoMap, *, unit: int = 1, timeout_s: float = 0.05) -> None:
@@ -98,7 +98,7 @@ class ModbusTcpLink:
             Levels by X number; numbers that are not in the map are False.
 
         Raises:
-            LinkError: The link is closed, or the answer is late, an exception or malformed.
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
         """
         image = [False] * self._input_count
         for run in self._input_runs:
@@ -119,7 +119,7 @@ class ModbusTcpLink:
             image: Levels by Y number; numbers that are not in the map are ignored.
 
         Raises:
-            LinkError: The link is closed, or the answer is late, an exception or malformed.
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
             ValueError: The image has the wrong length.
         """
         if len(image) != self._output_count:
@@ -157,7 +157,7 @@ class ModbusTcpLink:
         return reply
 
     def _failed(self, operation: str, reason: str) -> LinkError:
-        """Close the connection and return the error; a late answer must not be taken for the next one."""
+        """Close the connection and return the error; a late answer must not be read as the next one."""
         self.close()
         return LinkError(f"field I/O at {self._address}: {operation}: {reason}")
 

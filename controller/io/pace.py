@@ -14,7 +14,7 @@ FLAT_OUT: Final = 65_535
 """Unlimited pace: as fast as the computer permits."""
 
 _MAX_BACKLOG_S: Final = 0.2
-"""Longest delay that is made up, s; the rest of a longer delay, as on a busy computer, is dropped."""
+"""Longest delay that is caught up, s; the rest of a longer delay, as on a busy computer, is ignored."""
 
 
 class PaceError(ValueError):

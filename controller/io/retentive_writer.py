@@ -21,7 +21,7 @@ class RetentiveWriter(Protocol):
 
     @property
     def error(self) -> Exception | None:
-        """Error of the last attempt to save; None after a success."""
+        """Error of the last attempt to save; None if it succeeded."""
 
     def close(self) -> None:
         """Store pending values and stop."""
@@ -31,7 +31,7 @@ class DirectRetentiveWriter:
     """Synchronous writer, for stores in memory and machines in simulated time.
 
     Attributes:
-        error: Error of the last attempt to save; None after a success.
+        error: Error of the last attempt to save; None if it succeeded.
     """
 
     def __init__(self, store: RetentiveStore) -> None:
@@ -78,7 +78,7 @@ class ThreadedRetentiveWriter:
 
     @property
     def error(self) -> Exception | None:
-        """Error of the last attempt to save; None after a success."""
+        """Error of the last attempt to save; None if it succeeded."""
         with self._wake:
             return self._error
 

@@ -112,7 +112,7 @@ class Runtime:
         """Execute one scan.
 
         Args:
-            now_ms: Time of the scan, integer ms: its due time.
+            now_ms: Due time of the scan, an integer in ms.
             start_ms: Actual start of the scan, ms, used for the link timeout and the scan limit; None = the due time.
         """
         start_ms = now_ms if start_ms is None else start_ms

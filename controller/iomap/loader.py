@@ -39,7 +39,7 @@ DEFAULT_IO_MAP = _PACKAGED_IO_MAP if _PACKAGED_IO_MAP.exists() else _PACKAGED_IO
 
 
 class IoMapError(InputError):
-    """Raised for an invalid I/O map; the message is one line: file, line, tag, problem, remedy."""
+    """Raised for an invalid I/O map; the message is one line with file, line, tag, problem and remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +50,15 @@ class Point:
         tag: Name in the program, e.g. ``left.lift_down``.
         address: Terminal as written in the file, octal, e.g. ``X10``.
         device: ``X`` for an input, ``Y`` for an output.
-        number: Octal value of the address (8 for X10), used as the index into an image.
+        number: Value of the octal address (8 for X10), used as the index into an image.
         meaning: Meaning of the active state.
         polarity: Relation between logical state and terminal level.
         safe: Safe logical state, which is assumed for an input while the field link is lost and written to an output
             in the event of a fault.
         table: Modbus table of the I/O module.
         offset: Modbus offset in that table.
-        optional: True if the machine can run without it.
-        wired: True if the wire exists; always true unless optional.
+        optional: True if the machine can run without this point.
+        wired: True if the wire exists; always true unless `optional` is true.
         line: Line of the entry in the file, from 1.
     """
 
@@ -93,7 +93,7 @@ class Point:
 class IoMap:
     """I/O points of one machine.
 
-    An image is a list of raw terminal levels indexed by the octal value of the address.
+    An image is a list of raw terminal levels indexed by the value of the octal address.
 
     Attributes:
         path: Path of the file.
@@ -250,7 +250,7 @@ class _MapReader:
 
 
 def _tag_fault(section: str, tag: object) -> str | None:
-    """Return the fault of the tag of an entry, with the remedy; None for a valid tag."""
+    """Return what is wrong with an entry's tag, and the remedy; None if the tag is valid."""
     if not isinstance(tag, str):
         problem = "is missing" if tag is None else f"cannot be {shown(tag)}"
         return f"{problem}; write the name of a wire, for example left.lift_down"

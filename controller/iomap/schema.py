@@ -148,7 +148,7 @@ def _kind(info: ValidationInfo) -> PointKind:
 
 
 class Modbus(StrictModel):
-    """Modbus address of a point on the I/O module. The validation context is the kind of the point."""
+    """Modbus address of a point on the I/O module. The validation context is the `PointKind` of the point."""
 
     table: Annotated[  # strict mode does not accept a string for an enum member
         ModbusTable, Field(strict=False, description="write discrete_input (inputs) or coil (outputs)")
@@ -165,7 +165,7 @@ class Modbus(StrictModel):
 
 
 class Entry(StrictModel):
-    """Entry of a wire as written in the file. The validation context is the kind of the point."""
+    """Entry of a wire as written in the file. The validation context is the `PointKind` of the point."""
 
     tag: str
     address: str = Field(description="write X or Y and octal digits, for example X10")
@@ -210,7 +210,7 @@ class Entry(StrictModel):
 
     @property
     def number(self) -> int:
-        """Octal value of the address: 8 for X10."""
+        """Value of the octal address: 8 for X10."""
         return int(self.address[1:], base=8)
 
 

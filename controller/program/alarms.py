@@ -1,9 +1,9 @@
 """Alarm table of the program: annunciators S900-S999 with severity, texts and causes, and the rungs that set them.
 
 S numbers are permanent because panels, logs and operators refer to them. A number is never changed or reused; a new
-alarm gets the first free number after the last one in use below S990, and a new warning gets the number after that of
-the last warning. Severity is a separate field and does not depend on the number. As on the FX2N, D8049 contains the
-lowest number of an annunciator that is on, regardless of severity.
+alarm gets the first free number after the last one in use below S990, and a new warning gets the number after the
+last warning. Severity is a separate field and does not depend on the number. As on the FX2N, D8049 contains the
+number of the lowest-numbered annunciator that is on, regardless of severity.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ on at the same time, or one to come on too early, only for a shorter time."""
 UNBIDDEN_MS: Final = 500
 """Delay of the alarm for an arm at rest that leaves or reaches a switch, ms; longer than switch bounce."""
 LONE_CUPS: Final = 6
-"""Number of cups counted in one row, without any in the other, that raises an alarm. The same ground wheel drives both
+"""Number of cups counted in one row, with none in the other, that raises an alarm. The same ground wheel drives both
 carousels."""
 
 ARM_ALARM_NUMBERS: Final[dict[str, tuple[int, int]]] = {

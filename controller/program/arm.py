@@ -154,7 +154,7 @@ def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
 
 
 def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> list[Rung]:
-    """Return the rungs that evaluate sensors and memory before the sequences act on them.
+    """Return the rungs that evaluate the sensors and the memory before the sequences use the results.
 
     While the field link is lost, the X image contains assumed levels; no state is derived from them.
     """
@@ -226,7 +226,7 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
 
 
 def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]:
-    """Return the row rungs: the next row is the first one not taken; a row is taken when the arm lifts it."""
+    """Return the rungs of the row states: the next row is the first row not taken; lifting a row marks it as taken."""
     real = ~tags.system.link_lost
     jogged = tags.machine.jogs[f"{a.side}.lift_retract"] & a.claws_closed & ~a.at_feed
     driven = a.loaded & (a.coils["slide_inward"] | a.coils["slide_outward"])
@@ -252,12 +252,12 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
 
 
 def _at_or_beyond(a: ArmTags, row: int) -> Expr:
-    """Return the condition that any switch at or beyond a row is on; even an implausible switch stops the slide."""
+    """Return the condition that a switch at or beyond a row is on; even an implausible switch stops the slide."""
     return any_of(*(a.sensed_at_pick[pick] for pick in ROWS if pick >= row))
 
 
 def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
-    """Return the cycle permit: the arm is home, its row is full, the tray is at rest and the centre is free.
+    """Return the rungs of the cycle permit: the arm is home, its row is full, the tray at rest and the centre free.
 
     Only one arm at a time may be in the centre (inward of pick 2); the left arm has priority.
     """

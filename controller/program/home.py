@@ -22,8 +22,8 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
     2. A row in progress is put back and stays full if the arm is still down, or if the arm rose without a command
        before the claws had gripped, because half-closed claws must not lift a row.
     3. A loaded arm away from feed moves fully up, then out.
-    4. An empty arm away from feed moves out low if it is down, otherwise up and then out.
-    5. A loaded arm at feed moves up and remains ready.
+    4. An empty arm away from feed moves out without rising if it is down, otherwise up and then out.
+    5. A loaded arm at feed moves up and stays there, ready to start.
     6. An empty arm at feed opens its claws, moves up, converges and moves down.
     7. If memory and sensors do not determine the rule, the step waits for an answer from the operator.
     """

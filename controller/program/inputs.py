@@ -38,7 +38,7 @@ def _condition(point: Point) -> Expr:
 
 
 def driven(point: Point) -> Expr:
-    """Return the condition that the last scan wrote an output as on."""
+    """Return the condition that an output is active in the Y image of the last scan."""
     contact = Bit("Y", point.number, point.tag, point.meaning)
     return ~contact if point.inverted else contact
 

@@ -75,7 +75,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "inward ready",
-            "moving in with the claws closed or spread tears the seedlings",
+            "moving in with the claws closed or spread would tear the seedlings",
             ("slide_inward",),
             all_of(a.down, ~a.claws_closed, ~a.loaded, a.is_converged),
         ),
@@ -87,7 +87,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "stop at the row",
-            "the next row is the inner end of the motion; there are seedlings beyond it",
+            "the motion inward ends at the next row; there are seedlings beyond it",
             ("slide_inward",),
             ~a.passed & any_of(*a.row_is.values()),
         ),
@@ -123,7 +123,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "converge only when empty at feed",
-            "a load would be torn, and the cups must be below",
+            "converging would tear a load, and the cups must be below the claws",
             ("converge",),
             all_of(a.at_feed, ~a.loaded),
         ),

@@ -38,7 +38,7 @@ class Transplanter:
 
 
 class RuleError(InputError):
-    """Unknown interlock rule; the message is one line with the known rules."""
+    """Raised for an unknown interlock rule; the message is one line with the known rules."""
 
 
 def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:

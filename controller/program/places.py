@@ -157,7 +157,7 @@ def places(tags: Tags, a: ArmTags) -> list[Rung]:
 
 
 def _rest(a: ArmTags) -> list[Rung]:
-    """Return the rungs that store the places of an arm at rest and detect changes without a command."""
+    """Return the rungs that store the places of an arm when it comes to rest and detect changes without a command."""
     moved = any_of(*(coil for name, coil in a.coils.items() if not name.startswith("claws")))
     states = {
         a.rests_down: a.down,

@@ -16,7 +16,7 @@ from controller.program.ways_out import ways_out
 
 
 def specification(machine: Transplanter) -> Specification:
-    """Return the specification that is proved for the program of the machine."""
+    """Return the specification to be proved for the machine's program."""
     tags = machine.tags
     safety = Safety(tags, machine.alarms)
     invariants = dict(_of_machine(machine, safety))

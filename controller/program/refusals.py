@@ -65,7 +65,7 @@ class Obstacle:
 
 
 class Orders:
-    """Requests of all commands, from buttons or bits, and their obstacles; the first active obstacle is reported."""
+    """Requests for all commands, from buttons or bits, and their obstacles; the first active obstacle is reported."""
 
     def __init__(self, tags: Tags) -> None:
         self._tags = tags

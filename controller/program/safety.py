@@ -72,7 +72,7 @@ class MachineMonitor:
         m = Area("M", 488, 499, "monitor")
         self._tags = tags
         self.moved = m.bit("moved", "the last scan allowed motion")
-        self.pressed = m.bit("pressed", "a button or command that can start motion was given, this scan")
+        self.pressed = m.bit("pressed", "a button was pressed or a command given that can start motion, this scan")
         self.restarted = m.bit("restarted", "a coil came on from rest without a button or command")
         self.jogged = m.bit("jogged", "the last scan jogged an output")
         self.jog_unbidden = m.bit("jog without command", "an output is jogged without a command")
@@ -171,7 +171,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         ),
         "spread, not up at feed": ("there is room for spread claws only over the cups", spreads & ~(up & feed)),
         "belt with slide or lift": ("slide and lift must be at rest while the belt runs", belt & slide_or_lift),
-        "converge with a load": ("the seedlings would be torn", converges & monitor.holds),
+        "converge with a load": ("converging would tear the seedlings", converges & monitor.holds),
         "belt against its end stop": (
             "the motor may run against its end stop only after a switch has been found implausible",
             ~a.distrusted["belt"] & ((spreads & a.sensed_spread) | (converges & a.sensed_converged)),
@@ -213,7 +213,7 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
     away, entering = any_of(*(~a.sensed_at_feed for a in arms)), any_of(*(a.coils["slide_inward"] for a in arms))
     never = {
         "motion during an emergency stop": ("no motion during an emergency stop", moves & x.emergency_stop),
-        "motion without inputs": ("no motion without inputs", moves & tags.system.link_lost),
+        "motion without inputs": ("no motion while the field link is lost", moves & tags.system.link_lost),
         "motion after a scan or store fault": (
             "outputs must be off after such a fault",
             moves & (tags.system.scan_fault | tags.system.store_fault),
@@ -225,13 +225,13 @@ def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterat
         "motion in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
         "restart without a command": ("after a stop, motion requires a new command", monitor.restarted),
         "jog without renewal": (
-            "releasing a jog command must stop the motion",
+            "motion must stop when a jog is released or not renewed",
             machine.manual & moves & (machine.t_jog_lease.done | machine.jog.equals(0)),
         ),
         "jog without command": ("an output is jogged only by command", monitor.jog_unbidden),
         "tray moves with an arm away from feed": ("a moving tray would damage an arm in it", (run | forward) & away),
         "tray moves while an arm moves in": ("the arm moves in only over a tray at rest", (run | forward) & entering),
-        "tray moves in the wrong direction": ("the belt has one direction", run & ~forward),
+        "tray moves in the wrong direction": ("the belt moves only forward", run & ~forward),
         "tray moves during a fault": (
             "a jammed tray may be driven only in manual mode",
             all_of(tray_fault, ~machine.manual, run | forward),

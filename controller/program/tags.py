@@ -35,10 +35,10 @@ NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
 """Phases of the tray: unknown or none, at the pick position, leaving it, approaching it."""
 
 RELEASE_DELAY_X10_MS: Final = 6
-"""Delay from the releasing cup pulse to the open coil. The pulse occurs 15 mm before the cup is under the claw, 333 ms
-at 45 plants per minute per row. After the coil comes on, valve, air and fingers take 126 ms (simulated at 0.40 MPa),
-and the fall of 80 mm takes 128 ms. The input filter and half a scan add 15 ms: 333 - 254 - 15 = 64 ms, rounded down to
-whole units of the timer (machine.yaml)."""
+"""Delay from the releasing cup pulse to switching on the coil that opens the claws. The pulse occurs 15 mm before the
+cup is under the claw, which is 333 ms at 45 plants per minute per row. After the coil comes on, valve, air and fingers
+take 126 ms (simulated at 0.40 MPa), and the fall of 80 mm takes 128 ms. The input filter and half a scan add 15 ms:
+333 - 254 - 15 = 64 ms, rounded down to whole units of the timer (machine.yaml)."""
 
 SLIDE_LEAST_X10_MS: Final = 90
 """Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
@@ -61,7 +61,7 @@ LONGEST_NUMBER: Final = 9
 
 
 class SetPointError(ValueError):
-    """Unknown set-point or invalid value; the message is one line."""
+    """Raised for an unknown set-point or an invalid value; the message is one line."""
 
 
 class SetPoints:
@@ -101,7 +101,7 @@ class SetPoints:
             40,
             10,
             6000,
-            "waiting time without a cup pulse until Suspended; default: 3 cup intervals",
+            "waiting time without a cup pulse before suspending; default: 3 cup intervals",
         )
         self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
         self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
@@ -114,7 +114,7 @@ class SetPoints:
         self.slide_least = add(
             "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "shortest plausible travel time between a row and feed"
         )
-        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge until Suspended")
+        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge before suspending")
 
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""
@@ -124,7 +124,7 @@ class SetPoints:
         """Return the word of a set-point and the value parsed from text.
 
         Raises:
-            SetPointError: The set-point is unknown, or the value is not an integer or out of range.
+            SetPointError: The set-point is unknown, or the value is not an integer or is out of range.
         """
         if name not in self.names():
             raise SetPointError(f"unknown set-point {name!r}; known: {', '.join(self.names())}")
@@ -174,7 +174,7 @@ class MachineTags:
         self.ordered = m.bit("command given", "command given or button pressed, this scan")
         self.manual = m.bit("manual", "mode is manual")
         self.stepping = m.bit("stepping", "step mode active: each transfer requires a press")
-        self.stops_at_once = m.bit("stops at once", "the mode stops without finishing the cycle")
+        self.stops_at_once = m.bit("stops at once", "in this mode, stop and hold do not wait for the end of the cycle")
         self.jogging = m.bit("jogging", "manual mode active: outputs follow the jog register")
         self.jog_renewed = m.bit("jog renewed", "jog command accepted, this scan")
         self.step_armed = {
@@ -255,7 +255,7 @@ class ArmTags:
         self.doubt = {name: m.bit(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
         self.passed = m.bit("passed row", "the slide has reached or passed the next row since it left feed")
         self.begins_rest = m.bit(
-            "comes to rest", "rest time without a coil of lift, slide or belt has elapsed, this scan"
+            "comes to rest", "all coils of lift, slide and belt have been off for the rest time, this scan"
         )
         self.rests_down = m.bit("rests down", "the lift was down when it came to rest")
         self.rests_up = m.bit("rests up", "the lift was up when it came to rest")
@@ -266,11 +266,11 @@ class ArmTags:
         self.cup_edge = m.bit("cup edge", "rising edge of the cup sensor")
         self.cup = m.bit("cup", "cup counted, this scan")
         self.count_good = m.bit("count good", "twelve empty cups are under the claws")
-        self.release_edge = m.bit("release edge", "cup on which a waiting arm releases, this scan")
+        self.release_edge = m.bit("release edge", "cup edge at which a waiting arm releases its row, this scan")
         self.count_valid = m.bit("count valid", "twelve cups counted or a row released since power-up")
         self.cups_confirmed = m.bit("cups confirmed", "the operator has confirmed that the cups are empty")
-        self.no_cups = m.bit("no cups", "waiting for cups, and no cup within the limit")
-        self.row_running = m.bit("row running", "a row has been released, so cups after the twelfth are missed")
+        self.no_cups = m.bit("no cups", "waiting for cups, and no cup pulse within the time limit")
+        self.row_running = m.bit("row running", "a row has been released; cups after the twelfth count as missed")
         self.row_is = {row: m.bit(f"row is {row}", f"row {row} is the next row to pick") for row in ROWS}
         self.row_full = m.bit("row full", "the next row is full")
         self.row_in_progress = m.bit("row in progress", "a row is clamped but not yet lifted")
@@ -335,7 +335,7 @@ class ArmTags:
         pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
         self.t_pressed = {name: pressed.timer(f"{name} pressed", f"{name} driven against its end") for name in DEVICES}
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
-        self.t_rest = t100.timer("rest", "no coil of lift, slide or belt is on")
+        self.t_rest = t100.timer("rest", "all coils of lift, slide and belt are off")
         self.t_doubt = {
             name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES
         }

@@ -117,7 +117,7 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),
         Mov(MOVING_OUT, t.phase, when=t.emptied),
-        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # which tray is unknown: the operator must check
+        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # the tray is unknown; the operator must check it
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not a row in progress
         *(Mov(TAKEN, row, when=none) for row in rows),

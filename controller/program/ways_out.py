@@ -16,8 +16,8 @@ Presses = Mapping[Bit, bool]
 def ways_out(machine: Transplanter) -> tuple[WayOut, ...]:
     """Return the ways out of every situation; they show that no state, step or mode is a dead end.
 
-    An emergency stop leads from any state to Aborted, clear leads from there to Stopped, and from Stopped every mode
-    and homing can be selected.
+    An emergency stop leads from any state to Aborted, the clear command leads from there to Stopped, and in Stopped
+    every mode and homing can be selected.
     """
     return (*_to_stopped(machine), *_from_stopped(machine), *_to_work(machine))
 
@@ -45,7 +45,7 @@ class _OperatorPresses:
 
 
 def _terminal(condition: Expr, *, active: bool) -> tuple[Bit, bool]:
-    """Return the terminal of an input condition and its level."""
+    """Return the terminal of an input condition and the level that makes it active or inactive."""
     inverted = isinstance(condition, Not)
     bit = condition.operand if isinstance(condition, Not) else condition
     assert isinstance(bit, Bit)  # noqa: S101 - narrows the union for the type checker

@@ -1,7 +1,7 @@
 """Proof by induction over one scan: if all goals hold before the scan, they hold after it, for all inputs.
 
 A goal is proved if it holds after the first scan at the first power-up, and if no other scan that starts from a memory
-in which all goals hold can violate it, either in normal operation or as the first scan after a loss of power. The
+state in which all goals hold can violate it, either in normal operation or as the first scan after a loss of power. The
 solver reports which goals a proof depends on; the proof is valid only if these are proved too.
 """
 
@@ -39,7 +39,7 @@ class Moment(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """A scan that violates a goal, starting from a memory in which every goal holds. The memory need not be reachable.
+    """Scan that violates a goal, starting from a memory state, reachable or not, in which every goal holds.
 
     Attributes:
         goal: The goal.
@@ -79,7 +79,7 @@ class Verdict:
 
 
 class Induction:
-    """The three kinds of scan of a model, each with its solver, created on first use."""
+    """Inductive proof of a model, with one solver for each of the three kinds of scan, created on first use."""
 
     def __init__(self, model: Model) -> None:
         """Store the model; solving starts on demand."""
@@ -204,7 +204,7 @@ def describe_failure(model: Model, failure: Failure) -> list[str]:
 def unproved(verdicts: Iterable[Verdict]) -> dict[str, frozenset[str]]:
     """Return the unproved goals, each with the unproved goals that its own proof depends on.
 
-    Goals that depend on each other are proved together: each of them holds after the first scan without the others.
+    Goals that depend on each other are proved together; each is proved independently for the first scan.
     """
     verdicts = tuple(verdicts)
     failed: dict[str, frozenset[str]] = {v.goal.name: frozenset() for v in verdicts if not v.proved}

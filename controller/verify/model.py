@@ -1,4 +1,4 @@
-"""A specification as formulas: arbitrary memory, the memory after power-up, and one scan with arbitrary inputs."""
+"""Formulas of a specification: arbitrary memory, the memory after power-up, and one scan with arbitrary inputs."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def goals_of(specification: Specification) -> tuple[Goal, ...]:
 
 @dataclass(frozen=True)
 class Frame:
-    """One scan starting from a memory.
+    """One scan, starting from a given memory state.
 
     Attributes:
         start: Memory with the inputs of the scan.
@@ -117,7 +117,7 @@ class Model:
         self._check()
 
     def unknown(self, label: str) -> tuple[SymbolicMemory, list[z3.BoolRef]]:
-        """Return arbitrary memory between two scans, with the facts that always hold for timers and unwritten cells."""
+        """Return an arbitrary state between scans, with the facts that always hold for timers and unwritten cells."""
         memory = {cell: cell.variable(label) for cell in self.cells}
         facts = [memory[cell] == cell.constant(cell.default) for cell in self._untouched]
         return memory, facts + timer_facts(memory)

@@ -51,7 +51,7 @@ class Exits:
         return [bit for sequence in self._model.program.sequences() for bit, _ in sequence]
 
     def consistent(self) -> ProgressResult:
-        """Check that every goal holds in at least one state; otherwise anything could be proved."""
+        """Check that there is a state in which all goals hold; otherwise anything could be proved."""
         answer = self._solver.check(*self._assumed.values())
         if answer == z3.unsat:
             names = sorted(core_names(self._solver, self._assumed))

@@ -29,7 +29,7 @@ NO_ANSWER: Final = "solver timeout"
 
 
 class Result(StrEnum):
-    """Result of a goal."""
+    """Result of the proof of a goal."""
 
     PROVED = "proved"
     CONDITIONAL = "depends on an unproved goal"

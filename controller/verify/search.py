@@ -73,7 +73,7 @@ class Search:
         return found
 
     def _after(self, goal: Goal, scans: int, until_s: float) -> Trace | None:
-        """Search for a trace of exactly this length."""
+        """Search for a trace of exactly this number of scans."""
         holds = condition(goal.holds, self._frames[scans - 1].after)
         broken = switch(self._solver, z3.Not(holds), "broken")
         for origin in (self._factory, z3.Not(self._factory)):
@@ -122,7 +122,7 @@ class Search:
         return Trace(goal.name, start_of, retained, forced, tuple(rows))
 
     def _quiet(self, scans: int) -> Iterator[z3.BoolRef]:
-        """Yield optional facts that simplify a trace: short pauses, unchanged inputs, default memory."""
+        """Yield optional facts that simplify a trace: short pauses, unchanged inputs, default memory values."""
         for cell, term in self._start.items():
             if cell in self._model.retained_cells:
                 yield term == cell.constant(cell.default)

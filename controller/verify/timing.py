@@ -42,7 +42,7 @@ class FreeTimers:
         return z3.Bool(f"T{timer} over@{self._label}")
 
     def run(self, memory: SymbolicMemory, timer: Timer, counts: int | Word, driven: z3.BoolRef) -> None:  # noqa: ARG002
-        """Execute a timer's coil with any outcome."""
+        """Execute a timer's coil; a driven timer may or may not have elapsed."""
         done, value = Cell("T", timer.number), Cell("TV", timer.number)
         elapsed, some = self.elapsed(timer.number), value.variable(f"{self._label} counted")
         if is_retentive("T", timer.number):
@@ -68,13 +68,13 @@ class ExactTimers:
 
     @classmethod
     def aged(cls, label: str) -> ExactTimers:
-        """Return the time of a scan before which timers with an unknown start may have run for any length of time."""
+        """Return the timers of a scan at so late a tick that a running timer may have reached any count."""
         tick = z3.BitVecVal(LONG, 32)
         return cls(dict.fromkeys((MS_1, MS_10, MS_100), tick), z3.Bool(f"1 s clock@{label}"))
 
     @classmethod
     def at_tenths(cls, tenths: z3.BitVecRef) -> ExactTimers:
-        """Return the time of a scan at an instant in tenths of a second, 32 bits."""
+        """Return the timers of a scan at the given time in tenths of a second, 32 bits."""
         return cls({MS_1: tenths * 100, MS_10: tenths * 10, MS_100: tenths}, z3.URem(tenths, 10) < 5)
 
     def run(self, memory: SymbolicMemory, timer: Timer, counts: int | Word, driven: z3.BoolRef) -> None:

@@ -144,7 +144,7 @@ def one_scan(model: Model, failure: Failure) -> Trace:
 
 
 def scan_of(model: Model, at_ms: int, before: Mapping[Cell, int], start: Mapping[Cell, int]) -> TracedScan:
-    """Return the external inputs that lead from the memory before a scan to the memory at its start."""
+    """Return the external inputs that turn the memory before a scan into the memory at its start."""
     inputs = tuple(str(cell) for cell in model.inputs if cell.kind == "X" and start[cell])
     written = {str(c): start[c] for c in model.inputs if c.kind != "X" and start[c] != before[c]}
     return TracedScan(at_ms, inputs, written)
@@ -206,7 +206,7 @@ class _TracePrinter:
 
 
 def true_part(expr: Expr, memory: Memory) -> Expr:
-    """Return the part that makes a condition true; for parallel contacts, the first one that is on.
+    """Return the part of a condition that makes it true; for parallel contacts, the first one that is on.
 
     Examples:
         >>> from controller.core.expr import Bit

@@ -15,7 +15,7 @@ def checked_host(host: str, *, allow_remote: bool, option: str) -> str:
         option: Command-line option that permits remote access, named in the error message.
 
     Raises:
-        ValueError: The address is invalid, or remote access is not permitted; one line with the remedy.
+        ValueError: The address is invalid, or remote access is not permitted; the message is one line with the remedy.
     """
     try:
         address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)

@@ -52,7 +52,7 @@ class MbapServer:
     Attributes:
         device_for: Function that returns the device of a new client, given the client's address.
         max_connections: Maximum number of connections; further ones are closed immediately.
-        idle_timeout_s: Idle time after the last complete request before a connection is closed, s.
+        idle_timeout_s: Time without a complete request after which a connection is closed, s.
         traffic: Connection counters.
         connections: Open connections.
     """
@@ -148,7 +148,7 @@ class MbapConnection(asyncio.BufferedProtocol):
         """Answer every complete frame in the buffer.
 
         Returns:
-            The number of bytes consumed, the answers, and whether all headers are valid Modbus TCP.
+            The number of bytes consumed, the answers, and True if all headers are valid Modbus TCP headers.
         """
         used = 0
         answers: list[bytes] = []

@@ -1,4 +1,4 @@
-"""Requests of a Modbus client: decoded by pymodbus, checked against the specification, answered by a device.
+"""Modbus requests: decoding by pymodbus, checks against the specification, execution by a device.
 
 pymodbus accepts some requests that the specification forbids (invalid counts, lengths and coil values,
 unsupported functions). They are rejected here before they reach the device. Source: Modbus Application Protocol V1.1b3,
@@ -126,7 +126,7 @@ def answer(device: ModbusDevice, pdu: bytes) -> bytes:
         pdu: Function code and data, at least one byte.
 
     Returns:
-        Answer PDU, possibly an exception.
+        Response PDU, which may be an exception response.
     """
     function_code, body = pdu[0], pdu[1:]
     device.on_request()
@@ -141,7 +141,7 @@ def answer(device: ModbusDevice, pdu: bytes) -> bytes:
 
 
 def exception_pdu(function_code: int, code: ExcCodes) -> bytes:
-    """Return the exception answer to a request."""
+    """Return the exception response to a request."""
     return _encode(ExceptionResponse(function_code, code))
 
 
@@ -150,7 +150,7 @@ def _encode(reply: ModbusPDU) -> bytes:
 
 
 class _Packed(ModbusPDU):
-    """Answer with registers, packed in one call; pymodbus packs them one by one, which takes five times as long."""
+    """Response with registers packed in one call; pymodbus packs them one by one and takes five times as long."""
 
     def encode(self) -> bytes:
         return struct.pack(f">B{len(self.registers)}H", 2 * len(self.registers), *self.registers)
@@ -165,7 +165,7 @@ class _InputRegisters(_Packed, ReadInputRegistersResponse):
 
 
 Handler = Callable[[Any, bytes], ModbusPDU]
-"""Function that executes a request, given a device that has the table and the data of the request."""
+"""Function that executes a request; its arguments are a device that supports the request, and the request data."""
 P = TypeVar("P", bound=ModbusPDU)
 
 

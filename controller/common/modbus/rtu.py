@@ -1,7 +1,7 @@
 """Modbus RTU server on a serial line: frames delimited by length and checksum, one device at one address.
 
-According to the specification, an idle time of 3.5 characters ends a frame. Adapters and operating systems add further
-gaps, so a request is accepted when its length is reached and its checksum is valid. Other data (noise, requests to
+According to the specification, an idle time of 3.5 characters ends a frame. Adapters and operating systems insert
+gaps, so a request is accepted as soon as it is complete and its checksum is valid. Other data (noise, requests to
 other units and their answers) is skipped byte by byte. Source: Modbus over Serial Line V1.02, 2.5.1.
 """
 
@@ -135,7 +135,7 @@ class RtuServer:
             self._gap = self._loop.call_later(GAP_S, self._discard_incomplete)
 
     def _disconnect(self, error: OSError) -> None:
-        """Close a disconnected serial line, because its failing descriptor would keep the event loop busy."""
+        """Close a disconnected serial line; otherwise its invalid file descriptor would keep the event loop busy."""
         _log.warning(
             "serial line %s is disconnected (%s); reconnect it and restart the controller", self._line.path, error
         )

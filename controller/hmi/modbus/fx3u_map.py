@@ -1,7 +1,7 @@
 """Modbus address map of the FX3U, restricted to the devices of the FX2N.
 
 An FX2N has no Modbus slave, but commercial panels support the map of its successor (fx2n.md 3.1: bit devices, D, D8000,
-TN and CN are documented in the manual; the two words per counter from C200 are generally known and consistent with
+TN and CN are documented in the manual; that counters from C200 have two words is general knowledge and fits
 the addresses). The R area, which an FX2N lacks, contains the status registers of the controller (`status_registers`).
 """
 
@@ -42,12 +42,12 @@ class Span:
 
     @property
     def end(self) -> int:
-        """Address after the last one."""
+        """Address after the last address of the span."""
         return self.first + self.count
 
 
 def bit_spans(table: Table) -> tuple[Span, ...]:
-    """Return the spans of the coils, or of the discrete inputs, which include X."""
+    """Return the spans of the coils, or those of the discrete inputs, which also include X."""
     spans = [
         Span(_COILS["M"], "M", 0, _RELAYS),
         Span(_M8000, "M", _SPECIAL, SIZES["M"] - _SPECIAL),

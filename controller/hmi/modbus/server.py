@@ -54,10 +54,10 @@ class HmiOptions:
         allow_remote: True to permit listening on an address that other computers can reach.
         certificate: Certificate file (PEM) for TLS; None selects plain TCP.
         key: Key file of the certificate.
-        clients: File with the certificate authorities of the clients; None disables client certificates.
+        clients: File with the CA certificates that verify client certificates; None = client certificates not required.
         serial: Serial line for RTU in addition to TCP; None selects TCP only.
         max_connections: Connection limit; further connections are closed immediately.
-        idle_timeout_s: Idle time after the last request before a connection is closed, s.
+        idle_timeout_s: Time without a request after which a connection is closed, s.
     """
 
     host: str = "127.0.0.1"
@@ -142,7 +142,7 @@ class HmiServer:
 
     @property
     def port(self) -> int:
-        """TCP port; the actual port once the server listens."""
+        """Configured TCP port; the actual port once the server is listening."""
         return self._port
 
     @property

@@ -43,7 +43,7 @@ class HmiState:
         runtime: PLC on its field link.
         alarms: The operator's alarm list.
         snapshots: Copies of the memory, one per scan.
-        source: Sources of the R area.
+        source: Sources of the values in the R area.
         audit: Callback for every write.
         identity: Vendor, product and revision.
         refused_writes: Number of refused writes since the start.
@@ -182,7 +182,7 @@ class HmiSession(ModbusDevice):
         return self.read_holding(first, count)
 
     def write_coils(self, first: int, levels: Sequence[bool]) -> None:
-        """Issue commands: True is a press; False releases a jog."""
+        """Issue the commands of the coils set to True; False ends a jog."""
         commands = self._state.commands
         addresses = range(first, first + len(levels))
         if any(address not in commands for address in addresses):
@@ -210,7 +210,7 @@ class HmiSession(ModbusDevice):
             raise self._refused(what, value, ExcCodes.ILLEGAL_VALUE, str(error)) from error
 
     def identity(self) -> dict[int, str]:
-        """Return vendor, product and revision."""
+        """Return the vendor, the product and the revision."""
         return self._state.identity
 
     def _read_bits(self, table: Table, first: int, count: int) -> list[bool]:
@@ -249,9 +249,9 @@ class HmiSession(ModbusDevice):
         self._jog = None
 
     def _jog_is_active(self, jog: Command) -> bool:
-        """Return whether the jog of this client is still active: not refused, released or taken over.
+        """Return True unless the jog of this client has been refused, released or taken over.
 
-        An order of the previous session may arrive in the same scan as the press and take precedence in that scan.
+        A jog command of the previous session may arrive in the same scan as the press and then take precedence.
         """
         if self._state.jogger is not self:
             return False

@@ -143,7 +143,7 @@ STATUS_REGISTERS: Final = (
         8,
         2,
         "forced",
-        Text("bit n: X n (octal value) is forced", "第 n 位：X n（八进制值）被强制"),
+        Text("bit n: X input n (value of the octal address) is forced", "第 n 位：X n（八进制值）被强制"),
         lambda f: sum(1 << number for number in f.runtime.forcing.levels),
     ),
     StatusRegister(

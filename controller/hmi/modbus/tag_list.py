@@ -187,7 +187,7 @@ def _arm_tags(machine: Transplanter, side: Side) -> Iterator[Tag]:
     yield _status(f"{side}.cycle.waiting_ms", first + 4, 2, "waiting time for cups in the last cycle", unit="ms")
     causes = ", ".join(f"{number} {cause}" for number, cause in enumerate(status.GAP_CAUSES))
     yield _status(f"{side}.cycle.gap_cause", first + 6, 1, f"cause of the cups missed in the last cycle: {causes}")
-    yield _status(f"{side}.cycle.seen", first + 7, 1, "cycle counter: changes with each completed cycle")
+    yield _status(f"{side}.cycle.seen", first + 7, 1, "cycle counter: incremented by each completed cycle")
 
 
 def _status_tags() -> Iterator[Tag]:
@@ -248,7 +248,7 @@ def _status_tags() -> Iterator[Tag]:
         "simulation.pace",
         status.R_PACE,
         1,
-        "speed of simulated time: 0 = paused, 100 = real time, 65535 = maximum; refused on a real-time clock",
+        "speed of simulated time: 0 = paused, 100 = real time, 65535 = maximum; writes are refused in real time",
         access="read/write",
         unit="%",
     )
@@ -256,7 +256,7 @@ def _status_tags() -> Iterator[Tag]:
         "force.x",
         status.R_FORCE,
         1,
-        "X input to force (value of the octal number); write both registers in one request",
+        "number of the X input to force (value of the octal address); write both registers in one request",
         access="write",
     )
     yield _status(

@@ -65,7 +65,7 @@ class ModbusConnection:
         """Read coils or discrete inputs.
 
         Raises:
-            ModbusConnectionError: No response.
+            ModbusConnectionError: The server did not respond.
             ExceptionResponseError: The server refused the request.
         """
 
@@ -82,7 +82,7 @@ class ModbusConnection:
         """Read holding registers or input registers.
 
         Raises:
-            ModbusConnectionError: No response.
+            ModbusConnectionError: The server did not respond.
             ExceptionResponseError: The server refused the request.
         """
 
@@ -99,7 +99,7 @@ class ModbusConnection:
         """Write one coil.
 
         Raises:
-            ModbusConnectionError: No response; the coil may have been written.
+            ModbusConnectionError: The server did not respond; the coil may have been written.
             ExceptionResponseError: The server refused the request.
         """
         await self._request(lambda client: client.write_coil(address, value))
@@ -108,7 +108,7 @@ class ModbusConnection:
         """Write one register.
 
         Raises:
-            ModbusConnectionError: No response; the register may have been written.
+            ModbusConnectionError: The server did not respond; the register may have been written.
             ExceptionResponseError: The server refused the request.
         """
         await self._request(lambda client: client.write_register(address, value))
@@ -117,7 +117,7 @@ class ModbusConnection:
         """Write consecutive registers in one request.
 
         Raises:
-            ModbusConnectionError: No response; the registers may have been written.
+            ModbusConnectionError: The server did not respond; the registers may have been written.
             ExceptionResponseError: The server refused the request.
         """
         await self._request(lambda client: client.write_registers(address, list(values)))

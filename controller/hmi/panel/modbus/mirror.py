@@ -35,7 +35,7 @@ class ReadBlock:
 
 
 def blocks(io_map: IoMap) -> tuple[ReadBlock, ...]:
-    """Return the polled blocks: all devices shown on the page or read by the conditions of commands.
+    """Return the blocks to poll, which contain all devices shown on the page or used in the conditions of commands.
 
     The second R block starts on a row boundary of the alarm list, so no row is split between two requests.
     """
@@ -64,7 +64,7 @@ class Mirror:
         status: Status registers (R area).
         polls: Number of answered polls.
         connected: True if the last poll was answered.
-        good_at_ms: Time of the last answered poll, ms; until the first one, the start time of the panel.
+        good_at_ms: Time of the last answered poll, ms; before the first one, the start time of the panel.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -120,7 +120,7 @@ class Poller:
         self._blocks = blocks(io_map)
 
     async def run(self) -> None:
-        """Poll until cancelled; polling continues while the controller does not answer."""
+        """Poll until cancelled, even while the controller does not answer."""
         try:
             while True:
                 try:

@@ -149,13 +149,13 @@ class Telemetry:
         """Write a coil.
 
         Raises:
-            ModbusConnectionError: No response.
+            ModbusConnectionError: The source did not respond.
             ExceptionResponseError: The source refused the request.
         """
         await self._connection.write_bit(tag.address, value)
 
     async def run(self) -> None:
-        """Poll until cancelled; polling continues while the source does not answer."""
+        """Poll until cancelled, even while the source does not answer."""
         try:
             while True:
                 try:
@@ -184,7 +184,7 @@ class Telemetry:
 
 
 def _request_groups(tags: Iterable[TelemetryTag]) -> list[list[TelemetryTag]]:
-    """Group tags into the smallest number of requests that read no address without a tag."""
+    """Group tags into the smallest number of requests in which every address read belongs to a tag."""
     groups: list[list[TelemetryTag]] = []
     for tag in sorted(tags, key=lambda tag: (tag.table, tag.address)):
         last = groups[-1] if groups else None

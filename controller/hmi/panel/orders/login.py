@@ -208,7 +208,7 @@ class LoginThrottle:
         return -(-remaining_ms // 1_000) if count >= MAX_ATTEMPTS and remaining_ms > 0 else 0
 
     def begin(self, peer: str) -> None:
-        """Count an attempt as failed before it is checked, so that the limit also applies to parallel attempts."""
+        """Count an attempt as failed before checking it, so that the limit also applies to concurrent attempts."""
         now_ms = self._clock.now_ms()
         self._failures = {name: failed for name, failed in self._failures.items() if failed[1] + LOCKOUT_MS > now_ms}
         count, _ = self._failures.get(peer, (0, 0))

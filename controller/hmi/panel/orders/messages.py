@@ -22,7 +22,7 @@ class MessageError(ValueError):
     """
 
     def __init__(self, location: str, id_: int | str | None) -> None:
-        """Initialise the error with the invalid part of the message."""
+        """Initialise the error with the location of the invalid part of the message."""
         super().__init__(location)
         self.id = id_
 
@@ -41,7 +41,7 @@ class CommandOrder(_Order):
 
 
 class SetOrder(_Order):
-    """New value of a set-point, in counts of its register."""
+    """Request to change a set-point; the value is in counts of its register."""
 
     type: Literal["set"]
     name: Name
@@ -49,14 +49,14 @@ class SetOrder(_Order):
 
 
 class AcknowledgeOrder(_Order):
-    """Acknowledgement of one alarm, or of all."""
+    """Request to acknowledge one alarm, or all alarms."""
 
     type: Literal["acknowledge"]
     alarm: Word | None = None
 
 
 class ShelveOrder(_Order):
-    """Shelving of a warning for a number of minutes."""
+    """Request to shelve a warning for a number of minutes."""
 
     type: Literal["shelve"]
     alarm: Word
@@ -64,14 +64,14 @@ class ShelveOrder(_Order):
 
 
 class UnshelveOrder(_Order):
-    """End of the shelving of an alarm."""
+    """Request to end the shelving of an alarm."""
 
     type: Literal["unshelve"]
     alarm: Word
 
 
 class JogOrder(_Order):
-    """Jog of an output, renewed while the button is held."""
+    """Request to jog an output, repeated while the button is held."""
 
     type: Literal["jog"]
     output: Name
@@ -87,14 +87,14 @@ class BoxOrder(_Order):
 
 
 class PaceOrder(_Order):
-    """Speed of simulated time, percent."""
+    """Request to change the speed of simulated time, percent."""
 
     type: Literal["pace"]
     percent: Word
 
 
 class ForceOrder(_Order):
-    """Forcing of an input to a raw level; 2 ends forcing."""
+    """Request to force an input to a raw level; level 2 ends the forcing."""
 
     type: Literal["force"]
     point: Name

@@ -1,4 +1,4 @@
-"""Execution of browser orders by access level, one at a time over one connection.
+"""Execution of browser orders, subject to access levels, one at a time over one connection.
 
 Before each order, the operator name is written for the audit log of the controller. Refused orders are answered with
 the reason and counted. Jogs use a separate connection (`jog`).
@@ -164,7 +164,7 @@ class OrderHandler:
             return await self._outcome(command, before)
 
     async def _outcome(self, command: Command, before: int) -> Text:
-        """Wait until the program has executed or refused the command."""
+        """Wait until the program has executed or refused the command, and return the reply."""
         ends_ms = self._clock.now_ms() + OUTCOME_MS
         first: int | None = None
         while self._clock.now_ms() < ends_ms:
@@ -180,7 +180,7 @@ class OrderHandler:
         return reply_text("not yet")
 
     async def _refusal(self) -> list[int]:
-        """Return the number of the last refused command, its reason, and the refusal count."""
+        """Return the number of the last refused command, the number of the reason, and the number of refusals."""
         machine = self._tags.machine
         words = (machine.refused, machine.refusal, machine.refusals)
         first = min(word.number for word in words)

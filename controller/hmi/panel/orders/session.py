@@ -49,7 +49,7 @@ class OrderRefusedError(Exception):
 
     @classmethod
     def because(cls, key: str, **values: object) -> Self:
-        """Return a refusal whose reason is a text of `replies.REPLIES`."""
+        """Return the error whose reason is stored under this key in `replies.REPLIES`."""
         return cls(reply_text(key, **values))
 
 

@@ -40,7 +40,7 @@ class ViewBuilder:
         Args:
             machine: The program and its tags.
             mirror: Mirror of the controller.
-            jogging: State of the jog.
+            jogging: Jog state.
             telemetry: Telemetry source, if configured.
             history_available: Function that returns True if a history exists.
         """

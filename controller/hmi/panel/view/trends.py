@@ -1,4 +1,4 @@
-"""Trend buffer in memory: samples of the last minutes."""
+"""Trend buffer in memory, with the samples of the last few minutes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Trends:
         self._rows.append([self._clock.now_ms(), *(values.get(name) for name in self._recorded), *cycles])
 
     def since(self, at_ms: int) -> Json:
-        """Return the samples recorded after a time of the panel clock in ms, oldest first."""
+        """Return the samples recorded after `at_ms` on the panel clock, ms, oldest first."""
         return {
             "now_ms": self._clock.now_ms(),
             "period_ms": PERIOD_MS,

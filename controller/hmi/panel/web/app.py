@@ -133,7 +133,7 @@ class PanelApplication:
         self._description = describe(machine, telemetry)
 
     def level(self, connection: HTTPConnection) -> AccessLevel:
-        """Return the access level of a client: that of its session, but at least VIEW on the local computer."""
+        """Return the access level of a client: that of its session, and at least VIEW on the local computer."""
         level = self.sessions.level(connection.cookies.get(COOKIE))
         return max(level, AccessLevel.VIEW) if _is_local(connection) else level
 
@@ -163,7 +163,7 @@ class PanelApplication:
         return JSONResponse({"level": self.level(request).name.lower(), "first_run": self._users.first_run})
 
     async def login(self, request: Request) -> Response:
-        """Start a session with user name and password."""
+        """Start a session with a user name and a password."""
         peer = _peer(request)
         if self._users.first_run:
             return _reply(409, "first run")
@@ -366,7 +366,7 @@ def _whole_number(request: Request, name: str, default: str) -> int | None:
 
 
 async def _cancel(tasks: Iterable[asyncio.Task[None]]) -> None:
-    """Cancel tasks repeatedly until all have ended; a cancellation that coincides with a response can be lost."""
+    """Cancel tasks repeatedly until all have ended: a cancellation that coincides with a response can be lost."""
     running = {task for task in tasks if not task.done()}
     while running:
         for task in running:
