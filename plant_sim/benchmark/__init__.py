@@ -1,1 +1,1 @@
-"""Benchmarks of the speeds stated in the documentation."""
+"""Benchmarks for the speeds stated in the documentation."""

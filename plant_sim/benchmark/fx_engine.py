@@ -23,10 +23,10 @@ def seal_ins() -> Ladder:
 
 
 def instruction_ns() -> tuple[float, float]:
-    """Return the CPU time of one instruction of the seal-in rungs, for the engine and for an interpreter, ns.
+    """Return the CPU time per instruction of the seal-in rungs for the engine and for an interpreter, ns.
 
-    Each is the best of thirty alternating rounds. The program runs from step 0 to END; the fixed overhead of a scan, a
-    few microseconds, is excluded from both.
+    Each time is the minimum of thirty rounds, in which the engine and the interpreter alternate. The program runs from
+    step 0 to END; the fixed overhead of a scan, a few microseconds, is excluded from both.
     """
     ladder = seal_ins()
     plc, image = FxPlc(ladder, input_filter_ms=0), [n % 3 == 0 for n in range(256)]
@@ -48,7 +48,7 @@ def _ns(work: Callable[[], object], times: int) -> float:
 
 
 def _interpret(steps: list[tuple[str, str, int]], devices: dict[str, list[bool]]) -> None:
-    """Execute a list instruction by instruction, as in most soft PLCs."""
+    """Execute a list instruction by instruction, as most soft PLCs do."""
     power = False
     for name, kind, number in steps:
         if name == "LD":

@@ -60,8 +60,8 @@ class HmiFigures:
         loaded_p99_ms: Lateness of the scans with eight Modbus clients and a panel with two browsers, ms.
         loaded_latest_ms: Maximum lateness of a scan with clients, ms.
         loaded_missed: Scans with clients that ended after the next was due.
-        calm_p99_ms: Lateness of the scans with clients in calm seconds, which have no steal time, ms; NaN if there is
-            no calm second.
+        calm_p99_ms: Lateness of the scans with clients in calm seconds, i.e. seconds with negligible steal time, ms;
+            NaN if there is no calm second.
         calm_latest_ms: Maximum lateness of a scan in the calm seconds, ms.
         calm_missed: Scans in the calm seconds that ended after the next was due.
         calm_s: Number of calm seconds.

@@ -46,11 +46,11 @@ _SOUND: Final = (
     "170000000402000001020064",
     "2b0e0100",
 )
-"""One request of each function that the controller serves, in hexadecimal."""
+"""One request for each function that the controller serves, in hexadecimal."""
 
 
 class SilentServerError(Exception):
-    """Protocol violation or missing response of the measured server."""
+    """Protocol violation by the measured server, or a missing response."""
 
 
 def request(function_code: int, first: int, count: int) -> bytes:
@@ -59,7 +59,7 @@ def request(function_code: int, first: int, count: int) -> bytes:
 
 
 def read_registers(connection: socket.socket, first: int, count: int) -> tuple[int, ...]:
-    """Read registers of a server.
+    """Read registers from a server.
 
     Raises:
         SilentServerError: The server returned an exception or no registers.
@@ -146,7 +146,7 @@ async def _receive_together(url: str, count: int, seconds: int) -> int:
 
 
 def rates(ours: int, theirs: int) -> None:
-    """Read registers of two servers alternately over one and several connections; print answers per second."""
+    """Read registers from two servers alternately, over one connection and over several; print the rates."""
     samples: dict[str, list[float]] = {"ours": [], "theirs": [], "ours_many": [], "theirs_many": []}
     for _ in range(ROUNDS):
         for count, mark in ((1, ""), (MANY, "_many")):
@@ -299,7 +299,7 @@ _ROLES: Final[dict[str, Callable[..., None]]] = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run a role; its arguments are numbers or an address."""
+    """Run the role named by the first argument; the other arguments are numbers or an address."""
     role, *values = arguments
     try:
         _ROLES[role](*(int(each) if each.isdecimal() else each for each in values))

@@ -39,7 +39,7 @@ class Figures(HmiFigures):
 
     Attributes:
         scan_us: CPU time of one scan of the complete program, mean over the recorded inputs of a trial, us.
-        worst_scan_us: CPU time of one scan in the slowest tenth of the trial, us.
+        worst_scan_us: Mean CPU time of a scan in the slowest tenth of the trial, us.
         plant_us: CPU time for 10 ms of plant time with the outputs recorded in the same trial, us.
         tick_us: CPU time of one tick of the twin (link, scan, memory, observers, plant), us.
         plant_ratio: Ratio of simulated time to CPU time for the plant alone.
@@ -48,8 +48,8 @@ class Figures(HmiFigures):
         warm_start_s: Start-up time of a new process, from its first import to the end of the first scan of a twin, with
             the machine code of the plant on disk, s.
         simulated_s: Simulated time of the trial, s.
-        instruction_ns: CPU time of one instruction of 200 seal-in rungs on the FX2N engine, ns.
-        interpreted_ns: CPU time of one instruction with an interpreter of the list, ns.
+        instruction_ns: CPU time per instruction in 200 seal-in rungs on the FX2N engine, ns.
+        interpreted_ns: CPU time per instruction with an interpreter of the same list, ns.
     """
 
     scan_us: float
@@ -90,7 +90,7 @@ class Figures(HmiFigures):
 
 
 def measure(*, seed: int = 1) -> Figures:
-    """Measure a trial, the PLC and the plant separately with the images of this trial, and the operator interface.
+    """Measure a trial, then the PLC and the plant separately on its recorded images, and the operator interface.
 
     Args:
         seed: Seed of the trial.
@@ -128,7 +128,7 @@ def measure(*, seed: int = 1) -> Figures:
 
 
 def _warm_start_s() -> float:
-    """Return the time from the start of a process to its first scan, the shorter of two runs, s."""
+    """Return the time from the start of a process to the end of its first scan, s; the minimum of two runs."""
     command = [sys.executable, "-c", _WARM_START]
     return min(
         float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)  # noqa: S603 - our own code
@@ -153,7 +153,7 @@ def _record(seed: int, scans: int) -> tuple[list[list[bool]], list[list[bool]], 
 
 
 def _replay_scans(inputs: list[list[bool]]) -> list[float]:
-    """Return the CPU time of every scan of a fresh PLC with recorded inputs, s."""
+    """Return the CPU time of every scan of a new PLC that reads the recorded inputs, s."""
     machine = build(load_io_map(DEFAULT_IO_MAP))
     plc = Plc(machine.program)
     plc.write(machine.tags.sp.trays_target, 2)
@@ -167,7 +167,7 @@ def _replay_scans(inputs: list[list[bool]]) -> list[float]:
 
 
 def _replay_plant(outputs: list[list[bool]], seed: int) -> float:
-    """Return the CPU time of a fresh plant with recorded outputs, s."""
+    """Return the CPU time of a new plant driven by the recorded outputs, s."""
     plant = Plant(load_io_map(DEFAULT_IO_MAP), load_machine(), seed=seed, trays=2)
     began_s = time.process_time()
     for image in outputs:

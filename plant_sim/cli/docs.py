@@ -44,7 +44,7 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def plant_modbus_table() -> str:
-    """Return the table of the plant's Modbus data, except the points of the I/O map."""
+    """Return the table of the plant's Modbus data, excluding the points of the I/O map."""
     box = [("coil", "button", "meaning"), *((str(c.offset), c.button, c.meaning) for c in BOX_COILS)]
     return (
         f"# The plant over Modbus TCP\n\n{GENERATED}\n\nX points are discrete inputs and Y points are coils, at "

@@ -31,6 +31,6 @@ COMMAND_LINE = CommandLine(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return its exit code. SIGTERM ends it like Ctrl-C."""
+    """Run a command; return its exit code. SIGTERM has the same effect as Ctrl-C."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     return COMMAND_LINE.run(arguments)

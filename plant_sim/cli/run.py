@@ -1,4 +1,4 @@
-"""Command ``run``: the paper's trial with plant, controller and panel as processes, or in simulated time."""
+"""Command ``run``: the paper's trial with plant, controller and panel as separate processes, or in simulated time."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ _RANGE = re.compile(r"(\d+)\.\.(\d+)/(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class _StudyEntry:
-    """Entry of the table of studies.
+    """Entry in the table of studies.
 
     Attributes:
         about: One-line description.
@@ -173,7 +173,7 @@ def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> 
 
 @contextmanager
 def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Show the number of completed trials: a bar on a terminal, otherwise one line per tenth."""
+    """Show the number of completed trials: a bar on a terminal, otherwise one line for each tenth of the trials."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _print_tenths

@@ -25,7 +25,7 @@ CACHE_SOURCES = ("common/*.py", "pneumatics/*.py", "devices/*.py", "machine/kern
 
 
 def compiled(function: Callable[_Params, _Result]) -> Callable[_Params, _Result]:
-    """Compile a function that is called by compiled functions only.
+    """Compile a function that is called only by compiled functions.
 
     As in Python, floating-point operations are neither reordered nor fused. Unlike in Python, a division by zero gives
     infinity. `function.py_func` is the original Python function.

@@ -31,7 +31,7 @@ def require_within(spec: object, low: float, high: float, *keys: str) -> None:
         *keys: Attributes to check.
 
     Raises:
-        SpecError: An attribute is outside the interval or not a number.
+        SpecError: An attribute is outside the interval or is not a number.
     """
     for key in keys:
         value = getattr(spec, key)

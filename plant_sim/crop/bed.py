@@ -70,12 +70,12 @@ class Bed:
         ]
 
     def off_m(self, seedling: Seedling) -> float:
-        """Return the distance of a seedling from the centre line of its column caused by tray skew, m."""
+        """Return the offset of a seedling from the centre line of its column due to tray skew, m."""
         angle = self._turned.get(seedling.tray, 0.0)
         return angle * (seedling.along - (CELLS_ALONG - 1) / 2) * self._pitch_m
 
     def ahead_m(self, seedling: Seedling) -> float:
-        """Return the distance of a seedling past its claw caused by the stop position of its tray, m."""
+        """Return the distance of a seedling past its claw due to the stop position of its tray, m."""
         return next((offset_m for number, offset_m in self._trays if number == seedling.tray), 0.0)
 
     def _is_in_reach(self, along: int, offset_m: float) -> bool:

@@ -12,7 +12,7 @@ from plant_sim.crop.response import Number
 
 @dataclass(frozen=True, slots=True)
 class HandlingMotion:
-    """Motion and forces that act on the seedlings.
+    """Motion and forces to which the seedlings are subjected.
 
     Attributes:
         along_m: Offset of the claws from the cells along the row at closing, m.

@@ -21,7 +21,7 @@ class GripHistory:
         rise_m: Height of the arm at the grip, m.
         trays_m: Travel of the trays at the grip, m.
         along_m: Offset of the cells past the claws, m, measured at the first seedling.
-        across_m: Offset of the claws inward of the centre of the column, m.
+        across_m: Inward offset of the claws from the centre of the column, m.
         peak_n: Maximum force of a finger since the grip, N.
         least_n: Minimum force during the pull, N.
     """

@@ -1,11 +1,12 @@
 """Effect of a claw on a stem and a plug: miss, cut, slip, break, drift.
 
 Each failure mode has a margin: the distance of a typical seedling from failure, in standard deviations of the relevant
-property. A seedling fails if its deviation is worse than the margin. The fraction of a population that fails is the
-normal integral of the margin; `expectation` computes it. All functions accept numbers or numpy arrays.
+property. A seedling fails if its deviation towards failure exceeds the margin. The fraction of a population that fails
+is the tail of the normal distribution beyond the margin; `expectation` computes it. All functions accept numbers or
+numpy arrays.
 
-Where the pepper paper describes an effect in words only (docs/sources/machine.md 5), the simplest law of the
-described shape is used, with calibrated constants: see docs/seedling.md.
+Where the pepper paper describes an effect in words only (docs/sources/machine.md 5), the simplest law with the
+described behaviour is used, with calibrated constants: see docs/seedling.md.
 """
 
 from dataclasses import dataclass
@@ -47,23 +48,23 @@ class SeedlingSpec:
         growth_mm_d: Growth rate of this height, mm/d.
         finger_height_m: Length of free stem required by the fingers, m.
         lean_sd_m: Standard deviation of the stem position in either direction, m.
-        gap_m: Half of the clear gap between the pads of open claws with foam of 10 mm, m.
-        gap_foam: Reduction of the half gap per additional foam thickness.
+        gap_m: Half of the clear gap between the pads of open claws with 10 mm foam, m.
+        gap_foam: Reduction of the half gap per unit of additional foam thickness.
         strip_reach_m: Half of the strip width plus the deflection of a stem, m.
         yield_mm: Foam thickness at which half of the finger force reaches the stem, mm.
-        yield_exponent: Steepness of this reduction.
+        yield_exponent: Steepness of the decrease of this force with foam thickness.
         friction: Friction coefficient of foam on a stem at 50 d.
         friction_age: Linear change of the friction with age.
         friction_age2: Quadratic change of the friction with age.
         adhesion_n: Median adhesion of a plug in its cell, N.
         adhesion_sd: Spread of the adhesion.
         plug_kg: Mass of a plug with its seedling, kg.
-        cut_n: Median force that cuts a stem at 50 d on foam of 10 mm, N.
+        cut_n: Median force that cuts a stem at 50 d on 10 mm foam, N.
         cut_sd: Spread of the cutting force.
         cut_age: Linear change of the cutting force with age.
         cut_age2: Quadratic change of the cutting force with age.
         cut_foam: Exponent of the foam thickness in the cutting force.
-        endurance: Median contact pressure that a stem at 50 d endures for 12.5 s, relative to 8 N on foam of 10 mm.
+        endurance: Median contact pressure that a stem at 50 d endures for 12.5 s, relative to 8 N on 10 mm foam.
         endurance_sd: Spread of the endurance.
         endurance_age: Linear change of the endurance with age.
         endurance_age2: Quadratic change of the endurance with age.
@@ -73,9 +74,9 @@ class SeedlingSpec:
         crown_m: Drift of a falling plug caused by its leaves at 50 d, standard deviation in either direction, m.
         crown_age: Linear change of this drift with age.
         crown_age2: Quadratic change of this drift with age.
-        sway_m: Drift caused by sway in a grip of 8 N on foam of 10 mm, m.
+        sway_m: Drift caused by sway in a grip of 8 N on 10 mm foam, m.
         sway_force: Exponent of the force in the decrease of sway.
-        stick_m: Drift caused by adhesion to the foam after a grip of 8 N on foam of 10 mm at 50 d, m.
+        stick_m: Drift caused by adhesion to the foam after a grip of 8 N on 10 mm foam at 50 d, m.
         stick_force: Exponent of the force in this drift.
         stick_foam: Exponent of the foam thickness in this drift.
         stick_age: Linear change of this drift with age.
@@ -163,7 +164,7 @@ class Mechanics:
         return (spec.height_m + 1e-3 * spec.growth_mm_d * days - spec.finger_height_m) / spec.height_sd_m
 
     def gap_margin(self, off_m: Number) -> Number:
-        """Return the margin of a stem to the nearer pad.
+        """Return the margin between a stem and the nearer pad.
 
         Args:
             off_m: Absolute offset of the claw centre from the cell centre along the row, m.
@@ -173,7 +174,7 @@ class Mechanics:
         return (gap_m - off_m) / spec.lean_sd_m
 
     def strip_margin(self, off_m: Number) -> Number:
-        """Return the margin of a stem to the nearer edge of the strips.
+        """Return the margin between a stem and the nearer edge of the strips.
 
         Args:
             off_m: Absolute offset of the claws from the centre of the column, m.
@@ -273,6 +274,6 @@ def _share(foam_mm: Number, spec: SeedlingSpec) -> Number:
 
 
 def _log_force(force_n: Number) -> Number:
-    """Return the logarithm of the ratio of a force to the reference; a zero force counts as 1 mN."""
+    """Return the logarithm of the ratio of a force to the reference force; forces below 1 mN count as 1 mN."""
     force: Number = np.log(np.maximum(force_n, 1e-3) / _FORCE_N)
     return force

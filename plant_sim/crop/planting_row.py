@@ -17,9 +17,9 @@ class _Fall:
 
 
 class PlantingRow:
-    """Contents of the cups of one row; cup n is at the chain travel minus n pitches.
+    """Contents of the cups in one row; cup n is at the chain travel minus n pitches.
 
-    A cup past the last claw is no longer tracked; its seedling still counts as in a cup.
+    A cup that has passed the last claw is no longer tracked; its seedling still counts as being in a cup.
 
     Attributes:
         falling: True while a plug is in the air.

@@ -14,7 +14,7 @@ class Pose:
         rise_m: Height above the lower limit, m.
         gripping: True if the claws are closed enough to grip a stem.
         free: True if the claws are open enough not to touch a stem.
-        travel_m: Belt travel of the spreader from converged, m.
+        travel_m: Belt travel of the spreader from the converged position, m.
         freed_s: Time at which the claws last became free, s.
         now_s: Plant time, s.
         force_n: Force of a finger, N; positive clamps.
@@ -48,7 +48,7 @@ class Reach:
     Attributes:
         side: Name of the arm in reports.
         columns_m: Slide positions of the six columns of a tray, nearest to the feed first, m.
-        tray_edge_m: Slide position above the near edge of a tray, m.
+        tray_edge_m: Slide position at which the arm is above the near edge of a tray, m.
         mirrored: True if the nearest column is the last of the tray.
         spread_m: Belt travel at which the claws are spread, m.
         reach_m: Largest offset from a column at which claws touch its stems, m.

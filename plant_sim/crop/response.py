@@ -90,7 +90,7 @@ class CropSpec:
 
     @property
     def extrapolates(self) -> bool:
-        """True if the settings are outside the points to which eq. 5 was fitted.
+        """True if the settings are outside the region of the points to which eq. 5 was fitted.
 
         A point is inside if no coded factor exceeds the axial level and its distance from the centre does not exceed
         that of the factorial corners. This definition is an assumption; the paper does not define a region.

@@ -31,7 +31,7 @@ class Location(enum.IntEnum):
 
 
 class Seedling:
-    """One seedling; its location is changed by `Seedlings.move` only.
+    """One seedling; its location is changed only by `Seedlings.move`.
 
     Attributes:
         tray: Number of its tray.
@@ -107,7 +107,7 @@ class Seedlings:
         return len(self._trays)
 
     def empty_cells(self, tray: int) -> int:
-        """Return the number of cells of a tray without a seedling."""
+        """Return the number of empty cells in a tray."""
         return TRAY_CELLS - sum(len(column) for column in self._trays[tray])
 
     def leave_out(self, tray: int, cells: int) -> None:

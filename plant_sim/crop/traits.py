@@ -8,10 +8,10 @@ class Traits(NamedTuple):
     """Deviations from the typical seedling of the same age, in standard deviations of each property.
 
     Attributes:
-        height: Free stem below the lowest leaf; positive is taller.
+        height: Length of free stem below the lowest leaf; positive is taller.
         lean_along: Stem position between the fingers, along the row.
         lean_across: Stem position along the strips, across the row.
-        grasp: Ease of plug extraction; positive comes out more easily.
+        grasp: Ease of plug extraction; positive means that the plug comes out more easily.
         strength: Force that cuts the stem while the claws close and pull.
         endurance: Contact pressure that the stem endures while carried.
         drift_along: Landing position of the plug along the row.

@@ -82,7 +82,7 @@ class ConveyorSpec:
         gap_m: Gap left by the magazine between two trays, m.
         magazine_before_beam_m: Distance before the beam at which the magazine places the front edge of a tray, m.
         stop_past_beam_m: Distance of the front edge past the beam at the pick position, m.
-        placed_tolerance_m: Largest distance from the pick position in either direction for picking, m.
+        placed_tolerance_m: Largest distance of a tray from the pick position, in either direction, for picking, m.
         outlet_past_beam_m: Distance of the rear edge past the beam at which a tray leaves the machine, m.
     """
 
@@ -158,7 +158,7 @@ def step_conveyor(c: Any, params: Any, run: bool, forward: bool, at_s: float, st
     """Advance by one time step.
 
     The commanded travel follows the speed ramps of the drive. The rotor follows it as if coupled by a spring, which
-    yields beyond the motor torque and engages again four steps further on; these steps are lost.
+    yields beyond the motor torque and re-engages four steps further on; these steps are lost.
 
     Args:
         c: The conveyor.
@@ -228,7 +228,7 @@ class Conveyor(View):
     """View of the conveyor and its magazine.
 
     While the belt runs forward, the magazine places the next tray behind the last one as soon as there is room.
-    When the belt runs backward, the last tray placed stops against the magazine, and the belt with it.
+    When the belt runs backward, the last tray placed is stopped by the magazine and in turn stops the belt.
 
     Attributes:
         front_m: Distance of the front edge of each tray on the belt past the beam, m, by tray number; foremost first.
@@ -390,7 +390,7 @@ class Conveyor(View):
         self.magazine_empty.detect(self.in_magazine == 0)
 
     def _limit_reverse(self) -> None:
-        """Limit backward motion: the last tray stops against the magazine, and the belt with it."""
+        """Limit backward motion: the last tray is stopped by the magazine and in turn stops the belt."""
         last_m = self.front_m.get(self._next_number - 1)
         stop_m = _ABSENT_M
         if last_m is not None:

@@ -61,7 +61,7 @@ class LiftSpec:
 
     @property
     def area_m2(self) -> float:
-        """Area of the full piston, m2."""
+        """Piston area on the cap side, m2."""
         return piston_area_m2(self.bore_m)
 
     @property

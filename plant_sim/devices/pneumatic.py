@@ -39,7 +39,7 @@ class AirSpec:
 
     @property
     def stiffness_exponent(self) -> float:
-        """Exponent of the pressure change within a step."""
+        """Exponent that relates changes of pressure and density within a step."""
         return 1.4 if self.thermal else self.polytropic_exponent
 
 
@@ -65,7 +65,7 @@ class ValveSpec:
 
 @dataclass(frozen=True, slots=True)
 class CheckValveSpec:
-    """Pilot check valve at each port of a cylinder.
+    """Parameters of the pilot check valves at both ports of a cylinder.
 
     Attributes:
         crack_pa: Pressure difference at which it opens inward, Pa.
@@ -94,7 +94,7 @@ class PortSpec:
         tube_inner_m: Inner diameter of the tube, m.
         tube_length_m: Length of the tube, m.
         tubes: Number of parallel tubes.
-        fitting_conductance_m3_s_pa: Sonic conductance of speed controller (free flow), check valve and port,
+        fitting_conductance_m3_s_pa: Combined sonic conductance of speed controller (free flow), check valve and port,
             m3/(s Pa).
         fitting_critical_ratio: Critical pressure ratio of these components and of the throttle.
         dead_volume_m3: Chamber volume at the end of the stroke, m3.
@@ -136,7 +136,7 @@ class PortSpec:
 
 @dataclass(frozen=True, slots=True)
 class FrictionSpec:
-    """Friction of seals and guides by the Stribeck curve.
+    """Friction of seals and guides, described by a Stribeck curve.
 
     Attributes:
         coulomb_n: Friction in motion, N.

@@ -75,7 +75,7 @@ def record_edge(s: Any, edge_s: float) -> None:
 
 @compiled
 def update_output(s: Any, params: Any, now_s: float) -> None:
-    """Update the output for delay and bounce."""
+    """Update the output, taking delay and bounce into account."""
     since_s = now_s - s.edge_s - params.late_s
     if since_s < 0.0:
         return

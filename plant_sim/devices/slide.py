@@ -26,9 +26,9 @@ class SlideSpec:
         bumper_n_m: Stiffness of the bumpers, N/m.
         bumper_n_s_m: Damping of the bumpers, N s/m.
         overtravel_m: Travel of the piston beyond the stroke of the carriage, m.
-        brake_n: Force of the spring-applied brake on the guide, N; pressure in either line releases it; 0 means
-            no brake.
-        brake_bites_pa: Gauge pressure of both lines below which the brake engages, Pa.
+        brake_n: Force of the spring-applied brake on the guide, N; 0 means no brake. Pressure in either line releases
+            the brake.
+        brake_bites_pa: Gauge pressure in both lines below which the brake engages, Pa.
         switch_band_m: Half width of the range in which a position switch turns on, m.
         switch_hysteresis_m: Distance beyond the band at which it turns off, m.
     """

@@ -34,13 +34,13 @@ SPREADER_PARAMS = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class SpreaderSpec:
-    """Parameters of a spreader; motor and claws are referred to the belt.
+    """Parameters of a spreader; the values of motor and claws are referred to the belt.
 
     Attributes:
         travel_m: Belt travel of the front claw from converged to spread, m.
         voltage_v: Supply voltage, V; if neither direction is on, a relay short-circuits the motor to brake it.
         resistance_ohm: Armature resistance, ohm.
-        emf_v_s_m: Back-EMF at a belt speed of 1 m/s, V s/m; also the motor force per current, N/A.
+        emf_v_s_m: Back-EMF at a belt speed of 1 m/s, V s/m; also the motor force per unit of current, N/A.
         motor_kg: Inertia of motor and gear at the belt, kg.
         claws_kg: Inertia of the moved claws at the belt, kg.
         friction_n: Friction of guides and chain at the belt, N.

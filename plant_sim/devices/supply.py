@@ -20,7 +20,9 @@ AIR_PARAMS = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class SupplySpec:
-    """Parameters of compressor, receiver, regulators, dump valve, reservoir and pressure switch. Pressures are gauge.
+    """Parameters of compressor, receiver, regulators, dump valve, reservoir and pressure switch.
+
+    All pressures are gauge pressures.
 
     Attributes:
         pressure_pa: Set pressure of the main regulator, Pa.

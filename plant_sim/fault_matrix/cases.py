@@ -29,7 +29,7 @@ SIZES: dict[str, tuple[float, ...]] = {
     "skewed_tray": (0.008,),  # beyond the tolerance of the claws
     "missing_cells": (7.0,),  # one in ten
 }
-"""Severities of each kind, in its unit: one, or a tolerable and an intolerable one."""
+"""Sizes of each kind of fault, in the unit of the kind: one, or a tolerable and an intolerable one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Subject:
     Attributes:
         kind: Name of the kind in `FAULTS`.
         part: Affected part, without the side.
-        size: Severity; None if the kind has no size.
+        size: Size of the fault; None if the kind has no size.
         targets: Full names of the part: one, or one per arm.
     """
 
@@ -101,7 +101,7 @@ def _chosen(plant: Plant, text: str) -> tuple[str, str]:
 
 
 def _strikable(plant: Plant, kind: str) -> Collection[str]:
-    """Return the targets of a kind, excluding unwired sensors."""
+    """Return the targets to which a kind of fault can be applied, excluding unwired sensors."""
     unwired = plant.sensors.keys() - set(plant.wired)
     return [target for target in FAULTS[kind].parts(plant) if target not in unwired]
 

@@ -11,7 +11,7 @@ from plant_sim.fault_matrix.cases import Subject
 class Expectation:
     """Expectation for a subject.
 
-    A case that affects neither production nor seedlings does not need an alarm.
+    A case that affects neither production nor seedlings requires no alarm.
 
     Attributes:
         alarms: Keys of the permitted first alarms, and 'no tray' or 'no cups' for a Suspended machine.

@@ -23,7 +23,7 @@ class Signal(NamedTuple):
 
     Attributes:
         name: Key of the alarm, or 'no tray' or 'no cups' for a Suspended machine.
-        side: Arm of the alarm; empty if none.
+        side: Arm to which the alarm belongs; empty if it belongs to no arm.
         at_ms: Time of the signal, ms.
         step: Step that timed out, as 'sequence: step'; empty if the signal is not a step timeout.
         in_step_ms: Time since the step became active, ms.
@@ -57,7 +57,7 @@ class FirstSignal:
     """
 
     def __init__(self, twin: Twin, from_ms: int) -> None:
-        """Initialise an observer of a twin that ignores signals before `from_ms`."""
+        """Initialise an observer that ignores the signals of a twin before `from_ms`."""
         self.signal: Signal | None = None
         self._from_ms = from_ms
         self._entered_ms: dict[int, int] = {}

@@ -19,7 +19,7 @@ def _is_of(side: str, fault: Fault) -> bool:
 
 
 def complaints(subject: Subject, outcome: Outcome) -> list[str]:
-    """Return the deviations from the expectation, one line each."""
+    """Return the deviations of an outcome from the expectation, one line each."""
     expected, signal = expectation(subject), outcome.signal
     found = [f"monitor {kind}: {text}" for kind, text in outcome.trips.items() if kind not in expected.harm]
     if signal is not None:

@@ -76,7 +76,7 @@ class MatrixRow:
 
     @property
     def findings(self) -> list[str]:
-        """Deviations from the expectation, one line each, with their case."""
+        """Deviations from the expectation, one line each, beginning with the case."""
         return [
             f"{outcome.fault}: {complaint}"
             for outcome in self.outcomes
@@ -111,7 +111,7 @@ class MatrixRow:
 
 
 def markdown(rows: Sequence[MatrixRow]) -> str:
-    """Return the matrix, the limits of detection, and the findings."""
+    """Return the matrix, the limits of detection and the findings as Markdown."""
     lines = [_line(HEADING), _line(["---"] * len(HEADING)), *(_line(row.cells()) for row in rows)]
     lines += ["", *LEGEND]
     notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
@@ -139,7 +139,7 @@ def as_csv(rows: Iterable[MatrixRow]) -> str:
 
 
 def write_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
-    """Write the matrix into a folder; return the files.
+    """Write the matrix to a folder; return the files.
 
     Raises:
         OSError: The folder is not writable.

@@ -19,7 +19,7 @@ from plant_sim.twin.monitors import collect_violations
 from plant_sim.twin.recovery import clear, home_again, questions, repair
 
 TRAY_LIMIT_MS = 300_000
-"""Time limit of a tray if the machine does not stop, ms; at 45 cups/min a tray takes 50 s."""
+"""Time limit for a tray if the machine does not stop, ms; at 45 cups/min a tray takes 50 s."""
 OBSERVATION_MS = 6_000
 """Observation time of a stopped machine before the repair, ms; every alarm at standstill is raised by then."""
 SUSPENDED_MS = 10_000
@@ -45,7 +45,7 @@ class Outcome:
         away: Arms that had no alarm and were not at feed when the machine was Held.
         rounds: Number of recoveries by the operator.
         counts: Final location of the seedlings.
-        lost: Seedlings lost or left behind in excess of those of an undisturbed run.
+        lost: Seedlings lost or left behind in excess of those in an undisturbed run.
         passed: True if a tray passed through the machine undetected, and the operator ended the trial without it.
         reason: Reason for an incomplete trial or for wrong counts of trays or rows; empty if there is none.
     """
@@ -91,7 +91,7 @@ class MatrixSetup:
     machine: Path = DEFAULT_MACHINE
 
     def twin(self, *faults: Fault) -> Twin:
-        """Return a machine after power-up.
+        """Return a twin with the given faults, after power-up.
 
         Raises:
             IoMapError: The I/O map is invalid.
@@ -198,7 +198,7 @@ def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
 
 
 def _recover(twin: Twin, outcome: Outcome) -> None:
-    """Observe the machine, repair and clear it, answer its questions, and home and start it.
+    """Observe the machine, repair the fault, clear the stop, answer the questions, home the machine and start it.
 
     Raises:
         NotReachedError: The machine does not resume.
@@ -247,7 +247,7 @@ def _note(twin: Twin, outcome: Outcome, question: str) -> None:
 
 
 def _account(twin: Twin, outcome: Outcome, reference: Undisturbed, trays: int) -> None:
-    """Check the counts and compare them with the undisturbed trial."""
+    """Check the counts and compare them with those of the undisturbed trial."""
     counts = outcome.counts = twin.plant.counts()
     outcome.lost = (counts.total - counts.in_cups) - (reference.counts.total - reference.counts.in_cups)
     if outcome.reason or outcome.passed:

@@ -35,7 +35,7 @@ class FaultableMachine(Protocol):
 
     @property
     def params(self) -> np.ndarray:
-        """Parameters of the machine, one record `MACHINE_PARAMS`."""
+        """Parameters of the machine, one `MACHINE_PARAMS` record."""
 
     @property
     def arms(self) -> Mapping[str, FaultableArm]:
@@ -91,13 +91,14 @@ class Size:
 class FaultKind:
     """A kind of fault.
 
-    While a fault is active, some values of the part are changed; they are restored exactly when it ends.
+    While a fault is active, some values of the part are changed; when it ends, the original values are restored
+    exactly.
 
     Attributes:
         name: Name in snake_case.
-        target: Description of the parts that it affects.
+        target: Description of the parts that the fault affects.
         effect: Description of the effect.
-        parts: Function that returns the parts of a machine that it can affect, by target name.
+        parts: Function that returns the parts of a machine that the fault can affect, by target name.
         changes: Changed values of the part: fields of a record, dotted for nested records, or attributes of a
             view.
         faulty_value: Function that returns the changed value from the original value and the size.

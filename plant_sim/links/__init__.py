@@ -1,1 +1,1 @@
-"""Links to the simulated machine: remote I/O in process and as a Modbus TCP server."""
+"""Links to the simulated machine: remote I/O, in-process or as a Modbus TCP server."""

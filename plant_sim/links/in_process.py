@@ -8,14 +8,14 @@ from plant_sim.links.io_module import IoModule, ModuleFault
 
 
 class LinkDown(OSError):  # noqa: N818 - the name states the condition of the link
-    """In-process link closed, or output refused by the module; the message is one line."""
+    """Closed in-process link, or output refused by the module; the message is one line."""
 
 
 class InProcessLink:
     """Field link that satisfies the controller's `FieldLink` protocol structurally, without importing it.
 
-    As over a network, the link remains closed after any `LinkDown` until `open` is called again. It transfers images
-    only; plant time is advanced elsewhere.
+    As with a network connection, the link remains closed after any `LinkDown` until `open` is called again. It
+    transfers images only; plant time is advanced elsewhere.
     """
 
     def __init__(self, module: IoModule) -> None:

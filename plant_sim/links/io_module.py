@@ -31,7 +31,7 @@ class IoModule:
     The first write arms the watchdog. If no output is written for more than `watchdog_ms` of plant time, every
     output is set to its safe level and the module is tripped: it refuses any write that would set an output to an
     unsafe level. Writing safe levels to all outputs, in one write or several, resets the trip, so nothing restarts
-    automatically. Only writes to outputs count, not those to the operator box.
+    automatically. Writes to the operator box do not restart the watchdog timer.
 
     Attributes:
         plant: The plant.
@@ -40,7 +40,7 @@ class IoModule:
         last_write_ms: Plant time of the last accepted write, ms; None before the first.
         tripped_at_ms: Plant time of the last trip, ms, retained after a reset; None before the first.
         block_writes: Number of times the complete Y block has been written, each time in one write or several.
-        observers: Callbacks after every advance of plant time.
+        observers: Functions called after every advance of plant time.
     """
 
     def __init__(self, plant: Plant, io_map: IoMap, *, watchdog_ms: int = 100) -> None:

@@ -31,7 +31,7 @@ class ModbusImage(ModbusDevice):
 
         Args:
             module: Module to serve.
-            written: Callback after a write to the coils; may raise `RequestRefusedError`.
+            written: Function called after a write to the coils; may raise `RequestRefusedError`.
 
         Raises:
             IoMapError: An output in the I/O map has the address of a button of the operator box.

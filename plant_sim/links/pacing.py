@@ -1,10 +1,10 @@
-"""Real-time pacing: number of ticks due by absolute deadlines."""
+"""Real-time pacing: the number of ticks due, computed from absolute deadlines."""
 
 from __future__ import annotations
 
 
 class Pacer:
-    """Schedule of ticks by which plant time follows elapsed time, which the caller supplies.
+    """Schedule of ticks that makes plant time follow the elapsed time supplied by the caller.
 
     Delays are made up, at most `catch_up_ms` at a time. The excess is dropped and counted, so that plant time does
     not run too fast after the computer has been suspended.

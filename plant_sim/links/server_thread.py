@@ -17,7 +17,7 @@ T = TypeVar("T")
 class ServerThread:
     """Context manager that runs a server in a thread.
 
-    The plant belongs to the thread while it runs: access it through `call` only.
+    The plant belongs to the thread while it runs: access it only through `call`.
     """
 
     def __init__(self, server: PlantServer) -> None:

@@ -14,8 +14,8 @@ COLUMNS = ("name", "table", "address", "words", "scale", "signed", "none", "writ
 def tag_csv() -> str:
     """Return the header and one line per tag.
 
-    Values of two words have the high word first. If the column `none` contains "yes", a value with all bits set is
-    absent.
+    Values of two words have the high word first. If the column `none` contains "yes", all bits set means that the value
+    is absent.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

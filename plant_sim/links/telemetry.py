@@ -50,7 +50,7 @@ class TelemetryPoint:
         return self._split(min(max(round(value / self.scale), lowest), highest) % span)
 
     def decode(self, registers: Sequence[int]) -> float:
-        """Decode the value from the registers of the table; an absent value is nan."""
+        """Decode the value from the registers of the table; an absent value is returned as NaN."""
         span = 1 << 16 * self.words
         counts = 0
         for register in registers[self.offset : self.offset + self.words]:
@@ -77,7 +77,7 @@ def read_telemetry(registers: Sequence[int]) -> dict[str, float]:
         registers: `TELEMETRY_REGISTERS` input registers from register 0.
 
     Returns:
-        Values by name, in the unit given by the suffix of the name; nan if absent.
+        Values by name, in the unit given by the suffix of the name; NaN if absent.
 
     Raises:
         ValueError: The number of registers is wrong.

@@ -118,14 +118,14 @@ def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps:
     """Advance by several steps with constant coils.
 
     Args:
-        machine: One record `MACHINE`.
-        params: One record `MACHINE_PARAMS`.
+        machine: One `MACHINE` record.
+        params: One `MACHINE_PARAMS` record.
         coils: Coil levels, True if energised: those of the left and right arm in the order of `ARM_COILS`, then run
             and direction of the conveyor.
         fed: True if the safety relay energises the dump valve.
         first: Number of the first step; the step at plant time 0 is 0.
         steps: Number of steps; their length is in `params`.
-        positions: Output: positions at the end, as `POSITIONS` for each arm, then the travel of the trays.
+        positions: Output array: final positions in the order of `POSITIONS` for each arm, then the travel of the trays.
     """
     m, gas, air_params = machine[0], params[0].gas, params[0].air
     air = m.air
@@ -196,7 +196,7 @@ def _step_arm(arm: Any, params: Any, coils: Any, supply: Any, at_s: float, gas: 
 
 @compiled
 def _update_clamp(arm: Any, params: Any) -> None:
-    """Update the holding force of the fingers, and count its loss while they are closed."""
+    """Update the pressure that holds the fingers closed, and count each loss of it while they are closed."""
     arm.clamp_pa = arm.claws.minus.chamber.pressure_pa - arm.claws.plus.chamber.pressure_pa
     # losing the force while opening is intended; an aborted opening still drops the seedlings
     opens = arm.claws.valve.target > 0.0
@@ -211,7 +211,7 @@ def _update_clamp(arm: Any, params: Any) -> None:
 
 @compiled
 def _any_busy(switches: Any) -> bool:
-    """Return True if the output of a switch is delayed or bounces."""
+    """Return True if the output of any switch is being delayed or is bouncing."""
     busy = 0
     for switch in switches:
         busy += switch.busy
@@ -223,8 +223,8 @@ def read_sensors(machine: Any, params: Any, terminals: Any, inverted: Any, image
     """Read all wired sensors.
 
     Args:
-        machine: One record `MACHINE`.
-        params: One record `MACHINE_PARAMS`.
+        machine: One `MACHINE` record.
+        params: One `MACHINE_PARAMS` record.
         terminals: X number of every sensor in the order of `SENSORS`; -1 if it is not wired.
         inverted: True for every sensor whose wire is inverted.
         image: Output: raw level by X number.

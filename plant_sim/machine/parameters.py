@@ -170,7 +170,7 @@ class Machine:
 
     @property
     def claw_pressure_pa(self) -> float:
-        """Set gauge pressure of the claw regulator, Pa."""
+        """Set pressure of the claw regulator, gauge, Pa."""
         return self.crop.claw_pressure_mpa * _MPA
 
     @property
@@ -291,7 +291,7 @@ class _ParameterEntry(StrictModel):
 
 
 def _plain(node: yaml.Node) -> object:
-    """Return the Python value of a node, by the rules of YAML 1.1."""
+    """Return the Python value of a node according to YAML 1.1."""
     try:
         return yaml.constructor.SafeConstructor().construct_document(node)
     except (yaml.YAMLError, ValueError, LookupError, AttributeError):
@@ -315,7 +315,7 @@ def _values(section: str, entries: Mapping[str, _ParameterEntry]) -> dict[str, V
     """Return the values of a section.
 
     Raises:
-        SpecError: The unit of a parameter is not that of its name.
+        SpecError: The unit of a parameter does not match the suffix of its name.
     """
     for key, entry in entries.items():
         require(entry.unit == unit_of(key), f"{section}.{key}", f"must have unit {unit_of(key)}, not {entry.unit}")

@@ -49,7 +49,7 @@ class Plant:
     The same seed and the same outputs at the same times give bit-identical results.
 
     Attributes:
-        time_ms: Plant time, ms; advanced by `step` only.
+        time_ms: Plant time, ms; advanced only by `step`.
         box: Push buttons.
         left: Left arm with its row of cups.
         right: Right arm with its row of cups.
@@ -61,8 +61,8 @@ class Plant:
         indicators: States of the wired horn and lamps by tag.
         events: All incidents so far.
         extrapolates: True if the crop settings are outside the range tested in the paper.
-        state: State of the machine, one record `MACHINE`.
-        params: Parameters of the machine, one record `MACHINE_PARAMS`; faults change it.
+        state: State of the machine, one `MACHINE` record.
+        params: Parameters of the machine, one `MACHINE_PARAMS` record; faults change it.
         wired: Tags of the wired inputs.
         optional: Tags of the wired inputs that a machine can run without.
         broken_wires: Tags of the inputs whose terminals are off regardless of their sensors.

@@ -94,7 +94,7 @@ def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical
 
 @compiled
 def _nonlinear_share(c: Any, mass_kg: float) -> float:
-    """Return the fraction of `mass_kg` that gives the pressure rise predicted from the stiffness at the start."""
+    """Return the fraction of `mass_kg` that gives the pressure rise predicted from the initial stiffness."""
     grows = c.stiffness * mass_kg / c.pressure_pa
     if grows <= 0.0:
         return 1.0
@@ -105,7 +105,7 @@ def _nonlinear_share(c: Any, mass_kg: float) -> float:
 
 @compiled
 def move(a: Any, b: Any, mass_kg: float) -> None:
-    """Transfer air with its enthalpy from `a` to `b`; a negative mass flows back."""
+    """Transfer air with its enthalpy from `a` to `b`; a negative mass is transferred from `b` to `a`."""
     heat_j = HEAT_P * mass_kg * (a.temperature_k if mass_kg > 0.0 else b.temperature_k)
     a.mass_kg -= mass_kg
     a.pressure_pa -= a.stiffness * mass_kg
@@ -122,7 +122,7 @@ def flow_and_slopes(
     """Return the flow from `a` to `b`, kg/s, and its derivatives with respect to both pressures, kg/(s Pa).
 
     The derivative with respect to the pressure of `b` is returned with its sign reversed. A flow from `b` to `a` is
-    negative. In the direction of `b`, the restriction opens only above a cracking pressure.
+    negative. From `a` to `b`, the restriction opens only above a cracking pressure.
     """
     up_pa = a.pressure_pa - crack_pa
     if conductance_m3_s_pa <= 0.0 or (up_pa <= b.pressure_pa and a.pressure_pa >= b.pressure_pa):

@@ -1,7 +1,8 @@
 """Air consumption of a cylinder and its tubes, computed with the data-sheet formula used for Table 1 of the paper.
 
-For each stroke the swept volume counts at absolute pressure. The tube counts at gauge pressure only, because it
-retains air at atmospheric pressure. Both volumes are referred to atmospheric pressure:
+For each stroke, the swept volume is multiplied by the absolute pressure. The tube volume is multiplied by the gauge
+pressure only, because the tube retains air at atmospheric pressure. Both products are divided by the atmospheric
+pressure:
 
     Q = n [pi/4 D^2 H (p + 0.1) + pi/4 d^2 L p] / 0.1
 
@@ -96,7 +97,7 @@ def stroke_air_l(
         pressure_mpa: Gauge pressure, MPa.
         atmosphere_mpa: Atmospheric pressure, MPa.
 
-    A tube of 2 m length and 6 mm inner diameter at 0.5 MPa, filled twice per cycle:
+    A tube 2 m long with an inner diameter of 6 mm at 0.5 MPa, filled twice per cycle:
 
     >>> round(2 * stroke_air_l(swept_l=0.0, tube_l=cylinder_l(6.0, 2000.0), pressure_mpa=0.5), 2)
     0.57

@@ -98,7 +98,7 @@ def step_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, o
 
 @compiled
 def is_at_rest(c: Any, params: Any, plus: bool, minus: bool, manifold: Any) -> bool:
-    """Return True if a step would change nothing significant: no pending motion, no flow, air at wall temperature."""
+    """Return True if a step would change nothing significantly: no pending motion, no flow, air at wall temperature."""
     valve = c.valve
     if abs(c.piston_m_s) > _STILL_M_S or c.speed_m_s != 0.0 or valve.spool != valve.target:
         return False
@@ -125,7 +125,7 @@ def _push_n(c: Any, params: Any) -> float:
 
 @compiled
 def _stays_at_rest(c: Any, params: Any) -> bool:
-    """Return True if a stationary load stays at rest, held by friction, brake, a fault or an end stop."""
+    """Return True if a stationary load stays at rest, held by friction, the brake, a fault or an end stop."""
     push_n = _push_n(c, params)
     if params.magnet_holds_n > 0.0:
         pull_n = 0.0 if c.decoupled else params.magnet_n_m * (c.piston_m - c.position_m)
@@ -143,7 +143,7 @@ def _stays_at_rest(c: Any, params: Any) -> bool:
 
 @compiled
 def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
-    """Move load and piston as one body; an end stop absorbs all speed."""
+    """Move load and piston as one body; an end stop stops them without rebound."""
     mass_kg = params.load_kg + params.piston_kg
     speed_m_s = 0.0
     if params.blocked == 0:
@@ -231,7 +231,7 @@ def _bumper(c: Any, params: Any, step_s: float) -> tuple[float, float]:
 
 @compiled
 def _stopped(speed_m_s: float, position_m: float, low_m: float, high_m: float) -> tuple[float, float]:
-    """Return speed and position, limited by the end stops, which absorb the speed towards them."""
+    """Return speed and position, limited by the end stops; at an end stop, the speed towards it becomes 0."""
     if position_m <= low_m:
         return max(speed_m_s, 0.0), low_m
     if position_m >= high_m:

@@ -44,7 +44,7 @@ _STILL_K = 0.1
 
 @compiled
 def line_is_at_rest(n: Any, params: Any, spool: float, manifold: Any) -> bool:
-    """Return True if no air moves in a line and all air is at wall temperature."""
+    """Return True if no air is flowing in a line and all of it is at wall temperature."""
     tube, chamber = n.tube, n.chamber
     if params.leak_m3_s_pa > 0.0 or params.slip_m3_s_pa > 0.0:
         return False
@@ -119,8 +119,8 @@ def _step_flows(
 ) -> float:
     """Pass air through the valve and the fitting for one step; return the mass drawn from the source, kg.
 
-    Both flows are linearly implicit in all three pressures. If they were solved one after the other, the tube pressure
-    would be wrong by the change that one of the flows causes in a step.
+    Both flows are linearly implicit in all three pressures. If they were solved one after the other, the error of the
+    tube pressure would be the change that one of the flows causes in a step.
     """
     tube, chamber = n.tube, n.chamber
     in_kg_s, in_grows, in_falls = flow_and_slopes(source, tube, 0.0, valve_m3_s_pa, valve_critical)

@@ -8,9 +8,8 @@ from plant_sim.pneumatics.flow import REFERENCE_PA
 def meter_out_speed_m_s(conductance_m3_s_pa: float, exhaust_area_m2: float) -> float:
     """Return the steady speed of a piston while its exhaust throttle is choked.
 
-    A choked throttle passes a volume flow of conductance times reference pressure, measured at
-    ANR. Converted to the pressure of the exhausting chamber, this flow is independent of supply and
-    load, and so is the speed.
+    The volume flow through a choked throttle, measured at ANR, is the conductance times the absolute pressure of the
+    exhausting chamber. Converted to that pressure, the flow is independent of supply and load, and so is the speed.
 
     Args:
         conductance_m3_s_pa: Sonic conductance C of the speed controller, m3/(s Pa).
@@ -32,7 +31,7 @@ def meter_out_speed_m_s(conductance_m3_s_pa: float, exhaust_area_m2: float) -> f
 
 
 def piston_area_m2(bore_m: float) -> float:
-    """Return the area of a full piston, m2."""
+    """Return the area of a piston on the side without a rod, m2."""
     return math.pi / 4 * bore_m**2
 
 

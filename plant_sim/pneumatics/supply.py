@@ -53,7 +53,7 @@ SUPPLY_PARAMS = np.dtype(
 )
 """Parameters.
 
-Pressures are gauge. `compressor_kg_s` is 0 after a compressor failure. `leak_m3_s_pa` from the manifold and
+Pressures are gauge pressures. `compressor_kg_s` is 0 after a compressor failure. `leak_m3_s_pa` from the manifold and
 `slip_m3_s_pa` past the seat of the claw check valve are faults.
 """
 

@@ -33,9 +33,9 @@ VALVE_PARAMS = np.dtype(
 )
 """Parameters.
 
-The delays run from the coil to the air at the cylinder, tube included. `spool_s` is the travel time from the middle to
-an end. `latching` is 1 for a 5/2 valve, which keeps its position, and 0 for a 5/3 valve with spring return. `stuck` is
-1 while the spool does not move.
+The delays are from the coil to the air at the cylinder, including the tube. `spool_s` is the travel time from the
+middle to an end. `latching` is 1 for a 5/2 valve, which keeps its position, and 0 for a 5/3 valve with spring return.
+`stuck` is 1 while the spool does not move.
 """
 
 _ROUNDING_S = 1e-9
@@ -43,7 +43,7 @@ _ROUNDING_S = 1e-9
 
 @compiled
 def step_valve(v: Any, params: Any, plus: bool, minus: bool, step_s: float) -> None:
-    """Advance by one time step; a pulse shorter than the delay has no effect, and two energised coils cancel."""
+    """Advance by one time step; a pulse shorter than the delay has no effect, and opposite coils cancel each other."""
     if plus == (v.plus_acts != 0):
         v.plus_pending_s = 0.0
     else:

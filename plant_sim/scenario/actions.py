@@ -99,7 +99,7 @@ def _mend(text: str, _for_ms: int, context: CheckContext) -> Effect:
 
 
 def _named(text: str, context: CheckContext) -> Fault:
-    """Return a fault that can start during the run."""
+    """Parse a fault, and check that it can start during the run."""
     fault = parse_fault(text)
     if FAULTS[fault.kind].permanent:
         raise ValueError(f"{fault.name}: must be set before the run; list it under faults")

@@ -85,13 +85,13 @@ def _incidents(section: Section) -> Check:
 
 
 def _names(section: Section, key: str, what: str, known: list[str]) -> list[str]:
-    """Return the words of a list, each checked against the known names."""
+    """Return the names in a list after checking that each is known."""
     read = one_of(what, known)
     return [section.checked(key, read, word) for word in section.words(key)]
 
 
 def _alarms(section: Section, program: Transplanter) -> list[Check]:
-    """Return the checks of the raised alarms, in any order, and of their times."""
+    """Return the checks of the raised alarms, regardless of their order, and of their times."""
     read = one_of("alarm", [f"{alarm.side}: {alarm.key}" if alarm.side else alarm.key for alarm in program.alarms])
     wanted: list[str] = []
     times: list[Check] = []

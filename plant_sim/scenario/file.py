@@ -57,8 +57,8 @@ def load_scenario(
     Args:
         path: Scenario file.
         io_map: I/O map; None = the default map.
-        machine: Machine parameters that the scenario changes; None = the defaults.
-        seed: Seed to use instead of that of the scenario; None = that of the scenario.
+        machine: Machine parameters before the changes made by the scenario; None = the defaults.
+        seed: Seed that replaces the one in the file; None = the seed in the file.
 
     Raises:
         ScenarioError: The file cannot be read, or its content is invalid.

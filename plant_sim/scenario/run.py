@@ -145,7 +145,7 @@ class ScenarioRun:
 
     @property
     def incidents(self) -> list[str]:
-        """Kinds of incident, once each, in order of occurrence."""
+        """Kinds of incident, each listed once, in order of occurrence."""
         return list(dict.fromkeys(event.kind.value for event in self.twin.plant.events))
 
     def _record_alarms(self, twin: Twin) -> None:
@@ -168,7 +168,7 @@ class ScenarioReport:
         alarms: Raised alarms with the time of the first occurrence, s.
         incidents: Kinds of incident that occurred.
         cycles: Rows transplanted.
-        missed_cups: Cups that passed empty, both rows.
+        missed_cups: Cups that passed empty, total of both rows.
         counts: Location of the seedlings.
     """
 
@@ -260,7 +260,7 @@ def run_scenario(scenario: Scenario, *, prepare: Callable[[Twin], object] | None
 
 
 def _play(scenario: Scenario, twin: Twin) -> None:
-    """Scan, run the actions at their triggers, and stop at the end.
+    """Run the scans and, when triggered, the actions, until the end of the scenario.
 
     Raises:
         NotReachedError: The time limit has expired.
@@ -291,7 +291,7 @@ def _wait(twin: Twin, condition: Callable[[], bool], until: Until, what: str) ->
 
 
 def _shown(actual: object) -> str:
-    """Return an actual value in one line."""
+    """Return an actual value as one line of text."""
     if isinstance(actual, float):
         return f"{actual:g}"
     return ", ".join(map(str, actual)) or "none" if isinstance(actual, list) else str(actual)

@@ -41,7 +41,7 @@ class Column(NamedTuple):
         """Return the values as a contiguous array, float or bool.
 
         Args:
-            frames: Records `MACHINE`, one per sample.
+            frames: `MACHINE` records, one per sample.
         """
         values = frames
         for step in self.path:

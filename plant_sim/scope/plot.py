@@ -27,7 +27,7 @@ def plot(
         out: Output folder; it is created if missing.
         window: Window to plot.
         side: Arm whose steps and wires the timing diagram shows.
-        tags: Names or patterns of columns instead of the default ones.
+        tags: Names or patterns of the columns to plot; None for the default columns.
 
     Returns:
         Written files: the timing diagram of boolean and text columns, and the trends of numeric columns, each as PNG

@@ -40,7 +40,7 @@ class _Tag(NamedTuple):
 
 
 class Recorder:
-    """Recorder of a plant to a Parquet file; as a context manager, it also completes the file after an exception.
+    """Recorder of a plant in a Parquet file; as a context manager, it also completes the file after an exception.
 
     A row contains the state of the plant at one instant: `TIME`, every machine value by its dotted name (see
     `columns_of`), ``x.`` and ``y.`` with the logical state of every wire, the additional tags, the active ``faults``,
@@ -63,7 +63,7 @@ class Recorder:
         """Open a recording; no sample is taken yet.
 
         Args:
-            plant: Plant to record; it can have one recorder at a time.
+            plant: Plant to record; it can have only one recorder at a time.
             path: Path of the recording; the file must not exist.
             io_map: I/O map.
             machine: Parameters of the plant.

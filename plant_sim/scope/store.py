@@ -1,4 +1,4 @@
-"""Recording file: one Parquet file, written in groups of rows, read by columns."""
+"""Recording file: one Parquet file, written in groups of rows and read by columns."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FORMAT = 1
 
 
 class Writer:
-    """Writer of a recording. Until `finish` the file is named ``<name>.part``.
+    """Writer of a recording. Until `finish` is called, the file is named ``<name>.part``.
 
     Attributes:
         path: Path of the finished recording.
@@ -62,7 +62,7 @@ class Writer:
         self._failed = False
 
     def write(self, rows: pa.Table) -> None:
-        """Append rows as one group; the first group defines the columns.
+        """Append rows as one row group; the first group defines the columns.
 
         Raises:
             RecordingError: The rows cannot be written. The incomplete file is unreadable and is deleted.
@@ -130,7 +130,7 @@ def _parquet(file: Any, schema: pa.Schema) -> pq.ParquetWriter:
 
 
 class RecordingWindow(NamedTuple):
-    """A time window of a recording, both ends included, ms of plant time."""
+    """Time window of a recording in ms of plant time, including both ends."""
 
     from_ms: int
     to_ms: int
@@ -142,7 +142,7 @@ class Recording:
     Attributes:
         path: Path of the file.
         about: Metadata of the recording.
-        names: Columns in file order, without the time.
+        names: Columns in file order, excluding the time.
         units: Units of the numeric columns by name.
         labels: Terminals of the wire columns by name, such as ``Y5``.
     """

@@ -24,7 +24,7 @@ _CHARACTER_IN = 0.062
 """Width of a character of the small text in a lane, inches."""
 
 _NOTE_CHARACTERS, _NOTE_LINE_IN = 170, 0.12
-"""Line length, in characters, and line height, in inches, of the note at the foot."""
+"""Line length, in characters, and line height, in inches, of the note below the diagram."""
 
 _TITLES = {"machine": "Machine", "left": "Left arm", "right": "Right arm"}
 
@@ -67,7 +67,7 @@ def timing_diagram(
         data: Boolean and text columns of a window, with `TIME`.
         labels: Terminals by column.
         title: Title of the figure.
-        requested: Columns to draw even if constant; if empty, constant columns are listed at the foot instead.
+        requested: Columns to draw even if constant; if empty, constant columns are listed below the diagram instead.
     """
     time_s = data[TIME] / 1000
     constant = [] if requested else [name for name in data if name not in (TIME, "state") and _constant(data[name])]

@@ -21,7 +21,7 @@ def selected_window(recording: Recording, start: str | None, end: str | None, *,
         recording: The recording.
         start: Start, such as ``12s``; None for the default, or for the start of the recording if `end` is given.
         end: End; None for the default, or for the end of the recording if `start` is given.
-        side: Arm whose second full cycle is the default.
+        side: Arm whose second full cycle is the default window.
 
     Raises:
         RecordingError: A time is invalid, or the window contains fewer than two samples.

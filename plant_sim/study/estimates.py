@@ -31,7 +31,7 @@ class Estimate:
         mean: Mean over the trials; None if no trial has a value.
         low: Lower end of the 95 % confidence interval of the mean; None if undefined.
         high: Upper end of the interval.
-        sd: Standard deviation between trials; None for fewer than two.
+        sd: Standard deviation between trials; None for fewer than two trials.
     """
 
     mean: float | None
@@ -43,9 +43,9 @@ class Estimate:
 def estimate(response: str, trials: Sequence[TrialReport]) -> Estimate:
     """Return the mean of a response at one setting with its 95 % interval.
 
-    Seedling counts are pooled over the trials and have the exact binomial interval (Clopper and Pearson), as a
-    percentage or, multiplied by the seedlings per trial, as a number. For any other response the interval is
-    that of Student's t, which requires two trials with different values.
+    Seedling counts are pooled over the trials. Their interval is the exact binomial interval (Clopper and Pearson), as
+    a percentage or, multiplied by the seedlings per trial, as a number. For any other response, the interval is based
+    on Student's t distribution, which requires at least two trials with different values.
 
     Args:
         response: Name of a numeric field of the trial report.

@@ -27,7 +27,7 @@ class StudyParameter:
     """Machine parameter or set-point that a study can vary.
 
     Attributes:
-        name: Dotted name of a parameter in machine.yaml, or ``program.`` and a set-point.
+        name: Dotted name of a parameter in machine.yaml, or ``program.`` followed by the name of a set-point.
         unit: Unit, ``-`` for none.
         is_integer: True if only integer multiples of `step` are valid: a count, a set-point, or a switch (0 or 1).
         step: Value of one count in the program, in `unit`: 10 or 100 ms for a time set-point, else 1.
@@ -49,7 +49,7 @@ class StudyParameter:
         A time set-point without a unit is given in counts of the program.
 
         Raises:
-            ValueError: The text is not a valid quantity; one line with error and remedy.
+            ValueError: The text is not a valid quantity; the message is one line with error and remedy.
         """
         if text in ("true", "false"):
             return float(text == "true")
@@ -99,7 +99,7 @@ class FactorSetting:
         """Return the base machine with the parameters changed to those of the setting.
 
         Raises:
-            StudyError: A parameter is unknown, its value invalid, or the values contradict each other.
+            StudyError: A parameter is unknown, its value is invalid, or the values contradict each other.
         """
         changed = {
             name: _typed(name, value, _parameter(name, base))
@@ -124,7 +124,7 @@ class FactorSetting:
         }
 
     def _context(self, complaint: str) -> str:
-        """Return the values of the setting as a suffix for an error that names none of them; otherwise ""."""
+        """Return the values of the setting as a suffix for an error message, or "" if the message already names one."""
         if complaint.partition(":")[0] in self.values:
             return ""
         return f" (with {', '.join(f'{name} = {value:.6g}' for name, value in self.values.items())})"

@@ -137,7 +137,7 @@ class Experiment:
     Attributes:
         source: Paper, table and section.
         factors: Coded factors X1, X2, ...
-        coded: Runs, one row each, coded.
+        coded: Coded runs, one per row.
         responses: Measured responses of every run by name, %.
     """
 
@@ -168,7 +168,7 @@ class PrintedRow(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Corrected cell of cabbage Table 2 that reconciles it with Table 3.
+    """Correction of one cell of cabbage Table 2 that reconciles this table with Table 3.
 
     Attributes:
         run: Run number.

@@ -42,7 +42,7 @@ class RunOptions:
         trials: Trials at each setting.
         seed: Seed of the study; see `trial_seed`.
         workers: Number of processes; 1 = this process, None = one per core.
-        machine: Base machine that the settings change.
+        machine: Base machine to which the settings are applied.
         io_map: I/O map.
         seedlings: Seedlings per trial.
         progress: Callback after every completed trial.

@@ -47,7 +47,7 @@ class LadderReport:
 
     @property
     def completed(self) -> bool:
-        """True if every seedling has left tray and claws without an incident or a CPU error."""
+        """True if every seedling has left the trays and claws without an incident or a CPU error."""
         return not (self.counts.in_tray or self.counts.in_claw or self.incidents or self.error)
 
     def record(self) -> dict[str, object]:

@@ -249,7 +249,7 @@ class LiveTrial:
                 raise LiveError(f"{what} not reached: {self._progress.state_text}, {alarms}")
 
     def _until_complete(self) -> None:
-        """Wait without a time limit until the user has completed the trays."""
+        """Wait without a time limit until the machine is in Complete."""
         while self._progress.state != State.COMPLETE:
             self._follow(POLL_S)
             self._show()

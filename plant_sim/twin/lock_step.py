@@ -1,6 +1,6 @@
 """Twin: controller and plant in one process, in lock step and in simulated time.
 
-The tick order is defined here: scan, plant up to the next scan, clock.
+This module defines the order within a tick: run the scan, advance the plant to the next scan, advance the clock.
 """
 
 from __future__ import annotations

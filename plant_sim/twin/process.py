@@ -103,7 +103,7 @@ class Process:
 
 
 class Interrupts:
-    """Handler of Ctrl-C and SIGTERM while processes run: raises immediately, and again at the next `check`.
+    """Handler of Ctrl-C and SIGTERM: raises `KeyboardInterrupt` immediately, and again at the next `check`.
 
     The interpreter discards an exception raised in a destructor. The second check makes sure that the request to stop
     is not lost.

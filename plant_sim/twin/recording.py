@@ -21,7 +21,7 @@ def recorded(twin: Twin, path: Path | None, *, seed: int) -> Iterator[None]:
     A row contains the inputs and decisions of the controller in one scan, and the state of the plant at that time.
 
     Args:
-        twin: The twin, without any other recorder attached.
+        twin: The twin; no other recorder may be attached to it.
         path: Path of the recording; None = no recording.
         seed: Seed of the plant.
 

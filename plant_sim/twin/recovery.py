@@ -13,7 +13,7 @@ CLEAR_MS = 3_200
 """Duration of the X24 press for clearing, ms; 3 s are required."""
 HOMING_LIMIT_MS = 40_000
 AIR_LIMIT_MS = 600_000
-"""Longest wait for air pressure, ms; the compressor fills an empty receiver in less time."""
+"""Maximum wait for air pressure, ms; the compressor fills an empty receiver in less time."""
 AIR_SHARE = 0.95
 """Fraction of the regulated pressure at which the air supply counts as restored."""
 AIR = ("supply", "compressor")
@@ -54,7 +54,7 @@ def begin_homing(twin: Twin) -> None:
 
 
 def home_again(twin: Twin) -> set[str]:
-    """Home with X0 until Idle, answer every question in Held correctly, and return the questions.
+    """Home the machine with X0 until it is Idle, answering every question in Held correctly; return the questions.
 
     Raises:
         NotReachedError: Homing ends in an alarm or does not end.

@@ -1,4 +1,4 @@
-"""Trials repeated with consecutive seeds, and their pooled result as table, CSV and JSON."""
+"""Trials repeated with consecutive seeds, and their pooled result as a table, CSV and JSON."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Pool:
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """95 % confidence intervals of the rates, exact binomial, %."""
+        """Exact binomial 95 % confidence intervals of the rates, %."""
         return success_intervals(*(self.counts[name] for name in SHARES), seedlings=self.seedlings)
 
 
@@ -99,7 +99,7 @@ class Repeats:
     def csv(self) -> str:
         """Return a header and one line per trial; the columns of the intervals are `S_low`, `S_high` and so on.
 
-        The rates of an incomplete trial are empty.
+        The rates of an incomplete trial are left empty.
         """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")

@@ -68,16 +68,16 @@ class TrialReport:
         P: Pick failures (stems missed or cut while picking, plugs not pulled out).
         D: Carry failures (stems cut while carrying).
         T: Throw failures (plugs that fall outside the cups at the release over them).
-        S: Success, percent of all seedlings, eq. 1 of the paper. The rates are meaningful for a completed trial only;
+        S: Success, percent of all seedlings, eq. 1 of the paper. The rates are meaningful only for a completed trial;
             `record` and `text` omit those of an incomplete trial.
         F_p: P as a percentage of all seedlings, eq. 2.
         F_d: D as a percentage, eq. 3.
         F_t: T as a percentage, eq. 4.
-        intervals: 95 % confidence intervals of S, F_p, F_d and F_t, exact binomial, percent.
+        intervals: Exact binomial 95 % confidence intervals of S, F_p, F_d and F_t, percent.
         cycles: Rows transplanted.
         cycle_time_s: Mean time of a cycle, s.
         cycle_times: Times by arm and row.
-        missed_cups: Cups that passed empty after the twelfth since a release, total of both rows.
+        missed_cups: Cups that passed empty after the twelfth cup since a release, total of both rows.
         missed_cups_by_row: Missed cups by row.
         missed_cups_by_cause: Missed cups by cause: tray change, other arm in the centre, or the travel time to row 1,
             2 or 3.
@@ -120,7 +120,7 @@ class TrialReport:
 
     @property
     def accounted(self) -> bool:
-        """True if every seedling is counted exactly once, in a cup or as lost."""
+        """True if every seedling is counted exactly once, either in a cup or as lost."""
         return self.in_cups + self.P + self.D + self.T == self.seedlings
 
     def record(self) -> dict[str, object]:

@@ -105,7 +105,7 @@ def table_3_agreement(response: Response) -> Agreement:
 
 
 def equation_agreement(response: Response) -> Agreement:
-    """Compare every coefficient of the reduced refit with the equation."""
+    """Compare every coefficient of the reduced refit with the printed equation."""
     printed = sheet(f"cabbage-equation-{response.number}")
     pairs = zip(printed.texts("term"), printed.texts(response.name), strict=True)
     return agreement((response.reduced.values[term], text) for term, text in pairs)

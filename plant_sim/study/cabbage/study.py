@@ -1,4 +1,4 @@
-"""Reanalysis of the cabbage trial, with the table as printed and with its reconciled cells.
+"""Reanalysis of the cabbage trial, based on the table as printed or with its reconciled cells.
 
 Figures are from [K], sections 3 and 4; computed figures are marked as such. Errors in the paper are shown as errata,
 with the printed and the computed figure.

@@ -295,7 +295,7 @@ def _coding(each: StudyParameter, levels: Sequence[float]) -> Factor:
 
 
 def _complaint(error: StudyError) -> str:
-    """Return the message of an error without the name at its beginning."""
+    """Return the message of an error, excluding the name at its beginning."""
     return str(error).partition(": ")[2] or str(error)
 
 

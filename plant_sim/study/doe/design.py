@@ -108,7 +108,7 @@ def full_factorial(levels: Sequence[Sequence[float]]) -> NDArray[np.float64]:
 
 
 def two_level(k: int) -> NDArray[np.float64]:
-    """Return the 2^k factorial at -1 and 1 in standard (Yates) order.
+    """Return the 2^k factorial design with levels -1 and 1 in standard (Yates) order.
 
     Args:
         k: Number of factors.
@@ -121,7 +121,7 @@ def two_level(k: int) -> NDArray[np.float64]:
 
 
 def central_composite(k: int, *, axial: float, centres: int) -> NDArray[np.float64]:
-    """Return a central composite design: the 2^k factorial, one axial pair per factor, repeated centre runs.
+    """Return a central composite design: the 2^k factorial, one axial pair per factor, and repeated centre runs.
 
     Args:
         k: Number of factors.

@@ -48,7 +48,7 @@ class Front:
 def best(
     surface: Surface, low: Sequence[float], high: Sequence[float], *, maximise: bool = True
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the optimum of a response within a box, and its value.
+    """Return the point within a box at which a response is optimal, and the response at that point.
 
     A quadratic can have several local optima in a box, so the search starts from every corner, the middle of
     every edge and face, and the centre.
@@ -82,8 +82,8 @@ def best_location_interval(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return, for each factor, a confidence interval for the location of the maximum within a box.
 
-    Monte Carlo method: coefficients are drawn from the distribution that the regression gives (Student's t with their
-    covariance), and the best point of a grid is determined for each draw.
+    The Monte Carlo method is used: coefficients are drawn from their estimated distribution (Student's t with the
+    covariance of the fit), and the best point of a grid is determined for each draw.
 
     Args:
         fit: Fitted response.
@@ -108,8 +108,9 @@ def best_location_interval(
 def pareto(a: Surface, b: Surface, low: Sequence[float], high: Sequence[float], n: int) -> Front:
     """Return the Pareto front of two responses that are both minimised.
 
-    Constraint method: `a` is minimised with `b` below a bound, and the bound is lowered step by step from the value of
-    `b` at the minimum of `a` to the minimum of `b`. Unlike weighted sums, this also finds the concave parts of a front.
+    The constraint method is used: `a` is minimised with `b` below a bound, and the bound is lowered step by step from
+    the value of `b` at the minimum of `a` to the minimum of `b`. Unlike weighted sums, this also finds the concave
+    parts of a front.
 
     Args:
         a: First response.

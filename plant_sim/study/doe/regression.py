@@ -128,7 +128,7 @@ class Fit:
         return Polynomial(self.values).predict(coded)
 
     def drawn(self, number: int, *, seed: int) -> NDArray[np.float64]:
-        """Return coefficients drawn from a multivariate t distribution at the estimates, scaled by their covariance.
+        """Return coefficients drawn from a multivariate t distribution with the mean and covariance of the estimates.
 
         Args:
             number: Number of draws.
@@ -166,7 +166,7 @@ class Fit:
 
 
 def terms(k: int, order: Order) -> tuple[str, ...]:
-    """Return the names of the terms of a polynomial, without the constant.
+    """Return the names of the terms of a polynomial, excluding the constant.
 
     Args:
         k: Number of factors.
@@ -216,7 +216,7 @@ def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequen
     Args:
         coded: Coded runs, one per row.
         response: Response of each run.
-        terms: Names of the terms without the constant, at least one.
+        terms: Names of the terms, excluding the constant; at least one.
 
     Raises:
         StudyError: There are no terms, or the runs do not outnumber the coefficients; a number is not finite; the

@@ -1,8 +1,8 @@
-"""Calibration of the seedling: constants fitted so that the twin's nominal motion reproduces eq. 5 of the paper.
+"""Calibration of the seedling model: constants fitted so that the twin's nominal motion reproduces eq. 5 of the paper.
 
 The pepper paper prints a regression only for the success (eq. 5), that is, 100 % less the sum of the three failure
-rates; it describes the individual curves in words. The fit uses the regression over the entire design region and treats
-the descriptions as soft inequalities; see `statement_residuals`.
+rates; it describes the curves of the individual rates only in words. The fit uses the regression over the entire design
+region and treats the descriptions as soft inequalities; see `statement_residuals`.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def success_at(spec: SeedlingSpec, motion: MotionAt, foam_mm: float, age_d: floa
 
 
 def differences(spec: SeedlingSpec, motion: MotionAt, levels: int = _LEVELS) -> Array:
-    """Return the expected success minus that by eq. 5 over the design region, percentage points.
+    """Return the expected success minus the success given by eq. 5 over the design region, percentage points.
 
     Args:
         spec: Constants of the seedling.

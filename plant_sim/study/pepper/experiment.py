@@ -81,7 +81,7 @@ def setting_of(natural: Sequence[float], machine: Machine) -> FactorSetting:
     """Return the setting for a foam thickness (mm), an age (d) and a claw pressure (MPa).
 
     If the receiver pressure of the machine is too low for the claw pressure, the compressor pressure is raised,
-    because the tests of the paper went up to 0.75 MPa.
+    because the paper's tests used claw pressures of up to 0.75 MPa.
 
     Args:
         natural: Foam thickness, age and pressure.

@@ -101,7 +101,7 @@ def observed_rows(machine: Machine, *, seed: int = 1) -> list[RowMotion]:
 
 @dataclass(frozen=True)
 class NominalMotion:
-    """Motion of the rows in a trial at any claw pressure.
+    """Motion of the rows in a trial, with the finger force computed for any claw pressure.
 
     Attributes:
         rows: Observed motion of the rows.

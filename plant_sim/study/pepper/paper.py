@@ -37,7 +37,7 @@ from plant_sim.study.report.parts import Heading, Part, Table
 from plant_sim.study.report.study import Study
 
 TRIAL_SEEDLINGS: Final = 144
-"""Seedlings of a trial: two full trays. Source: [P] section 3.2."""
+"""Number of seedlings in a trial: two full trays. Source: [P] section 3.2."""
 RESPONSE: Final = "S, %"
 
 LOW: Final = (-1.0, -1.0, -1.0)
@@ -64,7 +64,7 @@ def binomial_sd_percent(success_percent: float, seedlings: int = TRIAL_SEEDLINGS
 
     Args:
         success_percent: Expected success, %.
-        seedlings: Seedlings of the trial.
+        seedlings: Number of seedlings in the trial.
 
     >>> round(binomial_sd_percent(94.6), 1)
     1.9
@@ -149,7 +149,7 @@ def _model_parts(fitted: Fit, printed: Polynomial) -> list[Part]:
 
 
 def coefficients(columns: Mapping[str, Mapping[str, float]], fitted: Fit) -> Table:
-    """Return a table that compares the coefficients of S, for example those of paper, refit and twin.
+    """Return a table that compares the coefficients of S, for example those of the paper, the refit and the twin.
 
     Args:
         columns: Coefficients by term, for each column heading.
@@ -160,7 +160,7 @@ def coefficients(columns: Mapping[str, Mapping[str, float]], fitted: Fit) -> Tab
 
 
 def pure_error_slack(fitted: Fit) -> float:
-    """Return the largest change of the sum of squares of the centre runs caused by rounding to one decimal."""
+    """Return the largest change that rounding to one decimal can cause in the sum of squares of the centre runs."""
     centre = fitted.response[(fitted.coded == 0).all(axis=1)]
     return float(np.sum(2 * np.abs(centre - centre.mean()) * _PRINTED_HALF_STEP))
 

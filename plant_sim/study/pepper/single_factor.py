@@ -153,7 +153,7 @@ def _verdicts(name: str, points: Sequence[PooledResult]) -> list[tuple[Statement
 
 
 def _verdict_text(verdicts: Mapping[str, Sequence[tuple[Statement, Verdict]]]) -> str:
-    """Return a text with the number of confirmed statements, and with the statements that are not confirmed."""
+    """Return a text that gives the number of confirmed statements and lists the others."""
     judged = [(name, *each) for name, found in verdicts.items() for each in found]
     parts = [
         f"Of the {len(judged)} statements of the paper, these trials confirm "

@@ -1,4 +1,4 @@
-"""Statements of the pepper paper about single factors, and their test against trials ([P], section 3.3).
+"""Statements of the pepper paper about single factors, and tests of these statements against trials ([P], section 3.3).
 
 The paper shows these results as figures without numbers. The criteria for "low", "high" or "a little" are assumptions
 and are listed with each statement. A statement is confirmed or rejected only if the scatter of the counts allows it,
@@ -24,7 +24,7 @@ Course = tuple[Pool, ...]
 """Pooled trials at the seven levels of a factor, ascending."""
 Interval = tuple[float, float]
 Comparison = Callable[[Course, str, float], Interval]
-"""Function of a course, a share and an error probability that returns the confidence interval of a quantity.
+"""Function that takes a course, a share and an error probability, and returns the confidence interval of a quantity.
 
 The quantity is above 0 if the statement is true.
 """
@@ -43,7 +43,7 @@ class Statement:
         text: Text of the statement.
         share: Name of the failure rate.
         meaning: Criterion for the statement.
-        judge: Function that returns the verdict for a course and the name of a failure rate.
+        judge: Function that takes a `Course` and the name of a failure rate, and returns the verdict.
     """
 
     text: str
@@ -62,7 +62,7 @@ def _count(course: Course, share: str, levels: Levels) -> tuple[int, int]:
 
 
 def _difference(course: Course, share: str, levels: Levels, others: Levels, error: float) -> Interval:
-    """Return the confidence interval of the difference in a rate between levels, percentage points (Newcombe)."""
+    """Return Newcombe's confidence interval of the difference in a rate between levels, percentage points."""
     counts = (*_count(course, share, levels), *_count(course, share, others))
     low, high = confint_proportions_2indep(*counts, method="newcomb", compare="diff", alpha=error)
     return _PERCENT * float(low), _PERCENT * float(high)
@@ -71,7 +71,7 @@ def _difference(course: Course, share: str, levels: Levels, others: Levels, erro
 def _above(levels: Levels, others: Levels, by: float = 0.0) -> Comparison:
     """Return a comparison that tests whether the rate at some levels is higher than the rate at others.
 
-    The difference must be more than `by` percentage points.
+    The difference must exceed `by` percentage points.
     """
 
     def compare(course: Course, share: str, error: float) -> Interval:

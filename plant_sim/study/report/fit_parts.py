@@ -1,4 +1,4 @@
-"""Comparison tables and figures of fits: printed, refitted, and fitted to other data."""
+"""Tables and figures that compare printed models with models fitted to the same or to other data."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ def fit_pictures(
         box: Half the edge length of the search box, coded.
 
     Returns:
-        The two figures, and a caveat if the surface leaves the range of a percentage.
+        The two figures, and a caveat if the predicted percentage is outside the range 0 to 100.
     """
     reach = np.abs(fit.coded).max(axis=0).tolist()
     over = contours(
@@ -214,7 +214,7 @@ def fit_pictures(
 def no_share_text(
     surface: Surface, factors: Sequence[Factor], *, held: Sequence[float], reach: Sequence[float]
 ) -> list[str]:
-    """Return a caveat if the surface of a percentage leaves the range 0 to 100 within the contour panels.
+    """Return a caveat if a predicted percentage is outside the range 0 to 100 anywhere in the contour panels.
 
     Args:
         surface: Response surface of the percentage.
@@ -252,7 +252,7 @@ def explains(fit: Fit) -> bool:
 
 
 def doubts(name: str, fit: Fit) -> list[str]:
-    """Return the caveats about a model: it is not significant, or it has a lack of fit.
+    """Return the caveats about a model: it is not significant, or its lack of fit is significant.
 
     Args:
         name: Name of the response.

@@ -155,7 +155,7 @@ def _frame(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], box: fl
 
 
 def _mark(axes: Axes, factors: Sequence[Factor], pair: tuple[int, int], marks: Marks, held: Sequence[float]) -> None:
-    """Draw the marked points projected onto this pair of factors, hollow if the other factors have other levels."""
+    """Draw the marked points projected onto this pair of factors; a point is hollow if it is not in the plane shown."""
     rest = [index for index in range(len(factors)) if index not in pair]
     for (name, point), sign in zip(marks.items(), itertools.cycle(_SIGNS)):
         natural = to_natural(factors, point)

@@ -13,7 +13,7 @@ from plant_sim.study.throughput.timeline import ARM, Timeline, motion_of
 
 @dataclass(frozen=True)
 class Bottleneck:
-    """Round with the largest delay at the lowest frequency that has late rounds.
+    """Round with the largest delay at the lowest frequency at which any round is late.
 
     Attributes:
         frequency_per_min: Lowest planting frequency with a late round.
@@ -52,7 +52,7 @@ class Bottleneck:
 
     @property
     def waiting_s(self) -> float:
-        """Time for which the arm waited for the other arm or the tray, s; its wait for cups is excluded."""
+        """Time for which the arm waited for the other arm or the tray, excluding the wait for cups, s."""
         since_ms, until_ms = self.round.since.at_ms, self.round.throw.at_ms
         return (
             sum(

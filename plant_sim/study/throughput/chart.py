@@ -35,7 +35,7 @@ _PATH: Final = "#F0E442"
 def gantt_chart(timeline: Timeline, round_: Round) -> Figure:
     """Draw the Gantt chart of a round.
 
-    Bars are steps (waits are pale), ticks are cups, and the critical path is yellow.
+    Bars represent steps (pale for waits), ticks represent cups, and the critical path is yellow.
 
     Args:
         timeline: Timeline of the run.
@@ -62,7 +62,7 @@ def gantt_chart(timeline: Timeline, round_: Round) -> Figure:
 
 
 def _highlight(axes: Axes, path: Iterable[Segment], since_ms: int) -> None:
-    """Highlight the critical path and draw its changes between lanes."""
+    """Highlight the critical path and draw its transitions between lanes."""
     before: Segment | None = None
     for segment in path:
         lane = LANES.index(segment.sequence)

@@ -1,4 +1,4 @@
-"""Critical path of a round: the motions and waits from a throw (release over the cups) back to the previous one."""
+"""Critical path of a round: the motions and waits from a throw (release over the cups) back to the previous throw."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Round:
         throw: Throw at the end.
         path: Critical path in order, without gaps or overlaps.
         margin_ms: Time from the arrival of the arm to the twelfth cup, ms; negative if the arm was late.
-        missed_cups: Number of cups that passed empty after the twelfth since the previous throw.
+        missed_cups: Number of cups that passed empty after the twelfth cup since the previous throw.
     """
 
     since: Throw
@@ -88,7 +88,7 @@ def critical_path(timeline: Timeline, side: Side, since_ms: int, until_ms: int) 
 
     A step that moves or dwells is on the path. From a step that waits, the path continues with the event that
     ended the wait: the carousel, the other arm leaving the centre, the tray feeder, or, if the feeder waits, the last
-    arm to arrive at feed. The rest of the wait (one scan) and a wait without a known cause are on the path as waits.
+    arm to arrive at feed. The rest of the wait (one scan) and a wait without a known cause are parts of the path.
 
     Args:
         timeline: Timeline of the run.
@@ -118,12 +118,12 @@ def rounds(timeline: Timeline, side: Side) -> tuple[Round, ...]:
 
 
 def by_motion(path: Iterable[Segment]) -> dict[StepMotion, int]:
-    """Return the duration of each motion on a path, ms, longest first."""
+    """Return the total duration of each motion on a path, ms, longest first."""
     return _summed((segment.motion, segment.length_ms) for segment in path)
 
 
 def by_device(path: Iterable[Segment]) -> dict[str, int]:
-    """Return the duration of each device on a path, ms, longest first."""
+    """Return the total time of each device on a path, ms, longest first."""
     return _summed((segment.motion.device, segment.length_ms) for segment in path)
 
 

@@ -60,7 +60,7 @@ class FrequencyResult:
         return fmean(_air_l_min(trial) * trial.simulated_s / 60 / trial.seedlings for trial in self.trials)
 
     def waiting_s(self, side: Side, row: int) -> float:
-        """Return the mean time for which an arm waited for cups with a row, s; NaN if it never threw the row."""
+        """Return the mean time for which an arm with a given row waited for cups, s; NaN if it never threw the row."""
         times = [trial.cycle_times.get(f"{side} row {row}") for trial in self.trials]
         waits = [each.waiting_s for each in times if each is not None]
         return fmean(waits) if waits else math.nan
@@ -79,9 +79,10 @@ class FrequencyLimits:
     """Highest planting frequencies at which the arms keep up, 1/min; None if below `SLOWEST_PER_MIN`.
 
     Attributes:
-        without_gap: Limit without a missed cup.
-        settled: Limit without a missed cup from the third tray on.
-        by_row: For each row of the tray, limit up to which both arms are over their cups before the twelfth cup.
+        without_gap: Highest frequency at which no cup is missed.
+        settled: Highest frequency at which no cup is missed from the third tray on.
+        by_row: For each row of the tray, highest frequency at which both arms are over their cups before the twelfth
+            cup.
         searched_to: Highest tested frequency.
     """
 
@@ -114,7 +115,7 @@ class ThroughputResult:
         points: Results at the initial frequencies.
         paces: Observed paces.
         limits: Highest frequencies at which the arms keep up.
-        tried: Results of the search for the recommendation, from the limit down.
+        tried: Results of the search for the recommendation, in descending order from the limit.
         advice: Recommendation; None if no frequency is free of gaps both with and without the margin.
     """
 

@@ -74,7 +74,7 @@ def landing_offset_mm(machine: Machine, setting: FactorSetting) -> float:
 
 
 def _landing_ms(machine: Machine) -> float:
-    """Return the time from the cup edge to the landing of the plug, without release delay, ms."""
+    """Return the time from the cup edge to the landing of the plug, excluding the release delay, ms."""
     return READING_MS + OPENING_MS + 1000 * machine.handling.fall_s(0.0)
 
 
@@ -222,12 +222,12 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
 def highest(
     frequencies_per_min: Sequence[int], is_good: Callable[[int], bool], *, lowest: int = SLOWEST_PER_MIN
 ) -> int | None:
-    """Return the highest integer frequency below the first that fails a condition, 1/min; None if the lowest fails.
+    """Return the highest integer frequency below the first one that fails a condition, 1/min; None if the lowest fails.
 
     Args:
         frequencies_per_min: Ascending start frequencies; the search continues by bisection between the first that
             fails the condition and the one before it. If none fails, the result is the last one.
-        is_good: Condition: a function that returns whether a frequency meets it.
+        is_good: Function that returns True if a frequency meets the condition.
         lowest: Lower end of the search if the first frequency fails.
     """
     good: int | None = None
