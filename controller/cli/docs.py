@@ -13,7 +13,7 @@ from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
 from controller.fx.language.instruction_set import FORMS, KINDS
 from controller.fx.language.special_devices import PROVIDED
-from controller.program.alarms import Alarm
+from controller.program.alarms import Alarm, Severity
 from controller.program.interlocks import Rule
 from controller.program.machine import Transplanter
 from controller.program.proof import specification
@@ -112,7 +112,9 @@ def alarm_table(machine: Transplanter) -> str:
 def _effect(alarm: Alarm) -> str:
     if alarm.safety:
         return "safety, outputs off"
-    return "stops work" if alarm.stops_work else "warning"
+    if alarm.stops_work:
+        return "stops work"
+    return "warning" if alarm.severity is Severity.WARNING else "does not stop work"
 
 
 def command_table(machine: Transplanter) -> str:

@@ -78,7 +78,7 @@ def two_trials() -> Repeats:
 
 
 def exact_percent(hits: int, draws: int) -> tuple[float, float]:
-    """Return the 95 % interval of Clopper and Pearson from scipy, percent."""
+    """Return the 95 % Clopper-Pearson interval calculated by SciPy, percent."""
     exact = binomtest(hits, draws).proportion_ci(0.95, method="exact")
     return 100 * float(exact.low), 100 * float(exact.high)
 

@@ -23,7 +23,7 @@ class BrowserSession:
     """Forced inputs and pressed buttons of one browser.
 
     Attributes:
-        forced: Inputs forced by this browser, by the value of the octal label.
+        forced: Inputs forced by this browser, each as the numeric value of its octal label.
         pressed: Buttons of the operator box held by this browser.
         release_required: True after a jog that ended without a release; the next jog requires a release of the button.
     """

@@ -1,8 +1,7 @@
 """Fast substitute for the machine with cups, trays, and switches that follow the coils after plausible times.
 
 Air, seedlings and collisions are not modelled. Inputs without a model keep their state at power-up of the plant. The
-substitute is used where a program must run through its states
-many times.
+substitute is used where a program must run through its states many times.
 """
 
 from __future__ import annotations
