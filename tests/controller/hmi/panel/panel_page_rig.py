@@ -39,7 +39,7 @@ from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 
 SCAN_MS = 10
 TIMEOUT_S = 60.0
-SLOWER = 4
+SLOWER = 3
 """Factor by which simulated time is slowed and the panel's jog lease lengthened in tests that hold a jog button."""
 PASSWORDS = {"operate": "turn the soil", "maintain": "mend the claws"}
 CHEAP = Cost(n=2, r=1, p=1)
