@@ -11,7 +11,7 @@ from controller.program.tags import SIDES
 from plant_sim.twin.lock_step import Twin
 from tests.paths import ROOT
 
-GC_ALLOCATIONS: Final = 10_000
+GC_ALLOCATIONS: Final = 50_000
 """Allocations between garbage collections; the default of 700 takes 8 % of the time of a run."""
 SAMPLED: Final = tuple(
     ROOT / "tests" / folder
