@@ -33,7 +33,7 @@ from controller.io.pace import Pace, PaceError
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
 from controller.io.runtime import Runtime
 from controller.program.machine import Transplanter
-from controller.program.tags import SetPointError
+from controller.program.set_points import SetPointError
 
 RETRY_S = 0.5
 """Interval between attempts to reach the field I/O, s."""

@@ -7,7 +7,7 @@ from typing import Final
 
 from controller.events.alarm_list import AlarmList, AlarmRefusalError
 from controller.io.runtime import Runtime
-from controller.program.tags import LONGEST_NUMBER, SetPointError
+from controller.program.set_points import LONGEST_NUMBER, SetPointError
 
 OPERATOR: Final = "console"
 MINUTE_MS: Final = 60_000

@@ -16,7 +16,7 @@ from controller.io.forcing import Forcing
 from controller.io.link import FieldLink, LinkWatchdog
 from controller.io.retentive_writer import RetentiveWriter
 from controller.program.machine import Transplanter
-from controller.program.tags import SetPointError
+from controller.program.set_points import SetPointError
 
 Observer = Callable[[int, Plc], None]
 

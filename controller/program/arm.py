@@ -11,20 +11,9 @@ from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, Rst, Run
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.places import places
+from controller.program.set_points import CUPS
 from controller.program.states import Mode, State
-from controller.program.tags import (
-    CUPS,
-    FIRST_SCAN,
-    FULL,
-    IN_DOUBT,
-    IN_PLACE,
-    IN_PROGRESS,
-    ROWS,
-    TAKEN,
-    ArmTags,
-    Side,
-    Tags,
-)
+from controller.program.tags import FIRST_SCAN, FULL, IN_DOUBT, IN_PLACE, IN_PROGRESS, ROWS, TAKEN, ArmTags, Side, Tags
 
 
 def cycle(tags: Tags, side: Side, limit: StepLimits) -> Sequence:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from statsmodels.stats.weightstats import DescrStatsW
 
-from controller.program.tags import CUPS
+from controller.program.set_points import CUPS
 from plant_sim.twin.repeats import SHARES, pool
 from plant_sim.twin.report import TrialReport
 

@@ -11,7 +11,7 @@ from functools import cache
 
 from controller.common.suggestion import suggestion
 from controller.core.expr import Word
-from controller.program.tags import SetPoints
+from controller.program.set_points import SetPoints
 from plant_sim.common.units import parse_ms, parse_quantity, unit_of
 from plant_sim.machine.parameters import Machine, MachineError, Value
 from plant_sim.study.doe.design import label

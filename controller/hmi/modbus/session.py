@@ -24,7 +24,7 @@ from controller.io.forcing import ForcingError
 from controller.io.pace import PaceError
 from controller.io.runtime import Runtime
 from controller.program.commands import Command
-from controller.program.tags import SetPointError
+from controller.program.set_points import SetPointError
 
 JOG_RELEASE: Final = "jog_release"
 MINUTE_MS: Final = 60_000

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, TypeVar
 
-from controller.program.tags import CUPS as CUPS_A_ROW
+from controller.program.set_points import CUPS as CUPS_A_ROW
 from controller.program.tags import SIDES, Side
 from plant_sim.study.errors import StudyError
 from plant_sim.study.throughput.timeline import (

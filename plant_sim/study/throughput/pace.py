@@ -9,7 +9,8 @@ from functools import cached_property, partial
 from typing import Final
 
 from controller.iomap.loader import IoMap
-from controller.program.tags import CUPS, SIDES, SetPoints, Side
+from controller.program.set_points import CUPS, SetPoints
+from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting

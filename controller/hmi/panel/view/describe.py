@@ -14,7 +14,8 @@ from controller.hmi.panel.view.texts import TEXTS
 from controller.iomap.loader import Point
 from controller.program.commands import JOGGED, Command
 from controller.program.machine import Transplanter
-from controller.program.tags import CUPS, ROWS, SIDES
+from controller.program.set_points import CUPS
+from controller.program.tags import ROWS, SIDES
 from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Text
 from controller.program.texts import SIDES as SIDE_TEXTS
 

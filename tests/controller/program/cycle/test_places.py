@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from controller.program.set_points import SLIDE_LEAST_X10_MS
 from controller.program.states import State
-from controller.program.tags import SIDES, SLIDE_LEAST_X10_MS, Side
+from controller.program.tags import SIDES, Side
 from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import home_again

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.tags import ROWS, SetPoints
+from controller.program.set_points import SetPoints
+from controller.program.tags import ROWS
 from plant_sim.machine.parameters import load_machine
 from plant_sim.scope.style import save
 from plant_sim.study.errors import StudyError

@@ -1,0 +1,112 @@
+"""Set-points of the program: their devices, defaults and limits."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from controller.core.expr import Word
+from controller.program.areas import Area
+
+CUPS: Final = 12
+"""Cups that one throw of an arm fills."""
+
+RELEASE_DELAY_X10_MS: Final = 6
+"""Delay from the releasing cup pulse to switching on the coil that opens the claws. The pulse occurs 15 mm before the
+cup is under the claw, which is 333 ms at 45 plants per minute per row. After the coil comes on, valve, air and fingers
+take 126 ms (simulated at 0.40 MPa), and the fall of 80 mm takes 128 ms. The input filter and half a scan add 15 ms:
+333 - 254 - 15 = 64 ms, rounded down to whole units of the timer (machine.yaml)."""
+
+SLIDE_LEAST_X10_MS: Final = 90
+"""Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
+take 1.2 s at 0.15 m/s; the value is three quarters of that. A different row spacing requires a different value
+(machine.yaml)."""
+
+ROW_PITCH_MM: Final = 43.0
+FINGER_OVERHANG_MM: Final = 25.0
+"""Inward reach of the fingers past the stems: half of the 50 mm spring strip (paper), which is assumed to grip
+at its middle."""
+ARMS_MAY_MEET: Final = int(2 * FINGER_OVERHANG_MM < ROW_PITCH_MM)
+"""1 if both arms may be at row 3 at the same time. They are then one row pitch apart, and their fingers must not
+overlap."""
+
+LONGEST_NUMBER: Final = 9
+"""Maximum number of digits in a set-point value."""
+
+
+class SetPointError(ValueError):
+    """Raised for an unknown set-point or an invalid value; the message is one line."""
+
+
+class SetPoints:
+    """Words that the operator may change, with their defaults. Times of 10 ms timers are in units of 10 ms."""
+
+    def __init__(self) -> None:
+        d = Area("D", 512, 539)
+        self.defaults: list[tuple[Word, int]] = []
+
+        self.limits: dict[Word, tuple[int, int]] = {}
+        self.at_start: list[Word] = []
+        """Set-points that depend on the machine and do not change while it runs."""
+
+        def add(name: str, default: int, lowest: int, highest: int, comment: str) -> Word:
+            word = d.word(name, comment)
+            self.defaults.append((word, default))
+            self.limits[word] = (lowest, highest)
+            return word
+
+        self.trays_target = add("trays target", 0, 0, 1000, "number of trays to empty before Complete; 0 = no limit")
+        self.step_sequence = add(
+            "step sequence", 1, 1, 3, "sequence to step in step mode: 1 left arm, 2 right arm, 3 tray feeder"
+        )
+        self.descend_at_count = add(
+            "descend at count", 0, 0, CUPS, "cup count at which the arm moves down over the cups"
+        )
+        self.converge_at = add("converge at", 0, 0, 1, "0 = converge with the arm down, 1 = move up first")
+        self.arms_may_meet = add(
+            "arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2 at the same time"
+        )
+        self.at_start.append(self.arms_may_meet)
+        self.release_delay = add(
+            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "delay from the releasing cup pulse to opening"
+        )
+        self.no_cups = add(
+            "no cups x100 ms",
+            40,
+            10,
+            6000,
+            "waiting time without a cup pulse before suspending; default: 3 cup intervals",
+        )
+        self.pulse_interval = add("cup pulse interval x10 ms", 25, 5, 200, "shortest time between two cup pulses")
+        self.settle = add("settle x10 ms", 10, 5, 200, "time the slide must stay on its switch before clamping")
+        self.clamp = add("clamp x10 ms", 20, 10, 200, "claw closing dwell")
+        self.release = add("release x10 ms", 20, 10, 200, "claw opening dwell")
+        self.pause_at_feed = add(
+            "pause at feed x10 ms", 50, 0, 500, "delay from arrival at feed to spreading (paper: 0.5 s)"
+        )
+        self.tray_index = add("tray index x10 ms", 10, 1, 200, "time at full speed into the gap before creeping")
+        self.slide_least = add(
+            "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "shortest plausible travel time between a row and feed"
+        )
+        self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge before suspending")
+
+    def names(self) -> list[str]:
+        """Return the attribute names of all set-points."""
+        return [name for name, value in vars(self).items() if isinstance(value, Word)]
+
+    def checked(self, name: str, text: str) -> tuple[Word, int]:
+        """Return the word of a set-point and the value parsed from text.
+
+        Raises:
+            SetPointError: The set-point is unknown, or the value is not an integer or is out of range.
+        """
+        if name not in self.names():
+            raise SetPointError(f"unknown set-point {name!r}; known: {', '.join(self.names())}")
+        word: Word = getattr(self, name)
+        lowest, highest = self.limits[word]
+        if not text.isdecimal():
+            raise SetPointError(f"must be an integer, {lowest} to {highest}")
+        if len(text) > LONGEST_NUMBER:
+            raise SetPointError(f"must be {lowest} to {highest}")
+        if not lowest <= int(text) <= highest:
+            raise SetPointError(f"must be {lowest} to {highest}")
+        return word, int(text)
