@@ -29,9 +29,9 @@ class Expectation:
 
 
 def expectation(subject: Subject) -> Expectation:
-    """Return the expectation for a subject; without a row for its part, no alarm and no harm are expected."""
+    """Return the expectation for a subject, or `NO_ROW` if its part has none."""
     table = EXPECTED[subject.kind]
-    return table.get(subject.part) or table.get("*") or _undetected("EXPECTED has no row for this part")
+    return table.get(subject.part) or table.get("*") or NO_ROW
 
 
 def _detected(*alarms: str) -> Expectation:
@@ -49,6 +49,8 @@ def _undetected(note: str, *harm: str, loses: bool = False) -> Expectation:
     return Expectation(harm=frozenset(harm), loses=loses, note=note)
 
 
+NO_ROW = _undetected("EXPECTED has no row for this part")
+"""Expectation for an optional point without a row; every required part has a row."""
 _PASSED_ROW = (
     "each row has a single switch, at which the slide brakes; a slide that does not detect the switch or brakes too "
     "weakly overruns the row, into the standing seedlings, before the fault can be detected. This causes no damage, "
@@ -166,7 +168,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "emergency_stop": _detected("emergency_stop"),
     },
     "missed_pulses": {
-        "*": _damaging(
+        "zzz": _damaging(
             _detected("cup counts"), "a throw is one cup late: one cup of the row stays empty, and no seedling is lost"
         ),
     },

@@ -207,7 +207,7 @@ class _Python:
                 elif clause is not None:
                     lines += [f"{indent}else:", *self.block(clause.children[0], depth + 1)]
             return lines
-        raise NotImplementedError(f"statement {statement.data}")
+        raise ValueError(f"{statement.data}: not a statement of the exported text")
 
     def value(self, node: Tree[Any] | Token) -> str:
         if isinstance(node, Token):

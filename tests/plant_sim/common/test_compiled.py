@@ -64,7 +64,6 @@ def test_a_dropped_pattern_is_detected(dropped: str) -> None:
         ({"XDG_CACHE_HOME": "/x/cache", "NUMBA_CACHE_DIR": "/x/numba"}, "/x/numba"),
     ],
 )
-@pytest.mark.skipif(os.name == "nt", reason="Windows uses LOCALAPPDATA")
 def test_the_cache_folder_is_that_of_the_user(
     monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], expected: str
 ) -> None:
