@@ -168,7 +168,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "emergency_stop": _detected("emergency_stop"),
     },
     "missed_pulses": {
-        "zzz": _damaging(
+        "*": _damaging(
             _detected("cup counts"), "a throw is one cup late: one cup of the row stays empty, and no seedling is lost"
         ),
     },
