@@ -88,19 +88,14 @@ class ParameterReader(Generic[_Specs]):
             line = located.line_of(tuple(error.key.split(".", maxsplit=1)))
             raise self._error(f"{path}:{line}: {error.key}: {error.complaint}") from None
 
-    def ranges(self, path: Path) -> dict[str, tuple[float, float]]:
-        """Return the plausible ranges stated in a valid file by dotted name, as (low, high).
+    def entries(self, path: Path) -> dict[str, ParameterEntry]:
+        """Return the entries of a file by dotted name.
 
         Raises:
             InputError: The file cannot be read or is invalid; the type is that of the reader.
         """
         _, file = self._read(path)
-        return {
-            f"{section}.{key}": (entry.range[0], entry.range[1])
-            for section, entries in file
-            for key, entry in entries.items()
-            if isinstance(entry, RangedEntry) and entry.range is not None
-        }
+        return {f"{section}.{key}": entry for section, entries in file for key, entry in entries.items()}
 
     def changed(self, specs: _Specs, values: Mapping[str, Value]) -> _Specs:
         """Return the specs with some parameters changed.

@@ -56,9 +56,22 @@ def load_ranges(path: Path = DEFAULT_PLANTER) -> dict[str, tuple[float, float]]:
     """Return the plausible ranges of unpublished parameters by dotted name, as (low, high).
 
     Args:
-        path: Valid parameter file; by default the one in the package.
+        path: Parameter file; by default the one in the package.
 
     Raises:
         PlanterError: The file cannot be read or is invalid.
     """
-    return _READER.ranges(path)
+    ranges = {name: entry.range for name, entry in _READER.entries(path).items() if isinstance(entry, RangedEntry)}
+    return {name: (limits[0], limits[1]) for name, limits in ranges.items() if limits is not None}
+
+
+def assumed_names(path: Path = DEFAULT_PLANTER) -> tuple[str, ...]:
+    """Return the dotted names of the parameters whose source is an assumption, in the order of the file.
+
+    Args:
+        path: Parameter file; by default the one in the package.
+
+    Raises:
+        PlanterError: The file cannot be read or is invalid.
+    """
+    return tuple(name for name, entry in _READER.entries(path).items() if entry.source == "assumed")
