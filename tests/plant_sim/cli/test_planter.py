@@ -10,6 +10,7 @@ import pytest
 
 from plant_sim.cli.main import main
 from plant_sim.planter.parameters import DEFAULT_PLANTER
+from tests.paths import DOCS
 
 
 def record_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -96,6 +97,31 @@ def test_a_figure_of_a_case_has_its_speed(
     record = record_of(capsys, "--figure", figure, "--plot", str(path))
     assert record["speed_m_s"] == pytest.approx(speed_km_h / 3.6)
     assert f"after Fig. {figure}: {speed_km_h:g} km/h, 56 plants/min" in path.read_text(encoding="utf-8")
+
+
+def rows_of(page: Path, first_cell: str) -> list[list[str]]:
+    """Return the cells of the table of a page whose heading begins with a cell, without the heading."""
+    _, _, table = page.read_text(encoding="utf-8").partition(f"| {first_cell} |")
+    lines = table.partition("\n\n")[0].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in [f"{first_cell} |{lines[0]}", *lines[2:]]]
+
+
+def test_the_tables_of_the_guide_are_those_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    _, *cases = rows_of(DOCS / "planter.md", "km/h")
+    assert len(cases) == 3
+    for speed, ratio, printed, regime, points, spacing in cases:
+        record = record_of(capsys, "--speed", speed)
+        assert (f"{record['ratio']:.4f}", f"{1000 * record['spacing_m']:.1f} mm") == (ratio, spacing)
+        assert float(printed) == round(record["ratio"], 2)
+        assert regime.startswith(record["regime"])
+        found = record["zero_speed"]["tip"]
+        assert all(f"{point['phase_deg']:.1f}°" in points for point in found)
+        assert all(f"{1000 * abs(point['vertical_m_s']):.0f} mm/s" in points for point in found)
+        assert points.startswith("none") is not bool(found)
+    phases, times = rows_of(DOCS / "planter.md", "release at")
+    for phase, time in zip(phases[1:], times[1:], strict=True):
+        record = record_of(capsys, "--release", phase.removesuffix("°"))
+        assert f"{1000 * record['separation_s']:.1f}" == time
 
 
 @pytest.mark.parametrize(

@@ -140,17 +140,18 @@ def test_late_releases_have_a_closed_form_and_early_ones_have_none() -> None:
 
 
 def test_the_arc_shortens_the_separation() -> None:
-    """The sprocket accelerates the planter upward by up to R omega^2 = 2.6 m/s2.
+    """The sprocket accelerates the planter upward by up to R omega^2 = 2.6 m/s2, symmetrically to the lowest point.
 
-    It does so symmetrically to the lowest point. The time is shortest for a release half its length before that point,
-    and at the first point of zero speed it is shorter than at the second one.
+    The way is the acceleration integrated twice, whose centre is at a third of the time. The time is therefore shortest
+    for a release a third of its length before the lowest point.
     """
     motion = motion_at(1.4)
     phases_deg = np.linspace(0.0, 180.0, 361)
     times_s = [separation_time_s(motion, motion.time_at_s(phase_deg)) for phase_deg in phases_deg]
     assert max(times_s) <= math.sqrt(2 * CHAIN.block_top_m / GRAVITY_M_S2) * (1 + 1e-9)
-    shortest_deg = phases_deg[int(np.argmin(times_s))]
-    assert 60.0 < shortest_deg < 90.0
+    assert min(times_s) == pytest.approx(math.sqrt(2 * CHAIN.block_top_m / (GRAVITY_M_S2 + 2.607)), rel=0.01)
+    turned_deg = math.degrees(min(times_s) / 3 * motion.omega_rad_s)
+    assert phases_deg[int(np.argmin(times_s))] == pytest.approx(90.0 - turned_deg, abs=1.0)
     first, second = zero_speed_points(motion)
     assert separation_time_s(motion, first.time_s) < separation_time_s(motion, second.time_s)
 
