@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
-from plant_sim.planter.motion import Model, Motion
+from plant_sim.planter.motion import Motion, MotionModel
 from plant_sim.planter.parameters import DEFAULT_PLANTER, assumed_names, load_planter
 from plant_sim.planter.report import MotionReport
 
@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--model",
-        choices=[model.value for model in Model],
-        default=Model.RIGID.value,
+        choices=[model.value for model in MotionModel],
+        default=MotionModel.RIGID.value,
         help="equations as printed, as corrected, or of a planter that only translates",
     )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw to FILE.png, FILE.svg or FILE.gif")
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
         planter.chain,
         speed_m_s=speed_km_h / _KM_H,
         frequency_per_min=FREQUENCY_PER_MIN if options.frequency is None else options.frequency,
-        model=Model(options.model),
+        model=MotionModel(options.model),
     )
     release_deg = planter.chain.release_deg if options.release is None else options.release
     report = MotionReport(motion, release_deg, assumed_names(options.planter))

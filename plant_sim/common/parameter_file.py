@@ -5,7 +5,7 @@ from collections import ChainMap
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, Generic, Literal, TypeVar, cast, get_type_hints
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, create_model
@@ -17,12 +17,9 @@ from controller.common.yaml_model import StrictModel, complaints, validated
 from plant_sim.common.limits import SpecError, require
 from plant_sim.common.units import unit_of
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 Value = bool | int | float
 
-_Specs = TypeVar("_Specs", bound="DataclassInstance")
+_Specs = TypeVar("_Specs")
 
 
 class ParameterEntry(StrictModel):
@@ -124,7 +121,8 @@ class ParameterReader(Generic[_Specs]):
                 section: self._build(section, dataclasses.asdict(getattr(specs, section)) | new)
                 for section, new in sections.items()
             }
-            return dataclasses.replace(specs, **built)
+            changed: _Specs = dataclasses.replace(cast("Any", specs), **built)
+            return changed
         except SpecError as error:
             raise self._error(f"{error.key}: {error.complaint}") from None
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from plant_sim.planter.chain import Offset
-from plant_sim.planter.motion import Joint, Model, Motion
+from plant_sim.planter.motion import Joint, Motion, MotionModel
 from plant_sim.planter.ratio import Regime, ZeroSpeedPoint, depth_m, point_ratio, regime_of, zero_speed_points
 from plant_sim.planter.separation import separation_closed_form_s, separation_time_s
 
@@ -48,15 +48,15 @@ class MotionReport:
 
     @property
     def separation_s(self) -> float | None:
-        """Separation time after the release, s; None in `Model.PRINTED`, whose path is not continuous."""
-        if self.motion.model is Model.PRINTED:
+        """Separation time after the release, s; None in `MotionModel.PRINTED`, whose path is not continuous."""
+        if self.motion.model is MotionModel.PRINTED:
             return None
         return separation_time_s(self.motion, self.motion.time_at_s(self.release_deg))
 
     @property
     def separation_closed_form_s(self) -> float | None:
         """Separation time from its equation, s; None if it has no closed form."""
-        if self.motion.model is Model.PRINTED:
+        if self.motion.model is MotionModel.PRINTED:
             return None
         return separation_closed_form_s(self.motion, self.motion.time_at_s(self.release_deg))
 

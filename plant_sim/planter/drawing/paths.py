@@ -20,7 +20,7 @@ from plant_sim.planter.drawing.shapes import (
     place_planter,
     planter_lines,
 )
-from plant_sim.planter.motion import Model, Motion, Segment
+from plant_sim.planter.motion import Motion, MotionModel, PathSegment
 from plant_sim.planter.ratio import regime_of, zero_speed_points
 
 FIG_4_RATIOS: Final = {"k1": 1.17, "k2": 1.0, "k3": 0.87}
@@ -34,7 +34,7 @@ _OUTLINES = 7
 def window_s(motion: Motion) -> tuple[float, float]:
     """Return the interval shown: the bottom arc of planter 0, and the straight segments near it, s."""
     beyond_s = min(_BEYOND_M, motion.chain.centre_distance_m) / motion.chain_m_s
-    return motion.starts_s[Segment.BOTTOM] - beyond_s, motion.starts_s[Segment.RISE] + beyond_s
+    return motion.starts_s[PathSegment.BOTTOM] - beyond_s, motion.starts_s[PathSegment.RISE] + beyond_s
 
 
 def shown_m(motion: Motion, times_s: ArrayLike, offset: Offset) -> NDArray[np.float64]:
@@ -45,7 +45,7 @@ def shown_m(motion: Motion, times_s: ArrayLike, offset: Offset) -> NDArray[np.fl
     return positions_m
 
 
-def regimes_figure(chain: ChainSpec, *, frequency_per_min: float, model: Model = Model.RIGID) -> Figure:
+def regimes_figure(chain: ChainSpec, *, frequency_per_min: float, model: MotionModel = MotionModel.RIGID) -> Figure:
     """Return the three paths of the tip of Fig. 4, with the points c (lowest), e and d (zero horizontal speed).
 
     Args:
@@ -58,7 +58,7 @@ def regimes_figure(chain: ChainSpec, *, frequency_per_min: float, model: Model =
     panels = figure.subplots(1, len(FIG_4_RATIOS), sharex=True, sharey=True)
     for index, (axes, (name, ratio)) in enumerate(zip(panels, FIG_4_RATIOS.items(), strict=True), start=1):
         motion = Motion(chain, speed_m_s=chain_m_s / ratio, frequency_per_min=frequency_per_min, model=model)
-        arc_s = np.linspace(motion.starts_s[Segment.BOTTOM], motion.starts_s[Segment.RISE], 401)
+        arc_s = np.linspace(motion.starts_s[PathSegment.BOTTOM], motion.starts_s[PathSegment.RISE], 401)
         path_m = shown_m(motion, arc_s[:-1], chain.tip)
         axes.plot(path_m[:, 0], path_m[:, 1], color=POINTS["tip"])
         _mark_points(axes, motion, index)
@@ -124,7 +124,7 @@ def _draw_speeds(axes: Axes, motion: Motion) -> None:
     """Draw the speed of the tip over the phase of the bottom arc."""
     first_s, last_s = window_s(motion)
     times_s = np.linspace(first_s, last_s, 801)
-    phases_deg = np.degrees((times_s - motion.starts_s[Segment.BOTTOM]) * motion.omega_rad_s)
+    phases_deg = np.degrees((times_s - motion.starts_s[PathSegment.BOTTOM]) * motion.omega_rad_s)
     velocity_m_s = motion.velocity_m_s(times_s, motion.chain.tip)[0]
     axes.axhline(0.0, color=QUIET, linewidth=0.6)
     axes.plot(phases_deg, velocity_m_s[:, 0], color=COLOURS["left"], label="tip, horizontal")

@@ -17,13 +17,13 @@ from plant_sim.planter.drawing.shapes import (
     place_planter,
     planter_lines,
 )
-from plant_sim.planter.motion import Model, Motion
+from plant_sim.planter.motion import Motion, MotionModel
 
 _FREQUENCY_PER_MIN = 60.0
 """Any frequency gives the same scheme."""
 
 
-def scheme(chain: ChainSpec, model: Model = Model.RIGID) -> Figure:
+def scheme(chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> Figure:
     """Return the scheme relative to the machine: chain, sprockets, planters, joints A to D and dimensions.
 
     Args:

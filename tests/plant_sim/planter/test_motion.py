@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 
 from plant_sim.common.limits import SpecError
-from plant_sim.planter.motion import Model, Motion, Segment
+from plant_sim.planter.motion import Motion, MotionModel, PathSegment
 from tests.plant_sim.planter.planter_rig import CHAIN, FREQUENCY_PER_MIN, motion_at, motions
 
-CONTINUOUS = (Model.CORRECTED, Model.RIGID)
+CONTINUOUS = (MotionModel.CORRECTED, MotionModel.RIGID)
 
 
-def velocity_errors_m_s(motion: Motion, segment: Segment, offset: tuple[float, float]) -> np.ndarray:
+def velocity_errors_m_s(motion: Motion, segment: PathSegment, offset: tuple[float, float]) -> np.ndarray:
     """Return the difference of velocity and central difference of the position of planter 0 inside a segment.
 
     The step minimises the sum of the rounding and the truncation error of a central difference.
@@ -31,10 +31,10 @@ def velocity_errors_m_s(motion: Motion, segment: Segment, offset: tuple[float, f
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), CHAIN.tip, CHAIN.guide], ids=["hinge", "tip", "guide"])
-@pytest.mark.parametrize("segment", Segment)
+@pytest.mark.parametrize("segment", PathSegment)
 @pytest.mark.parametrize("model", CONTINUOUS)
 def test_the_velocity_is_the_derivative_of_the_position(
-    model: Model, segment: Segment, offset: tuple[float, float]
+    model: MotionModel, segment: PathSegment, offset: tuple[float, float]
 ) -> None:
     assert np.abs(velocity_errors_m_s(motion_at(1.4, model), segment, offset)).max() < 1e-6
 
@@ -42,26 +42,26 @@ def test_the_velocity_is_the_derivative_of_the_position(
 @settings(max_examples=60, deadline=None)
 @given(motions(CONTINUOUS))
 def test_the_velocity_of_any_motion_is_the_derivative_of_its_position(motion: Motion) -> None:
-    for segment in Segment:
+    for segment in PathSegment:
         assert np.abs(velocity_errors_m_s(motion, segment, motion.chain.tip)).max() < 1e-6
 
 
-@pytest.mark.parametrize("segment", [Segment.FALL, Segment.RISE])
-def test_the_printed_velocity_is_right_on_the_straight_segments(segment: Segment) -> None:
-    assert np.abs(velocity_errors_m_s(motion_at(1.4, Model.PRINTED), segment, CHAIN.tip)).max() < 1e-6
+@pytest.mark.parametrize("segment", [PathSegment.FALL, PathSegment.RISE])
+def test_the_printed_velocity_is_right_on_the_straight_segments(segment: PathSegment) -> None:
+    assert np.abs(velocity_errors_m_s(motion_at(1.4, MotionModel.PRINTED), segment, CHAIN.tip)).max() < 1e-6
 
 
 def test_printed_equation_6_lacks_omega_in_the_horizontal_speed() -> None:
-    motion = motion_at(1.4, Model.PRINTED)
-    errors_m_s = velocity_errors_m_s(motion, Segment.TOP, CHAIN.tip)
+    motion = motion_at(1.4, MotionModel.PRINTED)
+    errors_m_s = velocity_errors_m_s(motion, PathSegment.TOP, CHAIN.tip)
     largest = (CHAIN.sprocket_radius_m + CHAIN.offset_m) * (1 - motion.omega_rad_s)
     assert errors_m_s[:, 0].min() == pytest.approx(largest, abs=1e-6)
     assert np.abs(errors_m_s[:, 1]).max() < 1e-6
 
 
 def test_printed_equation_8_has_the_wrong_sign_of_the_horizontal_speed() -> None:
-    motion = motion_at(1.4, Model.PRINTED)
-    errors_m_s = velocity_errors_m_s(motion, Segment.BOTTOM, CHAIN.tip)
+    motion = motion_at(1.4, MotionModel.PRINTED)
+    errors_m_s = velocity_errors_m_s(motion, PathSegment.BOTTOM, CHAIN.tip)
     largest = 2 * (CHAIN.sprocket_radius_m + CHAIN.offset_m) * motion.omega_rad_s
     assert errors_m_s[:, 0].max() == pytest.approx(largest, abs=1e-6)
     assert np.abs(errors_m_s[:, 1]).max() < 1e-6
@@ -69,7 +69,7 @@ def test_printed_equation_8_has_the_wrong_sign_of_the_horizontal_speed() -> None
 
 def test_printed_equation_1_begins_at_minus_the_centre_distance() -> None:
     """The rise of the printed tip is shifted by h - H, which is its jump at A; it jumps back at B."""
-    jumps_m = {joint.name: joint.position_jump_m for joint in motion_at(1.4, Model.PRINTED).joints()}
+    jumps_m = {joint.name: joint.position_jump_m for joint in motion_at(1.4, MotionModel.PRINTED).joints()}
     shift_m = CHAIN.tip_height_m - CHAIN.centre_distance_m
     assert jumps_m["A"] == pytest.approx((0.0, shift_m), abs=1e-12)
     assert jumps_m["B"] == pytest.approx((0.0, -shift_m), abs=1e-12)
@@ -77,8 +77,8 @@ def test_printed_equation_1_begins_at_minus_the_centre_distance() -> None:
         assert jumps_m[name] == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
-@pytest.mark.parametrize("model", [Model.PRINTED, Model.CORRECTED])
-def test_the_vertical_speed_of_the_tip_jumps_by_l_omega_at_every_joint(model: Model) -> None:
+@pytest.mark.parametrize("model", [MotionModel.PRINTED, MotionModel.CORRECTED])
+def test_the_vertical_speed_of_the_tip_jumps_by_l_omega_at_every_joint(model: MotionModel) -> None:
     motion = motion_at(1.65, model)
     jump_m_s = CHAIN.offset_m * motion.omega_rad_s
     assert jump_m_s == pytest.approx(0.1713, abs=1e-4)
@@ -90,7 +90,7 @@ def test_the_vertical_speed_of_the_tip_jumps_by_l_omega_at_every_joint(model: Mo
 
 
 @settings(max_examples=60, deadline=None)
-@given(motions((Model.RIGID,)))
+@given(motions((MotionModel.RIGID,)))
 def test_the_rigid_motion_is_continuous(motion: Motion) -> None:
     for joint in motion.joints():
         assert joint.position_jump_m == pytest.approx((0.0, 0.0), abs=1e-12)
@@ -98,7 +98,7 @@ def test_the_rigid_motion_is_continuous(motion: Motion) -> None:
 
 
 def test_the_jumps_are_those_of_positions_and_velocities_around_a_joint() -> None:
-    for model in Model:
+    for model in MotionModel:
         motion = motion_at(1.4, model)
         for joint in motion.joints():
             times_s = motion.period_s + joint.time_s + np.array([-1e-9, 1e-9])
@@ -108,7 +108,7 @@ def test_the_jumps_are_those_of_positions_and_velocities_around_a_joint() -> Non
 
 
 @settings(max_examples=60, deadline=None)
-@given(motions((Model.RIGID,)))
+@given(motions((MotionModel.RIGID,)))
 def test_every_point_of_a_rigid_planter_moves_with_the_hinge(motion: Motion) -> None:
     times_s = np.linspace(-motion.period_s, 2 * motion.period_s, 61)
     moved_m = motion.position_m(times_s, motion.chain.tip) - motion.position_m(times_s)
@@ -117,7 +117,7 @@ def test_every_point_of_a_rigid_planter_moves_with_the_hinge(motion: Motion) -> 
 
 
 @settings(max_examples=60, deadline=None)
-@given(motions((Model.RIGID, Model.CORRECTED)))
+@given(motions((MotionModel.RIGID, MotionModel.CORRECTED)))
 def test_the_hinge_moves_along_the_chain_at_constant_speed(motion: Motion) -> None:
     """The distance from the line between the sprocket centres is R, and the speed is that of the chain."""
     times_s = np.linspace(0.0, motion.period_s, 101)
@@ -186,27 +186,27 @@ def test_at_standstill_the_path_is_closed() -> None:
 
 def test_a_time_on_the_bottom_arc_is_given_by_its_phase() -> None:
     motion = motion_at(1.4)
-    assert motion.time_at_s(0.0) == motion.starts_s[Segment.BOTTOM]
-    assert motion.time_at_s(180.0) == pytest.approx(motion.starts_s[Segment.RISE])
+    assert motion.time_at_s(0.0) == motion.starts_s[PathSegment.BOTTOM]
+    assert motion.time_at_s(180.0) == pytest.approx(motion.starts_s[PathSegment.RISE])
     lowest_m = motion.position_m(motion.time_at_s(90.0))[0, 0, 1]
     assert lowest_m == pytest.approx(motion.position_m(np.linspace(0, motion.period_s, 9_999))[0, :, 1].min(), abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("speed_m_s", "frequency_per_min", "message"),
     [
-        ({"speed_m_s": -0.1}, "speed_m_s must be 0 to 10, not -0.1"),
-        ({"speed_m_s": math.nan}, "speed_m_s must be 0 to 10, not nan"),
-        ({"frequency_per_min": 0.0}, "frequency_per_min must be above 0, up to 1000, not 0"),
-        ({"frequency_per_min": math.inf}, "frequency_per_min must be above 0, up to 1000, not inf"),
+        (-0.1, 56.0, "speed_m_s must be 0 to 10, not -0.1"),
+        (math.nan, 56.0, "speed_m_s must be 0 to 10, not nan"),
+        (0.4, 0.0, "frequency_per_min must be above 0, up to 1000, not 0"),
+        (0.4, math.inf, "frequency_per_min must be above 0, up to 1000, not inf"),
     ],
 )
-def test_an_impossible_motion_is_rejected(values: dict[str, float], message: str) -> None:
+def test_an_impossible_motion_is_rejected(speed_m_s: float, frequency_per_min: float, message: str) -> None:
     with pytest.raises(SpecError, match=f"^{message}$"):
-        Motion(CHAIN, **{"speed_m_s": 0.4, "frequency_per_min": 56.0, **values})
+        Motion(CHAIN, speed_m_s=speed_m_s, frequency_per_min=frequency_per_min)
 
 
 def test_a_point_behind_the_centre_of_the_arc_is_rejected_unless_rigid() -> None:
     with pytest.raises(SpecError, match="offset must be less than R behind the hinge in model corrected"):
-        motion_at(1.4, Model.CORRECTED).position_m(0.0, (-0.08, 0.0))
+        motion_at(1.4, MotionModel.CORRECTED).position_m(0.0, (-0.08, 0.0))
     assert motion_at(1.4).position_m(0.0, (-0.08, 0.0)).shape == (6, 1, 2)
