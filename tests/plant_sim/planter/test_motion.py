@@ -184,6 +184,14 @@ def test_at_standstill_the_path_is_closed() -> None:
     np.testing.assert_allclose(motion.position_m(0.3), motion.position_m(0.3 + motion.period_s), atol=1e-12)
 
 
+def test_a_segment_begins_at_its_joint() -> None:
+    motion = motion_at(1.4)
+    assert motion.segment(motion.starts_s[:-1])[0].tolist() == list(PathSegment)
+    before_s = np.array(motion.starts_s[1:]) - 1e-9
+    assert motion.segment(before_s)[0].tolist() == list(PathSegment)
+    assert motion.segment(motion.starts_s[-1] + 1e-9)[0] == PathSegment.TOP
+
+
 def test_a_time_on_the_bottom_arc_is_given_by_its_phase() -> None:
     motion = motion_at(1.4)
     assert motion.time_at_s(0.0) == motion.starts_s[PathSegment.BOTTOM]
