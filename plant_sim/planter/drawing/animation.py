@@ -33,10 +33,10 @@ def write_animation(motion: Motion, path: Path, *, title: str) -> None:
     Raises:
         FigureError: The file cannot be written.
     """
-    figure = Figure(figsize=(5.6, 4.8), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(6.0, 4.8), dpi=_DPI, layout="constrained")
     axes = figure.add_subplot()
     draw_paths(axes, motion)
-    axes.set_title(f"{title}\n{SLOWED} times slower than the machine")
+    figure.suptitle(f"{title}\n{SLOWED} times slower than the machine", fontsize=7.5)
     note_origin(figure)
     lines = planter_lines(axes)
     figure.draw_without_rendering()

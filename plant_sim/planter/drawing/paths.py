@@ -97,6 +97,8 @@ def motion_figure(motion: Motion, *, title: str) -> Figure:
     for time_s in np.linspace(*window_s(motion), _OUTLINES):
         hinge_m, tip_m = (shown_m(motion, time_s, offset)[0] for offset in ((0.0, 0.0), motion.chain.tip))
         place_planter(planter_lines(left, alpha=0.3), motion.chain, (hinge_m[0], hinge_m[1]), (tip_m[0], tip_m[1]))
+    left.relim()
+    left.autoscale_view()
     _draw_speeds(right, motion)
     figure.suptitle(title, fontsize=9)
     note_origin(figure)
@@ -117,7 +119,7 @@ def draw_paths(axes: Axes, motion: Motion) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x from the lowest position of the hinge, m")
     axes.set_ylabel("y, m")
-    axes.legend(loc="lower left", fontsize=7)
+    axes.legend(loc="lower left", fontsize=7, frameon=True, framealpha=0.85, edgecolor="none")
 
 
 def _draw_speeds(axes: Axes, motion: Motion) -> None:

@@ -49,12 +49,12 @@ def scheme(chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> Figure:
     _mark_joints(axes, motion)
     _dimension(axes, chain)
     draw_soil(axes, chain)
+    axes.legend(loc="center right", fontsize=7)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(-chain.sprocket_radius_m - 0.32, chain.sprocket_radius_m + chain.offset_m + 0.49)
     axes.set_xlabel("x, direction of travel, m")
     axes.set_ylabel("y, m")
     axes.set_title(f"Chain planter, scheme after Fig. 3, model {model}")
-    axes.legend(loc="center right", fontsize=7)
     note_origin(figure)
     return figure
 

@@ -63,7 +63,7 @@ def place_planter(lines: list[Line2D], chain: ChainSpec, hinge_m: Offset, tip_m:
 
 def draw_soil(axes: Axes, chain: ChainSpec) -> None:
     """Draw the soil surface."""
-    axes.axhline(-chain.axle_height_m, color=SOIL, linewidth=1.4, zorder=1)
+    axes.axhline(-chain.axle_height_m, color=SOIL, linewidth=1.4, label="soil surface", zorder=1)
 
 
 def note_origin(figure: Figure) -> None:
