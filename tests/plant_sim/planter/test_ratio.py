@@ -140,7 +140,7 @@ def test_late_releases_have_a_closed_form_and_early_ones_have_none() -> None:
 
 
 def test_a_tip_that_passes_the_block_several_times_separates_at_the_first() -> None:
-    """On the top arc at 140 plants/min, the planter accelerates downward by up to 16 m/s2, faster than the block falls."""
+    """On the top arc at 140 plants/min, the planter accelerates downward by up to 16 m/s2, more than the block."""
     motion = Motion(dataclasses.replace(CHAIN, block_top_m=0.01), speed_m_s=1.0, frequency_per_min=140.0)
     times_s = np.linspace(0.0, 0.5, 5_001)
     clearances_m = np.array([clearance_m(motion, 0.0, time_s) for time_s in times_s])
