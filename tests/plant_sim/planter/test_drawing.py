@@ -61,6 +61,8 @@ def test_the_motion_is_drawn_with_its_points_of_zero_speed(speed_km_h: float, co
     times_s = np.linspace(*window_s(motion), 401)
     for name, offset in {"hinge": (0.0, 0.0), "tip": CHAIN.tip, "guide plate": CHAIN.guide}.items():
         np.testing.assert_array_equal(line_of(paths, name), shown_m(motion, times_s, offset))
+    lowest_m = shown_m(motion, motion.time_at_s(90.0), (0.0, 0.0))[0]
+    assert lowest_m == pytest.approx((0.0, -CHAIN.sprocket_radius_m), abs=1e-12)
     marked = [line for line in paths.lines if line.get_label() == "zero horizontal speed"]
     assert sum(len(np.asarray(line.get_xydata())) for line in marked) == 3 * count
     phases_deg = {float(np.asarray(line.get_xdata())[0]) for line in speeds.lines if line.get_marker() == "o"}
