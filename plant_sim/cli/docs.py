@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Final
 
 import yaml
 
 from controller.common.errors import InputError
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments
+from plant_sim.common.paper_items import ITEM_STATES, PaperItem, PaperName, paper_items
 from plant_sim.faults import fault_table
 from plant_sim.links.box import BOX_COILS
 from plant_sim.links.tag_file import tag_csv
@@ -84,12 +87,59 @@ def fault_reference() -> str:
     return f"# Faults\n\n{GENERATED}\n\n{_table(fault_table())}"
 
 
+_PAPERS: Final[Mapping[PaperName, str]] = {"pepper": "Pepper paper", "cabbage": "Cabbage paper"}
+_ITEM_KINDS: Final = {
+    "Figure": "Figures",
+    "Equation": "Equations",
+    "Table": "Tables",
+    "Section": "Numbers in the text",
+}
+_ITEM_LEGEND: Final = """\
+| state | meaning |
+|---|---|
+| reproduced | The command calculates the item as printed; its figures, if any, agree to the printed digits. |
+| compared | The item is recalculated or simulated; the result states the differences. |
+| described | Structure, photograph or measurement; the page states what represents it in the simulation. |
+| not reproducible | The result states the reason. |
+"""
+
+
+def papers_page() -> str:
+    """Return the table of every figure, equation and table of the two papers."""
+    counts = {paper: Counter(item.state for item in paper_items(paper)) for paper in _PAPERS}
+    summary = [("state", *_PAPERS.values())]
+    summary += [(state, *(str(counts[paper][state]) for paper in _PAPERS)) for state in ITEM_STATES]
+    parts = [
+        f"# Figures, equations and tables of the papers\n\n{GENERATED}\n\n"
+        "The papers are listed in [machine.md](../sources/machine.md#papers). Commands run with the Python of the "
+        "environment, `.venv/bin/python -m`; those that start with `scripts/` run as printed. The tests run all of "
+        "them and compare their output with the results stated here; commands that take more than 10 s are run only "
+        f"by `scripts/test --nightly`.\n\n{_ITEM_LEGEND}\n{_table(summary)}"
+    ]
+    for paper, title in _PAPERS.items():
+        parts.append(f"## {title}\n")
+        for kind, heading in _ITEM_KINDS.items():
+            items = [item for item in paper_items(paper) if item.item.startswith(kind)]
+            parts.append(f"### {heading} of the {title.lower()}\n\n{_table(_item_rows(items))}")
+    return "\n".join(parts)
+
+
+def _item_rows(items: Sequence[PaperItem]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [("item", "content", "state", "command", "pages", "result", "erratum")]
+    for item in items:
+        commands = "<br>".join(f"`{command}`" for command in item.commands)
+        pages = ", ".join(f"[{Path(page.partition('#')[0]).stem}](../{page})" for page in item.pages)
+        rows.append((item.item, item.subject, item.state, commands, pages, item.result, item.erratum))
+    return rows
+
+
 REFERENCE = {
     "plant-modbus.md": plant_modbus_table,
     "plant-tags.csv": tag_csv,
     "parameters.md": parameter_table,
     "planter-parameters.md": planter_table,
     "faults.md": fault_reference,
+    "papers.md": papers_page,
 }
 
 

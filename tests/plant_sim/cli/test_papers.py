@@ -1,0 +1,244 @@
+"""Page of the papers' figures, equations and tables: completeness, and every result in the output of its command."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import re
+import shlex
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from controller.cli.main import COMMAND_LINE as CONTROLLER
+from controller.cli.main import main as controller_main
+from controller.common.errors import InputError
+from plant_sim.cli.docs import papers_page
+from plant_sim.cli.main import COMMAND_LINE as PLANT
+from plant_sim.cli.main import main as plant_main
+from plant_sim.common.paper_items import ITEM_STATES, PaperItem, PaperName, paper_items, read_paper_items
+from plant_sim.study.paper_tables import cabbage_settings, equation
+from tests.paths import DOCS, ROOT
+
+PRINTED: Final[dict[PaperName, list[str]]] = {
+    "pepper": [
+        *(f"Figure {number}" for number in range(1, 9)),
+        *(f"Figure 9{panel}" for panel in "abc"),
+        *(f"Equation {number}" for number in range(1, 6)),
+        *(f"Table {number}" for number in range(1, 6)),
+    ],
+    "cabbage": [
+        *(f"Figure {number}" for number in range(1, 10)),
+        *(f"Figure 10{panel}" for panel in "ab"),
+        *(f"Figure 11{panel}" for panel in "abcd"),
+        "Figure 12",
+        *(f"Equation {number}" for number in range(1, 13)),
+        *(f"Table {number}" for number in range(1, 4)),
+    ],
+}
+"""Captions and numbered equations counted in the papers: [P] 9 figures, 5 equations, 5 tables; [K] 12, 12 and 3.
+
+Panels have separate items where the text refers to each of them: [P] 3.3, [K] Fig. 10 and 3.2.2 to 3.2.3.
+"""
+LINES: Final = {"controller": CONTROLLER, "plant_sim": PLANT}
+MAIN: Final = {"controller": controller_main, "plant_sim": plant_main}
+SLOW: Final = {
+    "plant_sim study pepper-rsm",
+    "plant_sim study pepper-single",
+    "plant_sim study throughput",
+}
+"""Commands that take more than 10 s; they are run only with ``--nightly``."""
+ITEMS: Final = [(paper, item) for paper in PRINTED for item in paper_items(paper)]
+COMMANDS: Final = sorted({command for _, item in ITEMS for command in item.commands})
+
+
+def run(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command in a folder; return its output and the text of its files, with single spaces."""
+    package, *words = shlex.split(command)
+    (folder / "var").mkdir()
+    with contextlib.chdir(folder):
+        assert MAIN[package](words) == 0, command
+    texts = [capsys.readouterr().out]
+    texts += [path.read_text(encoding="utf-8") for path in files(folder) if path.suffix in {".csv", ".md", ".svg"}]
+    return " ".join(" ".join(texts).split())
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def claims(command: str) -> Iterator[tuple[str, str]]:
+    """Yield the items that name a command and the texts that its output must contain."""
+    for paper, item in ITEMS:
+        yield from ((f"{paper}, {item.item}", text) for text in item.commands.get(command, []))
+
+
+@pytest.mark.parametrize("paper", PRINTED)
+def test_every_figure_equation_and_table_is_listed_once(paper: PaperName) -> None:
+    listed = [item.item for item in paper_items(paper)]
+    assert [name for name in listed if not name.startswith("Section")] == PRINTED[paper]
+    assert max(Counter(listed).values()) == 1
+
+
+@pytest.mark.parametrize(("paper", "item"), ITEMS, ids=lambda each: getattr(each, "item", each))
+def test_the_state_of_an_item_is_supported(paper: PaperName, item: PaperItem) -> None:
+    if item.state == "not reproducible":
+        assert not item.commands
+    elif item.state == "described":
+        assert item.pages
+    else:
+        assert item.commands
+        assert item.pages
+    texts = (item.item, item.subject, item.result, item.erratum)
+    assert not any("|" in text or "\n" in text for text in texts), f"{paper}: not a cell of a table"
+    for page in item.pages:
+        assert (DOCS / page.partition("#")[0]).is_file(), page
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_can_be_parsed_and_supports_a_result(command: str) -> None:
+    program, *words = shlex.split(command)
+    if program == "scripts/test":
+        (path,) = words
+        assert "def test_" in (ROOT / path).read_text(encoding="utf-8")
+        return
+    LINES[program].parser().parse_args(words)
+    for paper, item in ITEMS:
+        assert command not in item.commands or item.commands[command], f"{paper}, {item.item}: no text of the output"
+
+
+def check(command: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    printed = run(command, folder, capsys)
+    missing = [f"{item}: {text}" for item, text in claims(command) if text not in printed]
+    assert not missing, f"{command} does not print:\n" + "\n".join(missing)
+    words = shlex.split(command)
+    written = [words[words.index(option) + 1] for option in ("--plot", "--out") if option in words]
+    assert bool(files(folder)) == bool(written)
+    for name in written:
+        assert (folder / name).exists()
+
+
+@pytest.mark.parametrize(
+    "command", [each for each in COMMANDS if each not in SLOW and not each.startswith("scripts/test")]
+)
+def test_a_command_prints_the_stated_results(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check(command, tmp_path, capsys)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1_200)
+@pytest.mark.parametrize("command", sorted(SLOW))
+def test_a_slow_command_prints_the_stated_results(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command in COMMANDS
+    check(command, tmp_path, capsys)
+
+
+# --- results that no command prints as a figure of its own --------------------------------------
+
+
+def test_the_rates_of_a_trial_are_those_of_equations_1_to_4_of_the_pepper_paper(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    printed = run("plant_sim trial", tmp_path, capsys)
+    losses = [int(found) for found in re.findall(r"(?:picking P|carrying D|throwing T) (\d+)", printed)]
+    rates = [float(found) for found in re.findall(r"(?:S|F_p|F_d|F_t) ([\d.]+) %", printed)]
+    assert len(losses) == 3
+    counts = (144 - sum(losses), *losses)
+    assert rates == [round(100 * count / 144, 1) for count in counts]
+
+
+def test_table_2_of_the_pepper_paper_is_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """22 inputs X0 to X25 and 18 outputs Y0 to Y21, octal; [P] Table 2."""
+    run("controller docs --out var/reference", tmp_path, capsys)
+    table = (tmp_path / "var/reference/io.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| ([XY][0-7]+) \|", table, re.MULTILINE))
+    assert {f"X{number:o}" for number in range(22)} | {f"Y{number:o}" for number in range(18)} <= listed
+
+
+@functools.cache
+def coefficients(number: int, response: str) -> dict[str, float]:
+    return equation(f"cabbage-equation-{number}", response)
+
+
+def slope(number: int, response: str, factor: str, at: dict[str, float]) -> float:
+    """Return the derivative of equation 10 or 11 with respect to a coded factor."""
+    terms = coefficients(number, response)
+    value = terms[factor] + 2.0 * terms.get(f"{factor}^2", 0.0) * at.get(factor, 0.0)
+    for term, coefficient in terms.items():
+        if factor in term.split() and " " in term:
+            (other,) = set(term.split()) - {factor}
+            value += coefficient * at.get(other, 0.0)
+    return value
+
+
+LEVELS: Final = (-1.0, 0.0, 1.0)
+
+
+def test_figure_11a_of_the_cabbage_paper() -> None:
+    """At the centre force, lodging increases with speed; with frequency it increases, then decreases, except at low
+    speed, so it is lowest at the low levels of both.
+    """
+    assert all(slope(10, "Y1", "X1", {"X2": frequency}) > 0.0 for frequency in LEVELS)
+    for speed in (0.0, 1.0):
+        assert slope(10, "Y1", "X2", {"X1": speed, "X2": -1.0}) > 0.0 > slope(10, "Y1", "X2", {"X1": speed, "X2": 1.0})
+    assert all(slope(10, "Y1", "X2", {"X1": -1.0, "X2": frequency}) > 0.0 for frequency in LEVELS)
+
+
+def test_figures_11b_and_11c_of_the_cabbage_paper() -> None:
+    """Lodging increases with speed and force, slowest at the low levels, and with frequency up to 58.75 per minute."""
+    for force in LEVELS:
+        assert slope(10, "Y1", "X1", {"X3": force}) >= slope(10, "Y1", "X1", {"X3": -1.0}) > 0.0
+        assert slope(10, "Y1", "X3", {"X1": force}) >= slope(10, "Y1", "X3", {"X1": -1.0}) > 0.0
+        assert slope(10, "Y1", "X3", {"X2": force}) > 0.0
+    assert slope(10, "Y1", "X2", {"X2": 0.75}) == pytest.approx(0.0, abs=1e-12)
+    assert "X3^2" not in coefficients(10, "Y1")
+
+
+def test_figure_11d_of_the_cabbage_paper() -> None:
+    """Injury increases linearly with frequency and force, faster with force."""
+    terms = coefficients(11, "Y2")
+    assert all(slope(11, "Y2", factor, {"X2": at, "X3": at}) > 0.0 for factor in ("X2", "X3") for at in LEVELS)
+    assert terms["X3"] > terms["X2"]
+    assert not {"X2^2", "X3^2"} & set(terms)
+
+
+def test_the_stated_setting_of_the_cabbage_paper_violates_equation_12() -> None:
+    for setting in cabbage_settings():
+        assert (setting.natural[2] - 104.62) / 8.79 == pytest.approx(-1.455, abs=5e-4)
+
+
+# --- page and data file -------------------------------------------------------------------------
+
+
+def test_the_page_has_a_row_for_every_item_and_the_totals() -> None:
+    page = papers_page()
+    for _, item in ITEMS:
+        assert f"| {item.item} | {item.subject} | {item.state} | " in page
+    assert len(re.findall(r"^\| (?:Figure|Equation|Table|Section) ", page, re.MULTILINE)) == len(ITEMS)
+    for state in ITEM_STATES:
+        pepper, cabbage = (sum(item.state == state for item in paper_items(paper)) for paper in PRINTED)
+        assert f"| {state} | {pepper} | {cabbage} |\n" in page
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("- item: Figur 1\n  subject: s\n  state: described\n  result: r\n", "entry 0.item: "),
+        ("- item: Figure 1\n  subject: s\n  state: done\n  result: r\n", "entry 0.state: "),
+        ("- item: Figure 1\n  subject: s\n  state: described\n", "entry 0.result: "),
+        ("- item: Figure 1\n  subject: s\n  state: described\n  result: r\n  errata: e\n", "entry 0.errata: "),
+        ("- {\n", "cannot be read"),
+    ],
+)
+def test_an_invalid_data_file_is_rejected(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "items.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=rf"^{re.escape(f'{path}: {message}')}"):
+        read_paper_items(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_paper_items(tmp_path / "missing.yaml")
