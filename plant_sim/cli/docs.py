@@ -111,10 +111,9 @@ def papers_page() -> str:
     summary += [(state, *(str(counts[paper][state]) for paper in _PAPERS)) for state in ITEM_STATES]
     parts = [
         f"# Figures, equations and tables of the papers\n\n{GENERATED}\n\n"
-        "The papers are listed in [machine.md](../sources/machine.md#papers). Commands run with the Python of the "
-        "environment, `.venv/bin/python -m`; those that start with `scripts/` run as printed. The tests run all of "
-        "them and compare their output with the results stated here; commands that take more than 10 s are run only "
-        f"by `scripts/test --nightly`.\n\n{_ITEM_LEGEND}\n{_table(summary)}"
+        "The papers are listed in [machine.md](../sources/machine.md#papers). The tests run all commands "
+        "and look for the stated results in their output; commands that take more than 10 s are run only by "
+        f"`scripts/test --nightly`.\n\n{_ITEM_LEGEND}\n{_table(summary)}"
     ]
     for paper, title in _PAPERS.items():
         parts.append(f"## {title}\n")
@@ -124,10 +123,14 @@ def papers_page() -> str:
     return "\n".join(parts)
 
 
+def _as_typed(command: str) -> str:
+    return command if command.startswith("scripts/") else f"python -m {command}"
+
+
 def _item_rows(items: Sequence[PaperItem]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [("item", "content", "state", "command", "pages", "result", "erratum")]
     for item in items:
-        commands = "<br>".join(f"`{command}`" for command in item.commands)
+        commands = "<br>".join(f"`{_as_typed(command)}`" for command in item.commands)
         pages = ", ".join(f"[{Path(page.partition('#')[0]).stem}](../{page})" for page in item.pages)
         rows.append((item.item, item.subject, item.state, commands, pages, item.result, item.erratum))
     return rows

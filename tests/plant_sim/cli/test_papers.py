@@ -8,6 +8,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Iterator
+from math import cos, pi, sin
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,10 @@ from plant_sim.cli.docs import papers_page
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.cli.main import main as plant_main
 from plant_sim.common.paper_items import ITEM_STATES, PaperItem, PaperName, paper_items, read_paper_items
+from plant_sim.planter.contact import drop
+from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.parameters import DEFAULT_PLANTER, load_planter
+from plant_sim.planter.verdict import Verdict, verdict_of
 from plant_sim.study.paper_tables import cabbage_settings, equation
 from tests.paths import DOCS, ROOT
 
@@ -158,6 +163,48 @@ def test_table_2_of_the_pepper_paper_is_complete(tmp_path: Path, capsys: pytest.
     table = (tmp_path / "var/reference/io.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| ([XY][0-7]+) \|", table, re.MULTILINE))
     assert {f"X{number:o}" for number in range(22)} | {f"Y{number:o}" for number in range(18)} <= listed
+
+
+def printed_equations(motion: Motion, time_s: float) -> tuple[list[float], list[float]]:
+    """Return position and speed of the tip by [K] equations 1 to 8 as printed, written out independently."""
+    chain, v = motion.chain, motion.speed_m_s
+    r, l, h, c = chain.sprocket_radius_m, chain.offset_m, chain.tip_height_m, chain.centre_distance_m  # noqa: E741
+    w = motion.chain_m_s / r
+    t = time_s
+    if t < pi / w:
+        at = [v * t - (r + l) * cos(w * t), c - h + (r + l) * sin(w * t)]
+        return at, [v + (r + l) * sin(w * t), (r + l) * w * cos(w * t)]
+    if t < pi / w + c / (w * r):
+        return [v * t + r + l, c - h - w * r * (t - pi / w)], [v, -w * r]
+    if t < 2 * pi / w + c / (w * r):
+        phase = w * t - (pi + c / r)
+        at = [v * t + (r + l) * cos(phase), -h - (r + l) * sin(phase)]
+        return at, [v + (r + l) * w * sin(phase), -(r + l) * w * cos(phase)]
+    return [v * t - (r + l), -c + w * r * (t - (2 * pi + c / r) / w)], [v, w * r]
+
+
+@pytest.mark.parametrize("share", [0.02, 0.07, 0.2, 0.4, 0.52, 0.57, 0.7, 0.9])
+def test_the_printed_model_is_equations_1_to_8_of_the_cabbage_paper(share: float) -> None:
+    chain = load_planter(DEFAULT_PLANTER).chain
+    motion = Motion(chain, speed_m_s=1.4 / 3.6, frequency_per_min=56.0, model=MotionModel.PRINTED)
+    time_s = share * motion.period_s
+    position, velocity = printed_equations(motion, time_s)
+    assert motion.position_m(time_s, chain.tip)[0, 0].tolist() == pytest.approx(position, abs=1e-12)
+    assert motion.velocity_m_s(time_s, chain.tip)[0, 0].tolist() == pytest.approx(velocity, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("speed_km_h", "verdict", "pushed_mm"),
+    [(1.9, Verdict.FORWARD, 54.1), (1.65, Verdict.PUSHED, 2.2), (1.4, Verdict.CLEAN, 0.0)],
+)
+def test_the_falls_of_figures_7_to_9_of_the_cabbage_paper(
+    speed_km_h: float, verdict: Verdict, pushed_mm: float
+) -> None:
+    planter = load_planter(DEFAULT_PLANTER)
+    motion = Motion(planter.chain, speed_m_s=speed_km_h / 3.6, frequency_per_min=56.0, model=MotionModel.RIGID)
+    fall = drop(planter, planter.rigid_ground, motion, opener_deg=planter.chain.release_deg)
+    assert verdict_of(fall.tilt_deg, fall.pushed_m) == verdict
+    assert 1000.0 * fall.pushed_m == pytest.approx(pushed_mm, abs=0.05)
 
 
 @functools.cache
