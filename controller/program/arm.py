@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
+from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, PulseFalling, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.places import places
-from controller.program.set_points import CUPS
+from controller.program.set_points import CUPS, LONGEST_FLAG_MS
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_DOUBT, IN_PLACE, IN_PROGRESS, ROWS, TAKEN, ArmTags, Side, Tags
 
@@ -106,7 +106,7 @@ def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         ),
         Step(
             "release delay",
-            dwell=Dwell(a.t_release_delay, sp.release_delay),
+            dwell=Dwell(a.t_release_delay, a.release_delay),
             go=[To("open claws", when=a.t_release_delay.done)],
             ignores_enable=True,  # the awaited cup is already passing
         ),
@@ -154,6 +154,7 @@ def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> lis
         *_claws(tags, a),
         *_power_up(a, real),
         *_cup_count(tags, a, steps),
+        *_release_delay(tags, a),
         *_rows(tags, a, steps, home),
         *_permit(tags, a, steps),
     ]
@@ -211,6 +212,22 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
         OnDelay(a.t_no_cups, sp.no_cups, when=waiting & ~a.cup),
         Out(a.no_cups, when=a.t_no_cups.done),
         Out(a.park, when=machine.holding | (machine.stopping & a.no_cups)),
+    ]
+
+
+def _release_delay(tags: Tags, a: ArmTags) -> list[Rung]:
+    """Return the rungs that compute the release delay: the time of the last flag at the sensor less the release lead.
+
+    The sensor is ahead of the claws by the length of a flag, so a cup is under the claw when its flag leaves the sensor,
+    at any chain speed. The previous flag gives the time that the next one will take. A flag that is missed or bounces,
+    or at which the chain stands, does not change the delay.
+    """
+    measured = all_of(a.flag_left, ~a.t_flag.done, ~tags.system.link_lost)
+    return [
+        OnDelay(a.t_release_lead, tags.sp.release_lead, when=a.cup_sensor),
+        PulseFalling(a.flag_left, when=a.t_release_lead.done),
+        Mov(a.t_flag.value, a.release_delay, when=measured),
+        OnDelay(a.t_flag, LONGEST_FLAG_MS, when=a.t_release_lead.done),
     ]
 
 

@@ -10,11 +10,15 @@ from controller.program.areas import Area
 CUPS: Final = 12
 """Cups that one throw of an arm fills."""
 
-RELEASE_DELAY_X10_MS: Final = 6
-"""Delay from the releasing cup pulse to switching on the coil that opens the claws. The pulse occurs 15 mm before the
-cup is under the claw, which is 333 ms at 45 plants per minute per row. After the coil comes on, valve, air and fingers
-take 126 ms (simulated at 0.40 MPa), and the fall of 80 mm takes 128 ms. The input filter and half a scan add 15 ms:
-333 - 254 - 15 = 64 ms, rounded down to whole units of the timer (machine.yaml)."""
+RELEASE_LEAD_X10_MS: Final = 25
+"""Time from switching on the coil that opens the claws to the landing of the plugs. Valve, air and fingers take 126 ms
+(simulated at 0.40 MPa) and the fall of 80 mm takes 128 ms, together 254 ms. With the rounding of the timers and the
+input filter, the plugs land in the middle of their cups with 251 ms (simulated at 45 cups/min, machine.yaml), rounded to
+whole units of the timer."""
+
+LONGEST_FLAG_MS: Final = 2_000
+"""Longest plausible time of a flag at the cup sensor beyond the release lead: the flag of 24 mm takes 2.2 s at 11
+plants per minute per row. At a flag that takes longer, the chain has stood."""
 
 SLIDE_LEAST_X10_MS: Final = 90
 """Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
@@ -66,8 +70,12 @@ class SetPoints:
             "arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2 at the same time"
         )
         self.at_start.append(self.arms_may_meet)
-        self.release_delay = add(
-            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "delay from the releasing cup pulse to opening"
+        self.release_lead = add(
+            "release lead x10 ms",
+            RELEASE_LEAD_X10_MS,
+            0,
+            100,
+            "time from opening the claws to landing; they open this long before a cup is under them",
         )
         self.no_cups = add(
             "no cups x100 ms",
