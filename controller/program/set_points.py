@@ -12,13 +12,16 @@ CUPS: Final = 12
 
 RELEASE_LEAD_X10_MS: Final = 25
 """Time from switching on the coil that opens the claws to the landing of the plugs. Valve, air and fingers take 126 ms
-(simulated at 0.40 MPa) and the fall of 80 mm takes 128 ms, together 254 ms. With the rounding of the timers and the
-input filter, the plugs land in the middle of their cups with 251 ms (simulated at 45 cups/min, machine.yaml), rounded to
-whole units of the timer."""
+(simulated at 0.40 MPa) and the fall of 80 mm takes 128 ms, together 254 ms. With the input filter and the rounding of
+the timers, the plugs land in the middle of their cups with 251 ms (simulated at 45 cups/min), rounded to whole units of
+the timer (machine.yaml)."""
 
 LONGEST_FLAG_MS: Final = 2_000
-"""Longest plausible time of a flag at the cup sensor beyond the release lead: the flag of 24 mm takes 2.2 s at 11
-plants per minute per row. At a flag that takes longer, the chain has stood."""
+"""Longest plausible time of a flag at the cup sensor beyond the release lead: a flag of 24 mm takes 2.2 s at 11 plants
+per minute per row. If a flag takes longer, the chain has stood."""
+
+FIRST_RELEASE_DELAY_X10_MS: Final = 28
+"""Release delay until a flag has been measured: that at 45 plants per minute per row, at which a flag takes 533 ms."""
 
 SLIDE_LEAST_X10_MS: Final = 90
 """Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
@@ -70,12 +73,12 @@ class SetPoints:
             "arms may meet", ARMS_MAY_MEET, 0, 1, "1 = both arms may be inward of pick 2 at the same time"
         )
         self.at_start.append(self.arms_may_meet)
-        self.release_lead = add(
-            "release lead x10 ms",
-            RELEASE_LEAD_X10_MS,
+        self.release_delay = add(
+            "release delay x10 ms",
+            0,
             0,
             100,
-            "time from opening the claws to landing; they open this long before a cup is under them",
+            "delay from the releasing cup pulse to opening; 0 = measured",
         )
         self.no_cups = add(
             "no cups x100 ms",
@@ -96,6 +99,13 @@ class SetPoints:
             "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "shortest plausible travel time between a row and feed"
         )
         self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge before suspending")
+        self.release_lead = add(
+            "release lead x10 ms",
+            RELEASE_LEAD_X10_MS,
+            0,
+            100,
+            "time from opening the claws to landing; they open this long before a cup is under them",
+        )
 
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""

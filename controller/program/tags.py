@@ -102,6 +102,10 @@ class MachineTags:
         self.t_jog_lease = Timer(224, "jog lease", "time since the last jog command")
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
+        self.release_delay = d.word("release delay", "delay from the releasing cup pulse to opening x10 ms, both arms")
+        self.flag_left = m.bit("flag left", "a flag has left the left cup sensor, this scan")
+        self.t_release_lead = Timer(235, "release lead", "flag at the left cup sensor, at most for the release lead")
+        self.t_flag = Timer(236, "flag", "flag at the left cup sensor for longer than the release lead")
 
 
 class ArmTags:
@@ -198,7 +202,6 @@ class ArmTags:
         self.fault = m.bit("fault", "an alarm of this arm is set")
         self.off_home = m.bit("off home", "the arm should be at home but is not")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
-        self.flag_left = m.bit("flag left", "the flag of a cup has left the cup sensor, this scan")
 
         self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
         self.claws_closed = retentive_m.bit("claws closed", "the last claw command was to close")
@@ -217,9 +220,6 @@ class ArmTags:
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
         self.missed_cups = retentive_d.word("missed cups", "cups missed since the last reset of the counts")
         self.cycles = retentive_d.word("cycles", "rows released over the cups")
-        self.release_delay = retentive_d.word(
-            "release delay x10 ms", "time of the last flag at the cup sensor less the release lead"
-        )
 
         self.cup_counter = Counter(index, f"{side}.cups", "cups since the last release")
         self.t_pulse = t10.timer("pulse interval", "shortest time between two cup pulses")
@@ -234,9 +234,6 @@ class ArmTags:
         self.t_belt_way = t10.timer("belt travel", "claws between their ends")
         self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
         self.t_press = Timer(226 + index, f"{side}.pressurise at feed", "outer chamber of the slide fills")
-        flag = Area("T", 235 + 2 * index, 236 + 2 * index, side)
-        self.t_release_lead = flag.timer("release lead", "flag at the cup sensor for less than the release lead")
-        self.t_flag = flag.timer("flag", "flag at the cup sensor for longer than the release lead")
         pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
         self.t_pressed = {name: pressed.timer(f"{name} pressed", f"{name} driven against its end") for name in DEVICES}
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)

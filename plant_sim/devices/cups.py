@@ -48,8 +48,8 @@ class CupsSpec:
         pitch_m: Distance from cup to cup, m; also the pitch of the claws when spread.
         planting_frequency_per_min: Cups passing per minute, 0 while the tractor is stopped.
         acceleration_m_s2: Acceleration with which the chain follows the tractor speed, m/s2.
-        sensor_lead_m: Chain travel from the start of the pulse until the cups are under the claws, m. If it is as long as
-            a flag, `pulse_share` of the pitch, the program releases in time at any chain speed.
+        sensor_lead_m: Chain travel from the start of the pulse until the cups are under the claws, m. If it equals the
+            length of a flag, `pulse_share` of the pitch, the program releases in time at any chain speed.
         pulse_share: Fraction of the pitch during which the pulse sensor is on.
         pulse_jitter: Largest offset of a flag in either direction, as a fraction of the pitch.
         mouth_m: Width of the mouth of a cup, m, less than the pitch; with `plug_m` it determines `catch_m`. See

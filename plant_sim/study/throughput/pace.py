@@ -14,7 +14,7 @@ from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
-from plant_sim.study.pepper.nominal import MotionWatch
+from plant_sim.study.row_motion import MotionWatch
 from plant_sim.study.runner import RunOptions, spread, trial_seed
 from plant_sim.study.throughput.critical_path import Round, rounds
 from plant_sim.study.throughput.timeline import Timeline, TimelineRecorder

@@ -244,9 +244,9 @@ def _setting_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
         rows.append((point.frequency_per_min, point.setting.values["program.no_cups"] / 10, mean, largest))
     return [
         Heading("Settings for each frequency"),
-        "If no cup passes for three cup intervals, the machine is Suspended. The program adapts the release to the speed "
-        f"of the chain; a plug may land up to {1000 * options.machine.cups.catch_m:g} mm off the middle of its cup. The "
-        "landings are those of the observed runs.",
+        "If no cup passes for three cup intervals, the machine is Suspended. The program adapts the release to the "
+        f"speed of the chain; a plug may land up to {1000 * options.machine.cups.catch_m:g} mm off the middle of its "
+        "cup. The landings are those of the observed runs.",
         Table(
             "settings",
             "Set-point and landings",

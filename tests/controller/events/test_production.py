@@ -37,7 +37,6 @@ from tests.plant_sim.twin.twin_rig import (
 )
 
 
-
 class Run(NamedTuple):
     """Run that empties one tray, with its recorded outputs."""
 

@@ -77,7 +77,7 @@ def test_machine_values_set_points_seed_and_trays_are_applied(tmp_path: Path) ->
         "seed: 7\ntrays: 3\n"
         "machine: {supply.pressure_pa: 4.5 bar, cups.planting_frequency_per_min: 30, crop.claw_pressure_mpa: 350 kPa,\n"
         "  layout.arms_may_meet_in_plant: true, claws.grippers: 12}\n"
-        "set_points: {release_lead: 150 ms, converge_at: 1}\n"
+        "set_points: {release_delay: 150 ms, converge_at: 1}\n"
     )
     scenario = load_scenario(scenario_file(tmp_path, text))
     assert (scenario.seed, scenario.trays) == (7, 3)
@@ -85,7 +85,7 @@ def test_machine_values_set_points_seed_and_trays_are_applied(tmp_path: Path) ->
     assert scenario.machine.crop.claw_pressure_mpa == pytest.approx(0.35)
     assert scenario.machine.cups.planting_frequency_per_min == 30
     assert scenario.machine.layout.arms_may_meet_in_plant
-    assert scenario.set_points == {"trays_target": 3, "release_lead": 15, "converge_at": 1}
+    assert scenario.set_points == {"trays_target": 3, "release_delay": 15, "converge_at": 1}
     assert load_scenario(scenario.path, seed=9).seed == 9
 
 

@@ -19,7 +19,7 @@ MACHINE = load_machine()
         ("cups.pulse_share", "-", False, "cups.pulse_share"),
         ("claws.grippers", "-", True, "claws.grippers"),
         ("layout.arms_may_meet_in_plant", "-", True, "layout.arms_may_meet_in_plant"),
-        ("program.release_lead", "ms", True, "program.release_lead, ms"),
+        ("program.release_delay", "ms", True, "program.release_delay, ms"),
         ("program.no_cups", "ms", True, "program.no_cups, ms"),
         ("program.descend_at_count", "-", True, "program.descend_at_count"),
     ],
@@ -36,8 +36,8 @@ def test_a_name_has_its_unit(name: str, unit: str, is_integer: bool, label: str)
         ("zzz", "unknown factor; write section.parameter for the machine, or program.SET_POINT"),
         ("crop.foam_thicknes_mm", "unknown parameter of the machine; did you mean foam_thickness_mm?"),
         ("crops.foam_thickness_mm", "unknown section of the machine; did you mean crop?"),
-        ("progam.release_lead", "unknown section of the machine; did you mean program?"),
-        ("program.releaselead", "unknown set-point; did you mean release_lead?"),
+        ("progam.release_delay", "unknown section of the machine; did you mean program?"),
+        ("program.releasedelay", "unknown set-point; did you mean release_delay?"),
         ("program.trays_target", "is derived from the number of seedlings; set seedlings instead"),
         ("program.limits", "unknown set-point; use one of step_sequence, "),
         ("crop.extrapolates", "unknown parameter of the machine; use one of "),
@@ -59,8 +59,8 @@ def test_an_unknown_name_is_rejected_with_a_remedy(name: str, complaint: str) ->
         ("crop.foam_thickness_mm", "12.5", 12.5),
         ("crop.claw_pressure_mpa", "4 bar", 0.4),
         ("cups.planting_frequency_per_min", "1 /s", 60.0),
-        ("program.release_lead", "150 ms", 150.0),
-        ("program.release_lead", "15", 150.0),
+        ("program.release_delay", "150 ms", 150.0),
+        ("program.release_delay", "15", 150.0),
         ("program.no_cups", "4 s", 4000.0),
         ("program.descend_at_count", "9", 9.0),
         ("layout.arms_may_meet_in_plant", "true", 1.0),
@@ -78,7 +78,7 @@ def test_a_level_can_have_a_unit(name: str, text: str, level: float) -> None:
         ("crop.foam_thickness_mm", "10 furlong", "unknown unit furlong"),
         ("crop.foam_thickness_mm", "thick", "not a number"),
         ("crop.foam_thickness_mm", "nan", "not a number"),
-        ("program.release_lead", "1.5", "a time requires a unit"),
+        ("program.release_delay", "1.5", "a time requires a unit"),
         ("program.descend_at_count", "9 ms", "ms is a unit of another quantity"),
     ],
 )
@@ -93,7 +93,7 @@ def test_a_setting_changes_only_the_named_parameters() -> None:
             "crop.foam_thickness_mm": 12.5,
             "claws.grippers": 11.0,
             "layout.arms_may_meet_in_plant": 1.0,
-            "program.release_lead": 15.0,
+            "program.release_delay": 15.0,
         }
     )
     machine = setting.machine(MACHINE)
@@ -106,7 +106,7 @@ def test_a_setting_changes_only_the_named_parameters() -> None:
         "layout.arms_may_meet_in_plant": False,
     }
     assert machine.with_values(back) == MACHINE
-    assert setting.set_points() == {"release_lead": 15}
+    assert setting.set_points() == {"release_delay": 15}
 
 
 def test_an_empty_setting_does_not_change_the_machine() -> None:
@@ -115,9 +115,9 @@ def test_an_empty_setting_does_not_change_the_machine() -> None:
 
 
 def test_integer_levels_are_accepted() -> None:
-    setting = FactorSetting({"crop.seedling_age_d": 50, "claws.grippers": 12, "program.release_lead": 15})
+    setting = FactorSetting({"crop.seedling_age_d": 50, "claws.grippers": 12, "program.release_delay": 15})
     assert setting.machine(MACHINE).crop.seedling_age_d == 50.0
-    assert setting.set_points() == {"release_lead": 15}
+    assert setting.set_points() == {"release_delay": 15}
 
 
 @pytest.mark.parametrize(
@@ -144,17 +144,17 @@ def test_an_invalid_machine_is_rejected(values: dict[str, float], complaint: str
 def test_a_time_of_the_program_is_set_in_its_steps() -> None:
     """A time in ms is converted to the counts of its set-point, which are 10 or 100 ms."""
     assert [
-        study_parameter(name, MACHINE).setting(4000.0) for name in ("program.release_lead", "program.no_cups")
+        study_parameter(name, MACHINE).setting(4000.0) for name in ("program.release_delay", "program.no_cups")
     ] == [400, 40]
     assert study_parameter("crop.foam_thickness_mm", MACHINE).setting(12.5) == 12.5
 
 
 @pytest.mark.parametrize("value", [-1.0, 101.0, 1.5, float("nan")])
 def test_an_invalid_set_point_is_rejected(value: float) -> None:
-    message = rf"^program.release_lead: must be 0 to 1000 ms in steps of 10 ms, not {10 * value:g} ms$"
+    message = rf"^program.release_delay: must be 0 to 1000 ms in steps of 10 ms, not {10 * value:g} ms$"
     with pytest.raises(StudyError, match=message):
-        FactorSetting({"program.release_lead": value}).set_points()
-    with pytest.raises(StudyError, match="did you mean release_lead"):
+        FactorSetting({"program.release_delay": value}).set_points()
+    with pytest.raises(StudyError, match="did you mean release_delay"):
         FactorSetting({"program.release_dely": 1.0}).set_points()
 
 

@@ -18,7 +18,7 @@ import pytest
 from controller.program.tags import SIDES
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import load_machine
-from plant_sim.study.pepper.nominal import MotionWatch, RowMotion
+from plant_sim.study.row_motion import MotionWatch, RowMotion
 from plant_sim.twin import trial as complete_trial
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.report import TrialReport

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from controller.program.states import State
-from controller.program.tags import SIDES, Side
+from controller.program.tags import SIDES
 from plant_sim.faults.fault import Fault
 from plant_sim.machine.parameters import load_machine
-from plant_sim.study.pepper.nominal import MotionWatch
+from plant_sim.study.row_motion import MotionWatch
 from plant_sim.twin.lock_step import Twin
-from tests.plant_sim.twin.twin_rig import arm_of, at_work, tags_of, to_complete
+from tests.plant_sim.twin.twin_rig import arm_of, at_work, to_complete
 
 MACHINE = load_machine()
 LANDING_M = 0.0018
@@ -53,12 +53,13 @@ def test_flags_counted_wrongly_do_not_change_the_delay(kind: str) -> None:
         assert min(abs(off_m), half_m - abs(off_m)) < LANDING_M
 
 
-@pytest.mark.parametrize("side", SIDES)
-def test_a_flag_at_which_the_chain_stands_does_not_change_the_delay(side: Side) -> None:
+def test_a_flag_at_which_the_chain_stands_does_not_change_the_delay() -> None:
     twin = at_work({"trays_target": 1})
-    delay = tags_of(twin, side).release_delay
-    pulse = arm_of(twin, side).cups.pulse
-    twin.run_until(lambda: twin.plc.read(delay) > 0 and not pulse.read(), within_ms=10_000)
+    delay = twin.machine.tags.machine.release_delay
+    pulse = arm_of(twin, "left").cups.pulse
+    twin.run_until(pulse.read, within_ms=10_000)
+    twin.run_until(lambda: not pulse.read(), within_ms=10_000)
+    twin.run_for(50)
     before = twin.plc.read(delay)
     twin.run_until(pulse.read, within_ms=10_000)
     twin.plant.planting_frequency_per_min = 0.0
@@ -71,9 +72,25 @@ def test_a_flag_at_which_the_chain_stands_does_not_change_the_delay(side: Side) 
     to_complete(twin)
 
 
-def test_the_delay_is_the_time_of_the_flag_less_the_lead() -> None:
+@pytest.mark.parametrize(("lead", "expected"), [(0, 53), (25, 28), (53, 0)])
+def test_the_delay_is_the_time_of_the_flag_less_the_lead(lead: int, expected: int) -> None:
     """At 45 cups/min a flag takes 533 ms; without a lead, the delay is this time in units of 10 ms."""
-    for lead, expected in ((0, 53), (25, 28), (53, 0)):
-        twin = at_work({"trays_target": 1, "release_lead": lead})
-        twin.run_for(5_000)
-        assert abs(twin.plc.read(tags_of(twin, "left").release_delay) - expected) <= 1
+    twin = at_work({"trays_target": 1, "release_lead": lead})
+    assert abs(measured(twin, 5_000) - expected) <= 1
+
+
+def test_until_the_first_flag_the_delay_is_that_of_45_plants_per_minute() -> None:
+    """The tractor stands at power-up."""
+    parameters = MACHINE.with_values({"cups.planting_frequency_per_min": 0.0})
+    assert measured(Twin(parameters=parameters), 3_000) == 28
+
+
+@pytest.mark.parametrize("fixed", [1, 6, 100])
+def test_a_release_delay_that_is_set_replaces_the_measured_one(fixed: int) -> None:
+    assert measured(at_work({"trays_target": 1, "release_delay": fixed}), 5_000) == fixed
+
+
+def measured(twin: Twin, after_ms: int) -> int:
+    """Return the release delay after a time, in units of 10 ms."""
+    twin.run_for(after_ms)
+    return twin.plc.read(twin.machine.tags.machine.release_delay)

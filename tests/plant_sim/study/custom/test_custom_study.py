@@ -141,15 +141,15 @@ def test_a_latin_hypercube_stays_between_low_and_high_and_follows_its_seed(tmp_p
 
 def test_set_points_are_rounded_to_integers_before_coding(tmp_path: Path) -> None:
     text = edited("design: factorial", "design: latin-hypercube\nruns: 9").replace(
-        "crop.foam_thickness_mm: {levels: [8 mm, 1 cm, 12]}", "program.release_lead: {low: 50 ms, high: 180 ms}"
+        "crop.foam_thickness_mm: {levels: [8 mm, 1 cm, 12]}", "program.release_delay: {low: 50 ms, high: 180 ms}"
     )
     own = load_custom_study(written(tmp_path, text), MACHINE)
-    steps = [setting.values["program.release_lead"] for setting in own.settings]
+    steps = [setting.values["program.release_delay"] for setting in own.settings]
     assert steps == np.round(steps).tolist()
     assert own.points[:, 0].tolist() == [10 * step for step in steps]  # ms, the unit of the file
     assert np.allclose(own.coded[:, 0], (own.points[:, 0] - 115) / 65)
     heading = table(custom_study(own, options(RunsOnly)), "runs").heading
-    assert heading[1] == "program.release_lead, ms"
+    assert heading[1] == "program.release_delay, ms"
 
 
 def test_fixed_values_apply_to_every_run(tmp_path: Path) -> None:
@@ -175,9 +175,9 @@ BAD: list[tuple[str, int, str]] = [
         "factors.crop.foam_thicknes_mm: unknown parameter of the machine; did you mean foam_thickness_mm?",
     ),
     (
-        edited("crop.foam_thickness_mm", "program.relase_lead"),
+        edited("crop.foam_thickness_mm", "program.relase_delay"),
         5,
-        "factors.program.relase_lead: unknown set-point; did you mean release_lead?",
+        "factors.program.relase_delay: unknown set-point; did you mean release_delay?",
     ),
     (edited("12]", "31 mm]"), 5, "factors.crop.foam_thickness_mm: must be 0 to 30, not 31"),
     (
