@@ -82,6 +82,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
             )
             for side in SIDES
         ),
+        Block("release delay", tuple(arm.release_delay(tags))),
         Block("tray conditions", tuple(tray.conditioning(tags, feeder))),
         *(home.supervision(tags, side, cycles[side], homings[side]) for side in SIDES),
         tray.supervision(tags, feeder),

@@ -54,7 +54,7 @@ def test_list_has_no_duplicates() -> None:
 def test_appending_does_not_change_existing_lines(tmp_path: Path) -> None:
     lines = LIST.read_text(encoding="utf-8").splitlines(keepends=True)
     path = tmp_path / LIST.name
-    path.write_text("".join(lines[:-2]), encoding="utf-8")
+    path.write_text("".join(lines[:-1]), encoding="utf-8")
     append_new(path)
     assert path.read_text(encoding="utf-8").startswith("".join(lines))
     assert {Entry("alarm", "emergency_stop", "S", 900), Entry("alarm", "hmi_silent", "S", 992)} <= set(read_list(path))
