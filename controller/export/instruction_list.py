@@ -1,8 +1,9 @@
 """Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
 
 Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators become
-ANS instructions. A separate block contains the functions that the soft PLC performs outside the program: it resets all
-states, writes the initial set-points and switches M8049 on.
+ANS instructions. Conditions that are used repeatedly are evaluated once, into auxiliary relays (`sharing`). A separate
+block contains the functions that the soft PLC performs outside the program: it resets all states, writes the initial
+set-points and switches M8049 on.
 """
 
 from __future__ import annotations
@@ -31,11 +32,15 @@ from controller.core.rungs import (
     written_devices,
 )
 from controller.core.sequence import Sequence, Step
+from controller.export.sharing import item_writes, shared
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, Operand
 
 ALWAYS, NEVER, FIRST_SCAN, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8049
 FIXED_LATCH: Final = 1024
 """First relay of the fixed latched range, which PLC parameters cannot change."""
+
+POWER_UP: Final = "power-up"
+"""Title of the block that the export adds to the program."""
 
 _RELATIONS: Final = {"==": "=", "!=": "<>", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _OPPOSITES: Final = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
@@ -62,7 +67,7 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
         program: The program.
         pulses: Output that becomes a pulse train; None = all outputs are levels.
     """
-    return _ListWriter(program, pulses).ladder()
+    return _ListWriter(shared(program), pulses).ladder()
 
 
 def acting(program: Program) -> Program:
@@ -78,7 +83,7 @@ def acting(program: Program) -> Program:
         for block in program.blocks:
             for item in block.items:
                 if id(item) not in selected and any(
-                    d.kind == "Y" or (d.kind, d.number) in needed for d in _written(item)
+                    d.kind == "Y" or (d.kind, d.number) in needed for d in item_writes(item)
                 ):
                     selected.add(id(item))
                     needed |= {(device.kind, device.number) for device in _read(item)}
@@ -86,16 +91,6 @@ def acting(program: Program) -> Program:
     blocks = (Block(block.title, tuple(i for i in block.items if id(i) in selected)) for block in program.blocks)
     set_points = tuple((word, value) for word, value in program.set_points if (word.kind, word.number) in needed)
     return replace(program, blocks=tuple(block for block in blocks if block.items), set_points=set_points)
-
-
-def _written(item: Rung | Sequence) -> Iterator[Bit | Word]:
-    if not isinstance(item, Sequence):
-        yield from written_devices(item)
-        return
-    yield from (bit for bit, _ in item)
-    yield from (step.dwell.timer.done for step in item.steps if step.dwell)
-    if item.consumes is not None:
-        yield item.consumes
 
 
 def _read(item: Rung | Sequence) -> Iterator[Bit | Word]:
@@ -194,7 +189,7 @@ class _ListWriter:
         The reset is required because an FX2N retains S500 to S999 through a loss of power. Faults that persist are
         detected again.
         """
-        self._titles[len(self._list)] = "power-up"
+        self._titles[len(self._list)] = POWER_UP
         self._add("LD", DeviceOperand("M", ALWAYS))
         self._add("OUT", DeviceOperand("M", ANNUNCIATORS_ENABLED))
         self._add("LD", DeviceOperand("M", FIRST_SCAN))

@@ -11,6 +11,7 @@ from controller.core.expr import Bit, Word
 from controller.core.program import Program
 from controller.core.scan import Execution, Plc
 from controller.export.instruction_list import acting, export
+from controller.export.sharing import RELAYS
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import Ladder
 from controller.program.states import Mode, State
@@ -119,13 +120,13 @@ class Pair:
         return soft
 
     def differences(self) -> list[str]:
-        """Return the devices whose values differ in the two memories."""
+        """Return the devices whose values differ in the two memories, excluding the auxiliary relays of the export."""
         soft, fx = self.soft.memory, self.fx.memory
         found = [
             f"{kind}{number}"
             for kind in "MSTC"
             for number, (one, other) in enumerate(zip(soft.bits(kind), fx.bits(kind), strict=True))
-            if one != other and number < 8000
+            if one != other and number < 8000 and not (kind == "M" and number in RELAYS)
         ]
         return found + [f"D{number}" for number in range(8000) if soft.D[number] != fx.D[number]]
 

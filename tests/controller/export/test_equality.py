@@ -123,14 +123,14 @@ def test_most_single_mutations_are_detected(every: int) -> None:
 
     One instruction in 600 (one in 300 with ``--nightly``) is inverted or has its constant changed. A mutation is not
     detected if it has no effect in these 24,000 scans: its command or fault never occurs, or the condition is
-    redundant. If one instruction in 100 is mutated, 96,000 scans (including these) detect 28 of 39 mutations.
+    redundant. If one instruction in 100 is mutated, these scans detect 29 of 36 mutations.
     """
     candidates = [
         i
         for i, x in enumerate(EXPORTED.instructions)
         if x.name in INVERTED or (x.operands and isinstance(x.operands[-1], Constant) and x.name != "ANS")
     ]
-    sample = candidates[150::every]
+    sample = candidates[::every]
     detected = [i for i in sample if any(tape.first_difference(mutated(i)) is not None for tape in tapes())]
     assert len(detected) >= 0.75 * len(sample)
 
@@ -144,8 +144,9 @@ def test_write_read_round_trip() -> None:
 
 
 def test_export_fits_an_fx2n() -> None:
+    """At least 800 steps remain for additions."""
     used = usage(EXPORTED)
-    assert used.steps <= MOST_STEPS
+    assert used.steps <= MOST_STEPS - 800
 
 
 def test_only_the_output_block_writes_y() -> None:
