@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from controller.core.devices import RETENTIVE, SIZES
+from controller.core.devices import RETENTIVE, SIZES, WORD_MAX
 from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, leaves
 from controller.core.program import Block, Program
 from controller.core.rungs import (
@@ -26,6 +26,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
     read_devices,
@@ -33,7 +34,7 @@ from controller.core.rungs import (
 )
 from controller.core.sequence import Sequence, Step
 from controller.export.sharing import item_writes, shared
-from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, Operand
+from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, LadderError, Operand
 
 ALWAYS, NEVER, FIRST_SCAN, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8049
 FIXED_LATCH: Final = 1024
@@ -41,6 +42,9 @@ FIXED_LATCH: Final = 1024
 
 POWER_UP: Final = "power-up"
 """Title of the block that the export adds to the program."""
+
+SCRATCH: Final = range(180, 188)
+"""Data registers for intermediate results of `Scale`: product, divisor, quotient and remainder, 32 bits each."""
 
 _RELATIONS: Final = {"==": "=", "!=": "<>", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _OPPOSITES: Final = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
@@ -71,11 +75,11 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
 
 
 def acting(program: Program) -> Program:
-    """Return the part of a program that influences Y, excluding registers used only for information.
+    """Return the part of a program that influences its outputs, excluding registers used only for information.
 
     A sequence is either included completely or omitted.
     """
-    needed: set[tuple[str, int]] = set()
+    needed = {(word.kind, word.number) for word in program.output_words}
     selected: set[int] = set()
     grown = True
     while grown:
@@ -172,6 +176,8 @@ class _ListWriter:
 
     def ladder(self) -> Ladder:
         used = {(device.kind, device.number) for device in self._program.devices()}
+        if not used.isdisjoint(("D", number) for number in SCRATCH):
+            raise LadderError(f"D{SCRATCH[0]} to D{SCRATCH[-1]} are reserved for the export; use other registers")
         done = next(n for n in RETENTIVE["M"][0] if n >= FIXED_LATCH and ("M", n) not in used)
         self._first_values(done)
         for block in self._program.blocks:
@@ -209,11 +215,16 @@ class _ListWriter:
                 self._sequence(item)
                 before = None
             else:
-                if item.when != before:
-                    self._list += contacts(item.when)
-                self._output(item)
-                # the next rung may share the contacts unless this one has changed the devices that they read
-                before = None if set(written_devices(item)) & set(leaves(item.when)) else item.when
+                when = item.driven if isinstance(item, Scale) else item.when
+                if when != before:
+                    self._list += contacts(when)
+                if isinstance(item, Scale):
+                    self._scale(item)
+                else:
+                    self._output(item)
+                # the next rung may share the contacts unless this one has changed them or the devices that they read
+                changed = isinstance(item, Scale) or set(written_devices(item)) & set(leaves(when))
+                before = None if changed else when
 
     def _sequence(self, sequence: Sequence) -> None:
         for bit, step in sequence:
@@ -262,6 +273,25 @@ class _ListWriter:
                 self._add("INC", _word(target))
             case Annunciate(timer, preset, target):
                 self._add("ANS", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms), _device(target))
+
+    def _scale(self, rung: Scale) -> None:
+        """Write the product, the quotient and its limits; the quotient is limited after it has been copied."""
+        product, divisor, quotient = (DeviceOperand("D", number) for number in SCRATCH[:6:2])
+        target = _word(rung.target)
+        self._add("MUL", _word(rung.source), _word(rung.factor), product)
+        if isinstance(rung.divisor, Word):
+            self._add("MOV", _word(rung.divisor), divisor)
+            self._add("MOV", Constant(0), replace(divisor, number=divisor.number + 1))
+            self._add("DDIV", product, divisor, quotient)
+        else:
+            self._add("DDIV", product, Constant(rung.divisor), quotient)
+        self._add("MOV", quotient, target)
+        self._add("MPS")
+        self._add("ANDD>", quotient, Constant(WORD_MAX))
+        self._add("MOV", Constant(WORD_MAX), target)
+        self._add("MPP")
+        self._add("ANDD<", quotient, Constant(0))
+        self._add("MOV", Constant(0), target)
 
     def _add(self, name: str, *operands: Operand) -> None:
         self._list.append(Instruction(name, operands))

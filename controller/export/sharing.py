@@ -21,6 +21,7 @@ from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, 
 from controller.core.program import Block, Program
 from controller.core.rungs import Out, Rung, written_devices
 from controller.core.sequence import Sequence as Steps
+from controller.fx.language.instruction import LadderError
 
 RELAYS: Final = range(500, 1024)
 """Auxiliary relays of the export; the program itself does not use them. From M1536, a contact would take two steps."""
@@ -33,10 +34,10 @@ def shared(program: Program) -> Program:
     """Return an equivalent program in which conditions that are used repeatedly are evaluated once, into relays.
 
     Raises:
-        ValueError: The program itself uses relays in the range `RELAYS`.
+        LadderError: The program itself uses relays in the range `RELAYS`.
     """
     if any(device.kind == "M" and device.number in RELAYS for device in program.devices()):
-        raise ValueError(f"M{RELAYS[0]} to M{RELAYS[-1]} are reserved for the export; use other relays")
+        raise LadderError(f"M{RELAYS[0]} to M{RELAYS[-1]} are reserved for the export; use other relays")
     values = _Values()
     rows = [[(item, values.of_item(item)) for item in block.items] for block in program.blocks]
     writer = _Writer(values.worth_a_relay())

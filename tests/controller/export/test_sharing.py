@@ -15,6 +15,7 @@ from controller.export import instruction_list, sharing
 from controller.export.instruction_list import acting, export
 from controller.export.sharing import RELAYS, shared
 from controller.fx.language.check import budget, usage
+from controller.fx.language.instruction import LadderError
 from tests.controller.program.interlock_scene import MACHINE
 
 X = [Bit("X", n) for n in range(8)]
@@ -217,7 +218,7 @@ def test_relay_read_after_a_write_is_detected(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_program_that_uses_an_auxiliary_relay_is_rejected() -> None:
-    with pytest.raises(ValueError, match="M500 to M1023 are reserved"):
+    with pytest.raises(LadderError, match="M500 to M1023 are reserved"):
         shared(small(Out(Bit("M", 1023), X[0])))
 
 
