@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from controller.core.expr import Expr, all_of, any_of
+from controller.core.expr import Expr, Word, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Pulse, Rst, Rung, Scale, Set
 from controller.core.sequence import Sequence
 from controller.program.alarms import Annunciators
 from controller.program.set_points import CUPS
-from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, PlantingTags, PulseTags, Side, Tags
+from controller.program.tags import FIRST_SCAN, SIDES, ArmTags, PlantingTags, PulseTags, ReadinessTags, Side, Tags
 
 GROUND_PULSES: Final = 20
 """Ground pulses per measurement: 1 m at the default pulse distance."""
@@ -25,6 +25,8 @@ GROUND_GAP_MS: Final = 3_000
 """Time without a ground pulse after which the ground speed is 0, ms; the slowest measurable speed is 17 mm/s."""
 LONGEST_MS: Final = 327_670
 """Longest time of a 10 ms timer, ms."""
+WAIT_MS: Final = 50
+"""Shortest time at feed that counts as waiting, ms; an arm that does not wait is at feed for one or two scans."""
 WARNING_MS: Final = 5_000
 """Delay of the warnings, ms; longer than a measurement of the ground speed at 0.2 m/s."""
 
@@ -83,34 +85,52 @@ def _ground(tags: Tags, p: PlantingTags) -> list[Rung]:
 def _readiness(tags: Tags, a: ArmTags, cycle: Sequence) -> list[Rung]:
     """Return the rungs that time an arm from the release of a row until it waits for cups with the next one.
 
-    The last three times are stored, because the rows are at different distances. A time in which the tray was changed
-    or work did not continue is omitted.
+    The last three times are stored, because the rows are at different distances, and separately the last three in which
+    the arm waited at feed for a tray or for the other arm. A time in which work did not continue is omitted.
     """
-    p = tags.planting
-    arm = p.arms[a.side]
-    latest, before, first = arm.times
+    arm = tags.planting.arms[a.side]
     waits = cycle["wait for cups"]
-    undisturbed = tags.machine.executing & tags.tray.phase.equals(IN_PLACE) & ~tags.machine.stepping
+    released = a.release_edge & cycle["release delay"]
+    working = tags.machine.executing & ~tags.machine.stepping
     return [
         OnDelay(arm.timer, LONGEST_MS, when=arm.preparing),
-        Out(arm.ready, when=arm.preparing & waits & undisturbed),
-        Mov(before, first, when=arm.ready),
-        Mov(latest, before, when=arm.ready),
-        Mov(arm.timer_value, latest, when=arm.ready),
-        Rst(arm.preparing, when=waits | ~undisturbed),
-        Set(arm.preparing, when=a.release_edge & cycle["release delay"] & undisturbed),
+        OnDelay(arm.t_wait, WAIT_MS, when=cycle["wait at feed"]),
+        Set(arm.waited, when=arm.t_wait.done),
+        Out(arm.ready, when=all_of(arm.preparing, waits, working)),
+        *_stored(arm, arm.times, arm.ready & ~arm.waited),
+        *_stored(arm, arm.times_with_wait, arm.ready & arm.waited),
+        Rst(arm.preparing, when=waits | ~working),
+        Rst(arm.waited, when=released),
+        Set(arm.preparing, when=released & working),
     ]
 
 
+def _stored(arm: ReadinessTags, times: list[Word], when: Expr) -> list[Rung]:
+    latest, before, first = times
+    return [Mov(before, first, when=when), Mov(latest, before, when=when), Mov(arm.timer_value, latest, when=when)]
+
+
 def _advice(p: PlantingTags) -> list[Rung]:
-    """Return the rungs of the fastest frequency at which both arms have a row ready every twelve cups."""
-    times = [time for arm in p.arms.values() for time in arm.times]
-    unknown = any_of(*(arm.times[0].equals(0) for arm in p.arms.values()))
+    """Return the rungs of the fastest frequencies at which both arms have a row ready every twelve cups.
+
+    Above the first one, cups remain empty in every cycle; above the second one, only after a wait.
+    """
+    arms = p.arms.values()
+    unknown = any_of(*(arm.times[0].equals(0) for arm in arms))
+    untimed = unknown | all_of(*(arm.times_with_wait[0].equals(0) for arm in arms))
     return [
         Rst(p.longest),
-        *(Mov(time, p.longest, when=time > p.longest) for time in times),
+        *(Mov(time, p.longest, when=time > p.longest) for arm in arms for time in arm.times),
         Scale(*_PER_MINUTE, p.longest, p.fastest, when=~unknown),
         Rst(p.fastest, when=unknown),
+        Mov(p.longest, p.longest_with_wait),
+        *(
+            Mov(time, p.longest_with_wait, when=time > p.longest_with_wait)
+            for arm in arms
+            for time in arm.times_with_wait
+        ),
+        Scale(*_PER_MINUTE, p.longest_with_wait, p.gapless, when=~untimed),
+        Rst(p.gapless, when=untimed),
     ]
 
 

@@ -305,9 +305,17 @@ class ReadinessTags:
     def __init__(self, side: Side, m: Area, d: Area, t10: Area) -> None:
         self.preparing = m.bit(f"{side} preparing", f"the {side} arm prepares its next row after a release")
         self.ready = m.bit(f"{side} ready", f"the {side} arm has its next row ready, this scan")
-        ages = ("last", "second to last", "third to last")
-        self.times = [d.word(f"{side} {age} time x10 ms", f"time to prepare the {age} row") for age in ages]
+        self.waited = m.bit(f"{side} waited", "the arm has waited at feed since the release")
+        self.times = self._times(side, "time", "time to prepare the {} row without waiting", d)
+        self.times_with_wait = self._times(side, "wait", "time to prepare the {} row with waiting at feed", d)
+        self.t_wait = t10.timer(f"{side} wait", f"waiting of the {side} arm at feed for a tray or for the other arm")
         self.timer = t10.timer(f"{side} row", f"preparation of a row by the {side} arm")
+
+    @staticmethod
+    def _times(side: Side, name: str, comment: str, d: Area) -> list[Word]:
+        """Allocate the registers of the last three times, the latest first."""
+        ages = ("last", "second to last", "third to last")
+        return [d.word(f"{side} {age} {name} x10 ms", comment.format(age)) for age in ages]
 
     @property
     def timer_value(self) -> Word:
@@ -320,7 +328,7 @@ class PlantingTags:
 
     def __init__(self, io_map: IoMap) -> None:
         m = Area("M", 330, 359, "planting")
-        d = Area("D", 120, 139, "planting")
+        d = Area("D", 120, 149, "planting")
         t10 = Area("T", 235, 245, "planting")
         register = io_map.register("planter_speed")
         self.ground_sensor = Inputs(io_map).optional("ground_pulse")
@@ -329,10 +337,14 @@ class PlantingTags:
         self.fastest = d.word(
             "fastest x0.1/min", "advice: highest planting frequency at which the arms keep up; 0 = not yet known"
         )
+        self.gapless = d.word(
+            "gapless x0.1/min", "advice: the same including waits for tray and other arm; 0 = no wait has been timed"
+        )
         self.chain_speed = d.word("chain speed mm/s", "speed of the planter chain, from frequency and planter pitch")
         self.ground_speed = d.word("ground speed mm/s", "ground speed; 0 without a sensor or at standstill")
         self.ratio = d.word("lambda x0.01", "chain speed divided by ground speed; 0 = not known")
         self.longest = d.word("longest time x10 ms", "longest of the last times to prepare a row")
+        self.longest_with_wait = d.word("longest time with wait x10 ms", "the same including waits at feed")
         self.cups = PulseTags("cups", 4, m, d, t10)
         self.ground = PulseTags("ground", 5, m, d, t10)
         self.ground_edge = m.bit("ground edge", "rising edge of the ground sensor")

@@ -331,7 +331,7 @@ def _point_tags(machine: Transplanter) -> Iterator[Tag]:
 
 def _planting_tags(machine: Transplanter) -> Iterator[Tag]:
     planting = machine.tags.planting
-    for name in ("frequency", "fastest", "chain_speed", "ground_speed", "ratio"):
+    for name in ("frequency", "fastest", "gapless", "chain_speed", "ground_speed", "ratio"):
         word: Word = getattr(planting, name)
         yield replace(_word(f"planting.{name}", word), unit=unit_of(word))
     if planting.planter_speed is not None:
