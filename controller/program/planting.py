@@ -86,12 +86,13 @@ def _readiness(tags: Tags, a: ArmTags, cycle: Sequence) -> list[Rung]:
     """Return the rungs that time an arm from the release of a row until it waits for cups with the next one.
 
     The last three times are stored, because the rows are at different distances, and separately the last three in which
-    the arm waited at feed for a tray or for the other arm. A time in which work did not continue is omitted.
+    the arm waited at feed for a tray or for the other arm. A time in which work did not continue is omitted, and so are
+    all times if the arm waits for a count of cups before it moves down.
     """
     arm = tags.planting.arms[a.side]
     waits = cycle["wait for cups"]
     released = a.release_edge & cycle["release delay"]
-    working = tags.machine.executing & ~tags.machine.stepping
+    working = all_of(tags.machine.executing, ~tags.machine.stepping, tags.sp.descend_at_count.equals(0))
     return [
         OnDelay(arm.timer, LONGEST_MS, when=arm.preparing),
         OnDelay(arm.t_wait, WAIT_MS, when=cycle["wait at feed"]),

@@ -176,6 +176,14 @@ def test_advice_is_given_only_after_both_arms_have_prepared_a_row() -> None:
     assert value(twin, "fastest") == 720_000 // longest
 
 
+def test_there_is_no_advice_while_the_arms_wait_for_cups_before_they_move_down() -> None:
+    """The time from release to release would then be that of the cups, and the advice the frequency itself."""
+    twin = executing(DELIVERED, descend_at_count=12)
+    twin.run_for(60_000)
+    assert twin.cycles()
+    assert (value(twin, "fastest"), value(twin, "gapless"), twin.alarms()) == (0, 0, [])
+
+
 def test_waits_for_the_tray_count_only_for_the_gapless_frequency() -> None:
     """At 90 per minute every release is late, and the cups that pass meanwhile do not hide a wait."""
     slow, fast = executing(DELIVERED), executing(DELIVERED, 90)
