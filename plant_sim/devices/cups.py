@@ -179,11 +179,6 @@ class Cups(View):
         return float(self.state["chain_m"])
 
     @property
-    def pitch_m(self) -> float:
-        """Distance from cup to cup, m."""
-        return float(self.params["pitch_m"])
-
-    @property
     def speed_m_s(self) -> float:
         """Chain speed, m/s."""
         return float(self.state["speed_m_s"])

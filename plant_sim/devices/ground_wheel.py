@@ -47,6 +47,7 @@ class GroundWheel:
         self.travel_m = 0.0
         self.speed_m_s = 0.0
         self.pulse = Sensor.alone()
+        self._on = False
 
     @property
     def slip(self) -> float:
@@ -73,4 +74,7 @@ class GroundWheel:
         self._plants = plants
         self.travel_m += way_m
         self.speed_m_s = way_m / for_s
-        self.pulse.detect(self.travel_m / self._spec.pulse_distance_m % 1.0 < self._spec.pulse_share)
+        on = self.travel_m / self._spec.pulse_distance_m % 1.0 < self._spec.pulse_share
+        if on != self._on:
+            self._on = on
+            self.pulse.detect(on)

@@ -125,6 +125,8 @@ class Plant:
             for number, side in enumerate(_SIDES)
         )
         self.arms = dict(zip(_SIDES, (self.left, self.right), strict=True))
+        self._chains_m = state["arms"]["cups"]["chain_m"]
+        self._cup_pitch_m = machine.cups.pitch_m
         self.ground = GroundWheel(machine.ground)
         self.ground.place(self._plants)
         self._planter_m_s = 0.0
@@ -193,8 +195,8 @@ class Plant:
     @property
     def _plants(self) -> float:
         """Plants per row that the drive wheel has counted out; a jammed carousel is passed by the other one."""
-        cups = [arm.cups for arm in self.arms.values()]
-        return max(each.chain_m / each.pitch_m for each in cups)
+        chains_m: list[float] = self._chains_m.tolist()
+        return max(chains_m) / self._cup_pitch_m
 
     def counts(self) -> SeedlingCounts:
         """Return the number of seedlings at each location; each is counted once."""
