@@ -19,7 +19,8 @@ from controller.program.tags import SIDES
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.modes.stand_in import StandIn
 
-EXPORTED = export(acting(MACHINE.program))
+ACTING = acting(MACHINE.program)
+EXPORTED = export(ACTING)
 TAGS = MACHINE.tags
 BUTTONS = ("start", "stop", "emergency_stop")
 COMMANDS = [command.bit for command in TAGS.commands]
@@ -140,7 +141,7 @@ def stories(seed: int, scans: int, *, power_fails: bool = True, pair: Pair | Non
     chance = Random(seed)
     pair, world = pair or Pair(), StandIn(MACHINE.io_map)
     image = MACHINE.io_map.safe_outputs()
-    limits = list(TAGS.sp.limits.items())
+    limits = [(word, TAGS.sp.limits[word]) for word, _ in ACTING.set_points]
     now_ms, period_ms, hold = 0, 20, 0
     for number in range(scans):
         if number == 1:  # the FX2N writes the initial set-points in its first scan
