@@ -28,6 +28,13 @@ SLIDE_LEAST_X10_MS: Final = 90
 take 1.2 s at 0.15 m/s; the value is three quarters of that. A different row spacing requires a different value
 (machine.yaml)."""
 
+GROUND_PULSE_MM: Final = 50
+"""Travel per pulse of the ground sensor. At 2.5 km/h a pulse takes 72 ms, so that the input filter (10 ms) and a scan
+(20 ms) see both levels; twice the distance would make a measurement of 20 pulses 2 m long."""
+PLANTER_PITCH_MM: Final = 489
+"""Distance of the planters on the chain: 456.7 mm/s at 56 plants per minute, computed from the simulated cases of Du et
+al. (docs/sources/plant.md)."""
+
 ROW_PITCH_MM: Final = 43.0
 FINGER_OVERHANG_MM: Final = 25.0
 """Inward reach of the fingers past the stems: half of the 50 mm spring strip (paper), which is assumed to grip
@@ -105,6 +112,20 @@ class SetPoints:
             0,
             100,
             "time from opening the claws to landing; they open this long before a cup is under them",
+        )
+        self.ground_pulse = add("ground pulse mm", GROUND_PULSE_MM, 10, 500, "travel per pulse of the ground sensor")
+        self.planter_pitch = add("planter pitch mm", PLANTER_PITCH_MM, 50, 2000, "distance between two planters")
+        self.lambda_lowest = add("lowest lambda x0.01", 100, 10, 300, "lambda below which a warning is given")
+        self.lambda_highest = add("highest lambda x0.01", 160, 10, 300, "lambda above which a warning is given")
+        self.planter_lambda = add(
+            "planter lambda x0.01", 117, 10, 300, "lambda of a planter with its own motor and a ground speed sensor"
+        )
+        self.planter_speed = add(
+            "planter speed mm/s",
+            0,
+            0,
+            2000,
+            "chain speed of a planter with its own motor if no ground sensor is wired",
         )
 
     def names(self) -> list[str]:
