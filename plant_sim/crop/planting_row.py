@@ -100,14 +100,9 @@ class PlantingRow:
         self.off_m = 0.0
 
     @property
-    def first_tracked(self) -> int:
-        """Number of the first cup that has not yet passed the last claw."""
-        return self._last_passed + 1
-
-    @property
-    def tracked(self) -> int:
-        """Number of filled cups that have not yet passed the last claw."""
-        return len(self._contents)
+    def filled(self) -> list[int]:
+        """Numbers of the filled cups that have not yet passed the last claw, in order."""
+        return sorted(self._contents)
 
     @property
     def falling(self) -> bool:

@@ -66,8 +66,9 @@ def _offered(times_s: Floats, interval_s: float) -> np.ndarray:
 class ArmsFeed:
     """Cups filled by the machine program and the simulated machine.
 
-    The operator homes and starts the machine with the tractor at standstill; the tractor starts when both arms wait
-    loaded over the cups. From then on, the chains follow the cycles of the drive.
+    Before the row, the operator starts the machine and turns the cups until both arms have thrown once; the cups then
+    stand until both arms are loaded again. From the start of the tractor, the chains follow the cycles of the drive.
+    The row begins with the first filled cup.
 
     Attributes:
         twin: The twin.
@@ -98,15 +99,11 @@ class ArmsFeed:
         )
         self._arms = list(self.twin.plant.arms.values())
         self._pitch_m = machine.cups.pitch_m
-        self.twin.plant.planting_frequency_per_min = 0.0
-        self.twin.command("cups_empty")
-        self.twin.home()
-        self.twin.start()
-        self.twin.run_until(self._is_loaded, within_ms=_LOADED_LIMIT_MS, what="both arms loaded over the cups")
-        self._start_m = [arm.cups.chain_m for arm in self._arms]
-        self._first = [arm.row.first_tracked for arm in self._arms]
         for arm in self._arms:
             arm.row.passed = []
+        self._load(frequency_per_min)
+        self._start_m = [arm.cups.chain_m for arm in self._arms]
+        self._first = [arm.row.filled[0] for arm in self._arms]
         self.rows: list[FedRow] = []
 
     def first_cycles(self, cups_to_planting: int) -> list[float]:
@@ -153,12 +150,27 @@ class ArmsFeed:
     @property
     def seedlings_tracked(self) -> int:
         """Seedlings in cups that have not yet passed the last claw."""
-        return sum(arm.row.tracked for arm in self._arms)
+        return sum(len(arm.row.filled) for arm in self._arms)
 
     @property
     def seedlings_passed(self) -> int:
         """Seedlings with a cup of their own in cups that have passed the last claw."""
         return sum(int(np.count_nonzero(row.seedlings)) for row in self.rows)
+
+    def _load(self, frequency_per_min: float) -> None:
+        """Home and start the machine, fill the first cups, and wait until both arms are loaded again."""
+        twin = self.twin
+        twin.plant.planting_frequency_per_min = 0.0
+        twin.home()
+        twin.command("cups_empty")
+        twin.start()
+        twin.plant.planting_frequency_per_min = frequency_per_min
+        twin.run_until(self._has_thrown, within_ms=_LOADED_LIMIT_MS, what="first throw of both arms")
+        twin.plant.planting_frequency_per_min = 0.0
+        twin.run_until(self._is_loaded, within_ms=_LOADED_LIMIT_MS, what="both arms loaded over the cups")
+
+    def _has_thrown(self) -> bool:
+        return all(arm.row.filled for arm in self._arms)
 
     def _is_loaded(self) -> bool:
         return all(self.twin.in_step(f"{side} arm", "wait for cups") for side in SIDES)
