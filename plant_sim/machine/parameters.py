@@ -1,23 +1,13 @@
 """Parameters of the simulated machine, and the reader of ``machine.yaml``."""
 
-import dataclasses
 import math
-from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, Literal, get_type_hints
-
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from controller.common.errors import InputError
-from controller.common.suggestion import suggestion
-from controller.common.yaml_lines import dotted, read_yaml, unfold
-from controller.common.yaml_model import StrictModel, complaints, validated
-from plant_sim.common.limits import SpecError, require
-from plant_sim.common.units import unit_of
+from plant_sim.common.limits import require
+from plant_sim.common.parameter_file import ParameterReader, Value
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import CropSpec
@@ -35,8 +25,6 @@ from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 
 DEFAULT_MACHINE = Path(__file__).parents[1] / "machine.yaml"
-
-Value = bool | int | float
 
 _MPA = 1e6
 
@@ -235,25 +223,10 @@ class Machine:
         Raises:
             MachineError: A name is unknown or a value is invalid.
         """
-        sections: dict[str, dict[str, Value]] = {}
-        for name, value in values.items():
-            section, dot, key = name.partition(".")
-            if not dot:
-                raise MachineError(f"{name}: not a dotted name; write section.parameter")
-            if section not in _section_types():
-                raise MachineError(f"{name}: unknown section of the machine; {suggestion(section, _section_types())}")
-            if key not in _checker(section).model_fields:
-                remedy = suggestion(key, _checker(section).model_fields)
-                raise MachineError(f"{name}: unknown parameter of the machine; {remedy}")
-            sections.setdefault(section, {})[key] = value
-        try:
-            specs = {
-                section: _build(section, dataclasses.asdict(getattr(self, section)) | changed)
-                for section, changed in sections.items()
-            }
-            return dataclasses.replace(self, **specs)
-        except SpecError as error:
-            raise MachineError(f"{error.key}: {error.complaint}") from None
+        return _READER.changed(self, values)
+
+
+_READER = ParameterReader(Machine, MachineError, subject="machine")
 
 
 def load_machine(path: Path = DEFAULT_MACHINE) -> Machine:
@@ -265,90 +238,4 @@ def load_machine(path: Path = DEFAULT_MACHINE) -> Machine:
     Raises:
         MachineError: The file cannot be read or is invalid.
     """
-    located = unfold(read_yaml(path, MachineError, loader=yaml.SafeLoader), depth=3, convert=_plain)
-    located.values = {name: _with_merged_fields(entries) for name, entries in located.values.items()}
-    file = validated(_file_model(), located)
-    if file is None or located.faults:
-        # missing keys last: a misspelt key also makes the correct one missing
-        first = min(located.faults, key=lambda fault: (fault.path not in located.lines, fault.line))
-        raise MachineError(f"{path}:{first}")
-    try:
-        return Machine(**{section: _build(section, _values(section, entries)) for section, entries in file})
-    except SpecError as error:
-        line = located.line_of(tuple(error.key.split(".", maxsplit=1)))
-        raise MachineError(f"{path}:{line}: {error.key}: {error.complaint}") from None
-
-
-class _ParameterEntry(StrictModel):
-    """A parameter entry of the file."""
-
-    value: Value = Field(description="write a number (powers of ten as 1.0e-9), true or false")
-    unit: str = Field(description="write the unit that matches the name suffix, or - for none, in quotes")
-    source: Literal["paper", "catalogue", "computed", "assumed"] = Field(
-        description="write paper, catalogue, computed or assumed"
-    )
-    note: str = Field("", description="write the note in quotes")
-
-
-def _plain(node: yaml.Node) -> object:
-    """Return the Python value of a node according to YAML 1.1."""
-    try:
-        return yaml.constructor.SafeConstructor().construct_document(node)
-    except (yaml.YAMLError, ValueError, LookupError, AttributeError):
-        raise ValueError("must be a number, text, true or false") from None
-
-
-def _with_merged_fields(entries: object) -> object:
-    """Return the entries of a section, with the fields merged from other entries by the YAML key ``<<``."""
-    if not isinstance(entries, dict):
-        return entries
-    merged = dict(entries)
-    for key, entry in entries.items():
-        base = entry.get("<<") if isinstance(entry, dict) else None
-        bases = base if isinstance(base, list) else [base]
-        if all(isinstance(each, dict) for each in bases):
-            merged[key] = {**ChainMap(*bases), **{name: value for name, value in entry.items() if name != "<<"}}
-    return merged
-
-
-def _values(section: str, entries: Mapping[str, _ParameterEntry]) -> dict[str, Value]:
-    """Return the values of a section.
-
-    Raises:
-        SpecError: The unit of a parameter does not match the suffix of its name.
-    """
-    for key, entry in entries.items():
-        require(entry.unit == unit_of(key), f"{section}.{key}", f"must have unit {unit_of(key)}, not {entry.unit}")
-    return {key: entry.value for key, entry in entries.items()}
-
-
-@cache
-def _section_types() -> dict[str, Any]:
-    """Return the spec class of each section."""
-    return get_type_hints(Machine)
-
-
-@cache
-def _file_model() -> type[BaseModel]:
-    """Return a model with all sections of the file."""
-    fields: dict[str, Any] = dict.fromkeys(_section_types(), (dict[str, _ParameterEntry], ...))
-    return create_model("machine", __base__=StrictModel, **fields)
-
-
-@cache
-def _checker(section: str) -> type[BaseModel]:
-    """Return a model with the keys and types of a section."""
-    fields: dict[str, Any] = {key: (hint, ...) for key, hint in get_type_hints(_section_types()[section]).items()}
-    return create_model(section, __config__=ConfigDict(extra="forbid", strict=True), **fields)
-
-
-def _build(section: str, values: Mapping[str, Value]) -> Any:
-    """Build the spec of a section; a SpecError contains the dotted key."""
-    model = _checker(section)
-    try:
-        return _section_types()[section](**dict(model.model_validate(dict(values))))
-    except ValidationError as error:
-        path, complaint = complaints(error, model, values)[0]
-        raise SpecError(f"{section}.{dotted(path)}", complaint) from None
-    except SpecError as error:
-        raise SpecError(f"{section}.{error.key}", error.complaint) from None
+    return _READER.load(path)

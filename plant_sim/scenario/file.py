@@ -13,9 +13,10 @@ from controller.core.expr import Word
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import Transplanter, build
 from controller.program.states import State
+from plant_sim.common.parameter_file import Value
 from plant_sim.common.units import parse_ms, parse_quantity, unit_of
 from plant_sim.faults import Fault, FaultError, FaultSchedule, parse_size
-from plant_sim.machine.parameters import Machine, MachineError, Value, load_machine
+from plant_sim.machine.parameters import Machine, MachineError, load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.scenario.actions import VERBS, CheckContext
 from plant_sim.scenario.checks import read_checks

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 
+from plant_sim.common.figure_style import drawing, save
 from plant_sim.scope.errors import RecordingError
 from plant_sim.scope.store import Recording, RecordingWindow
-from plant_sim.scope.style import STYLE, save
 from plant_sim.scope.timing import default_tags, timing_diagram
 from plant_sim.scope.trends import TrendPanel, default_panels, panels_of, trend_plot
 
@@ -34,7 +33,8 @@ def plot(
         and SVG.
 
     Raises:
-        RecordingError: A tag does not exist, or the pictures cannot be written.
+        RecordingError: A tag does not exist, or the folder cannot be created.
+        FigureError: A picture cannot be written.
     """
     lanes, panels = _selected(recording, side, tags)
     event_columns = [name for name in _EVENT_COLUMNS if name in recording.names]
@@ -42,9 +42,7 @@ def plot(
     name = recording.path.stem
     span = f"{window.from_ms / 1000:g} to {window.to_ms / 1000:g} s, seed {recording.about['seed']}"
     written: list[Path] = []
-    with mpl.rc_context():
-        mpl.rcdefaults()  # ignores the user's matplotlib configuration
-        mpl.rcParams.update(STYLE)
+    with drawing():
         if lanes:
             data = recording.read(list(dict.fromkeys([*lanes, *event_columns])), window)
             requested = () if tags is None else lanes

@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from plant_sim.common.figure_style import COLOURS, QUIET
 from plant_sim.scope.store import TIME, Recording
-from plant_sim.scope.style import COLOURS, QUIET, Mark, marks_of, seconds, shade, spans_of
+from plant_sim.scope.style import Mark, marks_of, seconds, shade, spans_of
 
 _WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 11.0, 1.6, 0.25, 0.42, 0.62
 _LANE_IN = 0.185

@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from plant_sim.common.figure_style import COLOURS, QUIET, SERIES
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.scope.columns import SIDES, bands_of
 from plant_sim.scope.store import TIME, Recording
-from plant_sim.scope.style import COLOURS, QUIET, SERIES, Mark, marks_of, seconds, shade
+from plant_sim.scope.style import Mark, marks_of, seconds, shade
 
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN = 11.0, 0.85, 0.5
 _TITLE_IN, _LEGEND_IN, _MARKS_IN = 0.4, 0.15, 0.35

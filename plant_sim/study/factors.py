@@ -12,8 +12,9 @@ from functools import cache
 from controller.common.suggestion import suggestion
 from controller.core.expr import Word
 from controller.program.set_points import SetPoints
+from plant_sim.common.parameter_file import Value
 from plant_sim.common.units import parse_ms, parse_quantity, unit_of
-from plant_sim.machine.parameters import Machine, MachineError, Value
+from plant_sim.machine.parameters import Machine, MachineError
 from plant_sim.study.doe.design import label
 from plant_sim.study.errors import StudyError
 

@@ -9,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from plant_sim.scope.style import COLOURS, QUIET
+from plant_sim.common.figure_style import COLOURS, QUIET, drawing
 from plant_sim.study.custom.file import CustomStudy
 from plant_sim.study.doe.design import to_natural
 from plant_sim.study.doe.regression import Fit
-from plant_sim.study.report.study import drawing
 
 _PANEL_IN = 2.8
 _PANELS_A_ROW = 4

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from plant_sim.common.figure_style import COLOURS, QUIET, drawing
 from plant_sim.crop.response import CropSpec
-from plant_sim.scope.style import COLOURS, QUIET
 from plant_sim.study.paper_tables import sheet
 from plant_sim.study.pepper.experiment import (
     LEFT_OUT,
@@ -23,7 +23,7 @@ from plant_sim.study.pepper.experiment import (
 )
 from plant_sim.study.pepper.statements import STATEMENTS, Statement, Verdict
 from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table, counted
-from plant_sim.study.report.study import Study, drawing
+from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions, incomplete_trials
 
 _AXES: Final = {"foam": "foam thickness, mm", "age": "age of the seedlings, d", "pressure": "claw pressure, MPa"}

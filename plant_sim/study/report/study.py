@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import matplotlib as mpl
 import numpy as np
 
-from plant_sim.scope.errors import RecordingError
-from plant_sim.scope.style import STYLE, save
+from plant_sim.common.figure_style import FigureError, drawing, save
 from plant_sim.study.errors import StudyError
 from plant_sim.study.report.parts import Part, Picture, Table
 from plant_sim.study.report.rendering import csv_text, html, markdown, plain_text
@@ -58,15 +55,6 @@ class Study:
         """Return the record as one JSON object; a non-finite number is null."""
         record = {"study": self.name, "command": self.command, **self.record}
         return json.dumps(_plain(record), allow_nan=False, indent=2, ensure_ascii=False)
-
-
-@contextmanager
-def drawing() -> Iterator[None]:
-    """Apply the plot style to figures drawn in a `with` block, regardless of the user's matplotlib settings."""
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(STYLE)
-        yield
 
 
 def check_folder(folder: Path) -> None:
@@ -119,12 +107,12 @@ def write(study: Study, folder: Path) -> list[Path]:
             if folder.exists():
                 folder.rmdir()
             part.rename(folder)
-    except (OSError, RecordingError) as error:
+    except (OSError, FigureError) as error:
         raise _unwritable(folder, error) from None
     return [folder / name for name in names]
 
 
-def _unwritable(folder: Path, error: OSError | RecordingError) -> StudyError:
+def _unwritable(folder: Path, error: OSError | FigureError) -> StudyError:
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return StudyError(f"--out {folder}: cannot be written ({reason}); specify another folder")
 

@@ -15,11 +15,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from plant_sim.scope.style import COLOURS, QUIET, SERIES
+from plant_sim.common.figure_style import COLOURS, QUIET, SERIES, drawing
 from plant_sim.study.doe.design import Factor, to_natural
 from plant_sim.study.doe.optimum import Front, Surface
 from plant_sim.study.errors import StudyError
-from plant_sim.study.report.study import drawing
 
 _PANEL_IN: Final = (3.1, 2.9)
 _COLUMNS = 3

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from controller.program.tags import SIDES
-from plant_sim.scope.style import COLOURS, QUIET, seconds
+from plant_sim.common.figure_style import COLOURS, QUIET
+from plant_sim.scope.style import seconds
 from plant_sim.study.throughput.critical_path import Round, Segment
 from plant_sim.study.throughput.timeline import ARM, CUPS, FEEDER, Timeline, motion_of
 

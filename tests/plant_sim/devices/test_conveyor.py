@@ -8,8 +8,8 @@ import math
 
 import pytest
 
+from plant_sim.common.parameter_file import Value
 from plant_sim.devices.conveyor import Conveyor
-from plant_sim.machine.parameters import Value
 from plant_sim.machine.plant import Plant
 from tests.plant_sim.machine.plant_rig import MACHINE, Rig
 

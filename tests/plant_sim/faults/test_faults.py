@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from plant_sim.common.parameter_file import Value
 from plant_sim.faults import FAULTS, Fault, FaultError, FaultKind, fault_table, parse_fault
 from plant_sim.faults.kind import read_value
-from plant_sim.machine.parameters import Value
 from tests.plant_sim.machine.plant_rig import Rig
 
 IN, OUT, UP, DOWN = "left.slide_inward", "left.slide_outward", "left.lift_retract", "left.lift_extend"

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
+from plant_sim.common.parameter_file import Value
 from plant_sim.crop.seedling import Seedling
 from plant_sim.devices.sensor import Sensor
-from plant_sim.machine.parameters import Machine, Value, load_machine
+from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.plant import ArmPlant, Plant
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from plant_sim.machine.parameters import Value
+from plant_sim.common.parameter_file import Value
 from tests.plant_sim.machine.plant_rig import Rig, make_rig
 
 EVERYTHING = ("left.slide_inward", "left.lift_retract", "left.spread", "tray_run", "tray_forward")

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.machine.parameters import DEFAULT_MACHINE, MachineError, Value, load_machine
+from plant_sim.common.parameter_file import Value
+from plant_sim.machine.parameters import DEFAULT_MACHINE, MachineError, load_machine
 from plant_sim.machine.plant import Plant
 
 MACHINE = load_machine()

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.common.compiled import compiled_and_cached
-from plant_sim.machine.parameters import Value, load_machine
+from plant_sim.common.parameter_file import Value
+from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.pneumatics.chamber import GAS, exchange, fill, resize, set_ambient, settle
 from plant_sim.pneumatics.cylinder import CYLINDER, CYLINDER_PARAMS, is_at_rest, step_cylinder

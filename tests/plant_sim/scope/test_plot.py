@@ -18,10 +18,11 @@ from matplotlib.lines import Line2D
 
 from plant_sim.cli.main import main
 from plant_sim.cli.plot import add_arguments
+from plant_sim.common.figure_style import STYLE
 from plant_sim.faults import parse_fault
 from plant_sim.scope.plot import plot
 from plant_sim.scope.store import TIME, Recording, RecordingWindow
-from plant_sim.scope.style import STYLE, marks_of, spans_of
+from plant_sim.scope.style import marks_of, spans_of
 from plant_sim.scope.timing import default_tags, timing_diagram
 from plant_sim.scope.trends import default_panels, trend_plot
 from plant_sim.scope.window import selected_window

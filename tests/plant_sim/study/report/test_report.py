@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from plant_sim.scope.errors import RecordingError
+from plant_sim.common.figure_style import FigureError, drawing
 from plant_sim.study.errors import StudyError
 from plant_sim.study.report import study as report_module
 from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
-from plant_sim.study.report.study import Study, check_folder, drawing, write
+from plant_sim.study.report.study import Study, check_folder, write
 
 TABLE = Table(
     "yield-by-foam",
@@ -227,7 +227,7 @@ def test_an_invalid_folder_is_rejected_before_the_study_runs(tmp_path: Path, mon
 
 @pytest.mark.parametrize("empty_there", [False, True])
 @pytest.mark.parametrize(
-    "failure", [OSError(28, "No space left on device"), RecordingError("success.svg: cannot be written")]
+    "failure", [OSError(28, "No space left on device"), FigureError("success.svg: cannot be written")]
 )
 def test_a_failed_write_leaves_no_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: Exception, empty_there: bool

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.set_points import SetPoints
 from controller.program.tags import ROWS
+from plant_sim.common.figure_style import drawing, save
 from plant_sim.machine.parameters import load_machine
-from plant_sim.scope.style import save
 from plant_sim.study.errors import StudyError
 from plant_sim.study.report.parts import Picture, Table
-from plant_sim.study.report.study import Study, drawing
+from plant_sim.study.report.study import Study
 from plant_sim.study.runner import RunOptions
 from plant_sim.study.throughput import driving
 from plant_sim.study.throughput.bottleneck import first_late

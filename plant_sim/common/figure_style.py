@@ -1,0 +1,112 @@
+"""Style of all figures: colour-blind-safe colours, page sizes, and files without timestamps."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from controller.common.errors import InputError
+
+COLOURS: Final[Mapping[str, str]] = {
+    "left": "#0072B2",
+    "right": "#D55E00",
+    "machine": "#444444",
+    "supply": "#009E73",
+    "alarms": "#AA0044",
+    "faults": "#7A5195",
+}
+"""Palette of Okabe and Ito, whose colours can be distinguished with any type of colour blindness."""
+
+SERIES: Final = ("#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#444444", "#0072B2", "#D55E00", "#999933")
+"""Colours of traces that do not belong to an arm, in order of use."""
+
+QUIET: Final = "#666666"
+
+STYLE: Final[dict[Any, Any]] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.labelsize": 8.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "svg.hashsalt": "seedling transplanter",
+}
+"""Matplotlib settings for drawing and saving."""
+
+
+_METADATA: Final[Mapping[str, Mapping[str, None]]] = {".png": {"Software": None}, ".svg": {"Date": None}}
+"""Metadata to omit, by file format."""
+
+
+class FigureError(InputError):
+    """Figure that cannot be written; the one-line message states the file, the problem and the remedy."""
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Apply the style to figures drawn in a `with` block, regardless of the user's matplotlib settings."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(STYLE)
+        yield
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as PNG and as SVG; equal figures give identical bytes.
+
+    Args:
+        figure: Figure to write.
+        stem: Path without suffix.
+
+    Returns:
+        The two files.
+
+    Raises:
+        FigureError: A file cannot be written.
+    """
+    paths = [stem.with_name(f"{stem.name}{ending}") for ending in _METADATA]
+    for path in paths:
+        save_as(figure, path)
+    return paths
+
+
+def save_as(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG or SVG, depending on the suffix; equal figures give identical bytes.
+
+    Raises:
+        FigureError: The file cannot be written.
+    """
+    metadata = dict(_METADATA[path.suffix])
+    write_whole(path, lambda part: figure.savefig(part, dpi=150, metadata=metadata))
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file completely or not at all.
+
+    Args:
+        path: File to write; an existing file is replaced.
+        write: Function that writes a temporary file with the same suffix.
+
+    Raises:
+        FigureError: The file cannot be written.
+    """
+    part = path.with_name(f"{path.stem}.part{path.suffix}")
+    try:
+        write(part)
+        os.replace(part, path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink()
+        raise FigureError(f"{path}: cannot be written ({error.strerror}); specify another path") from None

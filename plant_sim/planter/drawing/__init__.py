@@ -1,0 +1,1 @@
+"""Figures and animations of the chain planter; the models do not import it."""
