@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
 from controller.program.tags import SIDES
-from plant_sim.crop.planting_row import PassedCup
+from plant_sim.crop.planting_row import PassedCup, PlantingRow
 from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS, Location
 from plant_sim.line.drive import Drive
 from plant_sim.line.errors import LineError
@@ -103,7 +102,7 @@ class ArmsFeed:
             arm.row.passed = []
         self._load(frequency_per_min)
         self._start_m = [arm.cups.chain_m for arm in self._arms]
-        self._first = [arm.row.filled[0] for arm in self._arms]
+        self._first = [_first_filled(arm.row) for arm in self._arms]
         self.rows: list[FedRow] = []
 
     def first_cycles(self, cups_to_planting: int) -> list[float]:
@@ -117,29 +116,24 @@ class ArmsFeed:
             for first, start_m in zip(self._first, self._start_m, strict=True)
         ]
 
-    def run(
-        self, drive: Drive, *, until_s: float, cups_to_planting: int, progress: Callable[[float], None] | None = None
-    ) -> None:
+    def run(self, drive: Drive, *, until_s: float, cups_to_planting: int) -> None:
         """Drive the cups.
 
         Args:
             drive: Drive of the cups.
             until_s: Duration, s.
             cups_to_planting: Cups between the last claw and the planting position.
-            progress: Function called once per simulated second with the elapsed time, s.
         """
         scan_s = SCAN_MS / 1000
         scans = math.ceil(until_s / scan_s)
         targets_m = (self._pitch_m * drive.cycles_at(scan_s * np.arange(1, scans + 1))).tolist()
         drives = [(arm.cups, start_m) for arm, start_m in zip(self._arms, self._start_m, strict=True)]
         per_min = 60 / self._pitch_m
-        for number, target_m in enumerate(targets_m):
+        for target_m in targets_m:
             for cups, start_m in drives:
                 wanted_m_s = (start_m + target_m - cups.chain_m) / scan_s
                 cups.planting_frequency_per_min = per_min * wanted_m_s if wanted_m_s > _STANDSTILL_M_S else 0.0
             self.twin.scan()
-            if progress is not None and number % 100 == 0:
-                progress(number * scan_s)
         self.rows = [
             _fed(arm.row.passed or [], first, first_cycle)
             for arm, first, first_cycle in zip(
@@ -174,6 +168,11 @@ class ArmsFeed:
 
     def _is_loaded(self) -> bool:
         return all(self.twin.in_step(f"{side} arm", "wait for cups") for side in SIDES)
+
+
+def _first_filled(row: PlantingRow) -> int:
+    """Return the number of the first filled cup."""
+    return min([*(cup.cup for cup in row.passed or [] if cup.seedlings), *row.filled])
 
 
 def _fed(passed: list[PassedCup], first: int, first_cycle: float) -> FedRow:

@@ -33,6 +33,14 @@ class Missing(enum.IntEnum):
     """Not released by the planter or the nozzle."""
 
 
+class Stand(enum.IntEnum):
+    """Stand of a plant."""
+
+    UPRIGHT = 0
+    TILTED = 1
+    LODGED = 2
+
+
 CAUSES: Final = tuple(cause for cause in Missing if cause is not Missing.NONE)
 
 NO_PLANT: Final = -1
@@ -75,6 +83,7 @@ class PlantRow:
         in_transit: Cups or planters that have left the feed and are not yet released.
         seedlings_in_transit: Seedlings in them.
         seedlings_lost: Seedlings lost between the feed and the soil.
+        phase: Deviation of each arrival from the middle of the catch window, in planting cycles; empty without a chute.
     """
 
     cup: Integers
@@ -93,6 +102,7 @@ class PlantRow:
     in_transit: int
     seedlings_in_transit: int
     seedlings_lost: int
+    phase: Floats
 
     @property
     def planted(self) -> Flags:
