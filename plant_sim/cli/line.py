@@ -5,11 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from controller.common.errors import InputError
 from plant_sim.cli.options import check_seed, warn_of_ratings
 from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+
+if TYPE_CHECKING:
+    from plant_sim.line.result import LineResult
 
 MOST_METRES = 100_000.0
 DEFAULT_METRES = 100.0
@@ -47,12 +52,19 @@ def run(options: argparse.Namespace) -> int:
     if not (math.isfinite(options.metres) and 1.0 <= options.metres <= MOST_METRES):
         raise InputError(f"--metres {options.metres:g}: must be 1 to {MOST_METRES:g}")
     machine = warn_of_ratings(load_machine(options.machine))
+    write = None if options.out is None else _writer(options.out)
     result = result_of(options.line, profile=options.profile, metres=options.metres, seed=options.seed, machine=machine)
     print(json.dumps(result.record()) if options.json else result.text())
-    if options.out is not None:
-        from plant_sim.line.write import write_result  # noqa: PLC0415 - pyarrow and matplotlib are optional
-
-        for path in write_result(result, options.out):
-            if not options.json:
-                print(path)
+    if write is not None:
+        paths = write(result)
+        if not options.json:
+            print("\n".join(map(str, paths)))
     return 0 if result.run.accounted else 1
+
+
+def _writer(out: Path) -> Callable[[LineResult], list[Path]]:
+    """Create the folder before the run; return the function that writes the files of a result."""
+    from plant_sim.line.write import make_folder, write_result  # noqa: PLC0415 - pyarrow and matplotlib are optional
+
+    make_folder(out)
+    return lambda result: write_result(result, out)

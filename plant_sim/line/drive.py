@@ -6,7 +6,7 @@ chain planter, the characteristic ratio lambda is the chain pitch divided by the
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,11 +85,12 @@ class OwnMotor:
         time_s, speed_m_s = profile.time_s, profile.speed_m_s
         self._slope = per_m * np.diff(speed_m_s) / np.diff(time_s)
         self._wanted = per_m * speed_m_s
-        self._rate = np.zeros(len(time_s))
-        self._cycles = np.zeros(len(time_s))
-        for piece, for_s in enumerate(np.diff(time_s)):
-            rate, cycles = self._within(np.array([piece]), np.array([for_s]))
-            self._rate[piece + 1], self._cycles[piece + 1] = rate[0], cycles[0]
+        rates, cycles = [0.0], [0.0]
+        for wanted, slope, for_s in zip(self._wanted.tolist(), self._slope.tolist(), np.diff(time_s), strict=False):
+            rate, turned = _response(wanted, slope, rates[-1], lag_s, for_s)
+            rates.append(float(rate))
+            cycles.append(cycles[-1] + float(turned))
+        self._rate, self._cycles = np.array(rates), np.array(cycles)
 
     @property
     def end_cycles(self) -> float:
@@ -129,11 +130,22 @@ class OwnMotor:
         return self._within(piece, at - self._profile.time_s[piece])
 
     def _within(self, piece: NDArray[np.int64], for_s: Floats) -> tuple[Floats, Floats]:
-        """Return rate and cycles some time after the start of a piece, from the exact response to a ramp."""
-        lag_s, slope = self._lag_s, self._slope[piece]
-        steady = self._wanted[piece] - slope * lag_s
-        excess = self._rate[piece] - steady
-        decayed = np.exp(-for_s / lag_s)
-        rate = steady + slope * for_s + excess * decayed
-        cycles = steady * for_s + slope * for_s**2 / 2 + excess * lag_s * (1 - decayed)
-        return rate, self._cycles[piece] + cycles
+        """Return rate and cycles some time after the start of a piece."""
+        rate, turned = _response(self._wanted[piece], self._slope[piece], self._rate[piece], self._lag_s, for_s)
+        return np.asarray(rate), np.asarray(self._cycles[piece] + turned)
+
+
+def _response(wanted: Any, slope: Any, rate: Any, lag_s: float, for_s: Any) -> tuple[Any, Any]:
+    """Return rate and cycles of a first-order lag after some time at a set-point that changes linearly.
+
+    Args:
+        wanted: Set-point at the start, 1/s.
+        slope: Change of the set-point, 1/s2.
+        rate: Rate at the start, 1/s.
+        lag_s: Time constant, s.
+        for_s: Time, s.
+    """
+    steady = wanted - slope * lag_s
+    decayed = np.exp(-for_s / lag_s)
+    turned = steady * for_s + slope * for_s**2 / 2 + (rate - steady) * lag_s * (1 - decayed)
+    return steady + slope * for_s + (rate - steady) * decayed, turned

@@ -59,6 +59,11 @@ Rate = Annotated[float, _quantity("1/min", 1.0, 1000.0, "90/min")]
 Force = Annotated[float, _quantity("N", 1.0, 1000.0, "91.83 N")]
 
 
+def _count(value: object) -> object:
+    """Return the number of a text that consists of digits; a text is needed to state the source."""
+    return int(value) if isinstance(value, str) and value.isdecimal() else value
+
+
 class Extent(BaseModel):
     """Length or duration of a segment; one of both is None."""
 
@@ -162,7 +167,9 @@ class ConveyorEntry(StrictModel):
 class ArmsEntry(StrictModel):
     """Twin arms that fill two rows of cups from trays."""
 
-    cups_to_planting: int = Field(ge=0, le=1000, description="write the number of cups from the last claw to planting")
+    cups_to_planting: Annotated[int, BeforeValidator(_count)] = Field(
+        ge=0, le=1000, description="write the number of cups from the last claw to planting, 0 to 1000"
+    )
 
 
 class NozzleEntry(StrictModel):

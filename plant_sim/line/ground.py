@@ -155,9 +155,9 @@ class SpeedProfile:
             self._append((stretch.for_m - changing_m) / stretch.target_m_s, stretch.target_m_s)
 
     def _append(self, for_s: float | None, end_m_s: float) -> None:
-        """Append a piece of constant acceleration; a piece without duration is omitted."""
-        if for_s:
-            time_s, speed_m_s, travel_m = self._knots[-1]
+        """Append a piece of constant acceleration; one that does not advance the time is omitted."""
+        time_s, speed_m_s, travel_m = self._knots[-1]
+        if for_s is not None and time_s + for_s > time_s:
             self._knots.append((time_s + for_s, end_m_s, travel_m + for_s * (speed_m_s + end_m_s) / 2))
 
 

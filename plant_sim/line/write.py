@@ -46,24 +46,31 @@ _LODGED = ("lodged", "#D55E00", "_")
 _MISSING = ("missing", "#444444", "x")
 
 
-def write_result(result: LineResult, out: Path) -> list[Path]:
-    """Write ``plants.csv``, ``plants.parquet``, ``rows.png``, ``rows.svg`` and ``result.json``.
-
-    Args:
-        result: The result.
-        out: Folder; it is created if missing, but not its parents.
-
-    Returns:
-        The files.
+def make_folder(out: Path) -> None:
+    """Create the folder of the files if it is missing, but not its parents.
 
     Raises:
         LineError: The folder cannot be created.
-        FigureError: A file cannot be written.
     """
     try:
         out.mkdir(exist_ok=True)
     except OSError as error:
         raise LineError(f"{out}: cannot be created ({error.strerror}); specify another --out") from None
+
+
+def write_result(result: LineResult, out: Path) -> list[Path]:
+    """Write ``plants.csv``, ``plants.parquet``, ``rows.png``, ``rows.svg`` and ``result.json``.
+
+    Args:
+        result: The result.
+        out: Existing folder.
+
+    Returns:
+        The files.
+
+    Raises:
+        FigureError: A file cannot be written.
+    """
     plants = plant_table(result)
     csv_path, parquet_path, json_path = out / "plants.csv", out / "plants.parquet", out / "result.json"
     write_whole(csv_path, lambda part: _write_csv(plants, part))
