@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from controller.program.set_points import SetPoints
 from controller.program.tags import SIDES
 from plant_sim.crop.planting_row import PassedCup, PlantingRow
 from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS, Location
@@ -16,7 +17,6 @@ from plant_sim.line.file import ConveyorEntry
 from plant_sim.line.ground import Floats
 from plant_sim.line.row import FedRow, Integers, Missing
 from plant_sim.machine.parameters import Machine
-from plant_sim.twin.commissioning import cup_set_points
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 
 MOST_TRAYS: Final = 1_000
@@ -28,6 +28,7 @@ _STIFF_M_S2 = 10.0
 """Acceleration of the cups, m/s2; the speed profile already contains that of the tractor."""
 _STANDSTILL_M_S = 1e-6
 _LOADED_LIMIT_MS = 120_000
+_NO_CUPS_INTERVALS = 3
 _CAUSES = {Location.LOST_PICK: Missing.P, Location.LOST_CARRY: Missing.D, Location.LOST_THROW: Missing.T}
 
 
@@ -94,7 +95,7 @@ class ArmsFeed:
             seed=seed,
             trays=trays,
             parameters=machine.with_values({"cups.acceleration_m_s2": _STIFF_M_S2}),
-            set_points={"trays_target": 0, **cup_set_points(machine, frequency_per_min)},
+            set_points={"trays_target": 0, "no_cups": _no_cups_x100_ms(frequency_per_min)},
         )
         self._arms = list(self.twin.plant.arms.values())
         self._pitch_m = machine.cups.pitch_m
@@ -168,6 +169,13 @@ class ArmsFeed:
 
     def _is_loaded(self) -> bool:
         return all(self.twin.in_step(f"{side} arm", "wait for cups") for side in SIDES)
+
+
+def _no_cups_x100_ms(frequency_per_min: float) -> int:
+    """Return the waiting time without a cup that suspends the machine: three cup intervals, within its limits."""
+    set_points = SetPoints()
+    low, high = set_points.limits[set_points.no_cups]
+    return min(max(math.ceil(_NO_CUPS_INTERVALS * 600 / frequency_per_min), low), high)
 
 
 def _first_filled(row: PlantingRow) -> int:

@@ -246,13 +246,13 @@ class Sourced(StrictModel):
     assumed: tuple[str, ...]
 
 
-class Line(Sourced):
+class SourcedLine(Sourced):
     """A line and the texts of its assumed values."""
 
     values: LineFile
 
 
-class Ground(Sourced):
+class SourcedGround(Sourced):
     """A ground and the texts of its assumed values."""
 
     values: GroundEntry
@@ -280,24 +280,24 @@ def find_line(name: str) -> Path:
     raise LineError(f"{name}: unknown line; {suggestion(name, included)} (or specify the path of a YAML file)")
 
 
-def load_line(path: Path) -> Line:
+def load_line(path: Path) -> SourcedLine:
     """Read a line and check it completely.
 
     Raises:
         LineError: The file cannot be read or is invalid.
     """
     values, assumed = _load(path, LineFile)
-    return Line(path=path, assumed=assumed, values=values)
+    return SourcedLine(path=path, assumed=assumed, values=values)
 
 
-def load_ground(path: Path) -> Ground:
+def load_ground(path: Path) -> SourcedGround:
     """Read a ground file and check it completely.
 
     Raises:
         LineError: The file cannot be read or is invalid.
     """
     values, assumed = _load(path, GroundEntry)
-    return Ground(path=path, assumed=assumed, values=values)
+    return SourcedGround(path=path, assumed=assumed, values=values)
 
 
 def _load(path: Path, model: type[_File]) -> tuple[_File, tuple[str, ...]]:

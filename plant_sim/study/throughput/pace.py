@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from typing import Final
 
 from controller.iomap.loader import IoMap
-from controller.program.set_points import CUPS
+from controller.program.set_points import CUPS, SetPoints
 from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.errors import StudyError
@@ -17,7 +17,6 @@ from plant_sim.study.factors import FactorSetting
 from plant_sim.study.runner import RunOptions, spread, trial_seed
 from plant_sim.study.throughput.critical_path import Round, rounds
 from plant_sim.study.throughput.timeline import Timeline, TimelineRecorder
-from plant_sim.twin.commissioning import DELAY_UNIT_MS, cup_set_points, landing_ms
 from plant_sim.twin.trial import run_trial
 
 FREQUENCY: Final = "cups.planting_frequency_per_min"
@@ -25,6 +24,14 @@ SLOWEST_PER_MIN: Final = 12
 """Lowest frequency, 1/min; below it the release delay exceeds the range of its set-point."""
 FASTEST_PER_MIN: Final = 150
 """Highest frequency, 1/min; above it the pulse interval set-point suppresses cups."""
+
+OPENING_MS: Final = 126
+"""Time from energising the coil to the release of the plugs, ms; simulated at 0.40 MPa (controller/program/tags.py)."""
+READING_MS: Final = 15
+"""Input filter and half a scan, ms."""
+_DELAY_UNIT_MS = 10
+_NO_CUPS_UNIT_MS = 100
+_NO_CUPS_CUPS = 3
 
 TRAYS: Final = 4
 """Trays of an observed run: two until the timing between the arms has settled, and two in the settled state."""
@@ -36,6 +43,9 @@ _MOST_RUNS = 3
 def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
     """Return the set-points that a commissioning engineer would enter for a planting frequency.
 
+    The release delay makes the plugs land in the middle of the cups; it is zero if any delay would be too long.
+    The machine is Suspended if no cup passes for three cup intervals.
+
     Raises:
         StudyError: The frequency is out of range.
     """
@@ -43,15 +53,30 @@ def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
         raise StudyError(
             f"{FREQUENCY}: {frequency_per_min} is out of range; must be {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}"
         )
-    own = {f"program.{name}": float(value) for name, value in cup_set_points(machine, frequency_per_min).items()}
-    return FactorSetting({FREQUENCY: float(frequency_per_min), **own})
+    lead_ms = 60_000 / frequency_per_min * machine.cups.sensor_lead_m / machine.cups.pitch_m
+    no_cups_ms = _NO_CUPS_CUPS * 60_000 / frequency_per_min
+    set_points = SetPoints()
+    lowest, highest = set_points.limits[set_points.release_delay]
+    delay = round((lead_ms - _landing_ms(machine)) / _DELAY_UNIT_MS)
+    return FactorSetting(
+        {
+            FREQUENCY: float(frequency_per_min),
+            "program.release_delay": float(min(max(delay, lowest), highest)),
+            "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS)),
+        }
+    )
 
 
 def landing_offset_mm(machine: Machine, setting: FactorSetting) -> float:
     """Return the landing offset of the plugs beyond the middle of their cups, mm."""
     chain_mm_ms = setting.values[FREQUENCY] * machine.cups.pitch_m / 60
-    after_ms = setting.values["program.release_delay"] * DELAY_UNIT_MS + landing_ms(machine)
+    after_ms = setting.values["program.release_delay"] * _DELAY_UNIT_MS + _landing_ms(machine)
     return after_ms * chain_mm_ms - 1000 * machine.cups.sensor_lead_m
+
+
+def _landing_ms(machine: Machine) -> float:
+    """Return the time from the cup edge to the landing of the plug, excluding the release delay, ms."""
+    return READING_MS + OPENING_MS + 1000 * machine.handling.fall_s(0.0)
 
 
 @dataclass(frozen=True)
