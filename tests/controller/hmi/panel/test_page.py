@@ -252,6 +252,10 @@ def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: B
             total, in_cups, *lost = map(int, re.findall(r"\d+", counted))
             expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{in_cups} / 72")
             expect(screen.find("[data-fact=lost]")).to_have_text(" / ".join(map(str, lost)))
+            for side in ("left", "right"):
+                cups = screen.find(f"[data-cups={side}]")
+                expect(cups.locator("[data-cup]")).to_have_count(24)
+                expect(cups).to_have_attribute("aria-label", re.compile(r"Seedling (1\d|2[0-4])\b"))
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
     finally:
