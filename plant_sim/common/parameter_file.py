@@ -5,7 +5,7 @@ from collections import ChainMap
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Generic, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, Generic, Literal, TypeVar, cast, get_type_hints
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, create_model
@@ -17,12 +17,9 @@ from controller.common.yaml_model import StrictModel, complaints, validated
 from plant_sim.common.limits import SpecError, require
 from plant_sim.common.units import unit_of
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 Value = bool | int | float
 
-_Specs = TypeVar("_Specs", bound="DataclassInstance")
+_Specs = TypeVar("_Specs")
 
 
 class ParameterEntry(StrictModel):
@@ -88,19 +85,14 @@ class ParameterReader(Generic[_Specs]):
             line = located.line_of(tuple(error.key.split(".", maxsplit=1)))
             raise self._error(f"{path}:{line}: {error.key}: {error.complaint}") from None
 
-    def ranges(self, path: Path) -> dict[str, tuple[float, float]]:
-        """Return the plausible ranges stated in a valid file by dotted name, as (low, high).
+    def entries(self, path: Path) -> dict[str, ParameterEntry]:
+        """Return the entries of a file by dotted name.
 
         Raises:
             InputError: The file cannot be read or is invalid; the type is that of the reader.
         """
         _, file = self._read(path)
-        return {
-            f"{section}.{key}": (entry.range[0], entry.range[1])
-            for section, entries in file
-            for key, entry in entries.items()
-            if isinstance(entry, RangedEntry) and entry.range is not None
-        }
+        return {f"{section}.{key}": entry for section, entries in file for key, entry in entries.items()}
 
     def changed(self, specs: _Specs, values: Mapping[str, Value]) -> _Specs:
         """Return the specs with some parameters changed.
@@ -129,7 +121,8 @@ class ParameterReader(Generic[_Specs]):
                 section: self._build(section, dataclasses.asdict(getattr(specs, section)) | new)
                 for section, new in sections.items()
             }
-            return dataclasses.replace(specs, **built)
+            changed: _Specs = dataclasses.replace(cast("Any", specs), **built)
+            return changed
         except SpecError as error:
             raise self._error(f"{error.key}: {error.complaint}") from None
 

@@ -20,7 +20,7 @@ _FASTEST_M_S = 10.0
 _MOST_PER_MIN = 1000.0
 
 
-class Model(StrEnum):
+class MotionModel(StrEnum):
     """Model of the motion.
 
     `PRINTED` is equations 1 to 8 with their errors: equation 1 contains -H instead of -h, equation 6 lacks a factor
@@ -35,7 +35,7 @@ class Model(StrEnum):
     RIGID = "rigid"
 
 
-class Segment(IntEnum):
+class PathSegment(IntEnum):
     """Segment of the path, in order of time from 0."""
 
     TOP = 0
@@ -82,7 +82,7 @@ class Motion:
     """
 
     def __init__(
-        self, chain: ChainSpec, *, speed_m_s: float, frequency_per_min: float, model: Model = Model.RIGID
+        self, chain: ChainSpec, *, speed_m_s: float, frequency_per_min: float, model: MotionModel = MotionModel.RIGID
     ) -> None:
         """Initialise the motion.
 
@@ -126,7 +126,7 @@ class Motion:
         Args:
             phase_deg: Angle from joint D, degrees: 90 is the lowest point, 180 is joint A.
         """
-        return self.starts_s[Segment.BOTTOM] + math.radians(phase_deg) / self.omega_rad_s
+        return self.starts_s[PathSegment.BOTTOM] + math.radians(phase_deg) / self.omega_rad_s
 
     def radius_m(self, offset: Offset) -> float:
         """Return the radius of the arcs of a point, m.
@@ -134,7 +134,7 @@ class Motion:
         Raises:
             SpecError: The point is more than R behind the hinge and the model is not `RIGID`.
         """
-        if self.model is Model.RIGID:
+        if self.model is MotionModel.RIGID:
             return self.chain.sprocket_radius_m
         radius_m = self.chain.sprocket_radius_m + offset[0]
         if radius_m <= 0.0:
@@ -142,7 +142,7 @@ class Motion:
         return radius_m
 
     def segment(self, time_s: ArrayLike) -> NDArray[np.intp]:
-        """Return the `Segment` of every planter.
+        """Return the `PathSegment` of every planter.
 
         Args:
             time_s: Times, s; a number is an array of one time.
@@ -189,8 +189,8 @@ class Motion:
         """
         point = self.chain.tip if offset is None else offset
         joints = []
-        for name, after in zip("BCDA", Segment, strict=True):
-            before = Segment((after - 1) % len(Segment))
+        for name, after in zip("BCDA", PathSegment, strict=True):
+            before = PathSegment((after - 1) % len(PathSegment))
             segments = np.array([before, after])
             since_s = np.array([self.starts_s[before + 1], self.starts_s[after]])
             position_m = np.diff(self._on_machine_m(segments, since_s, point), axis=0)[0]
@@ -225,9 +225,9 @@ class Motion:
         """Return positions relative to the machine, m. Source: equations 1 to 4, corrected except for `PRINTED`."""
         angle = self._angle(segment, since_s)
         radius_m, high_m = self.radius_m(offset), self.chain.centre_distance_m
-        ahead_m = offset[0] if self.model is Model.RIGID else 0.0
+        ahead_m = offset[0] if self.model is MotionModel.RIGID else 0.0
         line_m = self.chain.sprocket_radius_m * angle
-        base_m = -high_m if self.model is Model.PRINTED else offset[1]
+        base_m = -high_m if self.model is MotionModel.PRINTED else offset[1]
         x_m = np.choose(segment, [-radius_m * np.cos(angle), radius_m, radius_m * np.cos(angle), -radius_m]) + ahead_m
         y_m = np.choose(
             segment,
@@ -246,7 +246,7 @@ class Motion:
         """Return velocities relative to the soil, m/s. Source: equations 5 to 8, corrected except for `PRINTED`."""
         angle = self._angle(segment, since_s)
         arc_m_s = self.radius_m(offset) * self.omega_rad_s
-        is_printed = self.model is Model.PRINTED
+        is_printed = self.model is MotionModel.PRINTED
         top_m_s = self.radius_m(offset) if is_printed else arc_m_s
         bottom_m_s = arc_m_s if is_printed else -arc_m_s
         x_m_s = self.speed_m_s + np.choose(segment, [top_m_s * np.sin(angle), 0.0, bottom_m_s * np.sin(angle), 0.0])

@@ -13,7 +13,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from plant_sim.common.limits import require
 from plant_sim.planter.chain import Offset
-from plant_sim.planter.motion import Model, Motion
+from plant_sim.planter.motion import Motion, MotionModel
 
 _SAME = 1e-12
 """Relative difference of two speeds below which they are equal."""
@@ -56,7 +56,8 @@ def regime_of(ratio: float) -> Regime:
 def point_ratio(motion: Motion, offset: Offset) -> float:
     """Return the ratio of the circumferential speed of a point on the arcs to the machine speed.
 
-    In `Model.RIGID` it is the ratio of the chain for every point; in the other models the radius of the arcs is R + l.
+    In `MotionModel.RIGID` it is the ratio of the chain for every point. In the other models the radius of the arcs is
+    R + l.
     """
     return motion.ratio * motion.radius_m(offset) / motion.chain.sprocket_radius_m
 
@@ -66,7 +67,7 @@ def zero_speed_points(motion: Motion, offset: Offset | None = None) -> tuple[Zer
 
     On the bottom arc, the horizontal speed is v - a sin(phase), where v is the machine speed and a the circumferential
     speed. It is zero where sin(phase) = v/a: at no point, at the lowest point or at two points symmetrical to it. In
-    `Model.PRINTED`, the sign in equation 8 leaves no such point.
+    `MotionModel.PRINTED`, the sign in equation 8 leaves no such point.
 
     Args:
         motion: Motion of the planters.
@@ -77,7 +78,7 @@ def zero_speed_points(motion: Motion, offset: Offset | None = None) -> tuple[Zer
     """
     point = _moving_point(motion, offset)
     ratio = point_ratio(motion, point)
-    if motion.model is Model.PRINTED or regime_of(ratio) is Regime.SHORTENED_CYCLOID:
+    if motion.model is MotionModel.PRINTED or regime_of(ratio) is Regime.SHORTENED_CYCLOID:
         return ()
     if regime_of(ratio) is Regime.CYCLOID:
         phases = [math.pi / 2]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from plant_sim.common.limits import require
-from plant_sim.planter.motion import Model, Motion, Segment
+from plant_sim.planter.motion import Motion, MotionModel, PathSegment
 
 GRAVITY_M_S2: Final = 9.80665
 """Standard gravity, m/s2."""
@@ -29,9 +29,9 @@ def separation_time_s(motion: Motion, release_s: float) -> float:
         release_s: Time of the release, s; `Motion.time_at_s` gives it for a phase of the bottom arc.
 
     Raises:
-        SpecError: The model is `Model.PRINTED`, whose path is not continuous.
+        SpecError: The model is `MotionModel.PRINTED`, whose path is not continuous.
     """
-    require(motion.model is not Model.PRINTED, "model", _NO_PATH)
+    require(motion.model is not MotionModel.PRINTED, "model", _NO_PATH)
     tip, top_m = motion.chain.tip, motion.chain.block_top_m
     start_m = float(motion.position_m(release_s, tip)[0, 0, 1])
     start_m_s = float(motion.velocity_m_s(release_s, tip)[0, 0, 1])
@@ -58,13 +58,13 @@ def separation_closed_form_s(motion: Motion, release_s: float) -> float | None:
         release_s: Time of the release, s.
 
     Raises:
-        SpecError: The model is `Model.PRINTED`, whose path is not continuous.
+        SpecError: The model is `MotionModel.PRINTED`, whose path is not continuous.
     """
-    require(motion.model is not Model.PRINTED, "model", _NO_PATH)
+    require(motion.model is not MotionModel.PRINTED, "model", _NO_PATH)
     since_s = release_s % motion.period_s
     segment = int(motion.segment(since_s)[0, 0])
-    line = segment if segment in (Segment.FALL, Segment.RISE) else segment + 1
-    line_m_s = motion.chain_m_s if line == Segment.RISE else -motion.chain_m_s
+    line = segment if segment in (PathSegment.FALL, PathSegment.RISE) else segment + 1
+    line_m_s = motion.chain_m_s if line == PathSegment.RISE else -motion.chain_m_s
     tip = motion.chain.tip
     start_m = float(motion.position_m(since_s, tip)[0, 0, 1])
     start_m_s = float(motion.velocity_m_s(since_s, tip)[0, 0, 1])

@@ -93,6 +93,7 @@ def test_the_program_name_is_that_of_the_console_command(monkeypatch: pytest.Mon
         ("controller", ("prove",), "z3"),
         ("controller", ("panel",), "uvicorn"),
         ("plant_sim", ("plot", "run.parquet"), "matplotlib"),
+        ("plant_sim", ("planter", "--plot", "motion.png"), "matplotlib"),
         ("plant_sim", ("air",), "pyarrow"),
         ("plant_sim", ("trial", "--record", "run.parquet"), "pyarrow"),
         ("plant_sim", ("serve", "--record", "run.parquet", "--port", "0"), "pyarrow"),

@@ -11,8 +11,8 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from plant_sim.common.figure_style import write_whole
-from plant_sim.planter.drawing.paths import draw_paths, window_s
-from plant_sim.planter.drawing.shapes import note, place_planter, planter_lines
+from plant_sim.planter.drawing.paths import draw_paths, shown_m, window_s
+from plant_sim.planter.drawing.shapes import note_origin, place_planter, planter_lines
 from plant_sim.planter.motion import Motion
 
 SLOWED: Final = 4
@@ -33,18 +33,18 @@ def write_animation(motion: Motion, path: Path, *, title: str) -> None:
     Raises:
         FigureError: The file cannot be written.
     """
-    figure = Figure(figsize=(6.4, 4.2), dpi=_DPI)
+    figure = Figure(figsize=(6.0, 4.8), dpi=_DPI, layout="constrained")
     axes = figure.add_subplot()
     draw_paths(axes, motion)
-    axes.autoscale(enable=False)
-    axes.set_title(f"{title}\n{SLOWED} times slower than the machine")
-    axes.legend(loc="upper left", fontsize=7)
-    note(axes)
+    figure.suptitle(f"{title}\n{SLOWED} times slower than the machine", fontsize=7.5)
+    note_origin(figure)
     lines = planter_lines(axes)
+    figure.draw_without_rendering()
+    axes.autoscale(enable=False)
+    figure.set_layout_engine("none")  # the layout of the first frame is that of all frames
     first_s, last_s = window_s(motion)
     times_s = np.linspace(first_s, last_s, max(2, round((last_s - first_s) * SLOWED * FRAMES_PER_S)))
-    hinges_m = motion.position_m(times_s)[0]
-    tips_m = motion.position_m(times_s, motion.chain.tip)[0]
+    hinges_m, tips_m = (shown_m(motion, times_s, offset) for offset in ((0.0, 0.0), motion.chain.tip))
 
     def show(frame: int) -> list[Artist]:
         hinge_m, tip_m = hinges_m[frame], tips_m[frame]

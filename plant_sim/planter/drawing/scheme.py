@@ -12,19 +12,18 @@ from plant_sim.planter.chain import ChainSpec
 from plant_sim.planter.drawing.shapes import (
     POINTS,
     draw_soil,
-    label_axes,
-    note,
+    note_origin,
     offsets_of,
     place_planter,
     planter_lines,
 )
-from plant_sim.planter.motion import Model, Motion
+from plant_sim.planter.motion import Motion, MotionModel
 
 _FREQUENCY_PER_MIN = 60.0
 """Any frequency gives the same scheme."""
 
 
-def scheme(chain: ChainSpec, model: Model = Model.RIGID) -> Figure:
+def scheme(chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> Figure:
     """Return the scheme relative to the machine: chain, sprockets, planters, joints A to D and dimensions.
 
     Args:
@@ -32,7 +31,7 @@ def scheme(chain: ChainSpec, model: Model = Model.RIGID) -> Figure:
         model: Model of the motion.
     """
     motion = Motion(chain, speed_m_s=0.0, frequency_per_min=_FREQUENCY_PER_MIN, model=model)
-    figure = Figure(figsize=(4.6, 7.6), layout="constrained")
+    figure = Figure(figsize=(5.8, 8.2), layout="constrained")
     axes = figure.add_subplot()
     times_s = np.linspace(0.0, motion.period_s, 721)
     for name, offset in offsets_of(chain).items():
@@ -50,10 +49,13 @@ def scheme(chain: ChainSpec, model: Model = Model.RIGID) -> Figure:
     _mark_joints(axes, motion)
     _dimension(axes, chain)
     draw_soil(axes, chain)
-    label_axes(axes)
+    axes.legend(loc="center right", fontsize=7)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(-chain.sprocket_radius_m - 0.32, chain.sprocket_radius_m + chain.offset_m + 0.49)
+    axes.set_xlabel("x, direction of travel, m")
+    axes.set_ylabel("y, m")
     axes.set_title(f"Chain planter, scheme after Fig. 3, model {model}")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=7)
-    note(axes)
+    note_origin(figure)
     return figure
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from plant_sim.common.figure_style import COLOURS, QUIET, SERIES
@@ -12,9 +13,14 @@ from plant_sim.planter.chain import ChainSpec, Offset
 
 POINTS: Final = {"hinge": COLOURS["machine"], "tip": COLOURS["left"], "guide plate": COLOURS["right"]}
 """Colour of each point of a planter."""
-MARK: Final[dict[str, Any]] = {"linestyle": "none", "color": COLOURS["alarms"], "markeredgecolor": "white", "markersize": 7}
+MARK: Final[dict[str, Any]] = {
+    "linestyle": "none",
+    "color": COLOURS["alarms"],
+    "markeredgecolor": "white",
+    "markersize": 6,
+    "zorder": 5,
+}
 SOIL: Final = SERIES[3]
-ASSUMED: Final = "own drawing; l, h, guide plate and soil level are assumed (plant_sim/planter.yaml)"
 
 _OPENING_M = 0.045
 """Opening of the plates. Source: cabbage paper, 2.2.1."""
@@ -57,26 +63,15 @@ def place_planter(lines: list[Line2D], chain: ChainSpec, hinge_m: Offset, tip_m:
 
 def draw_soil(axes: Axes, chain: ChainSpec) -> None:
     """Draw the soil surface."""
-    axes.axhline(-chain.axle_height_m, color=SOIL, linewidth=1.4, zorder=1)
+    axes.axhline(-chain.axle_height_m, color=SOIL, linewidth=1.4, label="soil surface", zorder=1)
 
 
-def label_axes(axes: Axes) -> None:
-    """Set equal scales and the labels of a figure of paths."""
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("x, direction of travel, m")
-    axes.set_ylabel("y, m")
-
-
-def note(axes: Axes, text: str = ASSUMED) -> None:
-    """Write a note on the origin of the figure below the axes."""
-    axes.annotate(
-        text,
-        xy=(1.0, 0.0),
-        xycoords="figure fraction",
-        xytext=(-4, 3),
-        textcoords="offset points",
+def note_origin(figure: Figure) -> None:
+    """Write below a figure where its geometry comes from."""
+    figure.supxlabel(
+        "own drawing; l, h, guide plate and soil level are assumed (plant_sim/planter.yaml)",
+        x=0.99,
         ha="right",
-        va="bottom",
         fontsize=6.5,
         color=QUIET,
     )

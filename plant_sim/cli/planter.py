@@ -1,0 +1,128 @@
+"""Command ``planter``: motion of the chain planter of the cabbage paper."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from controller.common.errors import InputError
+from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.parameters import DEFAULT_PLANTER, assumed_names, load_planter
+from plant_sim.planter.report import MotionReport
+
+# Modules that need matplotlib, which takes a second to import, are imported when a figure is drawn.
+
+SPEED_KM_H: Final = 1.4
+FREQUENCY_PER_MIN: Final = 56.0
+"""Defaults: the third simulated case of the cabbage paper, 2.2.2."""
+FIGURE_SPEEDS_KM_H: Final[Mapping[int, float]] = {7: 1.9, 8: 1.65, 9: 1.4}
+"""Machine speed of each figure of a simulated case, all at `FREQUENCY_PER_MIN`. Source: cabbage paper, 2.2.2."""
+
+_SCHEME, _REGIMES = 3, 4
+_FASTEST_KM_H = 36.0
+_MOST_PER_MIN = 1000.0
+_KM_H = 3.6
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``planter``."""
+    parser.add_argument("--planter", type=Path, default=DEFAULT_PLANTER, metavar="FILE", help="parameters")
+    parser.add_argument(
+        "--speed", type=float, metavar="KM_H", help=f"speed of the machine, km/h (default: {SPEED_KM_H:g})"
+    )
+    parser.add_argument(
+        "--frequency", type=float, metavar="PER_MIN", help=f"plants per minute (default: {FREQUENCY_PER_MIN:g})"
+    )
+    parser.add_argument(
+        "--release",
+        type=float,
+        metavar="DEG",
+        help="phase of the release on the bottom arc, 90 at the lowest point (default: that of the parameters)",
+    )
+    parser.add_argument(
+        "--model",
+        choices=[model.value for model in MotionModel],
+        default=MotionModel.RIGID.value,
+        help="equations as printed, as corrected, or of a planter that only translates",
+    )
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw to FILE.png, FILE.svg or FILE.gif")
+    parser.add_argument(
+        "--figure",
+        type=int,
+        choices=(_SCHEME, _REGIMES, *FIGURE_SPEEDS_KM_H),
+        metavar="N",
+        help="figure of the paper to draw: 3 scheme, 4 three paths, 7 to 9 motion at the paper's speeds "
+        "(default: motion at --speed)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the figures of the motion and draw it.
+
+    Raises:
+        InputError: An option is invalid.
+        PlanterError: The parameters are invalid.
+        FigureError: The figure cannot be written.
+    """
+    _check(options)
+    planter = load_planter(options.planter)
+    speed_km_h = FIGURE_SPEEDS_KM_H.get(options.figure, SPEED_KM_H) if options.speed is None else options.speed
+    motion = Motion(
+        planter.chain,
+        speed_m_s=speed_km_h / _KM_H,
+        frequency_per_min=FREQUENCY_PER_MIN if options.frequency is None else options.frequency,
+        model=MotionModel(options.model),
+    )
+    release_deg = planter.chain.release_deg if options.release is None else options.release
+    report = MotionReport(motion, release_deg, assumed_names(options.planter))
+    if options.plot is not None:
+        _draw(report, options.plot, options.figure)
+    print(json.dumps(report.record()) if options.json else report.text())
+    return 0
+
+
+def _check(options: argparse.Namespace) -> None:
+    if options.speed is not None and not 0.0 < options.speed <= _FASTEST_KM_H:
+        raise InputError(f"--speed {options.speed:g}: must be above 0, up to {_FASTEST_KM_H:g} km/h")
+    if options.frequency is not None and not 0.0 < options.frequency <= _MOST_PER_MIN:
+        raise InputError(f"--frequency {options.frequency:g}: must be above 0, up to {_MOST_PER_MIN:g} per minute")
+    if options.release is not None and not 0.0 <= options.release <= 180.0:
+        raise InputError(f"--release {options.release:g}: must be 0 to 180 degrees, on the bottom arc")
+    if options.figure is not None and options.plot is None:
+        raise InputError(f"--figure {options.figure}: has no effect without a file; add --plot FILE")
+    if options.figure in FIGURE_SPEEDS_KM_H and (options.speed is not None or options.frequency is not None):
+        raise InputError(f"--figure {options.figure}: has a speed and a frequency; omit --speed and --frequency")
+    if options.plot is not None:
+        if options.plot.suffix not in (".png", ".svg", ".gif"):
+            raise InputError(f"--plot {options.plot}: unknown format; use a name that ends in .png, .svg or .gif")
+        if options.plot.suffix == ".gif" and options.figure in (_SCHEME, _REGIMES):
+            raise InputError(f"--plot {options.plot}: figure {options.figure} does not move; use .png or .svg")
+
+
+def _draw(report: MotionReport, path: Path, figure: int | None) -> None:
+    """Draw a figure of the paper, or the motion of the report if it is None."""
+    from plant_sim.common.figure_style import drawing, save_as  # noqa: PLC0415
+    from plant_sim.planter.drawing.animation import write_animation  # noqa: PLC0415
+    from plant_sim.planter.drawing.paths import motion_figure, regimes_figure  # noqa: PLC0415
+    from plant_sim.planter.drawing.scheme import scheme  # noqa: PLC0415
+
+    motion = report.motion
+    after = "Planter" if figure is None else f"Planter, after Fig. {figure}"
+    title = (
+        f"{after}: {motion.speed_m_s * _KM_H:.4g} km/h, {motion.frequency_per_min:.4g} plants/min, "
+        f"λ = {motion.ratio:.4g}, {report.regime}, model {motion.model}"
+    )
+    with drawing():
+        if figure == _SCHEME:
+            save_as(scheme(motion.chain, motion.model), path)
+        elif figure == _REGIMES:
+            frequency_per_min = motion.frequency_per_min
+            save_as(regimes_figure(motion.chain, frequency_per_min=frequency_per_min, model=motion.model), path)
+        elif path.suffix == ".gif":
+            write_animation(motion, path, title=title)
+        else:
+            save_as(motion_figure(motion, title=title), path)

@@ -1,0 +1,309 @@
+"""Contact of a released block with planter and ground, in the plane of travel.
+
+Rigid bodies in two dimensions, by the library pymunk: the block with its stem, the guide plate, which moves on its path
+whatever it touches, and the bottom of the furrow. The guide plate is a fork: the stem passes between its prongs, so
+that the plate touches the cube only (assumption; the shape is not published). The plates grip across the plane of
+travel. Their effect is Coulomb friction between planter and block, with the force of `GripSpec.force_n`; the moment of
+the friction is that of a square contact area. In the simulation, lengths are in mm, forces in mN.
+
+Time step and solver are fixed, and there is no randomness: equal arguments give equal results on one computer.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import pymunk
+
+from plant_sim.planter.block import BlockSpec
+from plant_sim.planter.grip import GripSpec
+from plant_sim.planter.ground import GroundSpec
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.parameters import Planter
+from plant_sim.planter.separation import GRAVITY_M_S2
+
+STEP_S: Final = 5e-4
+"""Time step, s. Steps of 0.1 and 0.2 ms give the same verdicts (tests/plant_sim/planter/test_contact.py)."""
+
+LONGEST_S: Final = 1.2
+"""Longest simulated time after the start of the opening, s."""
+
+_MM: Final = 1e3
+_ITERATIONS: Final = 20
+_SLOP_MM: Final = 0.02
+_BIAS: Final = 5e-4
+_GROUND, _GUIDE, _BLOCK = 1, 2, 3
+_PLATE_MM: Final = 2.0
+_PLATE_HEIGHT_MM: Final = 150.0
+_FLOOR_MM: Final = (-2_000.0, 6_000.0)
+_MEAN_RADIUS: Final = 0.3826
+"""Mean distance of the points of a square from its centre, per edge: the arm of the friction moment."""
+_LYING_RAD: Final = math.radians(80.0)
+_REST_MM_S, _REST_RAD_S, _REST_STEPS = 3.0, 0.1, 80
+
+
+class Frame(NamedTuple):
+    """Positions at one time, relative to the hinge at its lowest point on the bottom of the furrow.
+
+    Attributes:
+        time_s: Time since the hinge was at its lowest point, s.
+        hinge_x_m: Position of the hinge along the row, m.
+        hinge_y_m: Height of the hinge above its lowest point, m.
+        block_x_m: Position of the middle of the base of the block along the row, m.
+        block_y_m: Height of this point above the bottom of the furrow, m.
+        tilt_rad: Angle of the stem from the vertical, forward positive, rad.
+    """
+
+    time_s: float
+    hinge_x_m: float
+    hinge_y_m: float
+    block_x_m: float
+    block_y_m: float
+    tilt_rad: float
+
+
+class Fall(NamedTuple):
+    """Result of one simulated fall.
+
+    Attributes:
+        along_m: Middle of the base at rest, measured from the hinge at its lowest point, forward positive, m.
+        tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
+        most_tilt_deg: Largest angle after the block has touched the ground, without sign, degrees.
+        pushed_m: Displacement of the centre of mass from the first contact with the ground until rest, m.
+        scrape_n_s: Impulse between guide plate and block after the first contact with the ground, N s.
+        landed_deg: Phase of the planter on the bottom arc at the first contact with the ground, degrees; more than 180
+            on the straight segment; nan without contact.
+        rested: True if the block was at rest at the end of the simulated time.
+    """
+
+    along_m: float
+    tilt_deg: float
+    most_tilt_deg: float
+    pushed_m: float
+    scrape_n_s: float
+    landed_deg: float
+    rested: bool
+
+
+def drop(
+    planter: Planter,
+    ground: GroundSpec,
+    motion: Motion,
+    *,
+    opener_deg: float,
+    behind_m: float = 0.0,
+    step_s: float = STEP_S,
+    frames: list[Frame] | None = None,
+) -> Fall:
+    """Simulate one block from the start of the opening until it is at rest.
+
+    Args:
+        planter: Parameters of the planter.
+        ground: Ground below the planter.
+        motion: Motion of the planters, of the model `Model.RIGID`.
+        opener_deg: Phase on the bottom arc at which the opener starts to move the plates, degrees.
+        behind_m: Distance of the block behind its nominal position in the planter, m.
+        step_s: Time step, s.
+        frames: List that receives the positions at every step.
+    """
+    return _Drop(planter, ground, motion, opener_deg=opener_deg, behind_m=behind_m, step_s=step_s).run(frames)
+
+
+class _Drop:
+    """One simulated fall."""
+
+    def __init__(
+        self,
+        planter: Planter,
+        ground: GroundSpec,
+        motion: Motion,
+        *,
+        opener_deg: float,
+        behind_m: float,
+        step_s: float,
+    ) -> None:
+        self._planter, self._ground, self._motion, self._step_s = planter, ground, motion, step_s
+        self._opener_deg = opener_deg
+        self._space = new_space()
+        self._path, self._lowest_s = self._hinge_path_mm(opener_deg)
+        base_mm = _MM * (ground.clearance_m + planter.chain.block_top_m - planter.block.edge_m)
+        self._guide = self._add_guide(ground)
+        add_floor(self._space, friction=ground.friction, restitution=ground.restitution)
+        self._block = add_block(self._space, planter.block)
+        hinge_x, hinge_y = self._path[0]
+        centre_mm = _MM * planter.block.centre_m
+        self._block.position = (hinge_x - _MM * behind_m, hinge_y + base_mm + centre_mm)
+        self._block.velocity = tuple((self._path[1] - self._path[0]) / step_s)
+        self._grip = self._add_grip(hinge_y + base_mm + _MM * planter.block.edge_m / 2)
+        self._free_step = math.ceil(planter.grip.free_s / step_s)
+        self._touched_mm: float | None = None
+        self._touched_step = 0
+        self._scrape_mn_s = 0.0
+        self._most_rad = 0.0
+        self._in_soil = False
+        self._space.on_collision(_GROUND, _BLOCK, post_solve=self._on_ground)
+        self._space.on_collision(_GUIDE, _BLOCK, post_solve=self._on_guide)
+
+    def run(self, frames: list[Frame] | None) -> Fall:
+        """Simulate until the block is at rest, lies or the longest time has passed."""
+        block, guide, step_s = self._block, self._guide, self._step_s
+        path: list[tuple[float, float]] = [(x, y) for x, y in self._path.tolist()]
+        speeds: list[tuple[float, float]] = [(x, y) for x, y in (np.diff(self._path, axis=0) / step_s).tolist()]
+        clear_mm = _MM * (self._planter.block.height_m + self._planter.chain.block_top_m)
+        resting, rested, self._index = 0, False, 0
+        for index, speed in enumerate(speeds):
+            self._index = index
+            if index <= self._free_step:
+                self._release(index * step_s)
+            guide.position, guide.velocity = path[index], speed
+            self._space.step(step_s)
+            if self._touched_mm is not None:
+                self._after_touch()
+            if frames is not None:
+                frames.append(self._frame(index + 1))
+            still = block.velocity.length < _REST_MM_S and abs(block.angular_velocity) < _REST_RAD_S
+            resting = resting + 1 if still else 0
+            rested = resting >= _REST_STEPS and path[index][1] > clear_mm
+            if rested or abs(block.angle) > _LYING_RAD:
+                break
+        return self._fall(rested)
+
+    def _hinge_path_mm(self, opener_deg: float) -> tuple[np.ndarray, float]:
+        """Return the positions of the hinge at every step, mm, and the time of its lowest point after the first, s."""
+        motion = self._motion
+        start_s, lowest_s = motion.time_at_s(opener_deg), motion.time_at_s(90.0)
+        times_s = start_s + self._step_s * np.arange(round(LONGEST_S / self._step_s) + 1)
+        lowest_m = motion.position_m(lowest_s)[0, 0]
+        return _MM * (motion.position_m(times_s)[0] - lowest_m), lowest_s - start_s
+
+    def _add_guide(self, ground: GroundSpec) -> pymunk.Body:
+        """Add the guide plate, whose position is that of the hinge."""
+        chain = self._planter.chain
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        x_mm = -_MM * chain.guide_behind_m - _PLATE_MM
+        low_mm = _MM * (ground.clearance_m + chain.guide_above_m) + _PLATE_MM
+        plate = pymunk.Segment(body, (x_mm, low_mm), (x_mm, low_mm + _PLATE_HEIGHT_MM), _PLATE_MM)
+        plate.friction, plate.elasticity, plate.collision_type = self._planter.grip.guide_friction, 0.0, _GUIDE
+        plate.filter = pymunk.ShapeFilter(categories=_GUIDE)
+        body.position = tuple(self._path[0])
+        self._space.add(body, plate)
+        return body
+
+    def _add_grip(self, height_mm: float) -> tuple[pymunk.PivotJoint, pymunk.GearJoint]:
+        """Add the friction of the plates: it opposes relative motion and corrects no position."""
+        pivot = pymunk.PivotJoint(self._guide, self._block, (self._block.position.x, height_mm))
+        gear = pymunk.GearJoint(self._guide, self._block, 0.0, 1.0)
+        pivot.max_bias = gear.max_bias = 0.0
+        self._space.add(pivot, gear)
+        return pivot, gear
+
+    def _release(self, since_s: float) -> None:
+        """Set the friction of the plates."""
+        grip: GripSpec = self._planter.grip
+        pivot, gear = self._grip
+        pivot.max_force = 2 * grip.friction * grip.force_n(since_s) * 1e3
+        gear.max_force = pivot.max_force * _MEAN_RADIUS * _MM * self._planter.block.edge_m
+
+    def _on_ground(self, _arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: Any) -> None:
+        if self._touched_mm is None:
+            self._touched_mm, self._touched_step = self._block.position.x, self._index
+
+    def _on_guide(self, arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: Any) -> None:
+        if self._touched_mm is not None:
+            self._scrape_mn_s += arbiter.total_impulse.length
+
+    def _after_touch(self) -> None:
+        """Record the tilt, and add the loose soil at the first contact with the ground."""
+        self._most_rad = max(self._most_rad, abs(self._block.angle))
+        if not self._in_soil:
+            add_soil(self._space, self._block, self._planter.block, self._ground)
+            self._in_soil = True
+
+    def _base_mm(self) -> tuple[float, float]:
+        """Return the position of the middle of the base."""
+        x, y = self._block.local_to_world((0.0, -_MM * self._planter.block.centre_m))
+        return float(x), float(y)
+
+    def _frame(self, index: int) -> Frame:
+        hinge_x, hinge_y = self._path[index] / _MM
+        x_mm, y_mm = self._base_mm()
+        time_s = index * self._step_s - self._lowest_s
+        return Frame(time_s, float(hinge_x), float(hinge_y), x_mm / _MM, y_mm / _MM, -self._block.angle)
+
+    def _fall(self, rested: bool) -> Fall:
+        block, motion = self._block, self._motion
+        touched = self._touched_mm is not None
+        landed_deg = self._opener_deg + math.degrees(motion.omega_rad_s * self._touched_step * self._step_s)
+        pushed_mm = block.position.x - self._touched_mm if self._touched_mm is not None else 0.0
+        return Fall(
+            along_m=self._base_mm()[0] / _MM,
+            tilt_deg=-math.degrees(block.angle),
+            most_tilt_deg=math.degrees(self._most_rad),
+            pushed_m=pushed_mm / _MM,
+            scrape_n_s=self._scrape_mn_s / 1e3,
+            landed_deg=landed_deg if touched else math.nan,
+            rested=rested,
+        )
+
+
+def new_space() -> pymunk.Space:
+    """Return an empty simulation with gravity and fixed solver settings."""
+    space = pymunk.Space()
+    space.gravity = (0.0, -_MM * GRAVITY_M_S2)
+    space.iterations = _ITERATIONS
+    space.collision_slop = _SLOP_MM
+    space.collision_bias = _BIAS
+    return space
+
+
+def add_floor(space: pymunk.Space, *, friction: float, restitution: float, slope_rad: float = 0.0) -> None:
+    """Add the bottom of the furrow, a plane through the origin.
+
+    Args:
+        space: Simulation.
+        friction: Coefficient of friction with the block.
+        restitution: Coefficient of restitution with the block.
+        slope_rad: Inclination, downward in the direction of travel positive, rad.
+    """
+    thick_mm = 10.0
+    along = np.array([math.cos(slope_rad), -math.sin(slope_rad)])
+    down = thick_mm * np.array([-math.sin(slope_rad), -math.cos(slope_rad)])
+    start, end = (tuple(x * along + down) for x in _FLOOR_MM)
+    floor = pymunk.Segment(space.static_body, start, end, thick_mm)
+    floor.friction, floor.elasticity, floor.collision_type = friction, restitution, _GROUND
+    space.add(floor)
+
+
+def add_block(space: pymunk.Space, spec: BlockSpec) -> pymunk.Body:
+    """Add an upright block with its stem, its centre of mass at the origin.
+
+    Coefficients of friction and restitution of a pair are the products of those of both bodies; those of the block
+    are 1, so that those of its partner apply.
+    """
+    body = pymunk.Body(spec.mass_kg, spec.inertia_kg_m2 * _MM**2)
+    half, stem, centre = _MM * spec.edge_m / 2, _MM * spec.stem_diameter_m / 2, _MM * spec.centre_m
+    top, height = _MM * spec.edge_m - centre, _MM * spec.height_m - centre
+    cube = pymunk.Poly(body, [(-half, -centre), (half, -centre), (half, top), (-half, top)])
+    rod = pymunk.Poly(body, [(-stem, top), (stem, top), (stem, height), (-stem, height)])
+    rod.filter = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ _GUIDE)
+    for shape in (cube, rod):
+        shape.friction = shape.elasticity = 1.0
+        shape.collision_type = _BLOCK
+    space.add(body, cube, rod)
+    return body
+
+
+def add_soil(space: pymunk.Space, body: pymunk.Body, spec: BlockSpec, ground: GroundSpec) -> None:
+    """Add the loose soil around the base of a standing block: plastic resistance to displacement and to tilting."""
+    if not ground.soil_n(spec):
+        return
+    anchor = (0.0, _MM * (ground.cover_m / 2 - spec.centre_m))
+    x, y = body.local_to_world(anchor)
+    reach_mm = _MM * spec.height_m
+    slide = pymunk.GrooveJoint(space.static_body, body, (x, y - reach_mm), (x, y + reach_mm), anchor)
+    turn = pymunk.GearJoint(space.static_body, body, body.angle, 1.0)
+    slide.max_bias = turn.max_bias = 0.0
+    slide.max_force, turn.max_force = ground.soil_n(spec) * 1e3, ground.soil_nm(spec) * 1e6
+    space.add(slide, turn)

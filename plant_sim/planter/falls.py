@@ -1,0 +1,228 @@
+"""Table of simulated falls, from which long rows of plants draw their falls.
+
+Every cell of the table holds the results of the same random blocks, simulated with full contact at one ratio and one
+place of the opener. A fall between two grid points is that of a random neighbour, weighted by distance. The table of
+the default parameters is part of the package; any other is built once and stored in the cache folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from controller.common.cache_folder import user_cache_folder
+from plant_sim.planter.motion import Motion
+from plant_sim.planter.parameters import Planter, load_planter, load_ranges
+from plant_sim.planter.scatter import Ground, Ranges, draw
+from plant_sim.planter.verdict import Stand, stand_of
+
+RATIOS: Final = (0.70, 0.80, 0.85, 0.90, 0.95, 1.00, 1.05, 1.10, 1.17, 1.30, 1.45, 1.60, 1.80)
+"""Grid of the ratio lambda."""
+OPENERS_DEG: Final = (45.0, 60.0, 67.5, 75.0, 82.5, 90.0, 97.5, 105.0, 120.0, 135.0, 150.0)
+"""Grid of the place of the opener on the bottom arc, degrees."""
+BLOCKS: Final = 48
+"""Random blocks in each cell."""
+FREQUENCY_PER_MIN: Final = 58.0
+"""Planting frequency of the table: the centre of the bench test."""
+
+_PACKAGED: Final = Path(__file__).with_name("data")
+_VERSION: Final = 1
+_SEED: Final = 1
+_STUCK_DEG: Final = 90.0
+
+
+class Falls(NamedTuple):
+    """Falls of several blocks, as arrays of equal length.
+
+    Attributes:
+        along_m: Middle of the base at rest, measured from the hinge at its lowest point, forward positive, m.
+        depth_m: Depth of the base below the soil surface, m.
+        tilt_deg: Angle of the stem from the vertical, forward positive, degrees; 90 for a block that has stuck to a
+            plate and has tipped across the row.
+        stand: `Stand` codes.
+        scraped: True if the guide plate has touched the block on the ground.
+        within: True if ratio and opener are inside the grid of the table; otherwise the nearest grid point applies.
+    """
+
+    along_m: NDArray[np.float64]
+    depth_m: NDArray[np.float64]
+    tilt_deg: NDArray[np.float64]
+    stand: NDArray[np.int8]
+    scraped: NDArray[np.bool_]
+    within: NDArray[np.bool_]
+
+
+class FallTable:
+    """Table of falls of one planter over one ground.
+
+    Attributes:
+        planter: Parameters of the planter.
+        kind: Ground.
+        cells: Results, of shape (ratios, openers, blocks, 4): along_m, clearance below the tip, m, tilt_deg, and the
+            impulse of the guide plate on the ground, N s.
+    """
+
+    def __init__(self, planter: Planter, kind: Ground, cells: NDArray[np.float64]) -> None:
+        """Initialise from simulated cells."""
+        self.planter = planter
+        self.kind = kind
+        self.cells = cells
+        chain = planter.chain
+        self._tip_depth_m = chain.sprocket_radius_m + chain.tip_height_m - chain.axle_height_m
+
+    def draw(
+        self,
+        ratio: ArrayLike,
+        rng: np.random.Generator,
+        *,
+        opener_deg: float | None = None,
+        clamp_n: float | None = None,
+    ) -> Falls:
+        """Draw one fall for every ratio.
+
+        Args:
+            ratio: Ratios lambda, one for each block.
+            rng: Generator.
+            opener_deg: Place of the opener, degrees; None for that of the planter.
+            clamp_n: Clamp force, N; None for that of the planter.
+        """
+        ratios = np.atleast_1d(np.asarray(ratio, dtype=float))
+        place_deg = self.planter.chain.release_deg if opener_deg is None else opener_deg
+        row, row_within = _neighbour(np.array(RATIOS), ratios, rng)
+        column, column_within = _neighbour(np.array(OPENERS_DEG), np.full(ratios.shape, place_deg), rng)
+        block = rng.integers(self.cells.shape[2], size=ratios.shape)
+        along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(self.cells[row, column, block], -1, 0)
+        if self.kind is Ground.SOIL:
+            share = self.planter.scatter.stick_share_at(self.planter.grip.clamp_n if clamp_n is None else clamp_n)
+            tilt_deg = np.where(rng.uniform(size=ratios.shape) < share, _STUCK_DEG, tilt_deg)
+        return Falls(
+            along_m=along_m,
+            depth_m=self._tip_depth_m + clearance_m,
+            tilt_deg=tilt_deg,
+            stand=stand_of(tilt_deg),
+            scraped=scrape_n_s > 0.0,
+            within=row_within & column_within,
+        )
+
+    def share(self, stand: Stand) -> NDArray[np.float64]:
+        """Return the share of the simulated blocks with a posture, of shape (ratios, openers)."""
+        shares: NDArray[np.float64] = (stand_of(self.cells[..., 2]) == stand).mean(axis=-1)
+        return shares
+
+
+def build_cells(
+    planter: Planter,
+    ranges: Ranges,
+    kind: Ground,
+    *,
+    ratios: tuple[float, ...] = RATIOS,
+    openers_deg: tuple[float, ...] = OPENERS_DEG,
+    blocks: int = BLOCKS,
+    progress: Callable[[int, int], None] | None = None,
+) -> NDArray[np.float64]:
+    """Return the cells of a `FallTable`, simulated with full contact.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        kind: Ground.
+        ratios: Ratios lambda.
+        openers_deg: Places of the opener, degrees.
+        blocks: Random blocks in each cell.
+        progress: Function called with the number of completed and of all ratios.
+    """
+    rng = np.random.default_rng(_SEED)
+    draws = [draw(planter, ranges, kind, rng) for _ in range(blocks)]
+    cells = np.empty((len(ratios), len(openers_deg), blocks, 4))
+    for row, ratio in enumerate(ratios):
+        motion = motion_at(planter, ratio)
+        for column, opener_deg in enumerate(openers_deg):
+            for block, drawn in enumerate(draws):
+                fall = drawn.fall(motion, opener_deg)
+                clearance_m = drawn.ground.clearance_m
+                cells[row, column, block] = fall.along_m, clearance_m, fall.tilt_deg, fall.scrape_n_s
+        if progress is not None:
+            progress(row + 1, len(ratios))
+    return cells
+
+
+def motion_at(planter: Planter, ratio: float, frequency_per_min: float = FREQUENCY_PER_MIN) -> Motion:
+    """Return the motion at a ratio lambda and a planting frequency."""
+    chain = planter.chain
+    chain_m_s = Motion(chain, speed_m_s=1.0, frequency_per_min=frequency_per_min).chain_m_s
+    return Motion(chain, speed_m_s=chain_m_s / ratio, frequency_per_min=frequency_per_min)
+
+
+@lru_cache(maxsize=4)
+def default_table(kind: Ground) -> FallTable:
+    """Return the table of the default parameters."""
+    return fall_table(load_planter(), load_ranges(), kind)
+
+
+def fall_table(
+    planter: Planter, ranges: Ranges, kind: Ground, *, progress: Callable[[int, int], None] | None = None
+) -> FallTable:
+    """Return the table of a planter: from the package or the cache if it exists, otherwise built and stored.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        kind: Ground.
+        progress: Function called with the number of completed and of all ratios while the table is built.
+
+    Raises:
+        OSError: The cache folder is not writable.
+        RuntimeError: The user has no home folder.
+    """
+    name = f"falls-{kind}-{_key(planter, ranges, kind)}.npy"
+    cached = user_cache_folder() / name
+    for path in (_PACKAGED / name, cached):
+        if path.exists():
+            return FallTable(planter, kind, np.load(path).astype(float))
+    cells = build_cells(planter, ranges, kind, progress=progress)
+    _store(cells, cached)
+    return FallTable(planter, kind, cells.astype(np.float32).astype(float))
+
+
+def _store(cells: NDArray[np.float64], path: Path) -> None:
+    """Write the cells to a file at once."""
+    data = io.BytesIO()
+    np.save(data, cells.astype(np.float32))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_bytes(data.getvalue())
+    part.replace(path)
+
+
+def _key(planter: Planter, ranges: Mapping[str, tuple[float, float]], kind: Ground) -> str:
+    """Return a key of everything that the cells depend on, apart from the code, which has a version."""
+    scatter = planter.scatter
+    content = (
+        _VERSION,
+        planter.chain,
+        planter.block,
+        planter.grip,
+        getattr(planter, kind),
+        (scatter.place_m, scatter.opener_deg, scatter.clearance_sd_m),
+        sorted(ranges.items()),
+        (RATIOS, OPENERS_DEG, BLOCKS, FREQUENCY_PER_MIN, _SEED),
+    )
+    return hashlib.sha256(repr(content).encode()).hexdigest()[:16]
+
+
+def _neighbour(
+    grid: NDArray[np.float64], values: NDArray[np.float64], rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Return a random neighbouring grid point of each value, weighted by distance, and whether it is inside."""
+    inside = (values >= grid[0]) & (values <= grid[-1])
+    clipped = np.clip(values, grid[0], grid[-1])
+    upper = np.clip(np.searchsorted(grid, clipped), 1, len(grid) - 1)
+    weight = (clipped - grid[upper - 1]) / (grid[upper] - grid[upper - 1])
+    return np.where(rng.uniform(size=values.shape) < weight, upper, upper - 1), inside

@@ -1,0 +1,67 @@
+"""Verdict on a planted block: how it stands, and how the guide plate has treated it.
+
+The limits are assumptions. The paper describes its three simulated cases in words only (2.2.2) and does not define
+lodging. In the Chinese standard for dryland transplanters, JB/T 10291, a seedling is lodged if its stem is less than
+30 degrees from the ground (from memory, not verified).
+"""
+
+from enum import IntEnum, StrEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+TILTED_DEG: Final = 30.0
+"""Angle of the stem from the vertical from which a seedling is tilted, degrees."""
+LODGED_DEG: Final = 60.0
+"""Angle of the stem from the vertical from which a seedling is lodged, degrees."""
+PUSHED_M: Final = 0.001
+"""Displacement on the ground above which a block has been pushed, m."""
+
+
+class Stand(IntEnum):
+    """Posture of a planted seedling."""
+
+    UPRIGHT = 0
+    TILTED = 1
+    LODGED = 2
+
+
+class Verdict(StrEnum):
+    """Words for one fall, after the paper's three simulated cases."""
+
+    CLEAN = "clean and upright"
+    """Upright and not pushed: the paper's case at a ratio of 1.17."""
+    PUSHED = "scraped and pushed, upright"
+    """Upright, pushed by the guide plate: the paper's case at 1."""
+    TILTED = "tilted"
+    FORWARD = "scraped and tipped forward"
+    """Lodged in the direction of travel: the paper's case at 0.87."""
+    BACKWARD = "tipped backward"
+
+
+def stand_of(tilt_deg: NDArray[np.float64]) -> NDArray[np.int8]:
+    """Return the `Stand` code of each tilt angle.
+
+    >>> stand_of(np.array([-29.0, 30.0, -61.0])).tolist()
+    [0, 1, 2]
+    """
+    size = np.abs(tilt_deg)
+    return np.where(size >= LODGED_DEG, Stand.LODGED, np.where(size >= TILTED_DEG, Stand.TILTED, Stand.UPRIGHT)).astype(
+        np.int8
+    )
+
+
+def verdict_of(tilt_deg: float, pushed_m: float) -> Verdict:
+    """Return the verdict on one fall.
+
+    Args:
+        tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
+        pushed_m: Displacement from the first contact with the ground until rest, m.
+    """
+    stand = int(stand_of(np.array([tilt_deg]))[0])
+    if stand == Stand.LODGED:
+        return Verdict.FORWARD if tilt_deg > 0.0 else Verdict.BACKWARD
+    if stand == Stand.TILTED:
+        return Verdict.TILTED
+    return Verdict.PUSHED if abs(pushed_m) > PUSHED_M else Verdict.CLEAN

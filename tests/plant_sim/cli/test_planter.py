@@ -1,0 +1,151 @@
+"""Command ``planter``: printed figures, drawings, and invalid options reported in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from plant_sim.cli.main import main
+from plant_sim.planter.parameters import DEFAULT_PLANTER
+from tests.paths import DOCS
+
+
+def record_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert main(["planter", "--json", *arguments]) == 0
+    record: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return record
+
+
+@pytest.mark.parametrize(
+    ("speed", "ratio", "regime", "points"),
+    [("1.9", 0.8653, "shortened cycloid", 0), ("1.65", 0.9964, "shortened cycloid", 0), ("1.4", 1.1743, "trochoid", 2)],
+)
+def test_the_simulated_cases_of_the_paper(
+    speed: str, ratio: float, regime: str, points: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = record_of(capsys, "--speed", speed)
+    assert record["ratio"] == pytest.approx(ratio, abs=5e-5)
+    assert record["regime"] == regime
+    assert {len(each) for each in record["zero_speed"].values()} == {points}
+
+
+def test_the_text_has_the_figures_and_the_assumptions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["planter", "--model", "corrected", "--release", "170"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "chain planter, model corrected: 1.4 km/h, 56 plants/min, chain 456.7 mm/s"
+    assert lines[1] == "ratio               1.1743, trochoid"
+    assert lines[2] == "plant spacing       416.7 mm"
+    assert "  tip               38.27° -0.493 m/s; 141.73° +0.493 m/s" in lines
+    assert "  D                 0.0, 0.0 mm; 0.0, -171.3 mm/s" in lines
+    assert "separation time     108.1 ms after the release at 170° (numerical and closed form)" in lines
+    assert lines[-1].startswith("assumed, not published: chain.offset_m, chain.tip_height_m, ")
+
+
+def test_the_printed_equations_have_no_separation(capsys: pytest.CaptureFixture[str]) -> None:
+    record = record_of(capsys, "--model", "printed")
+    assert record["separation_s"] is record["separation_closed_form_s"] is None
+    assert main(["planter", "--model", "printed"]) == 0
+    assert "separation time     none: the path of the printed equations is not continuous" in capsys.readouterr().out
+
+
+def test_frequency_release_and_parameters_are_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = DEFAULT_PLANTER.read_text(encoding="utf-8")
+    changed = tmp_path / "planter.yaml"
+    changed.write_text(text.replace("sprocket_radius_m: {value: 0.080", "sprocket_radius_m: {value: 0.090"))
+    before = record_of(capsys)
+    double = record_of(capsys, "--frequency", "112")
+    assert double["ratio"] == pytest.approx(2 * before["ratio"])
+    assert double["spacing_m"] == pytest.approx(before["spacing_m"] / 2)
+    assert before["release_deg"] == 100.0
+    assert record_of(capsys, "--release", "150")["separation_s"] > before["separation_s"]
+    other = record_of(capsys, "--planter", str(changed))
+    assert other["depth_m"] == pytest.approx(before["depth_m"] + 0.010)
+    assert "chain.offset_m" in other["assumed"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "start"),
+    [
+        (["--plot", "motion.png"], b"\x89PNG"),
+        (["--plot", "motion.svg"], b"<?xml"),
+        (["--figure", "3", "--plot", "scheme.png"], b"\x89PNG"),
+        (["--figure", "4", "--plot", "paths.svg", "--model", "corrected"], b"<?xml"),
+        (["--figure", "9", "--plot", "motion.gif"], b"GIF89a"),
+    ],
+)
+def test_a_figure_is_drawn(
+    arguments: list[str],
+    start: bytes,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    record_of(capsys, *arguments)
+    (path,) = tmp_path.iterdir()
+    assert path.read_bytes().startswith(start)
+
+
+@pytest.mark.parametrize(("figure", "speed_km_h"), [("7", 1.9), ("8", 1.65), ("9", 1.4)])
+def test_a_figure_of_a_case_has_its_speed(
+    figure: str, speed_km_h: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "case.svg"
+    record = record_of(capsys, "--figure", figure, "--plot", str(path))
+    assert record["speed_m_s"] == pytest.approx(speed_km_h / 3.6)
+    assert f"after Fig. {figure}: {speed_km_h:g} km/h, 56 plants/min" in path.read_text(encoding="utf-8")
+
+
+def rows_of(page: Path, first_cell: str) -> list[list[str]]:
+    """Return the cells of the table of a page whose heading begins with a cell, without the heading."""
+    _, _, table = page.read_text(encoding="utf-8").partition(f"| {first_cell} |")
+    lines = table.partition("\n\n")[0].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in [f"{first_cell} |{lines[0]}", *lines[2:]]]
+
+
+def test_the_tables_of_the_guide_are_those_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    _, *cases = rows_of(DOCS / "planter.md", "km/h")
+    assert len(cases) == 3
+    for speed, ratio, printed, regime, points, spacing in cases:
+        record = record_of(capsys, "--speed", speed)
+        assert (f"{record['ratio']:.4f}", f"{1000 * record['spacing_m']:.1f} mm") == (ratio, spacing)
+        assert float(printed) == round(record["ratio"], 2)
+        assert regime.startswith(record["regime"])
+        found = record["zero_speed"]["tip"]
+        assert all(f"{point['phase_deg']:.1f}°" in points for point in found)
+        assert all(f"{1000 * abs(point['vertical_m_s']):.0f} mm/s" in points for point in found)
+        assert points.startswith("none") is not bool(found)
+    phases, times = rows_of(DOCS / "planter.md", "release at")
+    for phase, time in zip(phases[1:], times[1:], strict=True):
+        record = record_of(capsys, "--release", phase.removesuffix("°"))
+        assert f"{1000 * record['separation_s']:.1f}" == time
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--speed", "0"], "--speed 0: must be above 0, up to 36 km/h"),
+        (["--speed", "nan"], "--speed nan: must be above 0, up to 36 km/h"),
+        (["--frequency", "-1"], "--frequency -1: must be above 0, up to 1000 per minute"),
+        (["--frequency", "1e4"], "--frequency 10000: must be above 0, up to 1000 per minute"),
+        (["--release", "181"], "--release 181: must be 0 to 180 degrees, on the bottom arc"),
+        (["--figure", "7"], "--figure 7: has no effect without a file; add --plot FILE"),
+        (["--figure", "7", "--plot", "a.png", "--speed", "2"], "--figure 7: has a speed and a frequency; omit --speed"),
+        (["--plot", "a.pdf"], "--plot a.pdf: unknown format; use a name that ends in .png, .svg or .gif"),
+        (["--figure", "3", "--plot", "a.gif"], "--plot a.gif: figure 3 does not move; use .png or .svg"),
+        (["--plot", "/no/such/folder/a.png"], "/no/such/folder/a.png: cannot be written (No such file"),
+        (["--plot", "/no/such/folder/a.gif"], "/no/such/folder/a.gif: cannot be written (No such file"),
+        (["--planter", "/no/such/planter.yaml"], "/no/such/planter.yaml: cannot be read"),
+    ],
+)
+def test_invalid_input_is_one_line_and_exit_code_2(
+    arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["planter", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(expected)
+    assert printed.err.count("\n") == 1
