@@ -182,7 +182,7 @@ class NozzleEntry(StrictModel):
     tilted: Share = 0.0
     lodged: Share = 0.0
     injured: Share = 0.0
-    stuck: Share = 0.0
+    unreleased: Share = 0.0
 
     @model_validator(mode="after")
     def _check(self) -> NozzleEntry:
@@ -203,9 +203,9 @@ class ChuteEntry(StrictModel):
 class PlanterEntry(StrictModel):
     """Chain planter."""
 
-    parameters: str = "default"
-    clamp: Force = 91.83
-    stuck: Share = 0.0
+    soil: Literal["bench_soil", "rigid_ground"] = Field("bench_soil", description="write bench_soil or rigid_ground")
+    clamp: Force | None = None
+    unreleased: Share = 0.0
 
 
 class LineFile(SourcedFile):

@@ -16,7 +16,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from plant_sim.line.ground import Floats
-from plant_sim.line.row import CAUSES, PlantRow, Stand
+from plant_sim.line.row import CAUSES, PlantRow
+from plant_sim.planter.verdict import Stand
 from plant_sim.twin.report import binomial_interval
 
 MULTIPLE_BELOW: Final = 0.5
@@ -119,22 +120,25 @@ def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Rate]:
     """Return the rates of all rows.
 
     A qualified position has a single plant that is neither lodged nor injured. Qualified, missed and double positions
-    are shares of all positions, lodged and injured ones of the positions with a plant.
+    are shares of all positions, lodged and injured ones of the positions with a plant. The injured rate is absent, and
+    no position is disqualified by injury, if injury is not modelled.
     """
     released = sum(row.released for row in rows)
     planted = sum(int(np.count_nonzero(row.planted)) for row in rows)
     lodged = sum(int(np.count_nonzero(row.stand == Stand.LODGED)) for row in rows)
-    injured = sum(int(np.count_nonzero(row.injured)) for row in rows)
-    qualified = sum(
-        int(np.count_nonzero((row.seedlings == 1) & (row.stand != Stand.LODGED) & ~row.injured)) for row in rows
-    )
-    return {
-        "qualified": Rate(qualified, released),
+    rates = {
+        "qualified": Rate(sum(map(_qualified, rows)), released),
         "missed": Rate(released - planted, released),
         "double": Rate(sum(row.double for row in rows), released),
         "lodged": Rate(lodged, planted),
-        "injured": Rate(injured, planted),
     }
+    flags = [row.injured for row in rows if row.injured is not None]
+    return rates | ({"injured": Rate(sum(int(each.sum()) for each in flags), planted)} if flags else {})
+
+
+def _qualified(row: PlantRow) -> int:
+    qualified = (row.seedlings == 1) & (row.stand != Stand.LODGED)
+    return int(np.count_nonzero(qualified if row.injured is None else qualified & ~row.injured))
 
 
 def missing_by_cause(rows: Sequence[PlantRow]) -> dict[str, int]:

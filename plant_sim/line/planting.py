@@ -2,56 +2,52 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from plant_sim.line.drive import Drive
 from plant_sim.line.file import ChuteEntry, NozzleEntry
 from plant_sim.line.ground import Floats, SpeedProfile
-from plant_sim.line.row import NO_PLANT, FedRow, Flags, Integers, Missing, PlantRow, Stand
-from plant_sim.planter.chain import ChainSpec
+from plant_sim.line.row import NO_PLANT, FedRow, Flags, Integers, Missing, PlantRow
+from plant_sim.planter.falls import Falls, FallTable, motion_at
+from plant_sim.planter.verdict import Stand
 
 CARRIED_CYCLES: Final = 3.0
 """Planting cycles from gripping to release: half of the six planters of the chain; assumed."""
 
 
-class Landing(Protocol):
-    """Result of falling blocks; arrays of equal length."""
-
-    @property
-    def along_m(self) -> Floats:
-        """Position at rest from the hinge at the release, forward positive, m."""
-
-    @property
-    def depth_m(self) -> Floats:
-        """Depth of the bottom below the soil surface, m."""
-
-    @property
-    def tilt_deg(self) -> Floats:
-        """Tilt, forward positive, degrees."""
-
-    @property
-    def stand(self) -> Integers:
-        """Codes of `Stand`."""
-
-    @property
-    def scraped(self) -> Flags:
-        """True if the planter touched the block after its release."""
-
-
-class FallModel(Protocol):
-    """Source of the results of falling blocks."""
-
-    def draw(self, ratio: Floats, rng: np.random.Generator) -> Landing:
-        """Return one result for each characteristic ratio lambda."""
-
-
 Injury = Callable[[Floats, Floats], Floats]
 """Function that returns the injured share at given ground speeds, m/s, and planting frequencies, 1/min."""
+
+
+@dataclass(frozen=True)
+class ChainPlanter:
+    """Chain planter of a line.
+
+    Attributes:
+        table: Table of falls; it contains the parameters of the planter.
+        clamp_n: Clamp force, N.
+        unreleased: Share of the blocks that are not released.
+        injury: Injured share; None if it is not modelled.
+    """
+
+    table: FallTable
+    clamp_n: float
+    unreleased: float = 0.0
+    injury: Injury | None = None
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance from planter to planter along the chain, m."""
+        motion = motion_at(self.table.planter, 1.0)
+        return motion.ratio * motion.spacing_m
+
+    def draw(self, ratio: Floats, rng: np.random.Generator) -> Falls:
+        """Return one fall for each ratio lambda."""
+        return self.table.draw(ratio, rng, clamp_n=self.clamp_n)
 
 
 class Transport(NamedTuple):
@@ -132,7 +128,7 @@ def plant_by_nozzle(entry: NozzleEntry, fed: FedRow, course: Course, rng: np.ran
         rng: Source of the random numbers.
     """
     at = releases(course, fed.first_cycle, len(fed.seedlings))
-    seedlings, missing, stuck = _stuck(fed, at.number, entry.stuck, rng)
+    seedlings, missing, lost = _released(fed, at.number, entry.unreleased, rng)
     planted = seedlings > 0
     landed_m = course.profile.travel_at(at.time_s + entry.fall) - at.origin_m
     position_m = landed_m + rng.normal(0.0, entry.scatter, at.number)
@@ -155,9 +151,10 @@ def plant_by_nozzle(entry: NozzleEntry, fed: FedRow, course: Course, rng: np.ran
         stand=np.where(planted, stand, NO_PLANT),
         scraped=np.zeros(at.number, dtype=np.bool_),
         injured=planted & (rng.random(at.number) < entry.injured),
+        within=np.ones(at.number, dtype=np.bool_),
         in_transit=len(later),
         seedlings_in_transit=int(later.sum()),
-        seedlings_lost=stuck,
+        seedlings_lost=lost,
         phase=np.empty(0),
     )
 
@@ -199,10 +196,7 @@ def plant_by_chain(
     first_cycle: float,
     course: Course,
     *,
-    chain: ChainSpec,
-    stuck: float,
-    falls: FallModel,
-    injury: Injury | None,
+    planter: ChainPlanter,
     rng: np.random.Generator,
 ) -> PlantRow:
     """Return the row planted by a chain planter.
@@ -211,23 +205,20 @@ def plant_by_chain(
         transport: Blocks in the planters.
         first_cycle: Cycles of the drive at the first release.
         course: Drive and ground.
-        chain: Chain of the planter.
-        stuck: Share of the blocks that the planter does not release.
-        falls: Results of falling blocks.
-        injury: Injured share; None if it is not modelled.
+        planter: The planter.
         rng: Source of the random numbers.
     """
     at = releases(course, first_cycle, len(transport.seedlings))
     fed = FedRow(transport.seedlings, transport.cause, first_cycle)
-    seedlings, missing, lost = _stuck(fed, at.number, stuck, rng)
+    seedlings, missing, lost = _released(fed, at.number, planter.unreleased, rng)
     planted = seedlings > 0
     per_m = course.drive.per_m_at(at.time_s)
-    ratio = chain_pitch_m(chain) * per_m
-    landing = falls.draw(ratio, rng)
+    ratio = planter.pitch_m * per_m
+    fall = planter.draw(ratio, rng)
     drawn = rng.random(at.number)
-    injured = np.zeros(at.number, dtype=np.bool_)
-    if injury is not None:
-        injured = planted & (drawn < injury(at.speed_m_s, 60 * per_m * at.speed_m_s))
+    injured: Flags | None = None
+    if planter.injury is not None:
+        injured = planted & (drawn < planter.injury(at.speed_m_s, 60 * per_m * at.speed_m_s))
     later = transport.seedlings[at.number :]
     return PlantRow(
         cup=np.arange(at.number),
@@ -237,12 +228,13 @@ def plant_by_chain(
         ratio=ratio,
         seedlings=seedlings,
         missing=missing,
-        position_m=np.where(planted, at.travel_m + landing.along_m, np.nan),
-        depth_m=np.where(planted, landing.depth_m, np.nan),
-        tilt_deg=np.where(planted, landing.tilt_deg, np.nan),
-        stand=np.where(planted, landing.stand, NO_PLANT),
-        scraped=planted & landing.scraped,
+        position_m=np.where(planted, at.travel_m + fall.along_m, np.nan),
+        depth_m=np.where(planted, fall.depth_m, np.nan),
+        tilt_deg=np.where(planted, fall.tilt_deg, np.nan),
+        stand=np.where(planted, fall.stand, NO_PLANT),
+        scraped=planted & fall.scraped,
         injured=injured,
+        within=~planted | fall.within,
         in_transit=len(later),
         seedlings_in_transit=int(later.sum()),
         seedlings_lost=lost + transport.lost,
@@ -250,15 +242,10 @@ def plant_by_chain(
     )
 
 
-def chain_pitch_m(chain: ChainSpec) -> float:
-    """Return the distance from planter to planter along the chain, m."""
-    return 2 * (math.pi * chain.sprocket_radius_m + chain.centre_distance_m) / chain.planters
-
-
-def _stuck(fed: FedRow, count: int, share: float, rng: np.random.Generator) -> tuple[Integers, Integers, int]:
-    """Return seedlings and causes after the release, and the number of seedlings that were not released."""
+def _released(fed: FedRow, count: int, share: float, rng: np.random.Generator) -> tuple[Integers, Integers, int]:
+    """Return seedlings and causes after the release, of which a share fails, and the seedlings lost by that."""
     seedlings, missing = fed.seedlings[:count], fed.cause[:count]
-    is_stuck = (rng.random(count) < share) & (seedlings > 0)
-    released = np.where(is_stuck, 0, seedlings)
-    cause = np.where(is_stuck, Missing.RELEASE, missing)
-    return released, cause.astype(np.int64), int(seedlings[is_stuck].sum())
+    fails = (rng.random(count) < share) & (seedlings > 0)
+    released = np.where(fails, 0, seedlings)
+    cause = np.where(fails, Missing.RELEASE, missing)
+    return released, cause.astype(np.int64), int(seedlings[fails].sum())

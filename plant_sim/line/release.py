@@ -8,16 +8,17 @@ from typing import Final
 
 import numpy as np
 
-from plant_sim.line.planting import FallModel, chain_pitch_m
-from plant_sim.line.row import Stand
-from plant_sim.planter.chain import ChainSpec
+from plant_sim.line.planting import ChainPlanter
 from plant_sim.planter.ratio import Regime, regime_of
+from plant_sim.planter.verdict import Stand
 
 SPACINGS_M: Final = (0.35, 0.40, 0.45, 0.50)
 """Agronomic spacings of the forecast, m. Source: requirement of the line, 35 to 50 cm."""
 CLEAN_FROM: Final = 1.17
 """Smallest lambda of a clean release according to the conclusion of the cabbage paper; its own optimum has 1.05."""
-_DRAWS = 2_000
+MOST_SCRAPED: Final = 0.01
+"""Largest share of scraped plants of a clean release; assumed."""
+_DRAWS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,8 @@ class ReleaseForecast:
         ratio: Required lambda.
         upright: Share of upright plants.
         lodged: Share of lodged plants.
-        scraped: Share of the plants that the planter touches after the release.
+        scraped: Share of the plants that the guide plate touches on the ground.
+        within: True if lambda is inside the grid of the fall table.
     """
 
     spacing_m: float
@@ -37,6 +39,7 @@ class ReleaseForecast:
     upright: float
     lodged: float
     scraped: float
+    within: bool
 
     @property
     def regime(self) -> Regime:
@@ -45,8 +48,8 @@ class ReleaseForecast:
 
     @property
     def is_clean(self) -> bool:
-        """True if the planter scrapes no plant."""
-        return self.scraped == 0.0
+        """True if the guide plate scrapes at most `MOST_SCRAPED` of the plants."""
+        return self.scraped <= MOST_SCRAPED
 
     def record(self) -> dict[str, object]:
         """Return the forecast as a JSON object."""
@@ -59,40 +62,40 @@ class ReleaseForecast:
             "upright": self.upright,
             "lodged": self.lodged,
             "scraped": self.scraped,
+            "extrapolated": not self.within,
         }
 
     def text(self) -> str:
         """Return the forecast as text."""
         verdict = "clean" if self.is_clean else "not clean"
+        beyond = "" if self.within else ", extrapolated"
         paper = "at least" if self.ratio >= CLEAN_FROM else "below"
         return (
             f"  {100 * self.spacing_m:.0f} cm requires lambda {self.ratio:.3f} ({self.regime.value}, {paper} the "
             f"{CLEAN_FROM:g} of the paper): release {verdict}, {100 * self.scraped:.1f} % scraped, "
-            f"{100 * self.upright:.1f} % upright, {100 * self.lodged:.1f} % lodged"
+            f"{100 * self.upright:.1f} % upright, {100 * self.lodged:.1f} % lodged{beyond}"
         )
 
 
-def forecasts(
-    spacings_m: Sequence[float], chain: ChainSpec, falls: FallModel, *, seed: int
-) -> tuple[ReleaseForecast, ...]:
+def forecasts(spacings_m: Sequence[float], planter: ChainPlanter, *, seed: int) -> tuple[ReleaseForecast, ...]:
     """Return the forecasts for several spacings, in ascending order.
 
     Args:
         spacings_m: Plant spacings, m.
-        chain: Chain of the planter.
-        falls: Results of falling blocks.
+        planter: The planter.
         seed: Seed of the random numbers.
     """
-    return tuple(_forecast(spacing_m, chain, falls, seed) for spacing_m in sorted(set(spacings_m)))
+    return tuple(_forecast(spacing_m, planter, seed) for spacing_m in sorted(set(spacings_m)))
 
 
-def _forecast(spacing_m: float, chain: ChainSpec, falls: FallModel, seed: int) -> ReleaseForecast:
-    ratio = chain_pitch_m(chain) / spacing_m
-    landing = falls.draw(np.full(_DRAWS, ratio), np.random.default_rng(seed))
+def _forecast(spacing_m: float, planter: ChainPlanter, seed: int) -> ReleaseForecast:
+    ratio = planter.pitch_m / spacing_m
+    fall = planter.draw(np.full(_DRAWS, ratio), np.random.default_rng(seed))
     return ReleaseForecast(
         spacing_m,
         ratio,
-        upright=float(np.mean(landing.stand == Stand.UPRIGHT)),
-        lodged=float(np.mean(landing.stand == Stand.LODGED)),
-        scraped=float(np.mean(landing.scraped)),
+        upright=float(np.mean(fall.stand == Stand.UPRIGHT)),
+        lodged=float(np.mean(fall.stand == Stand.LODGED)),
+        scraped=float(np.mean(fall.scraped)),
+        within=bool(fall.within.all()),
     )

@@ -99,6 +99,19 @@ class LineResult:
         return (float(ratios.min()), float(ratios.max())) if not np.isnan(ratios).any() else None
 
     @property
+    def scraped(self) -> Rate | None:
+        """Plants that the guide plate has touched on the ground; None without a chain planter."""
+        if self.ratios is None:
+            return None
+        planted = sum(int(np.count_nonzero(row.planted)) for row in self.rows)
+        return Rate(sum(int(np.count_nonzero(row.scraped)) for row in self.rows), planted)
+
+    @property
+    def extrapolated(self) -> int:
+        """Number of plants whose lambda is outside the grid of the fall table."""
+        return sum(int(np.count_nonzero(~row.within)) for row in self.rows)
+
+    @property
     def needed_window(self) -> float | None:
         """Catch window that 99.9 % of the arrivals need, in planting cycles; None without chutes."""
         phase = np.concatenate([row.phase for row in self.rows])
@@ -131,6 +144,8 @@ class LineResult:
             },
             "rates": {name: rate.record() for name, rate in self.rates.items()},
             "lambda": None if self.ratios is None else [_number(end) for end in self.ratios],
+            "scraped": None if self.scraped is None else self.scraped.record(),
+            "extrapolated_falls": self.extrapolated,
             "releases": [release.record() for release in self.releases],
             "catch_window": None if self.window is None else {"given": self.window, "needed": self.needed_window},
             "seedlings": None if balance is None else {name: getattr(balance.counts, name) for name in _PLACES},
@@ -177,8 +192,12 @@ class LineResult:
 
     def _release_lines(self) -> list[str]:
         ratios, lines = self.ratios, []
-        if ratios is not None:
-            lines = [f"lambda at release {ratios[0]:.3f} to {ratios[1]:.3f}", *(each.text() for each in self.releases)]
+        if ratios is not None and self.scraped is not None:
+            beyond = f", {self.extrapolated} falls extrapolated" if self.extrapolated else ""
+            lines = [
+                f"lambda at release {ratios[0]:.3f} to {ratios[1]:.3f}, scraped {self.scraped.text()}{beyond}",
+                *(each.text() for each in self.releases),
+            ]
         if self.window is not None:
             needed = f"{100 * self.needed_window:.1f} %" if self.needed_window is not None else "unknown"
             lines.append(f"catch window {100 * self.window:.1f} % of a cycle; 99.9 % of the arrivals need {needed}")

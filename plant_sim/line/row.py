@@ -33,14 +33,6 @@ class Missing(enum.IntEnum):
     """Not released by the planter or the nozzle."""
 
 
-class Stand(enum.IntEnum):
-    """Stand of a plant."""
-
-    UPRIGHT = 0
-    TILTED = 1
-    LODGED = 2
-
-
 CAUSES: Final = tuple(cause for cause in Missing if cause is not Missing.NONE)
 
 NO_PLANT: Final = -1
@@ -77,9 +69,10 @@ class PlantRow:
         position_m: Position of the plants along the row, m; NaN without a plant.
         depth_m: Depth of the bottom of the plug below the soil surface, m; NaN without a plant.
         tilt_deg: Tilt of the plant, forward positive, degrees; NaN without a plant or if not modelled.
-        stand: Code of the planter's `Stand`; `NO_PLANT` without a plant.
+        stand: `plant_sim.planter.verdict.Stand` of the plant; `NO_PLANT` without a plant.
         scraped: True if the planter touched the plant after its release.
-        injured: True for an injured plant.
+        injured: True for an injured plant; None if injury is not modelled.
+        within: True if the fall is inside the grid of the fall table; False for an extrapolated one.
         in_transit: Cups or planters that have left the feed and are not yet released.
         seedlings_in_transit: Seedlings in them.
         seedlings_lost: Seedlings lost between the feed and the soil.
@@ -98,7 +91,8 @@ class PlantRow:
     tilt_deg: Floats
     stand: Integers
     scraped: Flags
-    injured: Flags
+    injured: Flags | None
+    within: Flags
     in_transit: int
     seedlings_in_transit: int
     seedlings_lost: int

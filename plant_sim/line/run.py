@@ -16,9 +16,8 @@ from plant_sim.line.file import ConveyorEntry, GroundEntry, LineFile, SegmentEnt
 from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
 from plant_sim.line.planting import (
     CARRIED_CYCLES,
+    ChainPlanter,
     Course,
-    FallModel,
-    Injury,
     Transport,
     drop_through_chute,
     plant_by_chain,
@@ -26,25 +25,9 @@ from plant_sim.line.planting import (
 )
 from plant_sim.line.row import FedRow, PlantRow
 from plant_sim.machine.parameters import Machine
-from plant_sim.planter.chain import ChainSpec
 
 _MARGIN_CUPS = 200
 """Travel of the profile beyond the row, in set spacings, for start-up, transit and slip."""
-
-
-@dataclass(frozen=True)
-class ChainPlanter:
-    """Chain planter of a line.
-
-    Attributes:
-        chain: Parameters of the chain.
-        falls: Results of falling blocks.
-        injury: Injured share; None if it is not modelled.
-    """
-
-    chain: ChainSpec
-    falls: FallModel
-    injury: Injury | None
 
 
 @dataclass(frozen=True)
@@ -235,18 +218,8 @@ def _plant(
     if line.nozzle is not None:
         return plant_by_nozzle(line.nozzle, fed, course, rng)
     assert planter is not None  # noqa: S101 - the caller provides it
-    assert line.planter is not None  # noqa: S101 - the reader requires one of both
     first_cycle = fed.first_cycle + (_carried(line) if line.chute is not None else CARRIED_CYCLES)
     transport = Transport(fed.seedlings, fed.cause, 0, np.empty(0))
     if line.chute is not None:
         transport = drop_through_chute(line.chute, fed, course, set_frequency_hz=set_frequency_hz(line), rng=rng)
-    return plant_by_chain(
-        transport,
-        first_cycle,
-        course,
-        chain=planter.chain,
-        stuck=line.planter.stuck,
-        falls=planter.falls,
-        injury=planter.injury,
-        rng=rng,
-    )
+    return plant_by_chain(transport, first_cycle, course, planter=planter, rng=rng)

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from plant_sim.common.figure_style import QUIET, drawing, save, write_whole
 from plant_sim.line.errors import LineError
 from plant_sim.line.result import LineResult
-from plant_sim.line.row import NO_PLANT, Missing, PlantRow, Stand
+from plant_sim.line.row import NO_PLANT, Missing, PlantRow
+from plant_sim.planter.verdict import Stand
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -110,7 +111,7 @@ def _columns(number: int, row: PlantRow) -> list[pa.Array]:
         pa.array(row.tilt_deg, from_pandas=True),
         pa.array(stands, type=pa.string()),
         pa.array(row.scraped),
-        pa.array(row.injured),
+        pa.nulls(row.released, pa.bool_()) if row.injured is None else pa.array(row.injured),
     ]
 
 

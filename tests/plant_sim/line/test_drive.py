@@ -12,13 +12,14 @@ from scipy.integrate import solve_ivp
 
 from plant_sim.line.drive import GroundWheel, OwnMotor
 from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
-from plant_sim.line.planting import chain_pitch_m
+from plant_sim.line.planting import ChainPlanter
+from plant_sim.planter.falls import default_table
 from plant_sim.planter.motion import Motion
-from plant_sim.planter.parameters import load_planter
+from plant_sim.planter.scatter import Ground
 from tests.plant_sim.line.test_ground import VARIED, stretches
 
-CHAIN = load_planter().chain
-PITCH_M = chain_pitch_m(CHAIN)
+TABLE = default_table(Ground.SOIL)
+PITCH_M = ChainPlanter(TABLE, TABLE.planter.grip.clamp_n).pitch_m
 
 
 def ground_of(*stretches: Stretch, length_m: float = 100.0) -> SpeedProfile:
@@ -37,7 +38,7 @@ def events_m(drive: GroundWheel | OwnMotor, ground: SpeedProfile) -> np.ndarray:
 def test_the_planters_are_489_3_mm_apart() -> None:
     """The pitch agrees with the paper's chain speed of 456.7 mm/s at 56 plants/min, and with the motion of the tips."""
     assert pytest.approx(0.4893, abs=1e-4) == PITCH_M
-    motion = Motion(CHAIN, speed_m_s=0.4, frequency_per_min=56.0)
+    motion = Motion(TABLE.planter.chain, speed_m_s=0.4, frequency_per_min=56.0)
     assert motion.ratio * motion.spacing_m == pytest.approx(PITCH_M, rel=1e-12)
 
 

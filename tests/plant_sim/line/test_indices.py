@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_sim.line.indices import Rate, missing_by_cause, planting_rates, spacing_indices
-from plant_sim.line.row import NO_PLANT, Missing, PlantRow, Stand
+from plant_sim.line.row import NO_PLANT, Missing, PlantRow
+from plant_sim.planter.verdict import Stand
 
 
 def row_of(plants: list[tuple[int, Missing, int, bool]]) -> PlantRow:
@@ -34,6 +35,7 @@ def row_of(plants: list[tuple[int, Missing, int, bool]]) -> PlantRow:
         stand=stand,
         scraped=np.zeros(number, dtype=np.bool_),
         injured=injured,
+        within=np.ones(number, dtype=np.bool_),
         in_transit=0,
         seedlings_in_transit=0,
         seedlings_lost=0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,20 @@ from hypothesis import strategies as st
 from plant_sim.line.drive import GroundWheel, OwnMotor
 from plant_sim.line.file import ChuteEntry, NozzleEntry
 from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
-from plant_sim.line.planting import Course, drop_through_chute, plant_by_nozzle, releases
-from plant_sim.line.row import NO_PLANT, FedRow, Missing, Stand
+from plant_sim.line.planting import (
+    CARRIED_CYCLES,
+    ChainPlanter,
+    Course,
+    Transport,
+    drop_through_chute,
+    plant_by_chain,
+    plant_by_nozzle,
+    releases,
+)
+from plant_sim.line.row import NO_PLANT, FedRow, Missing
+from plant_sim.planter.falls import default_table
+from plant_sim.planter.scatter import Ground
+from plant_sim.planter.verdict import Stand
 from tests.plant_sim.line.test_ground import stretches
 
 SPEED_M_S = 0.3
@@ -61,9 +74,10 @@ def test_a_plant_lands_a_fall_after_its_release() -> None:
 
 def test_the_scatter_of_the_nozzle_has_its_size() -> None:
     long = course(metres=4000.0)
-    entry = nozzle(scatter="10 mm", depth_scatter="6 mm", tilted="5 %", lodged="2 %", injured="1 %", stuck="3 %")
+    entry = nozzle(scatter="10 mm", depth_scatter="6 mm", tilted="5 %", lodged="2 %", injured="1 %", unreleased="3 %")
     row = plant_by_nozzle(entry, full(10_100), long, np.random.default_rng(7))
     planted = row.planted
+    assert row.injured is not None
     off_m = row.position_m[planted] - row.travel_m[planted] - 0.060
     number = int(np.count_nonzero(planted))
     assert off_m.std() == pytest.approx(0.010, rel=5 / math.sqrt(2 * number))
@@ -82,13 +96,98 @@ def test_an_empty_cup_plants_nothing_and_keeps_its_cause() -> None:
     fed.seedlings[[3, 7]] = 0
     fed.cause[[3, 7]] = Missing.P, Missing.MISSED_CUP
     fed.seedlings[5] = 2
-    row = plant_by_nozzle(nozzle(injured="100 %", stuck="0 %"), fed, course(), np.random.default_rng(1))
+    row = plant_by_nozzle(nozzle(injured="100 %", unreleased="0 %"), fed, course(), np.random.default_rng(1))
     assert row.missing[[3, 5, 7]].tolist() == [Missing.P, Missing.NONE, Missing.MISSED_CUP]
     assert np.isnan(row.position_m[[3, 7]]).all()
     assert np.isnan(row.depth_m[[3, 7]]).all()
     assert row.stand[[3, 7]].tolist() == [NO_PLANT, NO_PLANT]
-    assert not row.injured[[3, 7]].any()
+    assert row.injured is not None
+    assert row.injured.tolist() == row.planted.tolist()
     assert (row.single, row.double, row.causes[Missing.P]) == (row.released - 3, 1, 1)
+
+
+def planter(**values: Any) -> ChainPlanter:
+    return ChainPlanter(default_table(Ground.SOIL), **{"clamp_n": 104.62, **values})
+
+
+def transport(blocks: int) -> Transport:
+    fed = full(blocks)
+    return Transport(fed.seedlings, fed.cause, 0, np.empty(0))
+
+
+def chain_course(ratio: float, speed_m_s: float = 0.44, metres: float = 50.0) -> Course:
+    """Return a course at a constant lambda."""
+    ground = SpeedProfile([Stretch(speed_m_s, for_m=100.0)], acceleration_m_s2=0.3, length_m=metres + 40.0)
+    wheel = WheelSlip(SlipSpec(), ground, np.random.default_rng(1))
+    return Course(ground, GroundWheel(ground, wheel, per_wheel_m=ratio / planter().pitch_m), metres)
+
+
+@pytest.mark.parametrize("ratio", [0.87, 1.0, 1.17, 1.3])
+def test_a_block_lies_where_the_planter_has_released_it(ratio: float) -> None:
+    """The release is at the hinge; the rest is the displacement of the fall, drawn with the same numbers."""
+    row = plant_by_chain(
+        transport(200), CARRIED_CYCLES, chain_course(ratio), planter=planter(), rng=np.random.default_rng(8)
+    )
+    rng = np.random.default_rng(8)
+    rng.random(row.released)  # whether a block is released
+    falls = planter().draw(row.ratio, rng)
+    assert row.ratio == pytest.approx(ratio)
+    assert np.diff(row.travel_m) == pytest.approx(planter().pitch_m / ratio, rel=1e-9)
+    assert row.position_m == pytest.approx(row.travel_m + falls.along_m)
+    for name in ("depth_m", "tilt_deg", "stand", "scraped", "within"):
+        assert getattr(row, name).tolist() == getattr(falls, name).tolist()
+
+
+def test_a_low_lambda_lodges_or_tilts_more_plants() -> None:
+    """At 0.87 the paper's blocks tip, at 1.17 they stand; the shares are those of the table."""
+    leaning = {}
+    for ratio in (0.87, 1.17):
+        row = plant_by_chain(
+            transport(3000), 3.0, chain_course(ratio, metres=800.0), planter=planter(), rng=np.random.default_rng(8)
+        )
+        leaning[ratio] = np.count_nonzero(row.stand != Stand.UPRIGHT) / row.released
+    assert leaning[0.87] > 0.4
+    assert leaning[1.17] < 0.1
+
+
+def test_injury_is_drawn_at_the_local_speed_and_frequency() -> None:
+    seen: list[tuple[float, float]] = []
+
+    def share(speed_m_s: np.ndarray, per_min: np.ndarray) -> np.ndarray:
+        seen.extend(zip(speed_m_s.tolist(), per_min.tolist(), strict=True))
+        return np.full(len(speed_m_s), 0.25)
+
+    row = plant_by_chain(
+        transport(4000),
+        3.0,
+        chain_course(1.0, metres=900.0),
+        planter=planter(injury=share),
+        rng=np.random.default_rng(8),
+    )
+    assert row.injured is not None
+    assert seen[0] == pytest.approx((0.44, 60 * 0.44 / planter().pitch_m))
+    number = row.released
+    assert np.count_nonzero(row.injured) == pytest.approx(0.25 * number, abs=5 * math.sqrt(0.25 * 0.75 * number))
+    without = plant_by_chain(transport(100), 3.0, chain_course(1.0), planter=planter(), rng=np.random.default_rng(8))
+    assert without.injured is None
+
+
+def test_a_lambda_beyond_the_table_is_marked() -> None:
+    row = plant_by_chain(transport(150), 3.0, chain_course(0.6), planter=planter(), rng=np.random.default_rng(8))
+    assert not row.within.any()
+
+
+def test_unreleased_blocks_have_their_share() -> None:
+    row = plant_by_chain(
+        transport(4000),
+        3.0,
+        chain_course(1.0, metres=900.0),
+        planter=planter(unreleased=0.1),
+        rng=np.random.default_rng(8),
+    )
+    lost = row.causes[Missing.RELEASE]
+    assert lost == row.seedlings_lost == row.released - row.single
+    assert lost == pytest.approx(0.1 * row.released, abs=5 * math.sqrt(0.09 * row.released))
 
 
 def test_every_plug_is_caught_at_the_set_frequency() -> None:
@@ -181,7 +280,7 @@ def test_no_seedling_is_lost_without_count(
     over_chute = int(np.count_nonzero(4.5 + np.arange(60) <= drive.end_cycles))
     assert transport.seedlings.sum() + transport.lost == seedlings[:over_chute].sum()
     assert np.all((transport.seedlings > 0) == (transport.cause == Missing.NONE))
-    row = plant_by_nozzle(nozzle(stuck="10 %"), fed, Course(ground, drive, 30.0), rng)
+    row = plant_by_nozzle(nozzle(unreleased="10 %"), fed, Course(ground, drive, 30.0), rng)
     assert row.single + row.double + sum(row.causes.values()) == row.released
     assert row.released + row.in_transit == 60
     assert row.seedlings.sum() + row.seedlings_lost + row.seedlings_in_transit == seedlings.sum()
