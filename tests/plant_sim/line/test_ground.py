@@ -99,9 +99,9 @@ def test_the_wheel_turns_less_than_the_tractor_drives() -> None:
 
 
 def test_a_hill_adds_slip_only_on_the_hill() -> None:
-    ground = profile(Stretch(0.5, for_m=10.5), Stretch(0.5, for_m=4.0, grade=0.1), length_m=14.0)
+    ground = profile(Stretch(0.5, for_m=10.5), Stretch(0.5, for_m=4.0, grade=0.1), length_m=20.0)
     slip = WheelSlip(SlipSpec(0.05, per_grade=0.5), ground, np.random.default_rng(1))
-    assert slip.at([10.4, 10.6, 14.4]).tolist() == pytest.approx([0.05, 0.10, 0.10])
+    assert slip.at([10.4, 10.6, 14.4, 14.6, 24.9, 25.1]).tolist() == pytest.approx([0.05, 0.10, 0.10, 0.05, 0.05, 0.10])
     assert slip.wheel_at(14.5) == pytest.approx(0.95 * 10.5 + 0.90 * 4.0)
 
 

@@ -114,6 +114,9 @@ def test_csv_and_parquet_contain_the_same_plants(pepper: LineResult, tmp_path: P
         assert values == table.column(name).to_pylist()
     for name in ("missing", "stand"):
         assert [row[name] or None for row in rows] == table.column(name).to_pylist()
+    first = next(row for row in rows if row["spacing_m"])
+    before = next(row for row in rows if row["position_m"])
+    assert float(first["spacing_m"]) == float(first["position_m"]) - float(before["position_m"])
     written = np.array([value for value in table.column("position_m").to_pylist() if value is not None])
     assert np.array_equal(written, np.concatenate([row.position_m[row.planted] for row in pepper.rows]))
     assert json.loads((tmp_path / "result.json").read_text(encoding="utf-8")) == json.loads(json.dumps(pepper.record()))
