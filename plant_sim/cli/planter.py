@@ -10,7 +10,7 @@ from typing import Final
 
 from controller.common.errors import InputError
 from plant_sim.planter.motion import Motion, MotionModel
-from plant_sim.planter.parameters import DEFAULT_PLANTER, assumed_names, load_planter
+from plant_sim.planter.parameters import DEFAULT_PLANTER, Planter, assumed_names, load_planter
 from plant_sim.planter.report import MotionReport
 
 # Modules that need matplotlib, which takes a second to import, are imported when a figure is drawn.
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         choices=(_SCHEME, _REGIMES, *FIGURE_SPEEDS_KM_H),
         metavar="N",
-        help="figure of the paper to draw: 3 scheme, 4 three paths, 7 to 9 motion at the paper's speeds "
+        help="figure of the paper to draw: 3 scheme, 4 three paths, 7 to 9 falls at the paper's speeds "
         "(default: motion at --speed)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
     release_deg = planter.chain.release_deg if options.release is None else options.release
     report = MotionReport(motion, release_deg, assumed_names(options.planter))
     if options.plot is not None:
-        _draw(report, options.plot, options.figure)
+        _draw(report, planter, options.plot, options.figure)
     print(json.dumps(report.record()) if options.json else report.text())
     return 0
 
@@ -103,7 +103,7 @@ def _check(options: argparse.Namespace) -> None:
             raise InputError(f"--plot {options.plot}: figure {options.figure} does not move; use .png or .svg")
 
 
-def _draw(report: MotionReport, path: Path, figure: int | None) -> None:
+def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None) -> None:
     """Draw a figure of the paper, or the motion of the report if it is None."""
     from plant_sim.common.figure_style import drawing, save_as  # noqa: PLC0415
     from plant_sim.planter.drawing.animation import write_animation  # noqa: PLC0415
@@ -117,7 +117,9 @@ def _draw(report: MotionReport, path: Path, figure: int | None) -> None:
         f"λ = {motion.ratio:.4g}, {report.regime}, model {motion.model}"
     )
     with drawing():
-        if figure == _SCHEME:
+        if figure in FIGURE_SPEEDS_KM_H:
+            _draw_process(report, planter, path, title)
+        elif figure == _SCHEME:
             save_as(scheme(motion.chain, motion.model), path)
         elif figure == _REGIMES:
             frequency_per_min = motion.frequency_per_min
@@ -126,3 +128,17 @@ def _draw(report: MotionReport, path: Path, figure: int | None) -> None:
             write_animation(motion, path, title=title)
         else:
             save_as(motion_figure(motion, title=title), path)
+
+
+def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str) -> None:
+    """Draw the simulated fall of a block onto rigid ground."""
+    from plant_sim.common.figure_style import save_as  # noqa: PLC0415
+    from plant_sim.planter.contact import Frame, drop  # noqa: PLC0415
+    from plant_sim.planter.drawing.process import process_figure, write_process  # noqa: PLC0415
+
+    frames: list[Frame] = []
+    drop(planter, planter.rigid_ground, report.motion, opener_deg=report.release_deg, frames=frames)
+    if path.suffix == ".gif":
+        write_process(frames, planter, path, title=title)
+    else:
+        save_as(process_figure(frames, planter, title=title), path)

@@ -102,7 +102,7 @@ def drop(
     Args:
         planter: Parameters of the planter.
         ground: Ground below the planter.
-        motion: Motion of the planters, of the model `Model.RIGID`.
+        motion: Motion of the planters, of the model `MotionModel.RIGID`.
         opener_deg: Phase on the bottom arc at which the opener starts to move the plates, degrees.
         behind_m: Distance of the block behind its nominal position in the planter, m.
         step_s: Time step, s.

@@ -32,6 +32,24 @@ BLOCKS: Final = 48
 FREQUENCY_PER_MIN: Final = 58.0
 """Planting frequency of the table: the centre of the bench test."""
 
+
+class Grid(NamedTuple):
+    """Grid of a table of falls.
+
+    Attributes:
+        ratios: Ratios lambda, ascending.
+        openers_deg: Places of the opener on the bottom arc, ascending, degrees.
+        blocks: Random blocks in each cell.
+    """
+
+    ratios: tuple[float, ...] = RATIOS
+    openers_deg: tuple[float, ...] = OPENERS_DEG
+    blocks: int = BLOCKS
+
+
+GRID: Final = Grid()
+"""Grid of the packaged tables."""
+
 _PACKAGED: Final = Path(__file__).with_name("data")
 _VERSION: Final = 1
 _SEED: Final = 1
@@ -67,10 +85,12 @@ class FallTable:
         kind: Ground.
         cells: Results, of shape (ratios, openers, blocks, 4): along_m, clearance below the tip, m, tilt_deg, and the
             impulse of the guide plate on the ground, N s.
+        grid: Grid of the cells.
     """
 
-    def __init__(self, planter: Planter, kind: Ground, cells: NDArray[np.float64]) -> None:
+    def __init__(self, planter: Planter, kind: Ground, cells: NDArray[np.float64], grid: Grid = GRID) -> None:
         """Initialise from simulated cells."""
+        self.grid = grid
         self.planter = planter
         self.kind = kind
         self.cells = cells
@@ -95,8 +115,8 @@ class FallTable:
         """
         ratios = np.atleast_1d(np.asarray(ratio, dtype=float))
         place_deg = self.planter.chain.release_deg if opener_deg is None else opener_deg
-        row, row_within = _neighbour(np.array(RATIOS), ratios, rng)
-        column, column_within = _neighbour(np.array(OPENERS_DEG), np.full(ratios.shape, place_deg), rng)
+        row, row_within = _neighbour(np.array(self.grid.ratios), ratios, rng)
+        column, column_within = _neighbour(np.array(self.grid.openers_deg), np.full(ratios.shape, place_deg), rng)
         block = rng.integers(self.cells.shape[2], size=ratios.shape)
         along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(self.cells[row, column, block], -1, 0)
         if self.kind is Ground.SOIL:
@@ -122,9 +142,7 @@ def build_cells(
     ranges: Ranges,
     kind: Ground,
     *,
-    ratios: tuple[float, ...] = RATIOS,
-    openers_deg: tuple[float, ...] = OPENERS_DEG,
-    blocks: int = BLOCKS,
+    grid: Grid = GRID,
     progress: Callable[[int, int], None] | None = None,
 ) -> NDArray[np.float64]:
     """Return the cells of a `FallTable`, simulated with full contact.
@@ -133,11 +151,10 @@ def build_cells(
         planter: Parameters of the planter.
         ranges: Plausible ranges of its parameters.
         kind: Ground.
-        ratios: Ratios lambda.
-        openers_deg: Places of the opener, degrees.
-        blocks: Random blocks in each cell.
+        grid: Grid of the cells.
         progress: Function called with the number of completed and of all ratios.
     """
+    ratios, openers_deg, blocks = grid
     rng = np.random.default_rng(_SEED)
     draws = [draw(planter, ranges, kind, rng) for _ in range(blocks)]
     cells = np.empty((len(ratios), len(openers_deg), blocks, 4))
@@ -167,7 +184,12 @@ def default_table(kind: Ground) -> FallTable:
 
 
 def fall_table(
-    planter: Planter, ranges: Ranges, kind: Ground, *, progress: Callable[[int, int], None] | None = None
+    planter: Planter,
+    ranges: Ranges,
+    kind: Ground,
+    *,
+    grid: Grid = GRID,
+    progress: Callable[[int, int], None] | None = None,
 ) -> FallTable:
     """Return the table of a planter: from the package or the cache if it exists, otherwise built and stored.
 
@@ -175,20 +197,21 @@ def fall_table(
         planter: Parameters of the planter.
         ranges: Plausible ranges of its parameters.
         kind: Ground.
+        grid: Grid of the cells.
         progress: Function called with the number of completed and of all ratios while the table is built.
 
     Raises:
         OSError: The cache folder is not writable.
         RuntimeError: The user has no home folder.
     """
-    name = f"falls-{kind}-{_key(planter, ranges, kind)}.npy"
+    name = f"falls-{kind}-{_key(planter, ranges, kind, grid)}.npy"
     cached = user_cache_folder() / name
     for path in (_PACKAGED / name, cached):
         if path.exists():
-            return FallTable(planter, kind, np.load(path).astype(float))
-    cells = build_cells(planter, ranges, kind, progress=progress)
+            return FallTable(planter, kind, np.load(path).astype(float), grid)
+    cells = build_cells(planter, ranges, kind, grid=grid, progress=progress)
     _store(cells, cached)
-    return FallTable(planter, kind, cells.astype(np.float32).astype(float))
+    return FallTable(planter, kind, cells.astype(np.float32).astype(float), grid)
 
 
 def _store(cells: NDArray[np.float64], path: Path) -> None:
@@ -201,7 +224,7 @@ def _store(cells: NDArray[np.float64], path: Path) -> None:
     part.replace(path)
 
 
-def _key(planter: Planter, ranges: Mapping[str, tuple[float, float]], kind: Ground) -> str:
+def _key(planter: Planter, ranges: Mapping[str, tuple[float, float]], kind: Ground, grid: Grid) -> str:
     """Return a key of everything that the cells depend on, apart from the code, which has a version."""
     scatter = planter.scatter
     content = (
@@ -212,7 +235,7 @@ def _key(planter: Planter, ranges: Mapping[str, tuple[float, float]], kind: Grou
         getattr(planter, kind),
         (scatter.place_m, scatter.opener_deg, scatter.clearance_sd_m),
         sorted(ranges.items()),
-        (RATIOS, OPENERS_DEG, BLOCKS, FREQUENCY_PER_MIN, _SEED),
+        (tuple(grid), FREQUENCY_PER_MIN, _SEED),
     )
     return hashlib.sha256(repr(content).encode()).hexdigest()[:16]
 

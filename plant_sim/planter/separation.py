@@ -51,7 +51,9 @@ def separation_closed_form_s(motion: Motion, release_s: float) -> float | None:
     """Return the separation time of a block of planter 0 from its equation, s; None if it has no closed form.
 
     The closed form is the root of a quadratic equation. It exists if the block leaves the plates on a straight segment
-    after its release on this segment or on the arc before. Otherwise the equation is transcendental.
+    after its release on this segment or on the bottom arc before. On the arcs the equation is transcendental. The top
+    arc accelerates the planter downward, possibly faster than the block falls, so that the tip may pass the block
+    several times; a release there has no closed form.
 
     Args:
         motion: Motion of the planters.
@@ -63,6 +65,8 @@ def separation_closed_form_s(motion: Motion, release_s: float) -> float | None:
     require(motion.model is not MotionModel.PRINTED, "model", _NO_PATH)
     since_s = release_s % motion.period_s
     segment = int(motion.segment(since_s)[0, 0])
+    if segment == PathSegment.TOP:
+        return None
     line = segment if segment in (PathSegment.FALL, PathSegment.RISE) else segment + 1
     line_m_s = motion.chain_m_s if line == PathSegment.RISE else -motion.chain_m_s
     tip = motion.chain.tip
@@ -77,7 +81,9 @@ def separation_closed_form_s(motion: Motion, release_s: float) -> float | None:
     if inner < 0.0:
         return None
     time_s = (math.sqrt(inner) - linear) / GRAVITY_M_S2
-    return time_s if line_s <= since_s + time_s <= motion.starts_s[line + 1] else None
+    before_s = line_s - since_s
+    is_held = GRAVITY_M_S2 / 2 * before_s**2 + linear * before_s + constant < 0.0
+    return time_s if is_held and line_s <= since_s + time_s <= motion.starts_s[line + 1] else None
 
 
 def _longest_s(motion: Motion, start_m_s: float) -> float:

@@ -59,7 +59,7 @@ def test_frequency_release_and_parameters_are_used(tmp_path: Path, capsys: pytes
     double = record_of(capsys, "--frequency", "112")
     assert double["ratio"] == pytest.approx(2 * before["ratio"])
     assert double["spacing_m"] == pytest.approx(before["spacing_m"] / 2)
-    assert before["release_deg"] == 100.0
+    assert before["release_deg"] == 75.0
     assert record_of(capsys, "--release", "150")["separation_s"] > before["separation_s"]
     other = record_of(capsys, "--planter", str(changed))
     assert other["depth_m"] == pytest.approx(before["depth_m"] + 0.010)

@@ -12,6 +12,7 @@ from matplotlib.text import Annotation
 from PIL import Image, ImageSequence
 
 from plant_sim.common.figure_style import FigureError, drawing, save_as
+from plant_sim.planter.drawing import animation
 from plant_sim.planter.drawing.animation import write_animation
 from plant_sim.planter.drawing.paths import motion_figure, regimes_figure, shown_m, window_s
 from plant_sim.planter.drawing.scheme import scheme
@@ -61,13 +62,16 @@ def test_the_motion_is_drawn_with_its_points_of_zero_speed(speed_km_h: float, co
     times_s = np.linspace(*window_s(motion), 401)
     for name, offset in {"hinge": (0.0, 0.0), "tip": CHAIN.tip, "guide plate": CHAIN.guide}.items():
         np.testing.assert_array_equal(line_of(paths, name), shown_m(motion, times_s, offset))
+    lowest_m = shown_m(motion, motion.time_at_s(90.0), (0.0, 0.0))[0]
+    assert lowest_m == pytest.approx((0.0, -CHAIN.sprocket_radius_m), abs=1e-12)
     marked = [line for line in paths.lines if line.get_label() == "zero horizontal speed"]
     assert sum(len(np.asarray(line.get_xydata())) for line in marked) == 3 * count
     phases_deg = {float(np.asarray(line.get_xdata())[0]) for line in speeds.lines if line.get_marker() == "o"}
     assert phases_deg == {point.phase_deg for point in zero_speed_points(motion)}
 
 
-def test_equal_figures_give_identical_files(tmp_path: Path) -> None:
+def test_equal_figures_give_identical_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(animation, "FRAMES_PER_S", 3)
     for name in ("a", "b"):
         with drawing():
             save_as(motion_figure(motion_at(1.4), title="title"), tmp_path / f"{name}.svg")
@@ -76,11 +80,11 @@ def test_equal_figures_give_identical_files(tmp_path: Path) -> None:
     for ending in ("svg", "png", "gif"):
         assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
     assert len(list(tmp_path.iterdir())) == 6
-    with Image.open(tmp_path / "a.gif") as animation:
-        frames = sum(1 for _ in ImageSequence.Iterator(animation))
-        assert animation.info["duration"] == pytest.approx(1000 / 12, abs=10)
+    with Image.open(tmp_path / "a.gif") as image:
+        frames = sum(1 for _ in ImageSequence.Iterator(image))
+        assert image.info["duration"] == pytest.approx(1000 / 3, abs=10)
     first_s, last_s = window_s(motion_at(1.4))
-    assert frames == pytest.approx((last_s - first_s) * 4 * 12, abs=1)
+    assert frames == pytest.approx((last_s - first_s) * 4 * 3, abs=1)
 
 
 def test_an_unwritable_file_is_one_line_and_nothing_is_left(tmp_path: Path) -> None:

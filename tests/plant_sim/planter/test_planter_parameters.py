@@ -14,6 +14,13 @@ PLANTER = load_planter()
 TEXT = DEFAULT_PLANTER.read_text(encoding="utf-8")
 RADIUS = 'sprocket_radius_m: {value: 0.080, unit: m, source: paper, note: "2.2.2, pitch radius"}'
 RADIUS_LINE = 1 + TEXT[: TEXT.index(RADIUS)].count("\n")
+DEFINITIONS = {
+    "rigid_ground.clearance_m",
+    "rigid_ground.cover_m",
+    "rigid_ground.resistance_pa",
+    "bench_soil.restitution",
+}
+"""Assumptions that define a ground, and therefore have no range."""
 RANGE = "write the lowest and the highest plausible value: [0.01, 0.05]"
 
 
@@ -32,12 +39,18 @@ def test_the_planter_matches_the_paper() -> None:
     chain = PLANTER.chain
     assert (chain.sprocket_radius_m, chain.planters) == (0.080, 6)
     assert chain.tip == (chain.offset_m, -chain.tip_height_m)
-    assert chain.guide == pytest.approx((chain.offset_m - 0.025, 0.010 - chain.tip_height_m))
+    assert chain.guide == pytest.approx(
+        (chain.offset_m - chain.guide_behind_m, chain.guide_above_m - chain.tip_height_m)
+    )
+    assert (PLANTER.block.edge_m, PLANTER.block.stem_diameter_m, PLANTER.block.stem_length_m) == (0.040, 0.010, 0.045)
+    assert PLANTER.grip.clearance_m(PLANTER.block) == pytest.approx(0.0025)
+    assert (PLANTER.grip.crush_low_n, PLANTER.grip.crush_high_n) == (89.95, 119.29)
 
 
 def test_everything_that_the_paper_does_not_publish_is_assumed_and_has_a_range() -> None:
     ranges = load_ranges()
-    assert {"chain.offset_m", "chain.tip_height_m", "chain.axle_height_m"} <= set(assumed_names()) <= set(ranges)
+    assert {"chain.offset_m", "chain.tip_height_m", "chain.axle_height_m"} <= set(assumed_names())
+    assert set(assumed_names()) - set(ranges) == DEFINITIONS
     assert not {"chain.sprocket_radius_m", "chain.planters"} & ({*assumed_names(), *ranges})
     assert ranges["chain.centre_distance_m"] == (1.2161, 1.2174)
 

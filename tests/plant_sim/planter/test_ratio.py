@@ -139,6 +139,17 @@ def test_late_releases_have_a_closed_form_and_early_ones_have_none() -> None:
     assert closed_s[2] == pytest.approx(separation_time_s(motion, motion.time_at_s(160.0)), abs=1e-12)
 
 
+def test_a_tip_that_passes_the_block_several_times_separates_at_the_first() -> None:
+    """On the top arc at 140 plants/min, the planter accelerates downward by up to 16 m/s2, more than the block."""
+    motion = Motion(dataclasses.replace(CHAIN, block_top_m=0.01), speed_m_s=1.0, frequency_per_min=140.0)
+    times_s = np.linspace(0.0, 0.5, 5_001)
+    clearances_m = np.array([clearance_m(motion, 0.0, time_s) for time_s in times_s])
+    upward = np.flatnonzero((clearances_m[:-1] < 0.0) & (clearances_m[1:] >= 0.0))
+    assert len(upward) == 2
+    assert separation_time_s(motion, 0.0) == pytest.approx(times_s[upward[0]], abs=2e-4)
+    assert separation_closed_form_s(motion, 0.0) is None
+
+
 def test_the_arc_shortens_the_separation() -> None:
     """The sprocket accelerates the planter upward by up to R omega^2 = 2.6 m/s2, symmetrically to the lowest point.
 
