@@ -17,7 +17,7 @@ from plant_sim.line.file import ConveyorEntry
 from plant_sim.line.ground import Floats
 from plant_sim.line.row import FedRow, Integers, Missing
 from plant_sim.machine.parameters import Machine
-from plant_sim.twin.lock_step import SCAN_MS, Twin
+from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
 
 MOST_TRAYS: Final = 1_000
 """Capacity of the magazine."""
@@ -28,6 +28,8 @@ _STIFF_M_S2 = 10.0
 """Acceleration of the cups, m/s2; the speed profile already contains that of the tractor."""
 _STANDSTILL_M_S = 1e-6
 _LOADED_LIMIT_MS = 120_000
+_LOADING_PER_MIN = 45.0
+"""Planting frequency at which the operator turns the cups before the row; assumed."""
 _NO_CUPS_INTERVALS = 3
 _CAUSES = {Location.LOST_PICK: Missing.P, Location.LOST_CARRY: Missing.D, Location.LOST_THROW: Missing.T}
 
@@ -85,8 +87,7 @@ class ArmsFeed:
             frequency_per_min: Planting frequency for which the machine is commissioned, 1/min.
 
         Raises:
-            LineError: The cups require too many trays.
-            NotReachedError: The machine does not reach a state in time.
+            LineError: The cups require too many trays, or the machine does not fill the first cups.
         """
         trays = math.ceil(cups / (CELLS_ALONG * COLUMNS / len(SIDES))) + 2
         if trays > MOST_TRAYS:
@@ -101,7 +102,10 @@ class ArmsFeed:
         self._pitch_m = machine.cups.pitch_m
         for arm in self._arms:
             arm.row.passed = []
-        self._load(frequency_per_min)
+        try:
+            self._load()
+        except NotReachedError as error:
+            raise LineError(f"arms: {error}; check the parameters of the machine") from None
         self._start_m = [arm.cups.chain_m for arm in self._arms]
         self._first = [_first_filled(arm.row) for arm in self._arms]
         self.rows: list[FedRow] = []
@@ -152,14 +156,14 @@ class ArmsFeed:
         """Seedlings with a cup of their own in cups that have passed the last claw."""
         return sum(int(np.count_nonzero(row.seedlings)) for row in self.rows)
 
-    def _load(self, frequency_per_min: float) -> None:
+    def _load(self) -> None:
         """Home and start the machine, fill the first cups, and wait until both arms are loaded again."""
         twin = self.twin
         twin.plant.planting_frequency_per_min = 0.0
         twin.home()
         twin.command("cups_empty")
         twin.start()
-        twin.plant.planting_frequency_per_min = frequency_per_min
+        twin.plant.planting_frequency_per_min = _LOADING_PER_MIN
         twin.run_until(self._has_thrown, within_ms=_LOADED_LIMIT_MS, what="first throw of both arms")
         twin.plant.planting_frequency_per_min = 0.0
         twin.run_until(self._is_loaded, within_ms=_LOADED_LIMIT_MS, what="both arms loaded over the cups")

@@ -182,6 +182,8 @@ class LineResult:
 
     def _spacing_lines(self) -> list[str]:
         indices = self.spacing
+        if indices.number < 2:
+            return [f"spacing set {100 * self.spacing_m:.1f} cm; too few plants for a mean"]
         return [
             f"spacing set {100 * self.spacing_m:.1f} cm, mean {100 * indices.mean_m:.1f} cm, "
             f"SD {100 * indices.sd_m:.1f} cm, CV {100 * indices.cv:.1f} %, {indices.number} spacings",
@@ -204,6 +206,8 @@ class LineResult:
         return lines
 
     def _productivity(self) -> str:
+        if math.isnan(self.plants_per_h):
+            return "productivity unknown: fewer than two releases"
         text = f"productivity {self.plants_per_h:,.0f} plants/h"
         if not self.is_fed_by_arms:
             return text

@@ -13,7 +13,7 @@ from plant_sim.line.drive import Drive, GroundWheel, OwnMotor
 from plant_sim.line.errors import LineError
 from plant_sim.line.feed import ArmsFeed, blocks
 from plant_sim.line.file import ConveyorEntry, GroundEntry, LineFile, SegmentEntry
-from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
+from plant_sim.line.ground import MOST_SLIP, SlipSpec, SpeedProfile, Stretch, WheelSlip
 from plant_sim.line.planting import (
     CARRIED_CYCLES,
     ChainPlanter,
@@ -26,8 +26,8 @@ from plant_sim.line.planting import (
 from plant_sim.line.row import FedRow, PlantRow
 from plant_sim.machine.parameters import Machine
 
-_MARGIN_CUPS = 200
-"""Travel of the profile beyond the row, in set spacings, for start-up, transit and slip."""
+_STARTING_CUPS = 60
+"""Cups of a row before its first release, apart from those between the claws and the planting position."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,9 @@ def run_line(
 
     Raises:
         LineError: The row is too long, or nothing is planted on it.
-        NotReachedError: The machine does not reach a state in time.
     """
     soil, feeding, planting = (np.random.default_rng([seed, stream]) for stream in range(3))
-    profile = profile_of(line.ground, metres + _MARGIN_CUPS * line.spacing)
+    profile = profile_of(line.ground, metres + _margin_m(line))
     course = Course(profile, drive_of(line, profile, soil), metres)
     balance: SeedlingBalance | None = None
     alarms: tuple[str, ...] = ()
@@ -149,6 +148,13 @@ def drive_of(line: LineFile, profile: SpeedProfile, rng: np.random.Generator) ->
     )
 
 
+def _margin_m(line: LineFile) -> float:
+    """Return the travel beyond the row that start-up and transit require at the largest slip and lag, m."""
+    cups = _STARTING_CUPS + (0 if line.arms is None else line.arms.cups_to_planting)
+    fastest_m_s = max(max(segment.speed or 0.0, segment.ramp_to or 0.0) for segment in line.ground.segments)
+    return (cups * line.spacing + (line.drive.lag or 0.0) * fastest_m_s) / (1 - MOST_SLIP)
+
+
 def set_frequency_hz(line: LineFile) -> float:
     """Return the planting frequency at the speed of the first segment and the set spacing, 1/s."""
     first = line.ground.segments[0]
@@ -184,7 +190,8 @@ def _fill_cups(line: LineFile, course: Course, *, seed: int, machine: Machine) -
     """Return the cups of both rows, filled until both rows are planted."""
     assert line.arms is not None  # noqa: S101 - the caller has checked it
     to_planting = line.arms.cups_to_planting
-    cups = math.ceil(course.drive.end_cycles)
+    before = _STARTING_CUPS / 2 + to_planting + _carried(line)
+    cups = math.ceil(course.drive.cycles_at(_end_s(course, [before])))
     arms = ArmsFeed(machine, seed=seed, cups=cups, frequency_per_min=60 * set_frequency_hz(line))
     until_s = _end_s(course, [cycle + _carried(line) for cycle in arms.first_cycles(to_planting)])
     arms.run(course.drive, until_s=until_s, cups_to_planting=to_planting)

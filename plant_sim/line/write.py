@@ -191,7 +191,8 @@ def _draw_histogram(axes: Axes, result: LineResult) -> None:
     set_cm, indices = 100 * result.spacing_m, result.spacing
     top_cm = max(float(spacings_cm.max(initial=0.0)), 2 * set_cm)
     axes.hist(spacings_cm, bins=np.arange(0.0, top_cm + 1.0, 1.0).tolist(), color=QUIET)
-    axes.set_yscale("log")
+    if len(spacings_cm):
+        axes.set_yscale("log")
     for factor, label in ((0.5, "0.5"), (1.5, "1.5")):
         axes.axvline(factor * set_cm, color="#AA0044", linestyle=(0, (4, 2)), linewidth=0.9)
         axes.annotate(

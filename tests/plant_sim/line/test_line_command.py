@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import signal
 import time
 from collections.abc import Iterator
@@ -170,6 +171,32 @@ def test_bad_input_is_one_line(
     assert printed.err.startswith(expected)
     assert printed.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("key", "value"), [("mean", "90 %"), ("spacing", "2 m"), ("speed", "5 m/s"), ("speed", "0.02 m/s"), ("lag", "60 s")]
+)
+def test_extreme_values_give_a_result(name: str, key: str, value: str, tmp_path: Path) -> None:
+    """The limits of the line file lead to poor rows or to no plant at all, but everything is accounted for."""
+    text = lines()[name].read_text(encoding="utf-8")
+    if key == "lag":
+        text = text.replace("kind: ground_wheel\n  set_for_slip: 5 %, assumed", f"kind: own_motor\n  lag: {value}")
+    text = re.sub(rf'{key}: ("[^"]*"|[^,}}\n]*, assumed)', f'{key}: "{value}"', text)
+    assert value in text
+    (tmp_path / "line.yaml").write_text(text, encoding="utf-8")
+    done = result(str(tmp_path / "line.yaml"), 2.0)
+    assert done.run.accounted
+    assert "released" in done.text()
+    json.dumps(done.record(), allow_nan=False)
+    write_result(done, tmp_path)
+
+
+def test_a_million_planters_are_accounted_for() -> None:
+    """One row of 425 km, in which each block, lost or planted, is counted once."""
+    done = result("cabbage", 425_000.0)
+    assert done.run.accounted
+    assert sum(row.released for row in done.rows) > 1_000_000
 
 
 @pytest.mark.nightly
