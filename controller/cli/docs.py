@@ -51,7 +51,7 @@ def io_table(machine: Transplanter) -> str:
     """Return a table of all points of the I/O map."""
     io_map = machine.io_map
     points = (*io_map.inputs, *io_map.outputs, *io_map.unwired)
-    rows = [
+    rows: list[tuple[object, ...]] = [
         (
             p.address,
             p.tag,
@@ -62,6 +62,18 @@ def io_table(machine: Transplanter) -> str:
             "" if p.wired else "not wired",
         )
         for p in points
+    ]
+    rows += [
+        (
+            r.address,
+            r.tag,
+            r.meaning,
+            "",
+            r.safe,
+            f"{r.table.replace('_', ' ')} {r.offset}",
+            "" if r.wired else "not wired",
+        )
+        for r in (*io_map.registers, *io_map.unwired_registers)
     ]
     heading = ("address", "tag", "meaning", "polarity", "safe", "Modbus", "")
     return f"# I/O\n\n{GENERATED}\n\n{table(heading, rows)}"

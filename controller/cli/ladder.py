@@ -12,16 +12,16 @@ from controller.common.errors import InputError
 from controller.core.expr import Bit
 from controller.core.program import Program
 from controller.core.rungs import written_devices
-from controller.export.instruction_list import PulseTrain, acting, export
+from controller.export.instruction_list import POWER_UP, PulseTrain, acting, export
 from controller.export.structured_text import structured_text
 from controller.fx.drawing.ladder import draw
 from controller.fx.engine.parts import parts_of
 from controller.fx.engine.running import run as run_stimulus
 from controller.fx.engine.stimulus import load_stimulus
-from controller.fx.language.check import MOST_STEPS, check, usage
+from controller.fx.language.check import MOST_STEPS, budget, check, usage
 from controller.fx.language.gx_csv import write_gx_csv
 from controller.fx.language.il import write_il
-from controller.fx.language.instruction import LadderError
+from controller.fx.language.instruction import Ladder, LadderError
 from controller.fx.language.reading import load_ladder
 
 FORMATS: Final = ("il", "gx-csv", "st")
@@ -92,7 +92,7 @@ def _export(options: argparse.Namespace) -> int:
     options.out.write_bytes(write_gx_csv(ladder) if options.format == "gx-csv" else write_il(ladder).encode())
     fits = used.steps <= MOST_STEPS
     verdict = "fits" if fits else f"does not fit: more than {MOST_STEPS} steps"
-    print(_size(options.out, program), f"FX2N: {used}", verdict, sep="\n")
+    print(_size(options.out, program), f"FX2N: {used}", *_budget(program, ladder), verdict, sep="\n")
     return 0 if fits else 1
 
 
@@ -147,3 +147,9 @@ def _size(out: Path, program: Program) -> str:
     sequences = list(program.sequences())
     steps = sum(len(sequence.steps) for sequence in sequences)
     return f"{out}: {program.name}, {len(program.blocks)} blocks, {len(sequences)} sequences with {steps} steps"
+
+
+def _budget(program: Program, ladder: Ladder) -> list[str]:
+    """Return one line for each block of an exported program with its number of steps, and one for the free steps."""
+    used = budget(ladder, (POWER_UP, *(block.title for block in program.blocks)))
+    return [f"{count:>6} {title}" for title, count in (used | {"free": MOST_STEPS - sum(used.values())}).items()]

@@ -28,6 +28,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
     written_devices,
@@ -131,6 +132,9 @@ class _Source:
             case Inc(target):
                 d = word(target)
                 self.add(depth, f"if {when}: {d} = {d} + 1 if {d} < {WORD_MAX} else {WORD_MIN}")
+            case Scale(source, factor, divisor, target):
+                quotient = f"{word(source)} * {word(factor)} // {word(divisor)}"
+                self.add(depth, f"if {expression(rung.driven)}: {word(target)} = max(0, min({quotient}, {WORD_MAX}))")
 
     def branch(self, contact: Expr, rungs: Iterator[_Latching]) -> None:
         self.add(1, f"if {expression(contact)}:")

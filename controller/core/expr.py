@@ -183,6 +183,11 @@ class Timer:
         return Bit("T", self.number, self.name, self.comment)
 
     @property
+    def value(self) -> Word:
+        """Current value of the timer, in counts of its base."""
+        return Word("T", self.number, self.name, self.comment)
+
+    @property
     def base_ms(self) -> int:
         """Time base of the timer, ms."""
         return timer_base_ms(self.number)

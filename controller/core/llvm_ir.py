@@ -40,6 +40,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
 )
@@ -234,6 +235,13 @@ class _FunctionBody:
                     self.set_bit(target.kind, target.number, "true")
             case Count():
                 self._counter(rung, when)
+            case Scale(source, factor, divisor, target):
+                with self.on(self.condition(rung.driven)):
+                    product = self.value(f"mul i64 {self.operand(source)}, {self.operand(factor)}")
+                    quotient = self.value(f"sdiv i64 {product}, {self.operand(divisor)}")
+                    limited = self.choice(self.compare("<", quotient, WORD_MAX), quotient, WORD_MAX)
+                    limited = self.choice(self.compare("<", limited, 0), 0, limited)
+                    self.set_word(_WORD_ROWS[target.kind], target.number, limited)
             case _:
                 with self.on(when):
                     self._latch(rung)

@@ -43,6 +43,7 @@ class Program:
         outputs: Title of the only block that may write Y.
         system: Bits written by the runtime before a scan (commands, link state).
         set_points: Words written by the runtime, with their default values.
+        output_words: Data registers that the runtime writes to the field I/O, besides Y.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Program:
     outputs: str
     system: tuple[Bit, ...] = ()
     set_points: tuple[tuple[Word, int], ...] = ()
+    output_words: tuple[Word, ...] = ()
 
     def __post_init__(self) -> None:
         self._check_coils()

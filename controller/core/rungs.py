@@ -162,6 +162,36 @@ class Inc:
 
 
 @dataclass(frozen=True, slots=True)
+class Scale:
+    """MUL and DDIV: target = source * factor / divisor, limited to 0..32767, with a product of 32 bits.
+
+    The fraction is omitted. The instruction is not executed while the divisor is 0 or less.
+    """
+
+    source: Word | int
+    factor: Word | int
+    divisor: Word | int
+    target: Word
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        if self.target.kind != "D":
+            raise RungError(f"MUL to {self.target}: the target must be a data register")
+        for operand in (self.source, self.factor, self.divisor):
+            if isinstance(operand, Word) and operand.kind == "C" and is_32_bit_counter(operand.number):
+                raise RungError(f"MUL to {self.target}: {operand} has 32 bits; use an operand of 16 bits")
+            if isinstance(operand, int) and not WORD_MIN <= operand <= WORD_MAX:
+                raise RungError(f"MUL to {self.target}: {operand} is out of range {WORD_MIN}..{WORD_MAX} of a word")
+        if isinstance(self.divisor, int) and self.divisor <= 0:
+            raise RungError(f"MUL to {self.target}: the divisor {self.divisor} must be at least 1")
+
+    @property
+    def driven(self) -> Expr:
+        """Condition under which the instruction is executed."""
+        return self.when if isinstance(self.divisor, int) else self.when & (self.divisor > 0)
+
+
+@dataclass(frozen=True, slots=True)
 class Annunciate:
     """ANS: set annunciator S900-S999 after the condition has been true for the preset time; it stays set.
 
@@ -183,7 +213,7 @@ class Annunciate:
             )
 
 
-Rung = Out | Set | Rst | ZoneReset | Pulse | PulseFalling | OnDelay | Count | Mov | Inc | Annunciate
+Rung = Out | Set | Rst | ZoneReset | Pulse | PulseFalling | OnDelay | Count | Mov | Inc | Scale | Annunciate
 
 
 def read_devices(rung: Rung) -> Iterator[Bit | Word]:
@@ -191,8 +221,8 @@ def read_devices(rung: Rung) -> Iterator[Bit | Word]:
     yield from leaves(rung.when)
     operands = {OnDelay: "preset", Count: "preset", Mov: "source"}
     word = getattr(rung, operands[type(rung)]) if type(rung) in operands else None
-    if isinstance(word, Word):
-        yield word
+    words = (rung.source, rung.factor, rung.divisor) if isinstance(rung, Scale) else (word,)
+    yield from (word for word in words if isinstance(word, Word))
 
 
 def written_devices(rung: Rung) -> Iterator[Bit | Word]:
@@ -218,6 +248,7 @@ def written_devices(rung: Rung) -> Iterator[Bit | Word]:
             | PulseFalling(target)
             | Mov(_, target)
             | Inc(target)
+            | Scale(target=target)
         ):
             assert isinstance(target, Bit | Word)  # noqa: S101 - narrows the union for the type checker
             yield target

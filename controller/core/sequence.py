@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from collections.abc import Sequence as Rows
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 from controller.core.devices import is_retentive
 from controller.core.expr import TRUE, Bit, Expr, Timer, Word, any_of
@@ -193,6 +194,26 @@ class Sequence:
     def dwell_rung(self, step: Step) -> OnDelay | None:
         """Return the dwell timer of a step as a rung; None if the step has none."""
         return OnDelay(step.dwell.timer, step.dwell.preset, step.dwell.when) if step.dwell else None
+
+    def conditions(self) -> Iterator[Expr]:
+        """Yield every condition evaluated inside the steps: of each step, its dwell time and then its transfers."""
+        for step in self.steps:
+            if step.dwell is not None:
+                yield step.dwell.when
+            yield from (transfer.when for transfer in self.transfers[step.title])
+
+    def with_conditions(self, conditions: Rows[Expr]) -> Sequence:
+        """Return the sequence with other conditions, in the order of `conditions`."""
+        following = iter(conditions)
+        other = copy(self)
+        steps: list[Step] = []
+        other.transfers = {}
+        for step in self.steps:
+            dwell = step.dwell and replace(step.dwell, when=next(following))
+            steps.append(replace(step, dwell=dwell))
+            other.transfers[step.title] = tuple(replace(t, when=next(following)) for t in self.transfers[step.title])
+        other.steps = tuple(steps)
+        return other
 
     def _transfers(self, step: Step, enable: Expr | None) -> Iterator[Transfer]:
         earlier: list[Expr] = []

@@ -64,7 +64,7 @@ class CycleEvent:
         side: Arm.
         row: Picked row, 1 to 3.
         cycle_ms: Time from leaving the feed position until the arm is back there, down and converged, ms.
-        waiting_ms: Part of this time spent waiting for cups, ms.
+        waiting_ms: Part of this time spent waiting for cups, including the release delay, ms.
         missed_cups: Number of cups missed by the arm since the last reset of the counts.
         gap_cause: Cause of the cups missed since the previous cycle.
     """
@@ -124,7 +124,7 @@ class _CycleTimer:
         cycle, self._arm = machine.cycles[side], machine.tags.arms[side]
         self._start, self._end = cycle["approach row"], cycle["wait at feed"]
         self._tray = machine.tags.tray
-        self._waiting = (cycle["wait to lower"].number, cycle["wait for cups"].number)
+        self._waiting = tuple(cycle[title].number for title in ("wait to lower", "wait for cups", "release delay"))
         self._side = side
         self._row: int | None = None
         self._since_ms = 0
@@ -144,7 +144,7 @@ class _CycleTimer:
                 self._row = next(row for row in ROWS if plc.read(self._arm.row_is[row]))
                 self._since_ms, self._waited_ms = now_ms, 0
             return None
-        if states[self._waiting[0]] or states[self._waiting[1]]:
+        if any(states[number] for number in self._waiting):
             self._waited_ms += passed_ms
         if not states[self._end.number] or states[self._start.number]:
             return None

@@ -1,8 +1,9 @@
 """Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
 
 Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators become
-ANS instructions. A separate block contains the functions that the soft PLC performs outside the program: it resets all
-states, writes the initial set-points and switches M8049 on.
+ANS instructions. Conditions that are used repeatedly are evaluated once, into auxiliary relays (`sharing`). A separate
+block contains the functions that the soft PLC performs outside the program: it resets all states, writes the initial
+set-points and switches M8049 on.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from controller.core.devices import RETENTIVE, SIZES
+from controller.core.devices import RETENTIVE, SIZES, WORD_MAX
 from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, leaves
 from controller.core.program import Block, Program
 from controller.core.rungs import (
@@ -25,17 +26,25 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
     read_devices,
     written_devices,
 )
 from controller.core.sequence import Sequence, Step
-from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, Operand
+from controller.export.sharing import item_writes, shared
+from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, LadderError, Operand
 
 ALWAYS, NEVER, FIRST_SCAN, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8049
 FIXED_LATCH: Final = 1024
 """First relay of the fixed latched range, which PLC parameters cannot change."""
+
+POWER_UP: Final = "power-up"
+"""Title of the block that the export adds to the program."""
+
+SCRATCH: Final = range(180, 188)
+"""Data registers for intermediate results of `Scale`: product, divisor, quotient and remainder, 32 bits each."""
 
 _RELATIONS: Final = {"==": "=", "!=": "<>", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _OPPOSITES: Final = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
@@ -62,15 +71,15 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
         program: The program.
         pulses: Output that becomes a pulse train; None = all outputs are levels.
     """
-    return _ListWriter(program, pulses).ladder()
+    return _ListWriter(shared(program), pulses).ladder()
 
 
 def acting(program: Program) -> Program:
-    """Return the part of a program that influences Y, excluding registers used only for information.
+    """Return the part of a program that influences its outputs, excluding registers used only for information.
 
     A sequence is either included completely or omitted.
     """
-    needed: set[tuple[str, int]] = set()
+    needed = {(word.kind, word.number) for word in program.output_words}
     selected: set[int] = set()
     grown = True
     while grown:
@@ -78,7 +87,7 @@ def acting(program: Program) -> Program:
         for block in program.blocks:
             for item in block.items:
                 if id(item) not in selected and any(
-                    d.kind == "Y" or (d.kind, d.number) in needed for d in _written(item)
+                    d.kind == "Y" or (d.kind, d.number) in needed for d in item_writes(item)
                 ):
                     selected.add(id(item))
                     needed |= {(device.kind, device.number) for device in _read(item)}
@@ -86,16 +95,6 @@ def acting(program: Program) -> Program:
     blocks = (Block(block.title, tuple(i for i in block.items if id(i) in selected)) for block in program.blocks)
     set_points = tuple((word, value) for word, value in program.set_points if (word.kind, word.number) in needed)
     return replace(program, blocks=tuple(block for block in blocks if block.items), set_points=set_points)
-
-
-def _written(item: Rung | Sequence) -> Iterator[Bit | Word]:
-    if not isinstance(item, Sequence):
-        yield from written_devices(item)
-        return
-    yield from (bit for bit, _ in item)
-    yield from (step.dwell.timer.done for step in item.steps if step.dwell)
-    if item.consumes is not None:
-        yield item.consumes
 
 
 def _read(item: Rung | Sequence) -> Iterator[Bit | Word]:
@@ -177,6 +176,8 @@ class _ListWriter:
 
     def ladder(self) -> Ladder:
         used = {(device.kind, device.number) for device in self._program.devices()}
+        if not used.isdisjoint(("D", number) for number in SCRATCH):
+            raise LadderError(f"D{SCRATCH[0]} to D{SCRATCH[-1]} are reserved for the export; use other registers")
         done = next(n for n in RETENTIVE["M"][0] if n >= FIXED_LATCH and ("M", n) not in used)
         self._first_values(done)
         for block in self._program.blocks:
@@ -194,7 +195,7 @@ class _ListWriter:
         The reset is required because an FX2N retains S500 to S999 through a loss of power. Faults that persist are
         detected again.
         """
-        self._titles[len(self._list)] = "power-up"
+        self._titles[len(self._list)] = POWER_UP
         self._add("LD", DeviceOperand("M", ALWAYS))
         self._add("OUT", DeviceOperand("M", ANNUNCIATORS_ENABLED))
         self._add("LD", DeviceOperand("M", FIRST_SCAN))
@@ -214,11 +215,16 @@ class _ListWriter:
                 self._sequence(item)
                 before = None
             else:
-                if item.when != before:
-                    self._list += contacts(item.when)
-                self._output(item)
-                # the next rung may share the contacts unless this one has changed the devices that they read
-                before = None if set(written_devices(item)) & set(leaves(item.when)) else item.when
+                when = item.driven if isinstance(item, Scale) else item.when
+                if when != before:
+                    self._list += contacts(when)
+                if isinstance(item, Scale):
+                    self._scale(item)
+                else:
+                    self._output(item)
+                # the next rung may share the contacts unless this one has changed them or the devices that they read
+                changed = isinstance(item, Scale) or set(written_devices(item)) & set(leaves(when))
+                before = None if changed else when
 
     def _sequence(self, sequence: Sequence) -> None:
         for bit, step in sequence:
@@ -267,6 +273,25 @@ class _ListWriter:
                 self._add("INC", _word(target))
             case Annunciate(timer, preset, target):
                 self._add("ANS", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms), _device(target))
+
+    def _scale(self, rung: Scale) -> None:
+        """Write the product, the quotient and its limits; the quotient is limited after it has been copied."""
+        product, divisor, quotient = (DeviceOperand("D", number) for number in SCRATCH[:6:2])
+        target = _word(rung.target)
+        self._add("MUL", _word(rung.source), _word(rung.factor), product)
+        if isinstance(rung.divisor, Word):
+            self._add("MOV", _word(rung.divisor), divisor)
+            self._add("MOV", Constant(0), replace(divisor, number=divisor.number + 1))
+            self._add("DDIV", product, divisor, quotient)
+        else:
+            self._add("DDIV", product, Constant(rung.divisor), quotient)
+        self._add("MOV", quotient, target)
+        self._add("MPS")
+        self._add("ANDD>", quotient, Constant(WORD_MAX))
+        self._add("MOV", Constant(WORD_MAX), target)
+        self._add("MPP")
+        self._add("ANDD<", quotient, Constant(0))
+        self._add("MOV", Constant(0), target)
 
     def _add(self, name: str, *operands: Operand) -> None:
         self._list.append(Instruction(name, operands))

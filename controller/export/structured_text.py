@@ -36,6 +36,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
 )
@@ -169,9 +170,23 @@ class _TextWriter:
                 self._count(rung, when)
             case Mov(source, target):
                 self._if(when, f"{self._var(target)} := {self._number(source, 'INT')};")
+            case Scale():
+                self._scale(rung)
             case Inc(target):
                 d = self._var(target)
                 self._if(when, f"IF {d} < {WORD_MAX} THEN {d} := {d} + 1; ELSE {d} := {WORD_MIN}; END_IF;")
+
+    def _scale(self, rung: Scale) -> None:
+        scaled = self._variables.helper("scaled", "LINT")
+        operands = (rung.source, rung.factor, rung.divisor)
+        source, factor, divisor = (self._number(operand, "LINT") for operand in operands)
+        self._if(
+            self._condition(rung.driven),
+            f"{scaled} := {source} * {factor} / {divisor};",
+            f"IF {scaled} > {WORD_MAX} THEN {scaled} := {WORD_MAX}; END_IF;",
+            f"IF {scaled} < 0 THEN {scaled} := 0; END_IF;",
+            f"{self._var(rung.target)} := LINT_TO_INT({scaled});",
+        )
 
     def _pulse(self, target: Bit, when: str, *, rising: bool) -> None:
         before = self._variables.memory(f"{self._var(target)}_before")

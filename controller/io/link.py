@@ -54,6 +54,17 @@ class FieldLink(Protocol):
             ValueError: The image has the wrong length.
         """
 
+    def write_registers(self, values: Sequence[int]) -> None:
+        """Write the output registers; called only if the I/O map has any.
+
+        Args:
+            values: Values by the order of `IoMap.registers`, 0 to 32767.
+
+        Raises:
+            OSError: The link is closed, there is no response, or the field I/O returns an error.
+            ValueError: The number of values is wrong.
+        """
+
     def close(self) -> None:
         """Disconnect; no effect on a closed link."""
 

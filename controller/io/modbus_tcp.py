@@ -1,4 +1,4 @@
-"""Field I/O over Modbus TCP: one FC02 and one FC15 per scan if the I/O map permits it.
+"""Field I/O over Modbus TCP: one FC02 and one FC15 per scan if the I/O map permits it, and FC16 for output registers.
 
 The synchronous pymodbus client is used without retries (`retries=0`) and without automatic
 reconnection, so that a missing response is detected within the scan.
@@ -16,9 +16,10 @@ from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import ReadDiscreteInputsRequest, WriteMultipleCoilsRequest
+from pymodbus.pdu.register_message import WriteMultipleRegistersRequest
 
 from controller.io.link import LinkError
-from controller.iomap.loader import IoMap, Point
+from controller.iomap.loader import IoMap, OutputRegister, Point
 
 # Every failure below raises a LinkError; the log messages of pymodbus would repeat it in every scan.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
@@ -30,14 +31,14 @@ class Run:
 
     Attributes:
         first_offset: Modbus offset of the first point.
-        numbers: X or Y number of each point, in ascending order of offsets.
+        numbers: X, Y or D number of each point, in ascending order of offsets.
     """
 
     first_offset: int
     numbers: tuple[int, ...]
 
 
-def group_into_runs(points: Iterable[Point]) -> tuple[Run, ...]:
+def group_into_runs(points: Iterable[Point | OutputRegister]) -> tuple[Run, ...]:
     """Group points into the smallest number of requests that contain no offset outside the map."""
     numbers_by_offset = {point.offset: point.number for point in points}
     runs: list[tuple[int, list[int]]] = []
@@ -72,6 +73,8 @@ class ModbusTcpLink:
         self._timeout_ms = round(timeout_s * 1_000)
         self._input_runs = group_into_runs(io_map.inputs)
         self._output_runs = group_into_runs(io_map.outputs)
+        self._register_runs = group_into_runs(io_map.registers)
+        self._registers = [register.number for register in io_map.registers]
         self._input_count = io_map.input_count
         self._output_count = io_map.output_count
         self._client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0)
@@ -132,6 +135,26 @@ class ModbusTcpLink:
                 WriteMultipleCoilsRequest(address=run.first_offset, bits=levels, dev_id=self._unit),
             )
             if (reply.address, reply.count) != (run.first_offset, len(levels)):
+                raise self._failed(operation, f"answer confirms {reply.count} from {reply.address}")
+
+    def write_registers(self, values: Sequence[int]) -> None:
+        """Write the output registers, in ascending order of offsets.
+
+        Args:
+            values: Values by the order of `IoMap.registers`, 0 to 32767.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+            ValueError: The number of values is wrong.
+        """
+        value_of = dict(zip(self._registers, values, strict=True))
+        for run in self._register_runs:
+            count = len(run.numbers)
+            operation = f"write of {count} registers from offset {run.first_offset}"
+            words = [value_of[number] for number in run.numbers]
+            request = WriteMultipleRegistersRequest(address=run.first_offset, registers=words, dev_id=self._unit)
+            reply = self._exchange(operation, request)
+            if (reply.address, reply.count) != (run.first_offset, count):
                 raise self._failed(operation, f"answer confirms {reply.count} from {reply.address}")
 
     def close(self) -> None:

@@ -39,6 +39,7 @@ class Runtime:
         forcing: Forced inputs.
         link_lost: True if the field link has exceeded its timeout.
         released: Y image written last, raw levels.
+        released_words: Values of the output registers written last.
         now_ms: Time of the last scan, ms.
         observers: Functions called at the end of every scan with the time of the scan and the PLC.
     """
@@ -78,6 +79,7 @@ class Runtime:
         self.now_ms = 0
         self.observers: list[Observer] = []
         self.released = machine.io_map.safe_outputs()
+        self.released_words = machine.io_map.safe_registers()
         self._link = link
         self._retentive_writer = retentive_writer
         self._watchdog = LinkWatchdog(link_limit_ms)
@@ -97,6 +99,7 @@ class Runtime:
         self._panel_alive_ms: int | None = None
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
+        self._safe_words = machine.io_map.safe_registers()
         self._submitted_image = plc.retentive_image()
         system = machine.tags.system
         self._status_bits = (
@@ -138,6 +141,7 @@ class Runtime:
         # not cause motion either.
         safe = self.link_lost or levels is not self._inputs
         self.released = list(self._safe) if safe else self._release(now_ms, image)
+        self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
         self._notify_observers(now_ms)
 
@@ -172,9 +176,12 @@ class Runtime:
     def write_safe_outputs(self) -> bool:
         """Write the safe state of every output and return True if the field I/O accepted it."""
         self.released = list(self._safe)
+        self.released_words = list(self._safe_words)
         try:
             self._link.open()
             self._link.write_outputs(self.released)
+            if self.released_words:
+                self._link.write_registers(self.released_words)
         except OSError:
             self._link.close()
             return False
@@ -237,6 +244,8 @@ class Runtime:
         if not self._open:
             return
         try:
+            if self.released_words:  # before the outputs, whose complete block advances a plant in lock step
+                self._link.write_registers(self.released_words)
             self._link.write_outputs(self.released)
         except OSError:
             self._on_link_error(now_ms)
@@ -283,4 +292,16 @@ class Runtime:
         return [
             level if level in (safe, before) else before
             for level, before, safe in zip(image, self.released, self._safe, strict=True)
+        ]
+
+    def _release_words(self, *, safe: bool) -> list[int]:
+        """Return the output registers to write; they wait for the retentive store in the same way as the outputs."""
+        if safe or self._failed:
+            return list(self._safe_words)
+        wanted = [self.plc.read(word) for word in self.machine.program.output_words]
+        if self._held_since_ms is None:
+            return wanted
+        return [
+            value if value == fallback else before
+            for value, before, fallback in zip(wanted, self.released_words, self._safe_words, strict=True)
         ]

@@ -23,15 +23,27 @@ from controller.iomap.schema import (
     OPTIONAL,
     OUTPUT,
     POINT_NAMES,
+    REGISTER,
     SECTIONS,
     Entry,
     ModbusTable,
     OptionalEntry,
     PointKind,
     Polarity,
+    RegisterEntry,
 )
 
-__all__ = ["DEFAULT_IO_MAP", "POINT_NAMES", "IoMap", "IoMapError", "ModbusTable", "Point", "Polarity", "load_io_map"]
+__all__ = [
+    "DEFAULT_IO_MAP",
+    "POINT_NAMES",
+    "IoMap",
+    "IoMapError",
+    "ModbusTable",
+    "OutputRegister",
+    "Point",
+    "Polarity",
+    "load_io_map",
+]
 
 _PACKAGED_IO_MAP = Path(__file__).resolve().with_name("io_map.yaml")
 DEFAULT_IO_MAP = _PACKAGED_IO_MAP if _PACKAGED_IO_MAP.exists() else _PACKAGED_IO_MAP.parents[2] / "io_map.yaml"
@@ -89,6 +101,38 @@ class Point:
         return level != self.inverted
 
 
+@dataclass(frozen=True, slots=True)
+class OutputRegister:
+    """Data register that is written to the field I/O together with the outputs.
+
+    Attributes:
+        tag: Name in the program.
+        address: Register as written in the file, for example ``D0``.
+        number: Number of the data register.
+        meaning: Meaning of the value, with its unit.
+        safe: Value that is written in the event of a fault and at the end.
+        table: Modbus table of the I/O module.
+        offset: Modbus offset in that table.
+        wired: True if the device exists.
+        line: Line of the entry in the file, from 1.
+    """
+
+    tag: str
+    address: str
+    number: int
+    meaning: str
+    safe: int
+    table: ModbusTable
+    offset: int
+    wired: bool
+    line: int
+
+    @property
+    def device(self) -> str:
+        """Letter of the address."""
+        return REGISTER.device
+
+
 @dataclass(frozen=True)
 class IoMap:
     """I/O points of one machine.
@@ -100,12 +144,16 @@ class IoMap:
         inputs: Wired inputs, by number.
         outputs: Wired outputs, by number.
         unwired: Optional points without a wire, in the order of the file.
+        registers: Wired output registers, by number.
+        unwired_registers: Output registers without a device.
     """
 
     path: Path
     inputs: tuple[Point, ...]
     outputs: tuple[Point, ...]
     unwired: tuple[Point, ...]
+    registers: tuple[OutputRegister, ...] = ()
+    unwired_registers: tuple[OutputRegister, ...] = ()
 
     @cached_property
     def _by_tag(self) -> Mapping[str, Point]:
@@ -132,6 +180,14 @@ class IoMap:
     def output_count(self) -> int:
         """Length of a Y image: the highest wired Y number + 1."""
         return self.outputs[-1].number + 1
+
+    def register(self, tag: str) -> OutputRegister | None:
+        """Return the wired output register with this tag, or None."""
+        return next((register for register in self.registers if register.tag == tag), None)
+
+    def safe_registers(self) -> list[int]:
+        """Return the safe value of each wired output register."""
+        return [register.safe for register in self.registers]
 
     def safe_inputs(self) -> list[bool]:
         """Return the X image to assume while the field link is lost."""
@@ -169,8 +225,10 @@ class _MapReader:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._faults: list[tuple[int, str]] = []
-        self._points: dict[str, Point] = {}
-        self._assigned: dict[tuple[str, int], Point] = {}  # by terminal, and by Modbus table and offset
+        self._points: dict[str, Point | OutputRegister] = {}
+        self._assigned: dict[
+            tuple[str, int], Point | OutputRegister
+        ] = {}  # by terminal, and by Modbus table and offset
 
     def io_map(self) -> IoMap:
         section_lines = self._read_sections()
@@ -179,12 +237,15 @@ class _MapReader:
         if self._faults:
             line, text = min(self._faults, key=lambda fault: fault[0])
             raise IoMapError(f"{self._path}:{line}: {text}")
-        points = sorted(self._points.values(), key=lambda point: point.number)
+        points = sorted((p for p in self._points.values() if isinstance(p, Point)), key=lambda point: point.number)
+        registers = [p for p in self._points.values() if isinstance(p, OutputRegister)]
         return IoMap(
             path=self._path,
             inputs=tuple(p for p in points if p.wired and p.device == INPUT.device),
             outputs=tuple(p for p in points if p.wired and p.device == OUTPUT.device),
-            unwired=tuple(p for p in self._points.values() if not p.wired),
+            unwired=tuple(p for p in self._points.values() if isinstance(p, Point) and not p.wired),
+            registers=tuple(sorted((r for r in registers if r.wired), key=lambda register: register.number)),
+            unwired_registers=tuple(r for r in registers if not r.wired),
         )
 
     def _fault(self, line: int, entry: str, problem: str) -> None:
@@ -219,13 +280,12 @@ class _MapReader:
             located.add_fault(("tag",), tag_fault)
         else:
             kind = KIND_OF[str(tag)]
-            entry = validated(OptionalEntry if section == OPTIONAL else Entry, located, kind)
-            if entry is not None:
-                self._add(_point(entry, kind, located.line_of(())), located)
+            if (point := _read_point(section, located, kind)) is not None:
+                self._add(point, located)
         for fault in located.faults:
             self._fault(fault.line, ": ".join(filter(None, (label, dotted(fault.path)))), fault.text)
 
-    def _add(self, point: Point, located: LocatedMapping) -> None:
+    def _add(self, point: Point | OutputRegister, located: LocatedMapping) -> None:
         """Add a valid point; report a fault if another point has the same tag, terminal or offset."""
         duplicate = self._points.setdefault(point.tag, point)
         if duplicate is not point:
@@ -265,6 +325,30 @@ def _label(section: str, tag: object) -> str:
     if not isinstance(tag, str):
         return f"{section} entry"
     return tag if re.fullmatch(r"[\w.]{1,40}", tag) else shown(tag)
+
+
+def _read_point(section: str, located: LocatedMapping, kind: PointKind) -> Point | OutputRegister | None:
+    """Return the point of an entry, or None if a fault has been recorded."""
+    line = located.line_of(())
+    if kind is REGISTER:
+        register = validated(RegisterEntry, located, kind)
+        return None if register is None else _register(register, line)
+    entry = validated(OptionalEntry if section == OPTIONAL else Entry, located, kind)
+    return None if entry is None else _point(entry, kind, line)
+
+
+def _register(entry: RegisterEntry, line: int) -> OutputRegister:
+    return OutputRegister(
+        tag=entry.tag,
+        address=entry.address,
+        number=entry.number,
+        meaning=entry.meaning,
+        safe=entry.safe,
+        table=entry.modbus.table,
+        offset=entry.modbus.offset,
+        wired=entry.wired,
+        line=line,
+    )
 
 
 def _point(entry: Entry, kind: PointKind, line: int) -> Point:

@@ -31,6 +31,7 @@ class ModbusTable(enum.StrEnum):
 
     DISCRETE_INPUT = "discrete_input"
     COIL = "coil"
+    HOLDING_REGISTER = "holding_register"
 
 
 # --- Tags ---------------------------------------------------------------------------------------
@@ -38,14 +39,14 @@ class ModbusTable(enum.StrEnum):
 
 @dataclass(frozen=True)
 class PointKind:
-    """Common properties of all inputs, or of all outputs.
+    """Common properties of all inputs, of all outputs, or of all output registers.
 
     Attributes:
         noun: Noun for messages.
         section: Section of the file that contains the required tags.
         device: Letter of the address.
         table: Modbus table.
-        polarities: The two valid polarities.
+        polarities: The two valid polarities; none for a register.
         required: Tags that the machine requires.
         optional: Tags that the program uses only if they are wired.
     """
@@ -54,7 +55,7 @@ class PointKind:
     section: str
     device: str
     table: ModbusTable
-    polarities: tuple[Polarity, Polarity]
+    polarities: tuple[Polarity, ...]
     required: tuple[str, ...]
     optional: tuple[str, ...]
 
@@ -84,7 +85,7 @@ INPUT = PointKind(
         "stop",
         "emergency_stop",
     ),
-    optional=("reset", "air_pressure_ok", "magazine_empty"),
+    optional=("reset", "air_pressure_ok", "magazine_empty", "ground_pulse"),
 )
 OUTPUT = PointKind(
     noun="output",
@@ -102,7 +103,16 @@ OUTPUT = PointKind(
     ),
     optional=("horn", "lamp_red", "lamp_amber", "lamp_green"),
 )
-KIND_OF = {tag: kind for kind in (INPUT, OUTPUT) for tag in kind.required + kind.optional}
+REGISTER = PointKind(
+    noun="output register",
+    section=OPTIONAL,
+    device="D",
+    table=ModbusTable.HOLDING_REGISTER,
+    polarities=(),
+    required=(),
+    optional=("planter_speed",),
+)
+KIND_OF = {tag: kind for kind in (INPUT, OUTPUT, REGISTER) for tag in kind.required + kind.optional}
 SECTIONS = (INPUT.section, OUTPUT.section, OPTIONAL)
 POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
     "start": ("start button pressed", "启动按钮按下"),
@@ -111,6 +121,8 @@ POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
     "reset": ("reset button pressed", "复位按钮按下"),
     "air_pressure_ok": ("main air pressure OK", "主气压正常"),
     "magazine_empty": ("tray magazine empty", "苗盘仓已空"),
+    "ground_pulse": ("ground wheel has travelled one pulse distance", "地轮行进一个脉冲距离"),
+    "planter_speed": ("planter chain speed, mm/s", "栽植器链条速度（毫米/秒）"),
     "tray_front_edge": ("front edge of a tray detected", "检测到苗盘前沿"),
     "tray_run": ("tray stepper running", "苗盘步进电机运行"),
     "tray_forward": ("tray stepper forward", "苗盘步进电机正转"),
@@ -151,7 +163,8 @@ class Modbus(StrictModel):
     """Modbus address of a point on the I/O module. The validation context is the `PointKind` of the point."""
 
     table: Annotated[  # strict mode does not accept a string for an enum member
-        ModbusTable, Field(strict=False, description="write discrete_input (inputs) or coil (outputs)")
+        ModbusTable,
+        Field(strict=False, description="write discrete_input (inputs), coil (outputs) or holding_register"),
     ]
     offset: int = Field(ge=0, le=65_535, description="write a decimal number from 0 to 65535, without quotes")
 
@@ -218,3 +231,26 @@ class OptionalEntry(Entry):
     """Entry of an optional point."""
 
     wired: bool = False
+
+
+class RegisterEntry(StrictModel):
+    """Entry of an output register as written in the file. The validation context is `REGISTER`."""
+
+    tag: str
+    address: str = Field(description="write D and a number from 0 to 99, for example D0")
+    meaning: str = Field(min_length=1, description="write the meaning of the value in quotes")
+    safe: int = Field(ge=0, le=32_767, description="write the safe value, a number from 0 to 32767, without quotes")
+    modbus: Modbus = Field(description="write {table: holding_register, offset: 0}")
+    wired: bool = False
+
+    @field_validator("address")
+    @classmethod
+    def _on_the_plc(cls, address: str) -> str:
+        if not re.fullmatch("D(0|[1-9][0-9]?)", address):
+            raise ValueError(f"{shown(address)} is not an output register; write D0 to D99")
+        return address
+
+    @property
+    def number(self) -> int:
+        """Number of the data register."""
+        return int(self.address[1:])

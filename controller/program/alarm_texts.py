@@ -306,6 +306,24 @@ ALARMS: Final = {
             "面板是否通电；面板的网线和地址；面板计算机的负载",
         ),
     ),
+    "lambda": AlarmText(
+        Text(
+            "Planter chain too slow or too fast for the ground speed (lambda outside its limits)",
+            "栽植器链条速度与前进速度不匹配（λ 超出范围）",
+        ),
+        Text(
+            "Slip of the drive wheel? Gear or speed of the planter; set-points: planter pitch, ground pulse, limits of "
+            "lambda; sensor ground_pulse and its wire",
+            "驱动轮是否打滑；栽植器传动比或速度；栽植器间距、地轮脉冲和 λ 范围的设定值；传感器 ground_pulse 及其接线",
+        ),
+    ),
+    "planting_fast": AlarmText(
+        Text("Planting faster than the arms: gaps in the rows", "栽植频率超过机械臂能力，将出现漏苗"),
+        Text(
+            "Drive more slowly: see the advised planting frequency; air pressure and throttles if the arms are slow",
+            "降低车速，参见建议栽植频率；若机械臂动作慢，检查气压和节流阀",
+        ),
+    ),
 }
 """Alarm texts, by key."""
 

@@ -157,6 +157,8 @@ class Annunciators:
         )
         self.stop_stuck = self.add("stop_stuck", number=991, severity=warning, cause=x.stop)
         self.panel_silent = self.add("hmi_silent", number=992, severity=warning, cause=system.panel_silent)
+        self.lambda_off = self.add("lambda", number=993, severity=warning)
+        self.planting_fast = self.add("planting_fast", number=994, severity=warning)
 
     def __iter__(self) -> Iterator[Alarm]:
         """Iterate over all alarms by S number."""

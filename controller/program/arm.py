@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
+from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, PulseFalling, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.places import places
-from controller.program.set_points import CUPS
+from controller.program.set_points import CUPS, FIRST_RELEASE_DELAY_X10_MS, LONGEST_FLAG_MS
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_DOUBT, IN_PLACE, IN_PROGRESS, ROWS, TAKEN, ArmTags, Side, Tags
 
@@ -106,7 +106,7 @@ def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         ),
         Step(
             "release delay",
-            dwell=Dwell(a.t_release_delay, sp.release_delay),
+            dwell=Dwell(a.t_release_delay, machine.release_delay),
             go=[To("open claws", when=a.t_release_delay.done)],
             ignores_enable=True,  # the awaited cup is already passing
         ),
@@ -214,6 +214,27 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     ]
 
 
+def release_delay(tags: Tags) -> list[Rung]:
+    """Return the rungs that compute the release delay: the time of the last flag at the sensor less the release lead.
+
+    The sensors are ahead of the claws by the length of a flag. A cup is therefore under the claw when its flag leaves
+    the sensor, at any chain speed, and the previous flag gives the time that this will take. Both rows are driven by
+    the same wheel, so the flags of the left row are measured for both. A pulse shorter than the release lead, such as a
+    bounce, and a flag at which the chain stands do not change the delay.
+    """
+    machine, sp = tags.machine, tags.sp
+    flag = tags.arms["left"].cup_sensor
+    measured = all_of(machine.flag_left, ~machine.t_flag.done, ~tags.system.link_lost)
+    return [
+        Mov(FIRST_RELEASE_DELAY_X10_MS, machine.release_delay, when=FIRST_SCAN),
+        OnDelay(machine.t_release_lead, sp.release_lead, when=flag),
+        PulseFalling(machine.flag_left, when=machine.t_release_lead.done),
+        Mov(machine.t_flag.value, machine.release_delay, when=measured),
+        OnDelay(machine.t_flag, LONGEST_FLAG_MS, when=machine.t_release_lead.done),
+        Mov(sp.release_delay, machine.release_delay, when=sp.release_delay.differs(0)),
+    ]
+
+
 def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]:
     """Return the rungs of the row states: the next row is the first row not taken; lifting a row marks it as taken."""
     real = ~tags.system.link_lost
@@ -270,7 +291,8 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
     a, machine = tags.arms[side], tags.machine
     released = steps["release delay"] & a.release_edge
     jog_open = machine.jogs[f"{side}.claws_open"]
-    thrown = all_of(a.t_opening.done, a.loaded, a.at_feed, ~a.discard, ~jog_open)
+    # the last confirmed place, because a switch that sticks in this scan must not prevent the count
+    thrown = all_of(a.t_opening.done, a.loaded, a.was_at_feed, ~a.discard, ~jog_open)
     over_cups = ("wait to lower", "lower over cups", "wait for cups")
     settling_again = steps["settle at row"] & a.retried & ~steps["return to row"]
     off_row = ~a.at_wanted_row & (steps["close claws"] | settling_again)

@@ -14,6 +14,7 @@ from controller.iomap.loader import IoMap
 from controller.program import arm, home, modes, tray
 from controller.program.alarms import Annunciators, ArmAlarms, StepLimits, alarm_block
 from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
+from controller.program.planting import planting_block
 from controller.program.refusals import Orders
 from controller.program.tags import SIDES, Side, Tags
 
@@ -82,6 +83,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
             )
             for side in SIDES
         ),
+        Block("release delay", tuple(arm.release_delay(tags))),
         Block("tray conditions", tuple(tray.conditioning(tags, feeder))),
         *(home.supervision(tags, side, cycles[side], homings[side]) for side in SIDES),
         tray.supervision(tags, feeder),
@@ -89,6 +91,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         *(arm.bookkeeping(tags, side, cycles[side], homings[side]) for side in SIDES),
         tray.bookkeeping(tags, feeder),
         _requests(tags, sequences),
+        planting_block(tags, alarms, cycles),
         alarm_block(tags, alarms, arm_alarms, sequences),
         output_block(tags, io_map, rules, rules_tray),
         Block("coil memory", tuple(rung for side in SIDES for rung in arm.coils_memory(tags.arms[side]))),
@@ -101,6 +104,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         outputs=OUTPUTS,
         system=(*tags.system.bits(), *(command.bit for command in tags.commands)),
         set_points=tuple(tags.sp.defaults),
+        output_words=() if tags.planting.planter_speed is None else (tags.planting.planter_speed,),
     )
     return Transplanter(io_map, program, orders, tags, alarms, cycles, homings, feeder, states, rules, rules_tray)
 

@@ -10,16 +10,30 @@ from controller.program.areas import Area
 CUPS: Final = 12
 """Cups that one throw of an arm fills."""
 
-RELEASE_DELAY_X10_MS: Final = 6
-"""Delay from the releasing cup pulse to switching on the coil that opens the claws. The pulse occurs 15 mm before the
-cup is under the claw, which is 333 ms at 45 plants per minute per row. After the coil comes on, valve, air and fingers
-take 126 ms (simulated at 0.40 MPa), and the fall of 80 mm takes 128 ms. The input filter and half a scan add 15 ms:
-333 - 254 - 15 = 64 ms, rounded down to whole units of the timer (machine.yaml)."""
+RELEASE_LEAD_X10_MS: Final = 25
+"""Time from switching on the coil that opens the claws to the landing of the plugs. Valve, air and fingers take 126 ms
+(simulated at 0.40 MPa) and the fall of 80 mm takes 128 ms, together 254 ms. With the input filter and the rounding of
+the timers, the plugs land in the middle of their cups with 251 ms (simulated at 45 cups/min), rounded to whole units of
+the timer (machine.yaml)."""
+
+LONGEST_FLAG_MS: Final = 2_000
+"""Longest plausible time of a flag at the cup sensor beyond the release lead: a flag of 24 mm takes 2.2 s at 11 plants
+per minute per row. If a flag takes longer, the chain has stood."""
+
+FIRST_RELEASE_DELAY_X10_MS: Final = 28
+"""Release delay until a flag has been measured: that at 45 plants per minute per row, at which a flag takes 533 ms."""
 
 SLIDE_LEAST_X10_MS: Final = 90
 """Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
 take 1.2 s at 0.15 m/s; the value is three quarters of that. A different row spacing requires a different value
 (machine.yaml)."""
+
+GROUND_PULSE_MM: Final = 50
+"""Travel per pulse of the ground sensor. At 2.5 km/h a pulse takes 72 ms, so that the input filter (10 ms) and a scan
+(20 ms) see both levels; twice the distance would make a measurement of 20 pulses 2 m long."""
+PLANTER_PITCH_MM: Final = 489
+"""Distance of the planters on the chain: 456.7 mm/s at 56 plants per minute, computed from the simulated cases of Du et
+al. (docs/sources/plant.md)."""
 
 ROW_PITCH_MM: Final = 43.0
 FINGER_OVERHANG_MM: Final = 25.0
@@ -67,7 +81,11 @@ class SetPoints:
         )
         self.at_start.append(self.arms_may_meet)
         self.release_delay = add(
-            "release delay x10 ms", RELEASE_DELAY_X10_MS, 0, 100, "delay from the releasing cup pulse to opening"
+            "release delay x10 ms",
+            0,
+            0,
+            100,
+            "delay from the releasing cup pulse to opening; 0 = measured",
         )
         self.no_cups = add(
             "no cups x100 ms",
@@ -88,6 +106,27 @@ class SetPoints:
             "slide least x10 ms", SLIDE_LEAST_X10_MS, 10, 500, "shortest plausible travel time between a row and feed"
         )
         self.no_tray = add("no tray x100 ms", 120, 10, 3000, "creep time without a front edge before suspending")
+        self.release_lead = add(
+            "release lead x10 ms",
+            RELEASE_LEAD_X10_MS,
+            0,
+            100,
+            "time from opening the claws to landing; they open this long before a cup is under them",
+        )
+        self.ground_pulse = add("ground pulse mm", GROUND_PULSE_MM, 10, 500, "travel per pulse of the ground sensor")
+        self.planter_pitch = add("planter pitch mm", PLANTER_PITCH_MM, 50, 2000, "distance between two planters")
+        self.lambda_lowest = add("lowest lambda x0.01", 100, 10, 300, "lambda below which a warning is given")
+        self.lambda_highest = add("highest lambda x0.01", 160, 10, 300, "lambda above which a warning is given")
+        self.planter_lambda = add(
+            "planter lambda x0.01", 117, 10, 300, "lambda of a planter with its own motor and a ground speed sensor"
+        )
+        self.planter_speed = add(
+            "planter speed mm/s",
+            0,
+            0,
+            2000,
+            "chain speed of a planter with its own motor if no ground sensor is wired",
+        )
 
     def names(self) -> list[str]:
         """Return the attribute names of all set-points."""

@@ -7,7 +7,14 @@ from dataclasses import dataclass, field
 
 import z3
 
-from controller.core.devices import ANNUNCIATOR_ON, ANNUNCIATORS, LOWEST_ANNUNCIATOR, MS_100, is_32_bit_counter
+from controller.core.devices import (
+    ANNUNCIATOR_ON,
+    ANNUNCIATORS,
+    LOWEST_ANNUNCIATOR,
+    MS_100,
+    WORD_MAX,
+    is_32_bit_counter,
+)
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.core.program import Program
 from controller.core.rungs import (
@@ -21,6 +28,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
 )
@@ -117,9 +125,8 @@ class _Run:
                 self._count(rung, driven)
             case Mov(source, target):
                 self._move(source, cell_of(target), driven)
-            case Inc(target):
-                cell = cell_of(target)
-                memory[cell] = z3.If(driven, memory[cell] + 1, memory[cell])
+            case Inc(target) | Scale(target=target):
+                self._calculate(rung, cell_of(target), driven)
 
     def sequence(self, sequence: Sequence) -> None:
         for bit, step in sequence:
@@ -179,6 +186,18 @@ class _Run:
             raise ModelError(f"MOV {source} to {target}: 32 bits do not fit into a register; compare {source} instead")
         value = target.constant(moved) if isinstance(moved, int) else moved
         self.memory[target] = z3.If(driven, value, self.memory[target])
+
+    def _calculate(self, rung: Inc | Scale, target: Cell, driven: z3.BoolRef) -> None:
+        before = self.memory[target]
+        if isinstance(rung, Inc):
+            self.memory[target] = z3.If(driven, before + 1, before)
+            return
+        operands = (rung.source, rung.factor, rung.divisor)
+        source, factor, divisor = (widened(operand_of(operand, self.memory), 2 * target.width) for operand in operands)
+        quotient = source * factor / divisor
+        value = z3.If(quotient > WORD_MAX, target.constant(WORD_MAX), z3.Extract(target.width - 1, 0, quotient))
+        value = z3.If(quotient < 0, target.constant(0), value)
+        self.memory[target] = z3.If(condition(rung.driven, self.memory), value, before)
 
     def _count(self, rung: Count, now: z3.BoolRef) -> None:
         memory, number = self.memory, rung.counter.number

@@ -19,6 +19,7 @@ COMMAND_LINE = CommandLine(
         ),
         "trial": ("plant_sim.cli.trial", "run the paper's trial in lock step"),
         "scenario": ("plant_sim.cli.scenario", "run a scenario and check the result"),
+        "line": ("plant_sim.cli.line", "plant rows with a line, from trays or a conveyor to the soil"),
         "faults": ("plant_sim.cli.faults", "inject every fault in turn and tabulate how it is detected"),
         "plot": ("plant_sim.cli.plot", "draw the timing diagram and the curves of a recording"),
         "air": ("plant_sim.cli.air", "compare the air consumption of a run with Table 1 of the paper"),

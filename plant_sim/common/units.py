@@ -16,7 +16,7 @@ _SPELLINGS: dict[str, dict[str, float]] = {
     "ohm": {"ohm": 1.0},
     "deg": {"deg": 1.0, "rad": 180.0 / math.pi},
     "m3": {"m3": 1.0, "L": 1e-3, "dm3": 1e-3, "mL": 1e-6, "cm3": 1e-6},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6},
     "m/s2": {"m/s2": 1.0, "mm/s2": 1e-3},
     "m3/s": {"m3/s": 1.0, "L/s": 1e-3, "L/min": 1e-3 / 60.0},
     "m3/(s Pa)": {"m3/(s Pa)": 1.0, "dm3/(s bar)": 1e-8, "L/(s bar)": 1e-8},

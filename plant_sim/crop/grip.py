@@ -57,6 +57,7 @@ class Grip:
         "_row",
         "_seedlings",
         "_spec",
+        "_taken",
         "delivered",
         "extracted",
         "held",
@@ -97,6 +98,7 @@ class Grip:
         self._loosened = False
         self.history = GripHistory()
         self.slipped = False
+        self._taken: list[Seedling] = []
         self.held: list[Seedling] = []
         self.extracted = False
         self.delivered = False
@@ -134,6 +136,8 @@ class Grip:
         if index is None or pose.rise_m >= self._spec.stem_clearance_rise_m:
             return
         stems = self._bed.standing(self._reach.column(index))
+        if stems:
+            self._taken = stems
         if stems and self._fits(pose, index):
             stems = self._within_claws(stems)
             self.held = stems
@@ -234,6 +238,8 @@ class Grip:
         if self.extracted:
             self._lose_broken(pose.freed_s)
         released, self.held = self.held, []
+        if self._is_over_cups(pose):
+            self._note_losses(pose)
         if not released:
             return
         if not self.extracted:
@@ -289,7 +295,7 @@ class Grip:
 
     def _throw(self, released: list[Seedling], pose: Pose) -> None:
         """Drop plugs towards the cups."""
-        claw_pitch_m = self._spec.cell_pitch_m + pose.travel_m / (CELLS_ALONG - 1)
+        claw_pitch_m = self._claw_pitch_m(pose)
         fall_s = self._spec.fall_s(pose.rise_m)
         for seedling in released:
             drift_m, across_m = self._mechanics.drift_m(seedling.traits, self.history.peak_n, fall_s)
@@ -300,6 +306,21 @@ class Grip:
                 drift_m=drift_m,
                 across_m=pose.x_m + across_m,
             )
+
+    def _note_losses(self, pose: Pose) -> None:
+        """Report to the cups which seedlings of the row were lost before the throw."""
+        for seedling in self._taken:
+            if seedling.location in {Location.LOST_PICK, Location.LOST_CARRY}:
+                self._row.note_loss(
+                    seedling,
+                    position_m=seedling.along * self._claw_pitch_m(pose),
+                    lands_s=pose.freed_s + self._spec.fall_s(pose.rise_m),
+                )
+        self._taken = []
+
+    def _claw_pitch_m(self, pose: Pose) -> float:
+        """Return the distance from claw to claw, m."""
+        return self._spec.cell_pitch_m + pose.travel_m / (CELLS_ALONG - 1)
 
     def _lose(self, lost: list[Seedling], location: Location) -> None:
         """Record the given gripped seedlings as lost."""

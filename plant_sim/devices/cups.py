@@ -48,10 +48,11 @@ class CupsSpec:
         pitch_m: Distance from cup to cup, m; also the pitch of the claws when spread.
         planting_frequency_per_min: Cups passing per minute, 0 while the tractor is stopped.
         acceleration_m_s2: Acceleration with which the chain follows the tractor speed, m/s2.
-        sensor_lead_m: Chain travel from the start of the pulse until the cups are under the claws, m.
+        sensor_lead_m: Chain travel from the start of the pulse until the cups are under the claws, m. If it equals the
+            length of a flag, `pulse_share` of the pitch, the program releases in time at any chain speed.
         pulse_share: Fraction of the pitch during which the pulse sensor is on.
         pulse_jitter: Largest offset of a flag in either direction, as a fraction of the pitch.
-        mouth_m: Effective width of the mouth of a cup, m; with `plug_m` it determines `catch_m`. See
+        mouth_m: Width of the mouth of a cup, m, less than the pitch; with `plug_m` it determines `catch_m`. See
             docs/sources/machine.md 1.
         plug_m: Width of a plug, m.
     """
@@ -79,6 +80,7 @@ class CupsSpec:
             "with pulse_jitter leaves no gap between flags if a flag is counted twice; reduce either parameter",
         )
         require(0.0 <= self.sensor_lead_m < self.pitch_m, "sensor_lead_m", "must be less than one pitch")
+        require(self.mouth_m < self.pitch_m, "mouth_m", "must be less than the pitch; the cups would overlap")
         require(self.plug_m < self.mouth_m, "plug_m", "must be narrower than the mouth of a cup")
 
     @property

@@ -72,6 +72,10 @@ _CREEPS = (
 _TOLERATED = "the stroke takes more or less time than usual but ends before its timeout"
 _ENDS_LATER = "the step takes longer by this delay but ends before its timeout"
 """Note on a late switch. If a belt switch turns off late, the return stroke appears too short; this is detected."""
+_LATE_CUP = (
+    "the row is released later by this delay, so its plugs land behind the middle of their cups, at 45 cups per minute "
+    "beyond the tolerance; where the plugs land is not measured"
+)
 _TRAY_TOO_FAR = (
     "the tray stops in the wrong position while its only sensor reports it in place; a second sensor at the other "
     "corner, past the first, would detect it"
@@ -157,6 +161,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
     "stuck_off": _SWITCH_OFF,
     "late_sensor": {
         **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
+        "cup_pulse": _undetected(_LATE_CUP, loses=True),
         "tray_front_edge": _undetected(_TRAY_TOO_FAR, "stems_cut", loses=True),
         **dict.fromkeys(("claws_spread", "claws_converged"), _damaging(_detected("belt switches"), _ENDS_LATER)),
         "*": _undetected(_ENDS_LATER),

@@ -56,6 +56,25 @@ class InProcessLink:
             self.close()
             raise LinkDown(f"field I/O in process: {fault}") from fault
 
+    def write_registers(self, values: Sequence[int]) -> None:
+        """Write the output registers.
+
+        Args:
+            values: Values by the order of `IoMap.registers`.
+
+        Raises:
+            LinkDown: The link is not open, or the watchdog of the module has tripped.
+            ValueError: The number of values is wrong.
+        """
+        numbers = [register.number for register in self._module.io_map.registers]
+        written = dict(zip(numbers, values, strict=True))
+        self._require_open()
+        try:
+            self._module.write_registers(written)
+        except ModuleFault as fault:
+            self.close()
+            raise LinkDown(f"field I/O in process: {fault}") from fault
+
     def close(self) -> None:
         """Close the link; no effect if it is closed."""
         self._is_open = False

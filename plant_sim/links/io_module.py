@@ -1,4 +1,4 @@
-"""Remote I/O of the machine: Y image, X image, and an output watchdog that trips when writes stop.
+"""Remote I/O of the machine: images of Y and X, output registers, and a watchdog that trips when writes stop.
 
 The behaviour is that of industrial couplers (armed by the first write, safe levels on timeout, latched),
 except that this watchdog cannot be disabled. Source: docs/sources/ecosystem.md 6.
@@ -69,6 +69,9 @@ class IoModule:
         self._safe = io_map.safe_outputs()
         self._outputs = list(self._safe)
         self._block = frozenset(point.number for point in io_map.outputs)
+        self._safe_registers = {register.number: register.safe for register in io_map.registers}
+        self._registers = dict(self._safe_registers)
+        self._planter = io_map.register("planter_speed")
         self._written: set[int] = set()  # outputs written since the block was last complete
 
     @property
@@ -133,9 +136,37 @@ class IoModule:
             self.last_write_ms = self.plant.time_ms
             self._note_written(wired)
 
+    @property
+    def registers(self) -> dict[int, int]:
+        """Current values of the output registers by number of the data register."""
+        return dict(self._registers)
+
+    def write_registers(self, values: Mapping[int, int]) -> None:
+        """Write several output registers, either all or none of them; this does not restart the watchdog.
+
+        Args:
+            values: Value by number of the data register.
+
+        Raises:
+            ModuleFault: The module is tripped, and a value is not safe.
+            ValueError: The I/O map has no such register.
+        """
+        if not values.keys() <= self._registers.keys():
+            raise ValueError(f"registers {sorted(values)}: the I/O map has {sorted(self._registers)}")
+        if self.tripped and any(value != self._safe_registers[number] for number, value in values.items()):
+            raise ModuleFault(f"output watchdog tripped at {self.tripped_at_ms} ms: write every register safe first")
+        self._registers.update(values)
+        self._drive_planter()
+
     def make_safe(self) -> None:
-        """Set every output to its safe level; watchdog and write times are unchanged."""
+        """Set every output and output register to its safe state; watchdog and write times are unchanged."""
         self._outputs = list(self._safe)
+        self._registers = dict(self._safe_registers)
+        self._drive_planter()
+
+    def _drive_planter(self) -> None:
+        if self._planter is not None:
+            self.plant.planter_speed_m_s = self._registers[self._planter.number] / 1_000
 
     def advance(self, for_ms: int) -> None:
         """Advance plant time; a trip occurs at its exact millisecond.

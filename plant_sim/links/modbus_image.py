@@ -1,7 +1,8 @@
 """Modbus address space of the plant, and the effect of reads and writes.
 
 Supported functions: 1 read coils, 2 read discrete inputs, 4 read input registers, 5 write single
-coil, 15 write multiple coils.
+coil, 15 write multiple coils; with output registers in the I/O map also 3 read holding registers, 6 and 16 write
+holding registers, 23 write and read holding registers.
 """
 
 from __future__ import annotations
@@ -70,6 +71,33 @@ class ModbusImage(ModbusDevice):
             if isinstance(coil, BoxCoil):
                 coil.press(self._module.plant.box, level)
         self._written()
+
+
+class RegisterImage(ModbusImage):
+    """Modbus device of a plant whose I/O map has output registers."""
+
+    def __init__(self, module: IoModule, written: Callable[[], None] = lambda: None) -> None:
+        """Map the output registers as well; see `ModbusImage`."""
+        super().__init__(module, written)
+        self._registers_by_offset = {register.offset: register.number for register in module.io_map.registers}
+
+    def read_holding(self, first: int, count: int) -> list[int]:
+        """Return output registers."""
+        registers = self._module.registers
+        return [registers[number] for number in _look_up(self._registers_by_offset, first, count)]
+
+    def write_registers(self, first: int, values: Sequence[int]) -> None:
+        """Write output registers."""
+        numbers = _look_up(self._registers_by_offset, first, len(values))
+        try:
+            self._module.write_registers(dict(zip(numbers, values, strict=True)))
+        except ModuleFault as error:
+            raise RequestRefusedError(ExcCodes.DEVICE_FAILURE) from error
+
+
+def image_of(module: IoModule, written: Callable[[], None] = lambda: None) -> ModbusImage:
+    """Return the Modbus device of a module; holding registers exist only if the I/O map has output registers."""
+    return (RegisterImage if module.io_map.registers else ModbusImage)(module, written)
 
 
 def _coil_table(io_map: IoMap) -> dict[int, int | BoxCoil]:

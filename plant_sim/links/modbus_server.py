@@ -25,7 +25,7 @@ from controller.common.modbus.address import checked_host
 from controller.common.modbus.mbap import MbapServer, Traffic
 from controller.common.modbus.requests import RequestRefusedError
 from plant_sim.links.io_module import IoModule
-from plant_sim.links.modbus_image import ModbusImage
+from plant_sim.links.modbus_image import image_of
 from plant_sim.links.pacing import Pacer
 
 DEFAULT_PORT = 5020
@@ -72,7 +72,7 @@ class PlantServer:
         self._port = port
         self._lock_step_ms = lock_step_ms
         self._blocks_seen = module.block_writes
-        image = ModbusImage(module, self._written)
+        image = image_of(module, self._written)
         self._frontend = MbapServer(lambda _: image, max_connections, idle_timeout_s)
         self._listener: asyncio.Server | None = None
         self._time_base: asyncio.Task[None] | None = None

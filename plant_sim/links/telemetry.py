@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from plant_sim.crop.planting_row import RECENT_CUPS, PassedCup
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.arm import ArmPlant
 
@@ -142,6 +143,38 @@ def _clamp_point(side: str, offset: int) -> TelemetryPoint:
     )
 
 
+CUPS_PER_VALUE = 8
+"""Number of cups in one telemetry value, 4 bits each."""
+_EMPTY_CUP = 3
+"""Code of an empty cup without a lost seedling; that of one with a lost seedling is the number of its `Location`."""
+
+
+def _cup_code(cup: PassedCup) -> int:
+    """Return the code of a cup: the number of seedlings, or the cause of an empty cup."""
+    if cup.seedlings:
+        return min(cup.seedlings, 2)
+    return _EMPTY_CUP if cup.cause is None else int(cup.cause)
+
+
+def _cup_points(side: str, first: int) -> tuple[TelemetryPoint, ...]:
+    """Return the latest cups of one row, from register `first`."""
+
+    def point(number: int) -> TelemetryPoint:
+        def read(module: IoModule) -> float:
+            latest = list(module.plant.arms[side].row.recent)[::-1]
+            cups = latest[number * CUPS_PER_VALUE : (number + 1) * CUPS_PER_VALUE]
+            return sum(_cup_code(cup) << 4 * place for place, cup in enumerate(cups))
+
+        meaning = f"{side} cups past the claws, {CUPS_PER_VALUE} x 4 bits, the latest lowest"
+        if number:
+            meaning = f"the {CUPS_PER_VALUE} cups before those of {side}.cups_{number}"
+        else:
+            meaning += "; 0 none, 1 seedling, 2 double, 3 empty, 5 P, 6 D, 7 T"
+        return TelemetryPoint(f"{side}.cups_{number + 1}", first + 2 * number, 2, 1, meaning, read)
+
+    return tuple(point(number) for number in range(RECENT_CUPS // CUPS_PER_VALUE))
+
+
 TELEMETRY = (
     TelemetryPoint("time_ms", 0, 2, 1, "plant time", lambda m: m.plant.time_ms),
     TelemetryPoint(
@@ -207,6 +240,8 @@ TELEMETRY = (
         _success_pct,
         may_be_none=True,
     ),
+    *_cup_points("left", 35),
+    *_cup_points("right", 41),
 )
 
 TELEMETRY_REGISTERS = TELEMETRY[-1].offset + TELEMETRY[-1].words

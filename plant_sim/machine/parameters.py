@@ -15,6 +15,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS
 from plant_sim.devices.claws import ClawsSpec
 from plant_sim.devices.conveyor import ConveyorSpec
 from plant_sim.devices.cups import CupsSpec
+from plant_sim.devices.ground_wheel import GroundSpec
 from plant_sim.devices.lift import LiftSpec
 from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, Pneumatics, PortSpec, ValveSpec
 from plant_sim.devices.sensor import ContactSpec
@@ -58,6 +59,7 @@ class Machine:
         spreader: The spreaders.
         conveyor: Tray conveyor and magazine.
         cups: The rotating cups.
+        ground: Drive from the ground and the sensor of its speed.
         crop: Seedling age, foam thickness and claw pressure.
         seedling: Properties of seedlings and foam.
         handling: Distances that determine the outcome of handling.
@@ -83,6 +85,7 @@ class Machine:
     spreader: SpreaderSpec
     conveyor: ConveyorSpec
     cups: CupsSpec
+    ground: GroundSpec
     crop: CropSpec
     seedling: SeedlingSpec
     handling: HandlingSpec

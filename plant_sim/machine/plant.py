@@ -11,6 +11,7 @@ from plant_sim.crop.incident import Incident
 from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.seedling import SeedlingCounts, Seedlings
 from plant_sim.devices.conveyor import Conveyor
+from plant_sim.devices.ground_wheel import GroundWheel
 from plant_sim.devices.operator_box import OperatorBox
 from plant_sim.devices.pneumatic import Records
 from plant_sim.devices.sensor import Sensor
@@ -56,6 +57,7 @@ class Plant:
         arms: Both arms by side.
         conveyor: Trays and magazine.
         supply: Compressed-air supply.
+        ground: Travel of the tractor and the sensor of its speed.
         seedlings: All seedlings.
         sensors: All sensors by I/O tag, wired or not; the buttons are in `box`.
         indicators: States of the wired horn and lamps by tag.
@@ -123,6 +125,11 @@ class Plant:
             for number, side in enumerate(_SIDES)
         )
         self.arms = dict(zip(_SIDES, (self.left, self.right), strict=True))
+        self._chains_m = state["arms"]["cups"]["chain_m"]
+        self._cup_pitch_m = machine.cups.pitch_m
+        self.ground = GroundWheel(machine.ground)
+        self.ground.place(self._plants)
+        self._planter_m_s = 0.0
         self.sensors = self._all_sensors()
         self.indicators = {tag: False for tag in _INDICATOR_TAGS if tag in io_map}
         self._arms_meet_from_m = (machine.picks_m[1] + machine.picks_m[2]) / 2
@@ -176,6 +183,21 @@ class Plant:
         for arm in self.arms.values():
             arm.cups.planting_frequency_per_min = per_min
 
+    @property
+    def planter_speed_m_s(self) -> float:
+        """Set-point of a planter with its own motor, m/s, 0 during an emergency stop; the cups do not depend on it."""
+        return 0.0 if self.box.emergency_stop else self._planter_m_s
+
+    @planter_speed_m_s.setter
+    def planter_speed_m_s(self, speed_m_s: float) -> None:
+        self._planter_m_s = speed_m_s
+
+    @property
+    def _plants(self) -> float:
+        """Plants per row that the drive wheel has counted out; a jammed carousel is passed by the other one."""
+        chains_m: list[float] = self._chains_m.tolist()
+        return max(chains_m) / self._cup_pitch_m
+
     def counts(self) -> SeedlingCounts:
         """Return the number of seedlings at each location; each is counted once."""
         return self.seedlings.counts()
@@ -203,6 +225,7 @@ class Plant:
             if faults.next_ms is not None:
                 chunk_ms = min(chunk_ms, faults.next_ms - self.time_ms)
             self._advance(chunk_ms)
+            self.ground.follow(self._plants, chunk_ms / 1_000)
             self._apply_motion()
             if faults.next_ms is not None:
                 faults.advance(self.time_ms)
@@ -254,6 +277,7 @@ class Plant:
             "tray_front_edge": self.conveyor.beam,
             "air_pressure_ok": self.supply.pressure_ok,
             "magazine_empty": self.conveyor.magazine_empty,
+            "ground_pulse": self.ground.pulse,
             **{tag: Sensor.alone(on=on) for tag, on in _PLAIN_SENSORS.items()},
         }
 

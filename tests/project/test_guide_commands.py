@@ -212,10 +212,17 @@ def story_of_the_page(folder: Path) -> None:
     (folder / "my-story.yaml").write_text(story, encoding="utf-8")
 
 
+def ground_of_the_page(folder: Path) -> None:
+    page = (DOCS / "line.md").read_text(encoding="utf-8")
+    _, ground = re.findall(r"^```yaml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    (folder / "my-ground.yaml").write_text(ground, encoding="utf-8")
+
+
 PREPARED: Final[Mapping[str, Callable[[Path], None]]] = {
     "docs/history.md": recorded_history,
     "docs/ladder.md": exported_program,
     "docs/faults.md": story_of_the_page,
+    "docs/line.md": ground_of_the_page,
 }
 
 

@@ -85,6 +85,21 @@ def usage(ladder: Ladder) -> Usage:
     return Usage(sum(map(steps, ladder.instructions)), devices)
 
 
+def budget(ladder: Ladder, titles: Iterable[str]) -> dict[str, int]:
+    """Return the number of program steps under each title, up to the next one; the titles are in program order.
+
+    Steps before the first title have the key "", and titles that the program does not have are omitted.
+    """
+    awaited, title = list(titles), ""
+    found: dict[str, int] = {}
+    for n, instruction in enumerate(ladder.instructions):
+        if ladder.titles.get(n) in awaited:
+            title = ladder.titles[n]
+            awaited = awaited[awaited.index(title) + 1 :]
+        found[title] = found.get(title, 0) + steps(instruction)
+    return found
+
+
 def check(ladder: Ladder) -> list[Finding]:
     """Return the findings about a program in line order."""
     found = [*_exceeded_limits(ladder), *_double_coils(ladder), *_unpaired_devices(ladder), *_shared_timers(ladder)]

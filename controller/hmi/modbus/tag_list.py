@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from controller.core.expr import Bit, Word
@@ -79,6 +79,7 @@ def tags(machine: Transplanter) -> tuple[Tag, ...]:
         *_set_point_tags(machine),
         *_alarm_tags(machine),
         *_point_tags(machine),
+        *_planting_tags(machine),
     )
 
 
@@ -328,8 +329,20 @@ def _point_tags(machine: Transplanter) -> Iterator[Tag]:
             )
 
 
+def _planting_tags(machine: Transplanter) -> Iterator[Tag]:
+    planting = machine.tags.planting
+    for name in ("frequency", "fastest", "gapless", "chain_speed", "ground_speed", "ratio"):
+        word: Word = getattr(planting, name)
+        yield replace(_word(f"planting.{name}", word), unit=unit_of(word))
+    if planting.planter_speed is not None:
+        yield replace(_word("planting.planter_speed", planting.planter_speed), unit="mm/s")
+
+
 def unit_of(set_point: Word) -> str:
-    """Return the unit of one count of a set-point, derived from its name."""
+    """Return the unit of one count of a set-point or a register, derived from its name."""
     if set_point.name.endswith("x10 ms"):
         return _UNIT_OF_TEN
+    for unit in ("0.1/min", "mm/s", "mm", "0.01"):
+        if set_point.name.endswith((f" {unit}", f" x{unit}")):
+            return unit
     return _UNIT_OF_HUNDRED if set_point.name.endswith("x100 ms") else ""

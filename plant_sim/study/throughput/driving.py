@@ -167,7 +167,7 @@ def _with_overall_progress(options: RunOptions, frequencies: int) -> RunOptions:
 
 
 def _points(options: RunOptions, frequencies_per_min: Sequence[int]) -> list[FrequencyResult]:
-    settings = [setting_at(options.machine, frequency) for frequency in frequencies_per_min]
+    settings = [setting_at(frequency) for frequency in frequencies_per_min]
     trials = options.run(settings)
     return [
         FrequencyResult(frequency, setting, tuple(reports))

@@ -9,27 +9,24 @@ from functools import cached_property, partial
 from typing import Final
 
 from controller.iomap.loader import IoMap
-from controller.program.set_points import CUPS, SetPoints
+from controller.program.set_points import CUPS
 from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
+from plant_sim.study.row_motion import MotionWatch
 from plant_sim.study.runner import RunOptions, spread, trial_seed
 from plant_sim.study.throughput.critical_path import Round, rounds
 from plant_sim.study.throughput.timeline import Timeline, TimelineRecorder
+from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.trial import run_trial
 
 FREQUENCY: Final = "cups.planting_frequency_per_min"
 SLOWEST_PER_MIN: Final = 12
-"""Lowest frequency, 1/min; below it the release delay exceeds the range of its set-point."""
+"""Lowest frequency, 1/min; below it the program no longer measures the flags (`LONGEST_FLAG_MS`)."""
 FASTEST_PER_MIN: Final = 150
 """Highest frequency, 1/min; above it the pulse interval set-point suppresses cups."""
 
-OPENING_MS: Final = 126
-"""Time from energising the coil to the release of the plugs, ms; simulated at 0.40 MPa (controller/program/tags.py)."""
-READING_MS: Final = 15
-"""Input filter and half a scan, ms."""
-_DELAY_UNIT_MS = 10
 _NO_CUPS_UNIT_MS = 100
 _NO_CUPS_CUPS = 3
 
@@ -40,11 +37,10 @@ _SETTLED_FROM = 6
 _MOST_RUNS = 3
 
 
-def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
+def setting_at(frequency_per_min: int) -> FactorSetting:
     """Return the set-points that a commissioning engineer would enter for a planting frequency.
 
-    The release delay makes the plugs land in the middle of the cups; it is zero if any delay would be too long.
-    The machine is Suspended if no cup passes for three cup intervals.
+    The machine is Suspended if no cup passes for three cup intervals. The program adapts the release delay itself.
 
     Raises:
         StudyError: The frequency is out of range.
@@ -53,30 +49,10 @@ def setting_at(machine: Machine, frequency_per_min: int) -> FactorSetting:
         raise StudyError(
             f"{FREQUENCY}: {frequency_per_min} is out of range; must be {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}"
         )
-    lead_ms = 60_000 / frequency_per_min * machine.cups.sensor_lead_m / machine.cups.pitch_m
     no_cups_ms = _NO_CUPS_CUPS * 60_000 / frequency_per_min
-    set_points = SetPoints()
-    lowest, highest = set_points.limits[set_points.release_delay]
-    delay = round((lead_ms - _landing_ms(machine)) / _DELAY_UNIT_MS)
     return FactorSetting(
-        {
-            FREQUENCY: float(frequency_per_min),
-            "program.release_delay": float(min(max(delay, lowest), highest)),
-            "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS)),
-        }
+        {FREQUENCY: float(frequency_per_min), "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS))}
     )
-
-
-def landing_offset_mm(machine: Machine, setting: FactorSetting) -> float:
-    """Return the landing offset of the plugs beyond the middle of their cups, mm."""
-    chain_mm_ms = setting.values[FREQUENCY] * machine.cups.pitch_m / 60
-    after_ms = setting.values["program.release_delay"] * _DELAY_UNIT_MS + _landing_ms(machine)
-    return after_ms * chain_mm_ms - 1000 * machine.cups.sensor_lead_m
-
-
-def _landing_ms(machine: Machine) -> float:
-    """Return the time from the cup edge to the landing of the plug, excluding the release delay, ms."""
-    return READING_MS + OPENING_MS + 1000 * machine.handling.fall_s(0.0)
 
 
 @dataclass(frozen=True)
@@ -87,12 +63,14 @@ class Observed:
         setting: Values that differ from those of the base machine.
         seed: Seed of the run.
         timeline: Timeline of all sequences.
+        landings_m: Offset of the cups beyond the plugs at the landing of each row, m.
         reason: Reason for an incomplete run; empty if it completed.
     """
 
     setting: FactorSetting
     seed: int
     timeline: Timeline
+    landings_m: tuple[float, ...]
     reason: str
 
     @cached_property
@@ -124,6 +102,11 @@ class CyclePace:
         return [
             each for run in self.runs for arm_rounds in run.rounds.values() for each in arm_rounds[_SETTLED_FROM - 1 :]
         ]
+
+    @property
+    def landings_mm(self) -> list[float]:
+        """Offsets of the cups beyond the plugs at all landings in all runs, mm."""
+        return [1000 * each for run in self.runs for each in run.landings_m]
 
     @property
     def completes(self) -> bool:
@@ -181,7 +164,7 @@ class CyclePaces:
         jobs = [
             partial(
                 observe,
-                setting_at(options.machine, frequency),
+                setting_at(frequency),
                 trial_seed(options.seed, 0, number),
                 machine=options.machine,
                 io_map=options.io_map,
@@ -208,16 +191,22 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
         machine: Base machine.
         io_map: I/O map.
     """
-    recorder = TimelineRecorder()
+    recorder, watch = TimelineRecorder(), MotionWatch()
+
+    def on_scan(twin: Twin) -> None:
+        recorder(twin)
+        watch(twin)
+
     report = run_trial(
         seed=seed,
         trays=TRAYS,
         io_map=io_map,
         parameters=setting.machine(machine),
         set_points=setting.set_points(),
-        progress=recorder,
+        progress=on_scan,
     )
-    return Observed(setting, seed, recorder.timeline(), report.reason)
+    landings_m = tuple(row.throw_along_m for row in watch.rows)
+    return Observed(setting, seed, recorder.timeline(), landings_m, report.reason)
 
 
 def highest(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import chain
+from statistics import fmean
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,7 +31,6 @@ from plant_sim.study.throughput.pace import (
     SLOWEST_PER_MIN,
     TRAYS,
     CyclePaces,
-    landing_offset_mm,
     observed_runs,
     round_needed_s,
 )
@@ -66,7 +66,7 @@ def throughput_study(
                 _limit_parts(result.limits, observed_runs(options.trials)),
                 _bottleneck_parts(bottlenecks),
                 _trial_parts(options, result),
-                _setting_parts(options, result.points),
+                _setting_parts(options, result),
             )
         ),
         record=_record(result, bottlenecks),
@@ -236,26 +236,22 @@ def _waiting_table(points: Sequence[FrequencyResult]) -> Table:
     )
 
 
-def _setting_parts(options: RunOptions, points: Sequence[FrequencyResult]) -> list[Part]:
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (
-            point.frequency_per_min,
-            10 * int(point.setting.values["program.release_delay"]),
-            landing_offset_mm(options.machine, point.setting),
-            point.setting.values["program.no_cups"] / 10,
-        )
-        for point in points
-    )
+def _setting_parts(options: RunOptions, result: ThroughputResult) -> list[Part]:
+    rows: list[tuple[Cell, ...]] = []
+    for point in result.points:
+        landings_mm = result.paces(point.frequency_per_min).landings_mm
+        mean, largest = (fmean(landings_mm), max(landings_mm, key=abs)) if landings_mm else (None, None)
+        rows.append((point.frequency_per_min, point.setting.values["program.no_cups"] / 10, mean, largest))
     return [
         Heading("Settings for each frequency"),
-        "The release delay makes the plugs land in the middle of their cups if the cup sensor is mounted far enough "
-        f"ahead; a plug may land up to {1000 * options.machine.cups.catch_m:g} mm off the middle. If no cup passes for "
-        "three cup intervals, the machine is Suspended.",
+        "If no cup passes for three cup intervals, the machine is Suspended. The program adapts the release to the "
+        f"speed of the chain; a plug may land up to {1000 * options.machine.cups.catch_m:g} mm off the middle of its "
+        "cup. The landings are those of the observed runs.",
         Table(
             "settings",
-            "Set-points",
-            ("frequency, 1/min", "release delay, ms", "landing, mm past the middle", "no cups, s"),
-            rows,
+            "Set-point and landings",
+            ("frequency, 1/min", "no cups, s", "mean landing, mm past the middle", "largest, mm"),
+            tuple(rows),
             digits=1,
         ),
     ]

@@ -12,6 +12,7 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from controller.cli.main import main as controller
+from controller.fx.language.check import MOST_STEPS
 from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
 from controller.program.states import State
@@ -56,6 +57,10 @@ def test_an_export_can_be_read_back_and_its_size_is_reported(
     printed = capsys.readouterr().out
     assert f"{STEPS} of 8000 steps" in printed
     assert printed.endswith("fits\n")
+    budget = {title: int(used) for used, title in (line.split(maxsplit=1) for line in printed.splitlines()[2:-1])}
+    assert sum(budget.values()) == MOST_STEPS
+    assert budget["free"] == MOST_STEPS - STEPS
+    assert {"power-up", "modes", "interlocks and outputs"} <= set(budget)
     assert load_ladder(out) == EXPORTED
 
 

@@ -21,6 +21,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     RungError,
+    Scale,
     Set,
     ZoneReset,
 )
@@ -309,6 +310,30 @@ def test_an_increment_wraps_as_a_16_bit_word(before: int, after: int) -> None:
     assert bench.memory.D[0] == after
 
 
+@pytest.mark.parametrize(
+    ("source", "factor", "divisor", "scaled"),
+    [
+        (7, 3, 2, 10),
+        (5, 200, 1_000, 1),
+        (32_767, 32_767, 32_767, 32_767),
+        (32_767, 2, 1, 32_767),
+        (-7, 3, 2, 0),
+        (-7, -3, 2, 10),
+        (7, 3, 0, 99),
+        (7, 3, -2, 99),
+    ],
+)
+def test_a_word_is_scaled_with_a_product_of_32_bits(source: int, factor: int, divisor: int, scaled: int) -> None:
+    """The fraction is omitted, the result is limited to 0..32767, and a divisor of 0 or less changes nothing."""
+    bench = Bench(Scale(d(0), d(1), d(2), d(3), when=x(0)), Scale(d(0), factor, d(2), d(4)))
+    for number, value in enumerate((source, factor, divisor, 99, 99)):
+        bench.plc.write(d(number), value)
+    bench.scan()
+    assert bench.memory.D[3:5] == [99, scaled]
+    bench.scan(0)
+    assert bench.memory.D[3:5] == [scaled, scaled]
+
+
 def test_a_word_is_reset_to_zero() -> None:
     bench = Bench(Rst(d(0), when=x(0)))
     bench.plc.write(d(0), 5)
@@ -378,6 +403,12 @@ def test_m8048_and_d8049_show_the_lowest_annunciator_after_the_scan() -> None:
         lambda: Mov(32_768, d(0)),
         lambda: Mov(-32_769, d(0)),
         lambda: Inc(Word("C", 0), when=x(0)),
+        lambda: Scale(1, 1, 1, Word("C", 0)),
+        lambda: Scale(1, 1, 0, d(0)),
+        lambda: Scale(1, 1, -1, d(0)),
+        lambda: Scale(32_768, 1, 1, d(0)),
+        lambda: Scale(1, -32_769, 1, d(0)),
+        lambda: Scale(1, Word("C", 200), 1, d(0)),
         lambda: Annunciate(Timer(0), 100, s(899), when=x(0)),
         lambda: Annunciate(Timer(0), 100, m(900), when=x(0)),
         lambda: Annunciate(Timer(200), 100, s(900), when=x(0)),

@@ -100,7 +100,7 @@ def test_a_reset_does_not_clear_an_alarm_whose_cause_is_present() -> None:
 
 
 def test_only_warnings_can_be_shelved() -> None:
-    """Only four warnings can be shelved; the refusal for a safety alarm states that it is a safety alarm."""
+    """Only warnings and the loss of memory can be shelved; the refusal for a safety alarm states that it is one."""
     twin = switched_on()
     alarms = listed(twin, [])
     refused: dict[str, str] = {}
@@ -111,7 +111,7 @@ def test_only_warnings_can_be_shelved() -> None:
             refused[each.key] = str(refusal)
     twin.scan()
     shelved = {row.alarm.key for row in alarms.rows()}
-    assert shelved == {"memory_lost", "stop_stuck", "magazine_empty", "hmi_silent"}
+    assert shelved == {"memory_lost", "stop_stuck", "magazine_empty", "hmi_silent", "lambda", "planting_fast"}
     assert shelved.isdisjoint(refused)
     safety = {key for key, reason in refused.items() if "safety" in reason}
     assert safety == {"emergency_stop", "link_lost", "scan_fault", "store_fault"}

@@ -36,8 +36,6 @@ from tests.plant_sim.twin.twin_rig import (
     until_step,
 )
 
-RELEASE_DELAY_MS = 60
-
 
 class Run(NamedTuple):
     """Run that empties one tray, with its recorded outputs."""
@@ -108,7 +106,7 @@ def test_a_cycle_lasts_from_leaving_feed_to_claws_converged_including_the_wait_o
     began_ms = min(change.at_ms for change in outputs.of(f"{side}.slide_inward", *span) if change.on)
     assert cycle.at_ms - cycle.cycle_ms == began_ms
     assert cycle.at_ms == at_ms["converge", False]
-    down_ms, released_ms = at_ms["lift_extend", False], at_ms["claws_open", True] - RELEASE_DELAY_MS
+    down_ms, released_ms = at_ms["lift_extend", False], at_ms["claws_open", True]
     assert cycle.waiting_ms == released_ms - (down_ms - 10)
     assert cycle.missed_cups == 0
 

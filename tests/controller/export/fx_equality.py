@@ -11,6 +11,7 @@ from controller.core.expr import Bit, Word
 from controller.core.program import Program
 from controller.core.scan import Execution, Plc
 from controller.export.instruction_list import acting, export
+from controller.export.sharing import RELAYS
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import Ladder
 from controller.program.states import Mode, State
@@ -18,7 +19,8 @@ from controller.program.tags import SIDES
 from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.modes.stand_in import StandIn
 
-EXPORTED = export(acting(MACHINE.program))
+ACTING = acting(MACHINE.program)
+EXPORTED = export(ACTING)
 TAGS = MACHINE.tags
 BUTTONS = ("start", "stop", "emergency_stop")
 COMMANDS = [command.bit for command in TAGS.commands]
@@ -119,13 +121,13 @@ class Pair:
         return soft
 
     def differences(self) -> list[str]:
-        """Return the devices whose values differ in the two memories."""
+        """Return the devices whose values differ in the two memories, excluding the auxiliary relays of the export."""
         soft, fx = self.soft.memory, self.fx.memory
         found = [
             f"{kind}{number}"
             for kind in "MSTC"
             for number, (one, other) in enumerate(zip(soft.bits(kind), fx.bits(kind), strict=True))
-            if one != other and number < 8000
+            if one != other and number < 8000 and not (kind == "M" and number in RELAYS)
         ]
         return found + [f"D{number}" for number in range(8000) if soft.D[number] != fx.D[number]]
 
@@ -139,7 +141,7 @@ def stories(seed: int, scans: int, *, power_fails: bool = True, pair: Pair | Non
     chance = Random(seed)
     pair, world = pair or Pair(), StandIn(MACHINE.io_map)
     image = MACHINE.io_map.safe_outputs()
-    limits = list(TAGS.sp.limits.items())
+    limits = [(word, TAGS.sp.limits[word]) for word, _ in ACTING.set_points]
     now_ms, period_ms, hold = 0, 20, 0
     for number in range(scans):
         if number == 1:  # the FX2N writes the initial set-points in its first scan

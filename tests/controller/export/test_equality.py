@@ -5,14 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from random import Random
 
 import pytest
 
+from controller.core.expr import Bit, Word
+from controller.core.program import Block, Program
+from controller.core.rungs import Scale
+from controller.core.scan import Plc
 from controller.export.instruction_list import PulseTrain, acting, export
+from controller.fx.engine.plc import FxPlc
 from controller.fx.language.check import MOST_STEPS, usage
 from controller.fx.language.gx_csv import read_gx_csv, write_gx_csv
 from controller.fx.language.il import read_il, write_il
-from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder
+from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, LadderError
 from plant_sim.scenario.file import SCENARIOS as SCENARIO_FILES
 from plant_sim.scenario.file import load_scenario
 from plant_sim.scenario.run import run_scenario
@@ -123,14 +129,14 @@ def test_most_single_mutations_are_detected(every: int) -> None:
 
     One instruction in 600 (one in 300 with ``--nightly``) is inverted or has its constant changed. A mutation is not
     detected if it has no effect in these 24,000 scans: its command or fault never occurs, or the condition is
-    redundant. If one instruction in 100 is mutated, 96,000 scans (including these) detect 28 of 39 mutations.
+    redundant. If one instruction in 100 is mutated, these scans detect 29 of 36 mutations.
     """
     candidates = [
         i
         for i, x in enumerate(EXPORTED.instructions)
         if x.name in INVERTED or (x.operands and isinstance(x.operands[-1], Constant) and x.name != "ANS")
     ]
-    sample = candidates[150::every]
+    sample = candidates[::every]
     detected = [i for i in sample if any(tape.first_difference(mutated(i)) is not None for tape in tapes())]
     assert len(detected) >= 0.75 * len(sample)
 
@@ -144,8 +150,9 @@ def test_write_read_round_trip() -> None:
 
 
 def test_export_fits_an_fx2n() -> None:
+    """At least 800 steps remain for additions."""
     used = usage(EXPORTED)
-    assert used.steps <= MOST_STEPS
+    assert used.steps <= MOST_STEPS - 800
 
 
 def test_only_the_output_block_writes_y() -> None:
@@ -183,3 +190,37 @@ def test_difference_is_reported_with_its_scan() -> None:
 
     with pytest.raises(Differs, match=r"scan \d+ at \d+ ms: Y"):
         play()
+
+
+def test_scaled_words_are_equal_in_every_scan() -> None:
+    """MUL and DDIV are compared with the program over the whole range of a word, including divisors of 0 or less."""
+    d = [Word("D", number) for number in range(6)]
+    scales = (
+        Scale(d[0], d[1], d[2], d[3], Bit("X", 0)),
+        Scale(d[0], 100, 7, d[4], Bit("X", 1) | (d[4] > 3)),
+        Scale(d[3], d[3], d[1], d[5]),
+    )
+    program = Program("scales", (Block("scales", scales),), "outputs")
+    soft, fx = Plc(program, input_filter_ms=0), FxPlc(export(program), input_filter_ms=0)
+    chance = Random(1)
+    positive = 0
+    for scan in range(4_000):
+        for number in range(3):
+            if chance.random() < 0.5:
+                value = chance.choice(
+                    (0, 1, -1, 32_767, -32_768, chance.randint(-32_768, 32_767), chance.randint(0, 99))
+                )
+                soft.write(d[number], value)
+                fx.memory.set_word("D", number, value)
+        levels = [chance.random() < 0.5 for _ in range(2)]
+        soft.scan(10 * scan, levels)
+        fx.scan(10 * scan, levels)
+        assert soft.memory.D[:6] == fx.memory.D[:6]
+        positive += 0 < soft.memory.D[3] < 32_767
+    assert positive > 400
+
+
+def test_program_that_uses_a_register_of_the_export_is_rejected() -> None:
+    program = Program("clash", (Block("clash", (Scale(1, 1, 1, Word("D", 187)),)),), "outputs")
+    with pytest.raises(LadderError, match="D180 to D187 are reserved"):
+        export(program)

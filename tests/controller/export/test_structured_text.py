@@ -22,6 +22,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
 )
@@ -221,6 +222,9 @@ def logic() -> Program:
         Out(M[5], TRUE),
         Out(M[6], FALSE),
         Rst(Word("D", 0), X[7] & X[6]),
+        Scale(Word("D", 2), Word("D", 0), 3, Word("D", 201), X[3]),
+        Scale(Word("D", 2), Word("D", 1), Word("D", 0), Word("D", 202)),
+        Scale(Word("D", 201), 900, Word("D", 0), Word("D", 203), X[5] | (Word("D", 203) > 40)),
         Out(Bit("Y", 0o12), Bit("M", 500) & Bit("M", 8000) | Word("D", 0).differs(3) & M[1]),
     )
 
@@ -280,6 +284,9 @@ def test_every_kind_of_rung_is_equivalent_to_the_soft_plc(program: Program, seed
         (logic(), "d2 < 32767", "d2 <= 32767"),
         (counters(), "VAR RETAIN", "VAR"),
         (logic(), "NOT x4)", "x4)"),
+        (logic(), "* INT_TO_LINT(d0) / 3", "* INT_TO_LINT(d0) / 4"),
+        (logic(), "(d0 > 0)", "(d0 > 1)"),
+        (logic(), "scaled > 32767", "scaled > 32766 + scaled"),
         (steps(), "arm_rest := FALSE", "arm_rest := TRUE"),
         (steps(), "arm_in_leaves := FALSE", "arm_in_leaves := TRUE"),
         (steps(), "arm_out_leaves := TRUE", "arm_out := FALSE"),

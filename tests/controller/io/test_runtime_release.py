@@ -59,6 +59,9 @@ class TerminalStrip:
             raise OSError("the terminal strip is not open")
         self.written.append(list(image))
 
+    def write_registers(self, values: Levels[int]) -> None:
+        raise OSError("the terminal strip has no registers")
+
     def close(self) -> None:
         self.is_open = False
 

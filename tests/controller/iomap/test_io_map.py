@@ -99,6 +99,7 @@ def test_optional_points_are_listed_without_a_wire(io_map: IoMap) -> None:
         "reset": "X26",
         "air_pressure_ok": "X27",
         "magazine_empty": "X30",
+        "ground_pulse": "X31",
         "horn": "Y22",
         "lamp_red": "Y23",
         "lamp_amber": "Y24",
@@ -187,6 +188,24 @@ def test_the_optional_section_may_be_short_or_omitted(tmp_path: Path, rest: str)
     assert "horn" not in io_map
 
 
+def test_an_output_register_has_a_number_as_its_safe_value(io_map: IoMap, tmp_path: Path) -> None:
+    """A wired register is part of the map with its address, safe value and holding register."""
+    (register,) = io_map.unwired_registers
+    assert (register.tag, register.address, register.safe, register.wired) == ("planter_speed", "D0", 0, False)
+    assert (io_map.registers, io_map.safe_registers(), io_map.register("planter_speed")) == ((), [], None)
+    path = tmp_path / "io_map.yaml"
+    entry = "address: D0,  wired: false, safe: 0, modbus: {table: holding_register, offset: 0}"
+    assert entry in TEXT
+    changed = "address: D99, wired: true, safe: 32767, modbus: {table: holding_register, offset: 65535}"
+    path.write_text(TEXT.replace(entry, changed))
+    (register,) = load_io_map(path).registers
+    assert (register.device, register.number, register.safe, register.wired) == ("D", 99, 32_767, True)
+    assert (register.table, register.offset) == (ModbusTable.HOLDING_REGISTER, 65_535)
+    assert load_io_map(path).safe_registers() == [32_767]
+    assert load_io_map(path).register("planter_speed") is not None
+    assert load_io_map(path).unwired_registers == ()
+
+
 # --- Invalid files ------------------------------------------------------------------------------
 
 CORRECT = "correct this line or one before it"
@@ -195,6 +214,7 @@ ADDRESS_REMEDY = "write X and octal digits, for example X10"
 FREE = "choose a free one"
 MEANING_REMEDY = "write the meaning of the active state in quotes"
 MODBUS_REMEDY = "write {table: discrete_input, offset: 1} (inputs) or {table: coil, offset: 1} (outputs)"
+SAFE_REMEDY = "write the safe value, a number from 0 to 32767, without quotes"
 KEYS = "tag, address, meaning, polarity, safe, modbus"
 
 ENTRY_FAULTS = [
@@ -230,6 +250,17 @@ ENTRY_FAULTS = [
         "offset: 17",
         "modbus.offset: coil 17 is already used by tray_forward on line @tray_forward; " + FREE,
     ),
+    ("planter_speed", "D0,", "D100,", "address: 'D100' is not an output register; write D0 to D99"),
+    ("planter_speed", "D0,", "Y30,", "address: 'Y30' is not an output register; write D0 to D99"),
+    ("planter_speed", "safe: 0", "safe: inactive", f"safe: cannot be 'inactive'; {SAFE_REMEDY}"),
+    ("planter_speed", "safe: 0", "safe: -1", f"safe: cannot be -1; {SAFE_REMEDY}"),
+    ("planter_speed", "safe: 0", "safe: 32768", f"safe: cannot be 32768; {SAFE_REMEDY}"),
+    (
+        "planter_speed",
+        "holding_register",
+        "coil",
+        "modbus.table: coil does not contain output registers; write holding_register",
+    ),
     ("start", "discrete_input", "coil", "modbus.table: coil does not contain inputs; write discrete_input"),
     ("tray_run", "coil", "discrete_input", "modbus.table: discrete_input does not contain outputs; write coil"),
     ("lamp_red", "coil", "discrete_input", "modbus.table: discrete_input does not contain outputs; write coil"),
@@ -237,7 +268,7 @@ ENTRY_FAULTS = [
         "start",
         "discrete_input",
         "holding",
-        "modbus.table: cannot be 'holding'; write discrete_input (inputs) or coil (outputs)",
+        "modbus.table: cannot be 'holding'; write discrete_input (inputs), coil (outputs) or holding_register",
     ),
     (
         "start",

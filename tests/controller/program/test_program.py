@@ -32,7 +32,17 @@ MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 STEPS = [(sequence, bit, step) for sequence in MACHINE.program.sequences() for bit, step in sequence]
 RETENTIVE_STEPS = range(500, 900)
 RETENTIVE_TIMERS = range(246, 256)
-OPTIONAL = ("reset", "air_pressure_ok", "magazine_empty", "horn", "lamp_red", "lamp_amber", "lamp_green")
+OPTIONAL = (
+    "reset",
+    "air_pressure_ok",
+    "magazine_empty",
+    "ground_pulse",
+    "horn",
+    "lamp_red",
+    "lamp_amber",
+    "lamp_green",
+    "planter_speed",
+)
 
 
 # steps and timers

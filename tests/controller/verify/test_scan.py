@@ -32,6 +32,7 @@ from controller.core.rungs import (
     PulseFalling,
     Rst,
     Rung,
+    Scale,
     Set,
     ZoneReset,
 )
@@ -89,6 +90,7 @@ RESETTABLE = st.sampled_from(
     [*(bit for bit in BITS if bit.kind != "X"), *REGISTERS, Timer(0), Timer(246), Counter(0), Counter(200)]
 )
 MOVED = st.sampled_from(NARROW) | SMALL | st.sampled_from([32_767, -32_768])
+DIVISORS = st.sampled_from(NARROW) | st.sampled_from([1, 2, 7, 32_767])
 PRESETS = st.integers(1, 3) | st.sampled_from([d(0), SET_POINT])
 COUNTED = st.sampled_from([Counter(0), Counter(100), Counter(200)])
 FREELY_REPEATED: st.SearchStrategy[Rung] = st.one_of(
@@ -100,6 +102,7 @@ FREELY_REPEATED: st.SearchStrategy[Rung] = st.one_of(
     st.builds(Count, COUNTED, PRESETS, CONDITIONS),
     st.builds(Mov, MOVED, st.sampled_from(REGISTERS), CONDITIONS),
     st.builds(Inc, st.sampled_from(REGISTERS), CONDITIONS),
+    st.builds(Scale, MOVED, MOVED, DIVISORS, st.sampled_from(REGISTERS), CONDITIONS),
 )
 
 

@@ -7,7 +7,7 @@ import pytest
 from plant_sim.devices.cups import DOUBLED, MISSED, SOUND, Cups
 from tests.plant_sim.machine.plant_rig import Rig
 
-PITCH_M, LEAD_M = 0.060, 0.015
+PITCH_M, LEAD_M = 0.060, 0.024
 JITTER_M = 0.0006
 """1 % of the pitch, in either direction."""
 
@@ -33,7 +33,7 @@ def edges(rig: Rig, for_ms: int) -> list[tuple[float, bool, float]]:
 
 
 def off_place_m(chain_m: float) -> float:
-    """Return the offset of a flag from its nominal position, 15 mm before the cups are under the claws, m."""
+    """Return the offset of a flag from its nominal position, 24 mm before the cups are under the claws, m."""
     return (chain_m + LEAD_M + PITCH_M / 2) % PITCH_M - PITCH_M / 2
 
 
@@ -63,7 +63,7 @@ def test_without_jitter_pulses_are_even_and_last_two_fifths_of_the_pitch() -> No
         assert off_place_m(chain_m if on else chain_m - 0.4 * PITCH_M) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_pulse_begins_15_mm_before_the_cups_are_under_the_claws() -> None:
+def test_a_pulse_begins_24_mm_before_the_cups_are_under_the_claws() -> None:
     rig, _ = make_cups()
     offs_m = [off_place_m(chain_m) for _, on, chain_m in edges(rig, 60_000) if on]
     assert all(abs(off_m) <= JITTER_M + 1e-5 for off_m in offs_m)

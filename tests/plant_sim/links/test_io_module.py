@@ -11,6 +11,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load
 from plant_sim.links.io_module import IoModule, ModuleFault, WatchdogState
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
+from tests.wiring import wired
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 MACHINE = load_machine()
@@ -288,3 +289,37 @@ def test_random_traffic_agrees_with_a_millisecond_model(seed: int) -> None:
                 tripped = tripped or (silent_for_ms is not None and silent_for_ms > 100)
         assert module.tripped == tripped
         assert not tripped or module.outputs == ALL_OFF
+
+
+def test_output_registers_are_safe_after_a_trip_and_refuse_other_values() -> None:
+    io_map = wired("planter_speed")
+    module = make_module(io_map)
+    assert (module.registers, module.plant.planter_speed_m_s) == ({0: 0}, 0.0)
+    module.write_outputs(0, ALL_OFF)
+    module.write_registers({0: 456})
+    assert (module.registers, module.plant.planter_speed_m_s) == ({0: 456}, 0.456)
+    module.advance(60)
+    module.write_registers({0: 500})  # does not restart the watchdog
+    module.advance(50)
+    assert module.tripped
+    assert (module.registers, module.plant.planter_speed_m_s) == ({0: 0}, 0.0)
+    with pytest.raises(ModuleFault, match="write every register safe first"):
+        module.write_registers({0: 456})
+    module.write_registers({0: 0})
+    module.write_outputs(0, ALL_OFF)
+    module.write_registers({0: 456})
+    assert module.registers == {0: 456}
+    module.make_safe()
+    assert module.plant.planter_speed_m_s == 0.0
+
+
+def test_an_unknown_output_register_is_an_error() -> None:
+    with pytest.raises(ValueError, match="the I/O map has"):
+        make_module().write_registers({0: 1})
+
+
+def test_an_emergency_stop_stops_the_planter_regardless_of_the_register() -> None:
+    module = make_module(wired("planter_speed"))
+    module.write_registers({0: 456})
+    module.plant.box.emergency_stop = True
+    assert module.plant.planter_speed_m_s == 0.0

@@ -14,6 +14,7 @@ from plant_sim.links.box import BOX_COILS
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS
 from tests.controller.common.modbus_rig import (
+    DEVICE_FAILURE,
     ILLEGAL_ADDRESS,
     ILLEGAL_FUNCTION,
     ILLEGAL_VALUE,
@@ -28,6 +29,7 @@ from tests.controller.common.modbus_rig import (
     write_coil_pdu,
     write_coils_pdu,
 )
+from tests.wiring import wired
 
 
 @pytest.fixture
@@ -271,3 +273,22 @@ def test_a_button_reaches_the_terminal_with_its_polarity(client: Client) -> None
     after = client.ask(read_pdu(2, 0, 1)), client.ask(read_pdu(2, 20, 2))
     assert before == (b"\x02\x01\x00", b"\x02\x01\x03")
     assert after == (b"\x02\x01\x01", b"\x02\x01\x00")
+
+
+# --- output registers -----------------------------------------------------------------------------
+
+
+def test_holding_registers_exist_if_the_map_has_output_registers() -> None:
+    """A refused write changes nothing; after a trip, only the safe value is accepted."""
+    module = make_module(wired("planter_speed"))
+    with Rig(PlantServer(module, port=0, lock_step_ms=10)) as rig:
+        client = rig.client()
+        assert client.ask(bytes.fromhex("03 0000 0001")) == bytes.fromhex("03 02 0000")
+        assert client.ask(bytes.fromhex("06 0000 01c8")) == bytes.fromhex("06 0000 01c8")
+        assert client.ask(bytes.fromhex("03 0000 0001")) == bytes.fromhex("03 02 01c8")
+        assert client.ask(bytes.fromhex("10 0000 0002 04 0001 0002")) == exception(16, ILLEGAL_ADDRESS)
+        assert client.ask(read_pdu(3, 1, 1)) == exception(3, ILLEGAL_ADDRESS)
+        assert module.registers == {0: 456}
+        module.tripped = True
+        assert client.ask(bytes.fromhex("10 0000 0001 02 01f4")) == exception(16, DEVICE_FAILURE)
+        assert module.registers == {0: 456}

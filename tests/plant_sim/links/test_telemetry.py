@@ -8,10 +8,24 @@ from collections.abc import Iterator
 import pytest
 
 from plant_sim.crop.incident import Incident
+from plant_sim.crop.planting_row import PassedCup
 from plant_sim.crop.seedling import Location
 from plant_sim.links.telemetry import TELEMETRY, TELEMETRY_REGISTERS, read_telemetry, telemetry_table
 from plant_sim.machine.plant import Event
 from tests.controller.common.modbus_rig import Client, Rig, read_raw_registers, read_registers
+
+CUPS = (
+    (1, None),
+    (0, None),
+    (1, None),
+    (1, None),
+    (2, None),
+    (0, None),
+    (0, Location.LOST_THROW),
+    (0, Location.LOST_CARRY),
+    (0, Location.LOST_PICK),
+)
+"""Contents of successive cups: number of seedlings, and loss of the seedling that was intended for an empty cup."""
 
 
 @pytest.fixture
@@ -30,7 +44,7 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
     for point in TELEMETRY:
         assert point.offset == offset, point.name
         offset += point.words
-    assert offset == TELEMETRY_REGISTERS == 35
+    assert offset == TELEMETRY_REGISTERS == 47
     assert len({point.name for point in TELEMETRY}) == len(TELEMETRY)
 
 
@@ -39,6 +53,7 @@ def test_telemetry_of_a_machine_in_its_initial_state(client: Client) -> None:
     telemetry = read_registers(client)
     assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms", "S_pct"))
     arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "clamp_n": -7.8, "missed_cups": 0}
+    arm |= dict.fromkeys(("cups_1", "cups_2", "cups_3"), 0)
     assert telemetry == {
         **{f"{side}.{name}": value for side in ("left", "right") for name, value in arm.items()},
         "in_tray": 144,
@@ -71,6 +86,8 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
             for seedling in standing[:count]:
                 plant.seedlings.move(seedling, Location(place))
         plant.left.row.missed_cups, plant.right.row.missed_cups = 7, 8
+        plant.left.row.recent.extend(PassedCup(cup, seedlings, cause) for cup, (seedlings, cause) in enumerate(CUPS))
+        plant.right.row.recent.extend(PassedCup(cup, 1) for cup in range(100))
         plant.conveyor.front_m[1] = plant.conveyor.front_m[0] - plant.conveyor.offset_m(0)
         plant.events += [Event(0, Incident.TORN, "made up")] * 9
         plant.time_ms = 70_000
@@ -86,6 +103,9 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         "claw_deg": -10.0,
         "clamp_n": 7.8,
         "missed_cups": 7,
+        "cups_1": 0x31123765,
+        "cups_2": 0x1,
+        "cups_3": 0,
     }
     right = {
         "slide_mm": 234.5,
@@ -94,6 +114,7 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         "claw_deg": 30.0,
         "clamp_n": -7.8,
         "missed_cups": 8,
+        **dict.fromkeys(("cups_1", "cups_2", "cups_3"), 0x11111111),
     }
     assert telemetry == {
         **{f"left.{name}": value for name, value in left.items()},
@@ -137,7 +158,7 @@ def test_an_absent_value_is_all_bits_and_an_overflow_is_clipped(rig: Rig, client
 
 @pytest.mark.parametrize("count", [0, TELEMETRY_REGISTERS - 1, TELEMETRY_REGISTERS + 1])
 def test_decoding_requires_all_registers(count: int) -> None:
-    with pytest.raises(ValueError, match=f"35 registers, not {count}"):
+    with pytest.raises(ValueError, match=f"47 registers, not {count}"):
         read_telemetry([0] * count)
 
 

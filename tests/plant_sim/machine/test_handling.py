@@ -77,6 +77,25 @@ def test_every_seedling_of_a_row_fails_at_the_stage_of_its_weakness() -> None:
     assert rig.plant.events == []
 
 
+def test_every_lost_seedling_is_the_cause_of_its_empty_cup() -> None:
+    """Claw 11 is above the first of the twelve cups to pass, and each cup reports the fate of its own seedling."""
+    rig = rig_with_tray()
+    for plant, traits in zip(rig.column(0), WEAK.values(), strict=False):
+        plant.traits = traits
+    rig.pick(1)
+    rig.left.row.passed = []
+    rig.throw()
+    rig.close()
+    rig.open()  # over other cups, which are empty for another reason
+    rig.run(20_000)
+    assert rig.left.row.passed is not None
+    passed = [(cup.seedlings, cup.cause) for cup in rig.left.row.passed]
+    first = passed.index((1, None))
+    fates = [(0, LOST_AT[name]) for name in WEAK]
+    assert passed[first : first + 12] == [*[(1, None)] * (12 - len(fates)), *reversed(fates)]
+    assert set(passed[:first] + passed[first + 12 :]) == {(0, None)}
+
+
 def test_a_cut_stem_is_lost_even_if_put_back() -> None:
     rig = rig_with_tray()
     soft, clinging = rig.column(0)[:2]

@@ -178,7 +178,7 @@ def test_values_can_be_changed_by_name() -> None:
         ("cups", 60, "cups: not a dotted name; write section.parameter"),
         ("cups.pitch_m", True, "cups.pitch_m: cannot be true; write a number"),
         ("cups.pitch_m", -1, "cups.pitch_m: must be 0.02 to 0.5, not -1"),
-        ("cups.pitch_m", 0.055, "spreader.travel_m: spreads the claws to 0.06 m"),
+        ("cups.pitch_m", 0.056, "spreader.travel_m: spreads the claws to 0.06 m"),
         ("simulation.look_ms", 2.5, "simulation.look_ms: cannot be 2.5; write an integer"),
         ("simulation.step_s", 0.3e-3, "simulation.step_s: must divide a millisecond: 1.0e-3, 0.5e-3"),
         ("slide.throttle_conductance_m3_s_pa", 4e-11, "slide.throttle_conductance_m3_s_pa: gives 0.00815 m/s; it must"),
@@ -191,7 +191,8 @@ def test_values_can_be_changed_by_name() -> None:
         ("spreader.friction_n", 481.0, "spreader.friction_n: exceeds the stall force of the motor, 480 N"),
         ("conveyor.acceleration_m_s2", 12.0, "conveyor.torque_nm: gives 162 N at full speed, but 192 N are required"),
         ("conveyor.outlet_past_beam_m", 5.0, "conveyor.outlet_past_beam_m: allows 11 trays on the belt"),
-        ("cups.plug_m", 0.07, "cups.plug_m: must be narrower than the mouth of a cup"),
+        ("cups.mouth_m", 0.06, "cups.mouth_m: must be less than the pitch; the cups would overlap"),
+        ("cups.plug_m", 0.055, "cups.plug_m: must be narrower than the mouth of a cup"),
     ],
 )
 def test_an_invalid_change_is_rejected(name: str, value: Value, message: str) -> None:

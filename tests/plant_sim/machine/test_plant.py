@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.iomap.loader import IoMap, Polarity
+from controller.iomap.loader import Polarity
 from plant_sim.crop.seedling import Location
 from plant_sim.machine.plant import Plant
 from tests.plant_sim.machine.plant_rig import IO_MAP, MACHINE, Rig
+from tests.wiring import wired
 
 NETWORK = ("receiver", "header", "manifold", "claw_reservoir", "claw_manifold")
 OUTPUTS = [point.tag for point in IO_MAP.outputs]
@@ -29,18 +30,6 @@ SEGMENTS = st.lists(
     min_size=1,
     max_size=25,
 )
-
-
-def wired(*tags: str) -> IoMap:
-    """Return the I/O map with the given optional points wired."""
-    points = [replace(point, wired=True) for point in IO_MAP.unwired if point.tag in tags]
-    assert len(points) == len(tags)
-    inputs = (*IO_MAP.inputs, *(point for point in points if point.device == "X"))
-    return replace(
-        IO_MAP,
-        inputs=tuple(sorted(inputs, key=lambda point: point.number)),
-        outputs=(*IO_MAP.outputs, *(point for point in points if point.device == "Y")),
-    )
 
 
 def test_the_initial_state_is_that_after_a_normal_stop() -> None:

@@ -5,6 +5,7 @@ import { ArmWatch } from "./devices.js";
 import { Bar } from "./bar.js";
 import { BoxPanel } from "./box.js";
 import { Mimic } from "./mimic.js";
+import { RowStrips } from "./row.js";
 import { make, mark } from "./dom.js";
 import { Facts, commandButton, section } from "./parts.js";
 import { labelled, list, named, note, seconds, t } from "./texts.js";
@@ -18,6 +19,7 @@ export class OverviewPage {
     const { geometry } = app.describe;
     this.watches = Object.fromEntries(SIDES.map((side) => [side, new ArmWatch(side, geometry)]));
     this.mimic = new Mimic(geometry);
+    this.rows = new RowStrips(SIDES);
     this.arms = Object.fromEntries(SIDES.map((side) => [side, new ArmCard(side, geometry)]));
     this.commands = app.describe.commands
       .filter((command) => !EXCLUDED_GROUPS.has(command.group))
@@ -26,7 +28,7 @@ export class OverviewPage {
     this.production = new Production();
     this.box = new BoxPanel();
     this.node = make("div", { class: "overview" },
-      make("div", { class: "picture" }, this.mimic.node),
+      make("div", { class: "picture" }, this.mimic.node, this.rows.node),
       make("div", { class: "side" },
         section("commands", make("div", { class: "orders" }, ...this.commands.map((button) => button.node))),
         this.modes.node,
@@ -38,6 +40,7 @@ export class OverviewPage {
   update(view) {
     const devices = Object.fromEntries(SIDES.map((side) => [side, this.watches[side].update(view)]));
     this.mimic.update(view, devices);
+    this.rows.update(view);
     SIDES.forEach((side) => this.arms[side].update(view, devices[side]));
     this.commands.forEach((button) => button.update());
     this.modes.update(view);

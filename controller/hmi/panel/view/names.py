@@ -67,7 +67,7 @@ _SET_POINTS: Final = {
         "descend_at_count": Text("Cup count at which the arm goes down", "臂开始下降时的苗杯计数"),
         "converge_at": Text("Converge position (0 = down, 1 = up)", "聚合位置（0 = 下，1 = 上）"),
         "arms_may_meet": Text("Both arms inward of pick 2 (1 = allowed)", "两臂同时进入取苗位 2 以内（1 = 允许）"),
-        "release_delay": Text("Release delay after the cup", "苗杯到位后的投苗延时"),
+        "release_delay": Text("Release delay after the cup (0 = measured)", "苗杯到位后的投苗延时（0 = 实测）"),
         "no_cups": Text("Cup timeout until Suspended", "无苗杯超时（之后暂挂）"),
         "pulse_interval": Text("Minimum time between two cups", "两苗杯最短间隔"),
         "settle": Text("Slide settling time before clamping", "夹紧前滑块静止时间"),
@@ -76,7 +76,14 @@ _SET_POINTS: Final = {
         "pause_at_feed": Text("Pause at feed before spreading", "投苗位分散前停顿"),
         "tray_index": Text("Tray index time at full speed", "苗盘全速送进时间"),
         "slide_least": Text("Minimum slide time between row and feed", "苗行与投苗位之间的最短移动时间"),
+        "ground_pulse": Text("Travel per ground pulse, mm", "每个地轮脉冲的行程（毫米）"),
+        "planter_pitch": Text("Distance of the planters on the chain, mm", "链条上栽植器间距（毫米）"),
+        "lambda_lowest": Text("Lowest lambda, 0.01", "λ 下限（0.01）"),
+        "lambda_highest": Text("Highest lambda, 0.01", "λ 上限（0.01）"),
+        "planter_lambda": Text("Lambda of a driven planter, 0.01", "自带电机栽植器的 λ（0.01）"),
+        "planter_speed": Text("Chain speed of a driven planter, mm/s", "自带电机栽植器的链条速度（毫米/秒）"),
         "no_tray": Text("Tray timeout at creep speed until Suspended", "无苗盘爬行超时（之后暂挂）"),
+        "release_lead": Text("Release ahead of the cup", "投苗提前时间"),
     }.items()
 }
 

@@ -22,6 +22,7 @@ from controller.io.pace import FLAT_OUT, PAUSED
 from controller.program.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
 from controller.program.texts import CANNOT, MODES, STATES
+from plant_sim.crop.seedling import Location
 from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
 from tests.controller.hmi.panel.test_chinese import CHINESE, latin_words, punctuation_errors
 from tests.sampling import first_of
@@ -182,6 +183,25 @@ def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
     return button
 
 
+def recent_cups(live: LiveMachine) -> dict[str, str]:
+    """Stop the cups, and return the signs of the latest cups of each row."""
+    plant = live.plant.server.module.plant
+
+    def stop() -> None:
+        plant.planting_frequency_per_min = 0.0
+
+    def read() -> dict[str, str]:
+        losses = {None: "○", Location.LOST_PICK: "P", Location.LOST_CARRY: "D", Location.LOST_THROW: "T"}
+        return {
+            side: "".join("↑" if cup.seedlings else losses[cup.cause] for cup in arm.row.recent)
+            for side, arm in plant.arms.items()
+        }
+
+    live.plant.call(stop)
+    live.until(lambda: all(arm.cups.speed_m_s == 0.0 for arm in plant.arms.values()), "cups stand")
+    return live.plant.call(read)
+
+
 def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
     live: LiveMachine, panel: PanelProcess, browser: Browser
 ) -> None:
@@ -198,6 +218,9 @@ def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
         assert counts.in_cups > 50
         expect(screen.find("[data-fact=in_cups]")).to_have_text(f"{counts.in_cups} / {counts.total}")
         expect(screen.find("[data-fact=lost]")).to_have_text(f"{counts.P} / {counts.D} / {counts.T}")
+        for side, cups in recent_cups(live).items():
+            expect(screen.find(f"[data-cups={side}]")).to_have_text(cups)
+            assert cups.count("↑") >= 10
         expect(screen.find("[data-fact=trays]")).to_have_text("1")
         thrown = sum(live.runtime.plc.read(arm.cycles) for arm in live.machine.tags.arms.values())
         expect(screen.find("[data-fact=cycles]")).to_have_text(str(thrown))

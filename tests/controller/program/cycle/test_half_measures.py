@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from controller.events.production import RefusalEvent
 from controller.program.states import Mode, State
 from controller.program.tags import FULL, IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN
@@ -70,6 +72,28 @@ def test_one_press_covers_cup_delay_and_opening() -> None:
     assert not arm_of(twin, "left").grip.held
     assert counts.in_cups - in_cups + counts.T == held
     assert counts.T <= 2  # random losses of the crop, not a release beside the cups
+
+
+def opening_ms() -> int:
+    """Return the time at which the left row of an undisturbed machine counts as released."""
+    twin = at_work({"trays_target": 1})
+    until_step(twin, "left arm", "open claws", within_ms=60_000)
+    twin.run_until(lambda: not twin.plc.read(tags_of(twin, "left").loaded), within_ms=1_000)
+    return twin.now_ms
+
+
+@pytest.mark.parametrize("ahead_ms", [0, 10, 20])
+def test_a_row_counts_as_released_if_a_switch_sticks_as_its_claws_have_opened(ahead_ms: int) -> None:
+    """A second switch of the slide that turns on in the scan in which the opening dwell ends does not prevent it."""
+    sticks_ms = opening_ms() - ahead_ms
+    twin = at_work({"trays_target": 1})
+    until_step(twin, "left arm", "open claws", within_ms=60_000)
+    cycles = twin.plc.read(tags_of(twin, "left").cycles)
+    twin.run_until(lambda: twin.now_ms >= sticks_ms, within_ms=1_000)
+    arm_of(twin, "left").sensors["slide_at_pick_2"].stuck = True
+    twin.run_for(100)
+    assert not twin.plc.read(tags_of(twin, "left").loaded)
+    assert twin.plc.read(tags_of(twin, "left").cycles) == cycles + 1
 
 
 def test_claws_that_have_begun_to_open_block_the_lift() -> None:

@@ -47,6 +47,9 @@ class HungField:
         self._answer()
         self.last_good_ms = self._clock.now_ms()
 
+    def write_registers(self, values: Levels[int]) -> None:
+        self._answer()
+
     def close(self) -> None:
         """Do nothing."""
 

@@ -20,9 +20,9 @@ TWIN = Twin()
 
 
 @cache
-def recorded(release_delay: int) -> tuple[Timeline, list[tuple[int, list[str]]]]:
+def recorded(release_lead: int) -> tuple[Timeline, list[tuple[int, list[str]]]]:
     """Return the timeline of a tray, and the active steps after every scan."""
-    twin = Twin(trays=1, set_points={"trays_target": 1, "release_delay": release_delay})
+    twin = Twin(trays=1, set_points={"trays_target": 1, "release_lead": release_lead})
     recorder, steps = TimelineRecorder(), []
     twin.watch(recorder)
     twin.watch(lambda twin: steps.append((twin.now_ms, twin.active_steps())))
@@ -60,7 +60,7 @@ def test_an_unknown_step_is_rejected() -> None:
 
 def test_the_intervals_match_the_active_steps_after_every_scan() -> None:
     """For a complete tray, every scan is in the interval of its active step."""
-    timeline, steps = recorded(6)
+    timeline, steps = recorded(25)
     for sequence, intervals in timeline.intervals.items():
         spans = iter(intervals)
         span: StepInterval | None = None
@@ -74,10 +74,10 @@ def test_the_intervals_match_the_active_steps_after_every_scan() -> None:
             assert span.from_ms <= at_ms < span.to_ms
 
 
-@pytest.mark.parametrize("release_delay", [0, 6])
-def test_each_arm_throws_three_rows_twelve_cups_apart(release_delay: int) -> None:
+@pytest.mark.parametrize("release_lead", [25, 53])
+def test_each_arm_throws_three_rows_twelve_cups_apart(release_lead: int) -> None:
     """Throws are twelve cups apart even with a release delay of zero, whose step is never active after a scan."""
-    timeline, _ = recorded(release_delay)
+    timeline, _ = recorded(release_lead)
     for side in SIDES:
         assert [throw.row for throw in timeline.throws[side]] == [1, 2, 3]
         assert timeline.releases_ms[side][1:] == tuple(throw.at_ms for throw in timeline.throws[side])
@@ -88,7 +88,7 @@ def test_each_arm_throws_three_rows_twelve_cups_apart(release_delay: int) -> Non
 
 def test_only_one_arm_at_a_time_is_in_the_centre_and_only_for_row_three() -> None:
     """Each arm is in the centre once per tray, from the start of its approach to row 3 until it returns past pick 2."""
-    timeline, _ = recorded(6)
+    timeline, _ = recorded(25)
     (left,), (right,) = timeline.centre["left"], timeline.centre["right"]
     assert left[1] <= right[0] or right[1] <= left[0]
     for side, (from_ms, to_ms) in zip(SIDES, (left, right), strict=True):
@@ -100,7 +100,7 @@ def test_only_one_arm_at_a_time_is_in_the_centre_and_only_for_row_three() -> Non
 
 def test_dwells_last_their_set_point_plus_at_most_one_scan() -> None:
     """The dwells are 0.5 s at feed ([P]) and 0.2 s for clamping."""
-    timeline, _ = recorded(6)
+    timeline, _ = recorded(25)
     for sequence in ARM.values():
         took: dict[str, list[int]] = defaultdict(list)
         for each in timeline.intervals[sequence]:

@@ -1,0 +1,209 @@
+"""Auxiliary relays for conditions that a program evaluates more than once, so that its export needs fewer steps.
+
+The transformation is value numbering, as in a compiler. Two conditions have the same value if they have the same form
+and no rung between them writes a device that they read. Each value that is worth a relay is evaluated once, directly
+before its first use, and read from the relay afterwards. The relay is written in every scan before it is read, thus
+neither its previous value nor a loss of power has an effect.
+
+Inside a sequence, only conditions that the sequence itself does not change are shared. Their relays are evaluated
+before its first step, because a step is executed only while its state is on.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from textwrap import shorten
+from typing import Final
+
+from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, all_of, any_of, readable
+from controller.core.program import Block, Program
+from controller.core.rungs import Out, Rung, written_devices
+from controller.core.sequence import Sequence as Steps
+from controller.fx.language.instruction import LadderError
+
+RELAYS: Final = range(500, 1024)
+"""Auxiliary relays of the export; the program itself does not use them. From M1536, a contact would take two steps."""
+
+_COMPARISON_STEPS: Final = 5
+_COMPLEMENTS: Final = {"!=": "==", ">=": "<", ">": "<="}
+
+
+def shared(program: Program) -> Program:
+    """Return an equivalent program in which conditions that are used repeatedly are evaluated once, into relays.
+
+    Raises:
+        LadderError: The program itself uses relays in the range `RELAYS`.
+    """
+    if any(device.kind == "M" and device.number in RELAYS for device in program.devices()):
+        raise LadderError(f"M{RELAYS[0]} to M{RELAYS[-1]} are reserved for the export; use other relays")
+    values = _Values()
+    rows = [[(item, values.of_item(item)) for item in block.items] for block in program.blocks]
+    writer = _Writer(values.worth_a_relay())
+    blocks = (Block(block.title, tuple(writer.items(row))) for block, row in zip(program.blocks, rows, strict=True))
+    return replace(program, blocks=tuple(blocks))
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """Condition with its value number; a condition and its complement have the same number.
+
+    Attributes:
+        number: Value number.
+        negated: True if the condition is the complement of the numbered value.
+        expr: Condition.
+        parts: Values of its operands.
+    """
+
+    number: int
+    negated: bool
+    expr: Expr
+    parts: tuple[_Value, ...] = ()
+
+
+class _Values:
+    """Value numbers of conditions, which are passed in scan order.
+
+    Every series and parallel connection is numbered as a series, the latter as the complement of a series of
+    complements. Operands thus have lower numbers than the connection.
+    """
+
+    def __init__(self) -> None:
+        self._numbers: dict[object, int] = {}
+        self._operands: list[frozenset[tuple[int, bool]]] = []
+        self._steps: list[int] = []
+        self._uses: list[int] = []
+        self._versions: Counter[tuple[str, int]] = Counter()
+        self._changing: set[tuple[str, int]] = set()
+        self._before: tuple[int, bool] | None = None
+
+    def of_item(self, item: Rung | Steps) -> list[_Value]:
+        """Return the values of the conditions of a rung or a sequence, and record which devices it writes."""
+        written = {(device.kind, device.number) for device in item_writes(item)}
+        if isinstance(item, Steps):
+            self._changing = written
+            values = [self._of(condition) for condition in item.conditions()]
+            self._changing = set()
+        else:
+            values = [self._of(item.when)]
+        for value in values:
+            # consecutive rungs with the same condition have their contacts in common
+            self._uses[value.number] += (value.number, value.negated) != self._before
+            self._before = None if isinstance(item, Steps) else (value.number, value.negated)
+        self._versions.update(written)
+        return values
+
+    def worth_a_relay(self) -> set[int]:
+        """Return the numbers of the values for which a relay saves steps."""
+        chosen = {number for number, operands in enumerate(self._operands) if operands or self._steps[number] > 1}
+        while True:
+            uses, steps = self._total_uses(chosen), self._inline_steps(chosen)
+            saved = {n: uses[n] * steps[n] - (steps[n] + 1 + uses[n]) for n in chosen}
+            single = {n for n in chosen if uses[n] <= 1}
+            worst = min(chosen, key=lambda n: (saved[n], n), default=None)
+            if single:
+                chosen -= single
+            elif worst is not None and saved[worst] <= 0:
+                chosen.remove(worst)
+            else:
+                return chosen
+
+    def _total_uses(self, chosen: set[int]) -> list[int]:
+        uses = self._uses.copy()
+        for number in reversed(range(len(uses))):
+            for operand, _ in self._operands[number]:
+                uses[operand] += min(uses[number], 1) if number in chosen else uses[number]
+        return uses
+
+    def _inline_steps(self, chosen: set[int]) -> list[int]:
+        """Return the number of steps of each value if the chosen values among its operands are read from relays."""
+        steps: list[int] = []
+        for number, operands in enumerate(self._operands):
+            parts = (1 if n in chosen else steps[n] + bool(self._operands[n]) for n, _ in operands)
+            steps.append(self._steps[number] + sum(parts))
+        return steps
+
+    def _of(self, expr: Expr) -> _Value:
+        match expr:
+            case Not(operand):
+                value = self._of(operand)
+                return _Value(value.number, not value.negated, expr, (value,))
+            case And(operands) | Or(operands):
+                parallel = isinstance(expr, Or)
+                parts = tuple(self._of(operand) for operand in operands)
+                series = frozenset((part.number, part.negated != parallel) for part in parts)
+                return _Value(self._number(series, 0, series), parallel, expr, parts)
+            case Compare(relation, left, right):
+                positive = _COMPLEMENTS.get(relation, relation)
+                key = (positive, self._device(left), self._device(right) if isinstance(right, Word) else right)
+                return _Value(self._number(key, _COMPARISON_STEPS), positive != relation, expr)
+            case Bit():
+                return _Value(self._number(self._device(expr), 1), False, expr)
+            case Const():
+                return _Value(self._number(expr, 1), False, expr)
+        raise TypeError(f"not a condition: {expr!r}")
+
+    def _number(self, key: object, steps: int, operands: frozenset[tuple[int, bool]] = frozenset()) -> int:
+        if key not in self._numbers:
+            self._numbers[key] = len(self._numbers)
+            self._operands.append(operands)
+            self._steps.append(steps)
+            self._uses.append(0)
+        return self._numbers[key]
+
+    def _device(self, device: Bit | Word) -> object:
+        """Return a key that is equal for two reads of a device if it is not written between them."""
+        name = (device.kind, device.number)
+        return object() if name in self._changing else (*name, isinstance(device, Word), self._versions[name])
+
+
+class _Writer:
+    """Writer of the items of a program with relays in place of the chosen values."""
+
+    def __init__(self, chosen: set[int]) -> None:
+        self._chosen = chosen
+        self._free = iter(RELAYS)
+        self._relays: dict[int, Expr] = {}
+        self._pending: list[Rung] = []
+
+    def items(self, rows: list[tuple[Rung | Steps, list[_Value]]]) -> Iterator[Rung | Steps]:
+        """Yield the items, each after the rungs of the relays that it is the first to read."""
+        for item, values in rows:
+            conditions = [self._read(value) for value in values]
+            yield from self._pending
+            self._pending.clear()
+            yield item.with_conditions(conditions) if isinstance(item, Steps) else replace(item, when=conditions[0])
+
+    def _read(self, value: _Value) -> Expr:
+        if isinstance(value.expr, Not):
+            return ~self._read(value.parts[0])
+        if value.number not in self._chosen:
+            return self._written_out(value)
+        if value.number not in self._relays:
+            condition = self._written_out(value)
+            name = shorten(f"auxiliary: {readable(value.expr)[1:-1]}", 80, placeholder=" ...")
+            relay = Bit("M", next(self._free), name)
+            self._pending.append(Out(relay, condition))
+            self._relays[value.number] = ~relay if value.negated else relay
+        relay_contact = self._relays[value.number]
+        return ~relay_contact if value.negated else relay_contact
+
+    def _written_out(self, value: _Value) -> Expr:
+        match value.expr:
+            case And():
+                return all_of(*map(self._read, value.parts))
+            case Or():
+                return any_of(*map(self._read, value.parts))
+        return value.expr
+
+
+def item_writes(item: Rung | Steps) -> Iterator[Bit | Word]:
+    """Yield every device that a rung or a sequence writes."""
+    if not isinstance(item, Steps):
+        yield from written_devices(item)
+        return
+    yield from (bit for bit, _ in item)
+    yield from (step.dwell.timer.done for step in item.steps if step.dwell)
+    if item.consumes is not None:
+        yield item.consumes

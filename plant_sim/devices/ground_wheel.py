@@ -1,0 +1,80 @@
+"""Sensor of the ground speed: a measuring wheel that rolls without slip and gives one pulse per pulse distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from plant_sim.common.limits import require, require_within
+from plant_sim.devices.sensor import Sensor
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSpec:
+    """Drive from the ground and the sensor of the ground speed.
+
+    Attributes:
+        plant_spacing_m: Travel of the drive wheel per planted plant, m.
+        pulse_distance_m: Travel of the measuring wheel per pulse, m.
+        pulse_share: Fraction of the pulse distance during which the sensor is on.
+    """
+
+    plant_spacing_m: float
+    pulse_distance_m: float
+    pulse_share: float
+
+    def __post_init__(self) -> None:
+        """Validate the parameters."""
+        require_within(self, 0.1, 2.0, "plant_spacing_m")
+        require_within(self, 0.01, 0.5, "pulse_distance_m")
+        require_within(self, 0.05, 0.95, "pulse_share")
+
+
+class GroundWheel:
+    """Travel of the tractor, derived from the plants that the drive wheel of the cups has counted out.
+
+    Attributes:
+        travel_m: Travel of the tractor, m.
+        speed_m_s: Speed of the tractor, m/s.
+        pulse: Sensor on the measuring wheel.
+        slip: Slip of the drive wheel as a fraction of the travel, 0 or more and below 1; may be set at any time.
+    """
+
+    def __init__(self, spec: GroundSpec) -> None:
+        """Initialise the tractor at the start of a pulse distance."""
+        self._spec = spec
+        self._plants = 0.0
+        self._slip = 0.0
+        self.travel_m = 0.0
+        self.speed_m_s = 0.0
+        self.pulse = Sensor.alone()
+        self._on = False
+
+    @property
+    def slip(self) -> float:
+        """Slip of the drive wheel as a fraction of the travel of the tractor."""
+        return self._slip
+
+    @slip.setter
+    def slip(self, slip: float) -> None:
+        require(0.0 <= slip < 1.0, "slip", "must be 0 or more and less than 1")
+        self._slip = slip
+
+    def place(self, plants: float) -> None:
+        """Set the position of the drive as an initial condition, without travel."""
+        self._plants = plants
+
+    def follow(self, plants: float, for_s: float) -> None:
+        """Follow the drive of the cups.
+
+        Args:
+            plants: Plants per row that the drive wheel has counted out.
+            for_s: Time since the last call, s, more than 0.
+        """
+        way_m = (plants - self._plants) * self._spec.plant_spacing_m / (1.0 - self._slip)
+        self._plants = plants
+        self.travel_m += way_m
+        self.speed_m_s = way_m / for_s
+        on = self.travel_m / self._spec.pulse_distance_m % 1.0 < self._spec.pulse_share
+        if on != self._on:
+            self._on = on
+            self.pulse.detect(on)

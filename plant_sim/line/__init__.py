@@ -1,0 +1,1 @@
+"""Lines from the tray, or the conveyor of blocks, to rows of plants in the ground."""

@@ -1,0 +1,71 @@
+"""Complete run of a line by name: files, planter, run and result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from plant_sim.line.file import LineFile, PlanterEntry, find_line, load_ground, load_line
+from plant_sim.line.planting import ChainPlanter
+from plant_sim.line.release import SPACINGS_M, forecasts
+from plant_sim.line.result import LineResult
+from plant_sim.line.run import run_line
+from plant_sim.machine.parameters import Machine
+from plant_sim.planter.falls import default_table
+from plant_sim.planter.scatter import Ground
+
+
+def result_of(name: str, *, profile: Path | None, metres: float, seed: int, machine: Machine) -> LineResult:
+    """Run a line and return its result.
+
+    Args:
+        name: Name of an included line, or path of a line file.
+        profile: Ground file; None = the ground of the line.
+        metres: Length of each row, m.
+        seed: Seed of all random numbers.
+        machine: Parameters of the machine that fills the cups.
+
+    Raises:
+        LineError: A file is invalid, or the line plants nothing.
+    """
+    line = load_line(find_line(name))
+    values, assumed = line.values, line.assumed
+    if profile is not None:
+        ground = load_ground(profile)
+        values = values.model_copy(update={"ground": ground.values})
+        own = tuple(f"ground.{each}" for each in ground.assumed)
+        assumed = tuple(each for each in assumed if not each.startswith("ground.")) + own
+    planter = None if values.planter is None else _chain_planter(values.planter)
+    return LineResult(
+        title=values.title,
+        seed=seed,
+        metres=metres,
+        spacing_m=values.spacing,
+        run=run_line(values, metres=metres, seed=seed, machine=machine, planter=planter),
+        releases=() if planter is None else forecasts((*SPACINGS_M, values.spacing), planter, seed=seed),
+        window=None if values.chute is None else values.chute.window,
+        is_fed_by_arms=values.arms is not None,
+        assumed=assumed,
+        remarks=_remarks(values),
+    )
+
+
+def _chain_planter(entry: PlanterEntry) -> ChainPlanter:
+    """Return the planter of a line, with the falls of the default parameters."""
+    table = default_table(Ground(entry.soil))
+    clamp_n = table.planter.grip.clamp_n if entry.clamp is None else entry.clamp
+    return ChainPlanter(table, clamp_n, entry.unreleased)
+
+
+def _remarks(line: LineFile) -> tuple[str, ...]:
+    """Return the limits of the models that apply to a line."""
+    if line.nozzle is not None:
+        return ("the nozzle is not published: tilted, lodged and injured plants are shares from the line file",)
+    remarks = [
+        "falls are drawn from a table of simulated contacts of a cabbage block of 40 mm",
+    ]
+    if line.arms is not None:
+        remarks += [
+            "the falls are applied to pepper plugs, for which they are not validated",
+            "injury is not modelled: equation 11 of the cabbage paper holds for cabbage blocks only",
+        ]
+    return tuple(f"limit: {remark}" for remark in remarks)

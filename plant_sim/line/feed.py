@@ -1,0 +1,201 @@
+"""Feeds of a line: a conveyor of single blocks, or the twin arms that fill the cups."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from controller.program.set_points import SetPoints
+from controller.program.tags import SIDES
+from plant_sim.crop.planting_row import PassedCup, PlantingRow
+from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS, Location
+from plant_sim.line.drive import Drive
+from plant_sim.line.errors import LineError
+from plant_sim.line.file import ConveyorEntry
+from plant_sim.line.ground import Floats
+from plant_sim.line.row import FedRow, Integers, Missing
+from plant_sim.machine.parameters import Machine
+from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
+
+MOST_TRAYS: Final = 1_000
+"""Capacity of the magazine."""
+
+_FROM_LAST_CLAW = CELLS_ALONG - 0.5
+"""Chain travel, in pitches, at which cup 0 is out of reach of the last claw."""
+_STIFF_M_S2 = 10.0
+"""Acceleration of the cups, m/s2; the speed profile already contains that of the tractor."""
+_STANDSTILL_M_S = 1e-6
+_LOADED_LIMIT_MS = 120_000
+_LOADING_PER_MIN = 45.0
+"""Planting frequency at which the operator turns the cups before the row; assumed."""
+_NO_CUPS_INTERVALS = 3
+_CAUSES = {Location.LOST_PICK: Missing.P, Location.LOST_CARRY: Missing.D, Location.LOST_THROW: Missing.T}
+
+
+def blocks(entry: ConveyorEntry, times_s: Floats, rng: np.random.Generator) -> FedRow:
+    """Return the blocks that successive planters take from a conveyor.
+
+    The conveyor presents one block at a time; the next one needs the feeding interval to arrive. A gap on the belt
+    presents no block for one interval.
+
+    Args:
+        entry: Parameters of the conveyor.
+        times_s: Times at which the planters pass the conveyor, s.
+        rng: Source of the random numbers.
+    """
+    count = len(times_s)
+    offered = _offered(times_s, 60.0 / entry.rate) & (rng.random(count) >= entry.gaps)
+    gripped = offered & (rng.random(count) >= entry.dropped)
+    cause = np.where(offered, np.where(gripped, Missing.NONE, Missing.HANDOVER), Missing.MISSED_CUP)
+    return FedRow(gripped.astype(np.int64), cause.astype(np.int64), 0.0)
+
+
+def _offered(times_s: Floats, interval_s: float) -> np.ndarray:
+    """Return True for each planter that finds a block; a block needs the interval after the previous one was taken."""
+    if len(times_s) < 2 or np.diff(times_s).min() >= interval_s:
+        return np.ones(len(times_s), dtype=np.bool_)
+    offered = np.zeros(len(times_s), dtype=np.bool_)
+    ready_s = -math.inf
+    for number, time_s in enumerate(times_s.tolist()):
+        if time_s >= ready_s:
+            offered[number] = True
+            ready_s = time_s + interval_s
+    return offered
+
+
+class ArmsFeed:
+    """Cups filled by the machine program and the simulated machine.
+
+    Before the row, the operator starts the machine and turns the cups until both arms have thrown once; the cups then
+    stand until both arms are loaded again. From the start of the tractor, the chains follow the cycles of the drive.
+    The row begins with the first filled cup.
+
+    Attributes:
+        twin: The twin.
+        rows: Contents of the cups of each row, left first, available after `run`.
+    """
+
+    def __init__(self, machine: Machine, *, seed: int, cups: int, frequency_per_min: float) -> None:
+        """Home, start and load the machine.
+
+        Args:
+            machine: Parameters of the machine.
+            seed: Seed of the plant.
+            cups: Number of cups of a row to fill, which defines the number of trays.
+            frequency_per_min: Planting frequency for which the machine is commissioned, 1/min.
+
+        Raises:
+            LineError: The cups require too many trays, or the machine does not fill the first cups.
+        """
+        trays = math.ceil(cups / (CELLS_ALONG * COLUMNS / len(SIDES))) + 2
+        if trays > MOST_TRAYS:
+            raise LineError(f"--metres: requires {trays} trays, more than {MOST_TRAYS}; reduce it or run several seeds")
+        self.twin = Twin(
+            seed=seed,
+            trays=trays,
+            parameters=machine.with_values({"cups.acceleration_m_s2": _STIFF_M_S2}),
+            set_points={"trays_target": 0, "no_cups": _no_cups_x100_ms(frequency_per_min)},
+        )
+        self._arms = list(self.twin.plant.arms.values())
+        self._pitch_m = machine.cups.pitch_m
+        for arm in self._arms:
+            arm.row.passed = []
+        try:
+            self._load()
+        except NotReachedError as error:
+            raise LineError(f"arms: {error}; check the parameters of the machine") from None
+        self._start_m = [arm.cups.chain_m for arm in self._arms]
+        self._first = [_first_filled(arm.row) for arm in self._arms]
+        self.rows: list[FedRow] = []
+
+    def first_cycles(self, cups_to_planting: int) -> list[float]:
+        """Return the cycles of the drive at which the first cup of each row is at the planting position.
+
+        Args:
+            cups_to_planting: Cups between the last claw and the planting position.
+        """
+        return [
+            first + _FROM_LAST_CLAW + cups_to_planting - start_m / self._pitch_m
+            for first, start_m in zip(self._first, self._start_m, strict=True)
+        ]
+
+    def run(self, drive: Drive, *, until_s: float, cups_to_planting: int) -> None:
+        """Drive the cups.
+
+        Args:
+            drive: Drive of the cups.
+            until_s: Duration, s.
+            cups_to_planting: Cups between the last claw and the planting position.
+        """
+        scan_s = SCAN_MS / 1000
+        scans = math.ceil(until_s / scan_s)
+        targets_m = (self._pitch_m * drive.cycles_at(scan_s * np.arange(1, scans + 1))).tolist()
+        drives = [(arm.cups, start_m) for arm, start_m in zip(self._arms, self._start_m, strict=True)]
+        per_min = 60 / self._pitch_m
+        for target_m in targets_m:
+            for cups, start_m in drives:
+                wanted_m_s = (start_m + target_m - cups.chain_m) / scan_s
+                cups.planting_frequency_per_min = per_min * wanted_m_s if wanted_m_s > _STANDSTILL_M_S else 0.0
+            self.twin.scan()
+        self.rows = [
+            _fed(arm.row.passed or [], first, first_cycle)
+            for arm, first, first_cycle in zip(
+                self._arms, self._first, self.first_cycles(cups_to_planting), strict=True
+            )
+        ]
+
+    @property
+    def seedlings_tracked(self) -> int:
+        """Seedlings in cups that have not yet passed the last claw."""
+        return sum(len(arm.row.filled) for arm in self._arms)
+
+    @property
+    def seedlings_passed(self) -> int:
+        """Seedlings with a cup of their own in cups that have passed the last claw."""
+        return sum(int(np.count_nonzero(row.seedlings)) for row in self.rows)
+
+    def _load(self) -> None:
+        """Home and start the machine, fill the first cups, and wait until both arms are loaded again."""
+        twin = self.twin
+        twin.plant.planting_frequency_per_min = 0.0
+        twin.home()
+        twin.command("cups_empty")
+        twin.start()
+        twin.plant.planting_frequency_per_min = _LOADING_PER_MIN
+        twin.run_until(self._has_thrown, within_ms=_LOADED_LIMIT_MS, what="first throw of both arms")
+        twin.plant.planting_frequency_per_min = 0.0
+        twin.run_until(self._is_loaded, within_ms=_LOADED_LIMIT_MS, what="both arms loaded over the cups")
+
+    def _has_thrown(self) -> bool:
+        return all(arm.row.filled for arm in self._arms)
+
+    def _is_loaded(self) -> bool:
+        return all(self.twin.in_step(f"{side} arm", "wait for cups") for side in SIDES)
+
+
+def _no_cups_x100_ms(frequency_per_min: float) -> int:
+    """Return the waiting time without a cup that suspends the machine: three cup intervals, within its limits."""
+    set_points = SetPoints()
+    low, high = set_points.limits[set_points.no_cups]
+    return min(max(math.ceil(_NO_CUPS_INTERVALS * 600 / frequency_per_min), low), high)
+
+
+def _first_filled(row: PlantingRow) -> int:
+    """Return the number of the first filled cup."""
+    return min([*(cup.cup for cup in row.passed or [] if cup.seedlings), *row.filled])
+
+
+def _fed(passed: list[PassedCup], first: int, first_cycle: float) -> FedRow:
+    """Return the contents of the cups from the observations of the row."""
+    count = max((cup.cup for cup in passed), default=first - 1) + 1 - first
+    seedlings: Integers = np.zeros(count, dtype=np.int64)
+    cause: Integers = np.full(count, Missing.MISSED_CUP, dtype=np.int64)
+    for cup in passed:
+        if cup.cup >= first:
+            seedlings[cup.cup - first] += cup.seedlings
+            if cup.cause is not None:
+                cause[cup.cup - first] = _CAUSES[cup.cause]
+    cause[seedlings > 0] = Missing.NONE
+    return FedRow(seedlings, cause, first_cycle)

@@ -1,0 +1,154 @@
+"""Indices of a row of plants: spacing in the manner of ISO 7256-1, and rates as Chinese transplanter tests report them.
+
+Spacing indices as defined by Kachman and Smith (1995) on the basis of ISO 7256-1: a spacing of at most half the set
+spacing is a multiple, one of more than 1.5 times is a miss, any other one is in the quality of feed. The indices are
+shares of the number of spacings.
+
+The rates follow the terms of JB/T 10291; its text was not available, so that their definitions here are assumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from plant_sim.line.ground import Floats
+from plant_sim.line.row import CAUSES, PlantRow
+from plant_sim.planter.verdict import Stand
+from plant_sim.twin.report import binomial_interval
+
+MULTIPLE_BELOW: Final = 0.5
+"""Largest multiple, in set spacings. Source: Kachman and Smith (1995), after ISO 7256-1."""
+MISS_ABOVE: Final = 1.5
+"""Largest spacing that is not a miss, in set spacings. Source: as `MULTIPLE_BELOW`."""
+
+
+class Rate(NamedTuple):
+    """Observed proportion.
+
+    Attributes:
+        hits: Number of hits.
+        draws: Number of draws.
+    """
+
+    hits: int
+    draws: int
+
+    @property
+    def percent(self) -> float:
+        """Proportion, percent; NaN without draws."""
+        return 100 * self.hits / self.draws if self.draws else float("nan")
+
+    @property
+    def interval_percent(self) -> tuple[float, float]:
+        """Exact binomial 95 % confidence interval, percent."""
+        low, high = binomial_interval(self.hits, self.draws)
+        return 100 * low, 100 * high
+
+    def record(self) -> dict[str, object]:
+        """Return the rate as a JSON object."""
+        low, high = self.interval_percent
+        percent = self.percent if self.draws else None
+        return {"hits": self.hits, "of": self.draws, "percent": percent, "low": low, "high": high}
+
+    def text(self) -> str:
+        """Return the rate and its interval as text."""
+        low, high = self.interval_percent
+        return f"{self.percent:.1f} % ({low:.1f} to {high:.1f})" if self.draws else "none"
+
+
+@dataclass(frozen=True, slots=True)
+class SpacingIndices:
+    """Distribution of the spacings of all rows.
+
+    Attributes:
+        number: Number of spacings.
+        mean_m: Mean, m; NaN without spacings.
+        sd_m: Standard deviation, m; NaN for fewer than two spacings.
+        multiple: Share of the spacings that are multiples.
+        quality: Share of the spacings in the quality of feed.
+        miss: Share of the spacings that are misses.
+        precision: Standard deviation of the spacings in the quality of feed, divided by the set spacing; NaN for fewer
+            than two of them.
+    """
+
+    number: int
+    mean_m: float
+    sd_m: float
+    multiple: Rate
+    quality: Rate
+    miss: Rate
+    precision: float
+
+    @property
+    def cv(self) -> float:
+        """Coefficient of variation."""
+        return self.sd_m / self.mean_m
+
+
+def spacing_indices(rows_m: Sequence[Floats], set_m: float) -> SpacingIndices:
+    """Return the indices of the spacings between successive plants.
+
+    Args:
+        rows_m: Positions of the plants of each row in ascending order, m.
+        set_m: Set spacing, m.
+
+    >>> indices = spacing_indices([np.array([0.0, 0.4, 0.8, 0.9, 1.7])], 0.4)
+    >>> indices.multiple.hits, indices.quality.hits, indices.miss.hits
+    (1, 2, 1)
+    """
+    spacings_m = np.concatenate([np.diff(row) for row in rows_m]) if rows_m else np.empty(0)
+    is_multiple = spacings_m <= MULTIPLE_BELOW * set_m
+    is_miss = spacings_m > MISS_ABOVE * set_m
+    regular_m = spacings_m[~is_multiple & ~is_miss]
+    number = len(spacings_m)
+    return SpacingIndices(
+        number=number,
+        mean_m=float(spacings_m.mean()) if number else float("nan"),
+        sd_m=_sd(spacings_m),
+        multiple=Rate(int(np.count_nonzero(is_multiple)), number),
+        quality=Rate(len(regular_m), number),
+        miss=Rate(int(np.count_nonzero(is_miss)), number),
+        precision=_sd(regular_m) / set_m,
+    )
+
+
+def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Rate]:
+    """Return the rates of all rows.
+
+    A qualified position has a single plant that is neither lodged nor injured. Qualified, missed and double positions
+    are shares of all positions, lodged and injured ones of the positions with a plant. The injured rate is absent, and
+    no position is disqualified by injury, if injury is not modelled.
+    """
+    released = sum(row.released for row in rows)
+    planted = sum(int(np.count_nonzero(row.planted)) for row in rows)
+    lodged = sum(int(np.count_nonzero(row.stand == Stand.LODGED)) for row in rows)
+    rates = {
+        "qualified": Rate(sum(map(_qualified, rows)), released),
+        "missed": Rate(released - planted, released),
+        "double": Rate(sum(row.double for row in rows), released),
+        "lodged": Rate(lodged, planted),
+    }
+    flags = [row.injured for row in rows if row.injured is not None]
+    return rates | ({"injured": Rate(sum(int(each.sum()) for each in flags), planted)} if flags else {})
+
+
+def _qualified(row: PlantRow) -> int:
+    qualified = (row.seedlings == 1) & (row.stand != Stand.LODGED)
+    return int(np.count_nonzero(qualified if row.injured is None else qualified & ~row.injured))
+
+
+def missing_by_cause(rows: Sequence[PlantRow]) -> dict[str, int]:
+    """Return the number of missing plants of all rows by cause, in the order of `Missing`."""
+    return {cause.name.lower() if len(cause.name) > 1 else cause.name: _total(rows, cause) for cause in CAUSES}
+
+
+def _total(rows: Sequence[PlantRow], cause: int) -> int:
+    return sum(int(np.count_nonzero(row.missing == cause)) for row in rows)
+
+
+def _sd(values: Floats) -> float:
+    return float(values.std(ddof=1)) if len(values) > 1 else float("nan")

@@ -1,0 +1,251 @@
+"""Planting devices: the timed nozzle of the base machine, and the chain planter with an optional chute above it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from plant_sim.line.drive import Drive
+from plant_sim.line.file import ChuteEntry, NozzleEntry
+from plant_sim.line.ground import Floats, SpeedProfile
+from plant_sim.line.row import NO_PLANT, FedRow, Flags, Integers, Missing, PlantRow
+from plant_sim.planter.falls import Falls, FallTable, motion_at
+from plant_sim.planter.verdict import Stand
+
+CARRIED_CYCLES: Final = 3.0
+"""Planting cycles from gripping to release: half of the six planters of the chain; assumed."""
+
+
+Injury = Callable[[Floats, Floats], Floats]
+"""Function that returns the injured share at given ground speeds, m/s, and planting frequencies, 1/min."""
+
+
+@dataclass(frozen=True)
+class ChainPlanter:
+    """Chain planter of a line.
+
+    Attributes:
+        table: Table of falls; it contains the parameters of the planter.
+        clamp_n: Clamp force, N.
+        unreleased: Share of the blocks that are not released.
+        injury: Injured share; None if it is not modelled.
+    """
+
+    table: FallTable
+    clamp_n: float
+    unreleased: float = 0.0
+    injury: Injury | None = None
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance from planter to planter along the chain, m."""
+        motion = motion_at(self.table.planter, 1.0)
+        return motion.ratio * motion.spacing_m
+
+    def draw(self, ratio: Floats, rng: np.random.Generator) -> Falls:
+        """Return one fall for each ratio lambda."""
+        return self.table.draw(ratio, rng, clamp_n=self.clamp_n)
+
+
+class Transport(NamedTuple):
+    """Blocks in the planters, after the handover.
+
+    Attributes:
+        seedlings: Number of blocks in each planter.
+        cause: `Missing` of each empty planter.
+        lost: Blocks lost at the handover.
+        phase: Deviation of each arrival from the middle of the catch window, in planting cycles; empty without a chute.
+    """
+
+    seedlings: Integers
+    cause: Integers
+    lost: int
+    phase: Floats
+
+
+@dataclass(frozen=True)
+class Course:
+    """Drive and ground of a run.
+
+    Attributes:
+        profile: Speed profile.
+        drive: Drive of cups and planters.
+        metres: Length of each row, m.
+    """
+
+    profile: SpeedProfile
+    drive: Drive
+    metres: float
+
+
+class Releases(NamedTuple):
+    """Releases of one row, in order.
+
+    Attributes:
+        number: Number of releases in the row; the later cups are in transit.
+        time_s: Time of each release, s.
+        origin_m: Travel of the machine at the first release, m.
+        travel_m: Travel from the first release to each release, m.
+        speed_m_s: Ground speed at each release, m/s.
+    """
+
+    number: int
+    time_s: Floats
+    origin_m: float
+    travel_m: Floats
+    speed_m_s: Floats
+
+
+def releases(course: Course, first_cycle: float, cups: int) -> Releases:
+    """Return the releases of successive cups until the end of the row.
+
+    Args:
+        course: Drive and ground.
+        first_cycle: Cycles of the drive at the first release.
+        cups: Number of cups.
+    """
+    cycles = first_cycle + np.arange(cups)
+    time_s = course.drive.time_at(cycles[cycles <= course.drive.end_cycles])
+    travel_m = course.profile.travel_at(time_s)
+    origin_m = float(travel_m[0]) if len(travel_m) else 0.0
+    inside = travel_m <= origin_m + course.metres
+    time_s, travel_m = time_s[inside], travel_m[inside]
+    return Releases(len(time_s), time_s, origin_m, travel_m - origin_m, course.profile.speed_at(time_s))
+
+
+def plant_by_nozzle(entry: NozzleEntry, fed: FedRow, course: Course, rng: np.random.Generator) -> PlantRow:
+    """Return the row planted by a nozzle, into which each cup drops its seedling at a fixed phase.
+
+    The seedling reaches the soil after the fall time, at the position of the nozzle at that time, with scatter.
+
+    Args:
+        entry: Parameters of the nozzle.
+        fed: Cups of the row.
+        course: Drive and ground.
+        rng: Source of the random numbers.
+    """
+    at = releases(course, fed.first_cycle, len(fed.seedlings))
+    seedlings, missing, lost = _released(fed, at.number, entry.unreleased, rng)
+    planted = seedlings > 0
+    landed_m = course.profile.travel_at(at.time_s + entry.fall) - at.origin_m
+    position_m = landed_m + rng.normal(0.0, entry.scatter, at.number)
+    depth_m = rng.normal(entry.depth, entry.depth_scatter, at.number)
+    drawn = rng.random(at.number)
+    stand = np.where(drawn < entry.lodged, Stand.LODGED, Stand.UPRIGHT)
+    stand = np.where((drawn >= entry.lodged) & (drawn < entry.lodged + entry.tilted), Stand.TILTED, stand)
+    later = fed.seedlings[at.number :]
+    return PlantRow(
+        cup=np.arange(at.number),
+        time_s=at.time_s,
+        travel_m=at.travel_m,
+        speed_m_s=at.speed_m_s,
+        ratio=np.full(at.number, np.nan),
+        seedlings=seedlings,
+        missing=missing,
+        position_m=np.where(planted, position_m, np.nan),
+        depth_m=np.where(planted, depth_m, np.nan),
+        tilt_deg=np.full(at.number, np.nan),
+        stand=np.where(planted, stand, NO_PLANT),
+        scraped=np.zeros(at.number, dtype=np.bool_),
+        injured=planted & (rng.random(at.number) < entry.injured),
+        within=np.ones(at.number, dtype=np.bool_),
+        in_transit=len(later),
+        seedlings_in_transit=int(later.sum()),
+        seedlings_lost=lost,
+        phase=np.empty(0),
+    )
+
+
+def drop_through_chute(
+    entry: ChuteEntry, fed: FedRow, course: Course, *, set_frequency_hz: float, rng: np.random.Generator
+) -> Transport:
+    """Return the blocks that the planters catch from the cups above them.
+
+    The phase between cups and planters is set so that a plug with the mean transit time arrives in the middle of the
+    catch window at the set frequency. A plug that arrives outside the window of a planter is lost; one that arrives in
+    the window of another planter is caught by that planter.
+
+    Args:
+        entry: Parameters of the chute.
+        fed: Cups of the row; `first_cycle` is the cycle at which the first cup is over the chute.
+        course: Drive and ground.
+        set_frequency_hz: Planting frequency for which the phase is set, 1/s.
+        rng: Source of the random numbers.
+    """
+    cycles = fed.first_cycle + np.arange(len(fed.seedlings))
+    cycles = cycles[cycles <= course.drive.end_cycles]
+    time_s = course.drive.time_at(cycles)
+    transit_s = np.maximum(rng.normal(entry.transit, entry.scatter, len(cycles)), 0.0)
+    passed = course.drive.cycles_at(time_s + transit_s) - cycles
+    phase = passed - entry.transit * set_frequency_hz + entry.phase_error
+    filled = fed.seedlings[: len(cycles)]
+    shift = np.rint(phase).astype(np.int64)
+    target = np.arange(len(cycles)) + shift
+    caught = (np.abs(phase - shift) <= entry.window / 2) & (target >= 0) & (target < len(fed.seedlings))
+    seedlings = np.zeros_like(fed.seedlings)
+    np.add.at(seedlings, target[caught], filled[caught])
+    cause = np.where(seedlings > 0, Missing.NONE, np.where(fed.seedlings > 0, Missing.HANDOVER, fed.cause))
+    return Transport(seedlings, cause.astype(np.int64), int(filled[~caught].sum()), phase[filled > 0])
+
+
+def plant_by_chain(
+    transport: Transport,
+    first_cycle: float,
+    course: Course,
+    *,
+    planter: ChainPlanter,
+    rng: np.random.Generator,
+) -> PlantRow:
+    """Return the row planted by a chain planter.
+
+    Args:
+        transport: Blocks in the planters.
+        first_cycle: Cycles of the drive at the first release.
+        course: Drive and ground.
+        planter: The planter.
+        rng: Source of the random numbers.
+    """
+    at = releases(course, first_cycle, len(transport.seedlings))
+    fed = FedRow(transport.seedlings, transport.cause, first_cycle)
+    seedlings, missing, lost = _released(fed, at.number, planter.unreleased, rng)
+    planted = seedlings > 0
+    per_m = course.drive.per_m_at(at.time_s)
+    ratio = planter.pitch_m * per_m
+    fall = planter.draw(ratio, rng)
+    drawn = rng.random(at.number)
+    injured: Flags | None = None
+    if planter.injury is not None:
+        injured = planted & (drawn < planter.injury(at.speed_m_s, 60 * per_m * at.speed_m_s))
+    later = transport.seedlings[at.number :]
+    return PlantRow(
+        cup=np.arange(at.number),
+        time_s=at.time_s,
+        travel_m=at.travel_m,
+        speed_m_s=at.speed_m_s,
+        ratio=ratio,
+        seedlings=seedlings,
+        missing=missing,
+        position_m=np.where(planted, at.travel_m + fall.along_m, np.nan),
+        depth_m=np.where(planted, fall.depth_m, np.nan),
+        tilt_deg=np.where(planted, fall.tilt_deg, np.nan),
+        stand=np.where(planted, fall.stand, NO_PLANT),
+        scraped=planted & fall.scraped,
+        injured=injured,
+        within=~planted | fall.within,
+        in_transit=len(later),
+        seedlings_in_transit=int(later.sum()),
+        seedlings_lost=lost + transport.lost,
+        phase=transport.phase,
+    )
+
+
+def _released(fed: FedRow, count: int, share: float, rng: np.random.Generator) -> tuple[Integers, Integers, int]:
+    """Return seedlings and causes after the release, of which a share fails, and the seedlings lost by that."""
+    seedlings, missing = fed.seedlings[:count], fed.cause[:count]
+    fails = (rng.random(count) < share) & (seedlings > 0)
+    released = np.where(fails, 0, seedlings)
+    cause = np.where(fails, Missing.RELEASE, missing)
+    return released, cause.astype(np.int64), int(seedlings[fails].sum())

@@ -1,0 +1,130 @@
+"""Rows of plants as arrays: one element for each cup or planter that has been released over the row."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.line.ground import Floats
+
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+class Missing(enum.IntEnum):
+    """Cause of a missing plant; the letters are those of the pepper paper."""
+
+    NONE = 0
+    P = 1
+    """Lost while picking."""
+    D = 2
+    """Lost while carrying."""
+    T = 3
+    """Lost while throwing: fallen outside its cup or into another one."""
+    MISSED_CUP = 4
+    """No seedling was offered while the cup or the planter passed."""
+    HANDOVER = 5
+    """Lost between conveyor or cup and planter."""
+    RELEASE = 6
+    """Not released by the planter or the nozzle."""
+
+
+CAUSES: Final = tuple(cause for cause in Missing if cause is not Missing.NONE)
+
+NO_PLANT: Final = -1
+"""Value of `PlantRow.stand` where there is no plant."""
+
+
+@dataclass(frozen=True)
+class FedRow:
+    """Cups of one row in their order, or blocks offered to successive planters.
+
+    Attributes:
+        seedlings: Number of seedlings of each cup: 0, 1 or 2.
+        cause: `Missing` of each empty cup, `Missing.NONE` of the others.
+        first_cycle: Planting cycles of the drive at which the first cup is at the planting position.
+    """
+
+    seedlings: Integers
+    cause: Integers
+    first_cycle: float
+
+
+@dataclass(frozen=True)
+class PlantRow:
+    """One row of plants; all arrays have one element for each released cup.
+
+    Attributes:
+        cup: Number of the cup or the planter in the row, from 0.
+        time_s: Time of the release since the start of the tractor, s.
+        travel_m: Travel of the machine at the release, from the first release of the row, m.
+        speed_m_s: Ground speed at the release, m/s.
+        ratio: Characteristic ratio lambda at the release; NaN without a chain planter, infinite at standstill.
+        seedlings: Number of plants at the position: 0, 1 or, from a double, 2 or more.
+        missing: `Missing` of the position.
+        position_m: Position of the plants along the row, m; NaN without a plant.
+        depth_m: Depth of the bottom of the plug below the soil surface, m; NaN without a plant.
+        tilt_deg: Tilt of the plant, forward positive, degrees; NaN without a plant or if not modelled.
+        stand: `plant_sim.planter.verdict.Stand` of the plant; `NO_PLANT` without a plant.
+        scraped: True if the planter touched the plant after its release.
+        injured: True for an injured plant; None if injury is not modelled.
+        within: True if the fall is inside the grid of the fall table; False for an extrapolated one.
+        in_transit: Cups or planters that have left the feed and are not yet released.
+        seedlings_in_transit: Seedlings in them.
+        seedlings_lost: Seedlings lost between the feed and the soil.
+        phase: Deviation of each arrival from the middle of the catch window, in planting cycles; empty without a chute.
+    """
+
+    cup: Integers
+    time_s: Floats
+    travel_m: Floats
+    speed_m_s: Floats
+    ratio: Floats
+    seedlings: Integers
+    missing: Integers
+    position_m: Floats
+    depth_m: Floats
+    tilt_deg: Floats
+    stand: Integers
+    scraped: Flags
+    injured: Flags | None
+    within: Flags
+    in_transit: int
+    seedlings_in_transit: int
+    seedlings_lost: int
+    phase: Floats
+
+    @property
+    def planted(self) -> Flags:
+        """True for each position with at least one plant."""
+        return self.seedlings > 0
+
+    @property
+    def released(self) -> int:
+        """Number of released cups or planters."""
+        return len(self.cup)
+
+    @property
+    def single(self) -> int:
+        """Number of positions with one plant."""
+        return int(np.count_nonzero(self.seedlings == 1))
+
+    @property
+    def double(self) -> int:
+        """Number of positions with two plants or more."""
+        return int(np.count_nonzero(self.seedlings > 1))
+
+    @property
+    def causes(self) -> dict[Missing, int]:
+        """Number of missing plants by cause."""
+        counts = np.bincount(self.missing, minlength=len(Missing))
+        return {cause: int(counts[cause]) for cause in CAUSES}
+
+    @property
+    def plants_m(self) -> Floats:
+        """Positions of all plants in ascending order, m; a double gives its position once for each plant."""
+        return np.sort(np.repeat(self.position_m, self.seedlings))

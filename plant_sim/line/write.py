@@ -1,0 +1,214 @@
+"""Files of a result: the plants as CSV and Parquet, and a picture of the rows."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from plant_sim.common.figure_style import QUIET, drawing, save, write_whole
+from plant_sim.line.errors import LineError
+from plant_sim.line.result import LineResult
+from plant_sim.line.row import NO_PLANT, Missing, PlantRow
+from plant_sim.planter.verdict import Stand
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+COLUMNS: Final = (
+    "row",
+    "cup",
+    "time_s",
+    "travel_m",
+    "speed_m_s",
+    "lambda",
+    "plants",
+    "missing",
+    "position_m",
+    "spacing_m",
+    "depth_m",
+    "tilt_deg",
+    "stand",
+    "scraped",
+    "injured",
+)
+"""Columns of the plants; an empty cell or a null is a value that does not exist."""
+
+_SHOWN_M = 25.0
+"""Length of row in the upper part of the picture, m."""
+_WIDTH_IN = 7.0
+_STANDS = {Stand.UPRIGHT: ("upright", "#009E73", "^"), Stand.TILTED: ("tilted", "#E69F00", ">")}
+_LODGED = ("lodged", "#D55E00", "_")
+_MISSING = ("missing", "#444444", "x")
+
+
+def make_folder(out: Path) -> None:
+    """Create the folder of the files if it is missing, but not its parents.
+
+    Raises:
+        LineError: The folder cannot be created.
+    """
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        raise LineError(f"{out}: cannot be created ({error.strerror}); specify another --out") from None
+
+
+def write_result(result: LineResult, out: Path) -> list[Path]:
+    """Write ``plants.csv``, ``plants.parquet``, ``rows.png``, ``rows.svg`` and ``result.json``.
+
+    Args:
+        result: The result.
+        out: Existing folder.
+
+    Returns:
+        The files.
+
+    Raises:
+        FigureError: A file cannot be written.
+    """
+    plants = plant_table(result)
+    csv_path, parquet_path, json_path = out / "plants.csv", out / "plants.parquet", out / "result.json"
+    write_whole(csv_path, lambda part: _write_csv(plants, part))
+    write_whole(parquet_path, lambda part: _write_parquet(plants, part))
+    record = json.dumps(result.record(), indent=2) + "\n"
+    write_whole(json_path, lambda part: part.write_text(record, encoding="utf-8"))
+    with drawing():
+        pictures = save(row_picture(result), out / "rows")
+    return [csv_path, parquet_path, *pictures, json_path]
+
+
+def plant_table(result: LineResult) -> pa.Table:
+    """Return all positions of all rows as a table with the columns `COLUMNS`."""
+    import pyarrow as pa  # noqa: PLC0415 - pyarrow is an optional dependency
+
+    return pa.concat_tables(
+        pa.table(dict(zip(COLUMNS, _columns(number, row), strict=True)))
+        for number, row in enumerate(result.rows, start=1)
+    )
+
+
+def _columns(number: int, row: PlantRow) -> list[pa.Array]:
+    import pyarrow as pa  # noqa: PLC0415 - pyarrow is an optional dependency
+
+    causes = [None if code == Missing.NONE else Missing(code).name.lower() for code in row.missing.tolist()]
+    stands = [None if code == NO_PLANT else Stand(code).name.lower() for code in row.stand.tolist()]
+    numbers = (row.time_s, row.travel_m, row.speed_m_s, row.ratio)
+    return [
+        pa.array(np.full(row.released, number)),
+        pa.array(row.cup),
+        *(pa.array(values, from_pandas=True) for values in numbers),
+        pa.array(row.seedlings),
+        pa.array(causes, type=pa.string()),
+        pa.array(row.position_m, from_pandas=True),
+        pa.array(_spacing_m(row), from_pandas=True),
+        pa.array(row.depth_m, from_pandas=True),
+        pa.array(row.tilt_deg, from_pandas=True),
+        pa.array(stands, type=pa.string()),
+        pa.array(row.scraped),
+        pa.nulls(row.released, pa.bool_()) if row.injured is None else pa.array(row.injured),
+    ]
+
+
+def _spacing_m(row: PlantRow) -> np.ndarray:
+    """Return the distance from the previous planted position to each planted one, m; NaN elsewhere."""
+    spacing_m = np.full(row.released, np.nan)
+    planted = np.flatnonzero(row.planted)
+    spacing_m[planted[1:]] = np.diff(row.position_m[planted])
+    return spacing_m
+
+
+def _write_csv(plants: pa.Table, path: Path) -> None:
+    """Write the table with full precision; an absent value is an empty cell."""
+    columns = [plants.column(name).to_pylist() for name in COLUMNS]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(zip(*columns, strict=True))
+
+
+def _write_parquet(plants: pa.Table, path: Path) -> None:
+    import pyarrow.parquet as pq  # noqa: PLC0415 - pyarrow is an optional dependency
+
+    pq.write_table(plants, path)
+
+
+def row_picture(result: LineResult) -> Figure:
+    """Return a figure with the first metres of each row, and the distribution of all spacings.
+
+    Call it within `figure_style.drawing`.
+    """
+    rows = result.rows
+    figure = Figure(figsize=(_WIDTH_IN, 2.6 + 0.7 * len(rows)), layout="constrained")
+    strip, histogram = figure.subplots(2, 1, height_ratios=(0.6 + 0.5 * len(rows), 1.6))
+    _draw_strip(strip, result)
+    _draw_histogram(histogram, result)
+    return figure
+
+
+def _draw_strip(axes: Axes, result: LineResult) -> None:
+    for number, row in enumerate(result.rows, start=1):
+        shown = row.travel_m <= _SHOWN_M
+        for stand, (label, colour, marker) in {**_STANDS, Stand.LODGED: _LODGED}.items():
+            chosen = shown & (row.stand == stand)
+            axes.scatter(
+                row.position_m[chosen],
+                np.full(np.count_nonzero(chosen), number),
+                s=14,
+                color=colour,
+                marker=marker,
+                linewidths=1.2,
+                label=label if number == 1 else None,
+            )
+        empty = shown & ~row.planted
+        axes.scatter(
+            row.travel_m[empty],
+            np.full(np.count_nonzero(empty), number),
+            s=14,
+            color=_MISSING[1],
+            marker=_MISSING[2],
+            linewidths=1.0,
+            label=_MISSING[0] if number == 1 else None,
+        )
+        for at_m, code in zip(row.travel_m[empty], row.missing[empty], strict=True):
+            axes.annotate(
+                _short(int(code)), (at_m, number), (0, 5), textcoords="offset points", ha="center", fontsize=6
+            )
+    axes.set_yticks(range(1, len(result.rows) + 1), [f"row {number}" for number in range(1, len(result.rows) + 1)])
+    axes.set_ylim(0.4, len(result.rows) + 0.6)
+    axes.set_xlim(-0.2, _SHOWN_M + 0.2)
+    axes.set_xlabel("position along the row, m")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, handletextpad=0.2, columnspacing=1.2)
+
+
+def _draw_histogram(axes: Axes, result: LineResult) -> None:
+    spacings_cm = 100 * np.concatenate([np.diff(row.plants_m) for row in result.rows])
+    set_cm, indices = 100 * result.spacing_m, result.spacing
+    top_cm = max(float(spacings_cm.max(initial=0.0)), 2 * set_cm)
+    axes.hist(spacings_cm, bins=np.arange(0.0, top_cm + 1.0, 1.0).tolist(), color=QUIET)
+    if len(spacings_cm):
+        axes.set_yscale("log")
+    for factor, label in ((0.5, "0.5"), (1.5, "1.5")):
+        axes.axvline(factor * set_cm, color="#AA0044", linestyle=(0, (4, 2)), linewidth=0.9)
+        axes.annotate(
+            f"{label} x set", (factor * set_cm, 1.0), (3, -8), xycoords=("data", "axes fraction"),
+            textcoords="offset points", fontsize=6, color="#AA0044",
+        )  # fmt: off
+    axes.set_xlabel("spacing, cm")
+    axes.set_ylabel("number of spacings")
+    axes.set_title(
+        f"mean {100 * indices.mean_m:.1f} cm, CV {100 * indices.cv:.1f} %, multiple {indices.multiple.percent:.1f} %, "
+        f"quality {indices.quality.percent:.1f} %, miss {indices.miss.percent:.1f} %",
+        fontsize=8,
+    )
+
+
+def _short(code: int) -> str:
+    """Return the label of a cause: the letter of the paper, or the first letter of its name in lower case."""
+    name = Missing(code).name
+    return name if len(name) == 1 else name[0].lower()

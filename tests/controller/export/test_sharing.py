@@ -1,0 +1,238 @@
+"""Auxiliary relays of the export: every condition keeps its value, and no relay outlives a write to what it reads."""
+
+from __future__ import annotations
+
+from typing import TypeGuard
+
+import pytest
+
+from controller.core.expr import And, Bit, Compare, Expr, Not, Or, Timer, Word, all_of, any_of, leaves
+from controller.core.program import Block, Program
+from controller.core.rungs import Inc, Mov, OnDelay, Out, Rung, Set, ZoneReset, written_devices
+from controller.core.sequence import Dwell, Step, To
+from controller.core.sequence import Sequence as Steps
+from controller.export import instruction_list, sharing
+from controller.export.instruction_list import acting, export
+from controller.export.sharing import RELAYS, shared
+from controller.fx.language.check import budget, usage
+from controller.fx.language.instruction import LadderError
+from tests.controller.program.interlock_scene import MACHINE
+
+X = [Bit("X", n) for n in range(8)]
+M = [Bit("M", n) for n in range(8)]
+D = [Word("D", n) for n in range(4)]
+LONG = all_of(X[0], X[1] | X[2], ~X[3], X[4])
+AT_4 = D[0].equals(4)
+
+
+def small(*items: Rung | Steps) -> Program:
+    return Program("small", (Block("logic", items), Block("outputs", (Out(Bit("Y", 0), M[0]),))), "outputs")
+
+
+def relays(program: Program) -> dict[str, str]:
+    """Return the conditions of the auxiliary relays."""
+    return {str(rung.target): str(rung.when) for rung in program.rungs() if is_relay(rung)}
+
+
+def is_relay(item: Rung | Steps) -> TypeGuard[Out]:
+    return isinstance(item, Out) and item.target.kind == "M" and item.target.number in RELAYS
+
+
+def conditions(program: Program) -> list[str]:
+    """Return the conditions of all other rungs and of the sequences, in order."""
+    items = (item for block in program.blocks for item in block.items if not is_relay(item))
+    return [str(condition) for item in items for condition in _conditions(item)]
+
+
+def test_repeated_condition_is_evaluated_once_before_its_first_use() -> None:
+    program = shared(small(Out(M[2], X[5]), Out(M[3], LONG & X[7]), Out(M[4], X[6] | LONG), Out(M[5], LONG | X[5])))
+    assert [str(*written_devices(rung)) for rung in program.block("logic").rungs()] == ["M2", "M3", "M500", "M4", "M5"]
+    assert relays(program) == {"M500": str(LONG)}
+    assert conditions(program)[2:4] == ["X6 | M500", "M500 | X5"]
+
+
+def test_complement_is_read_from_the_same_relay() -> None:
+    complement = any_of(~X[4], X[3], ~(X[2] | X[1]), ~X[0])
+    program = shared(small(Out(M[1], LONG), Out(M[2], complement & X[5]), Out(M[3], ~LONG | X[6])))
+    assert relays(program) == {"M500": str(LONG)}
+    assert conditions(program)[1:3] == ["~M500 & X5", "~M500 | X6"]
+
+
+def test_comparison_and_its_complement_have_one_relay() -> None:
+    pairs = [(D[0].equals(4), D[0].differs(4)), (D[0] < D[1], D[0] >= D[1]), (D[0] > 4, D[0] <= 4)]
+    for one, other in pairs:
+        program = shared(small(Out(M[1], one & X[0]), Out(M[2], other & X[1])))
+        assert relays(program) == {"M500": str(one)}
+        assert conditions(program)[:2] == ["M500 & X0", "~M500 & X1"]
+
+
+def test_condition_that_is_short_or_used_once_has_no_relay() -> None:
+    items = [Out(M[1], X[0] & X[1] & X[2]), Out(M[2], (X[0] & X[1]) | X[3]), Out(M[3], (X[0] & X[1]) | X[4])]
+    assert relays(shared(small(*items))) == {}
+    assert relays(shared(small(Out(M[1], LONG), Out(M[2], LONG)))) == {}  # such rungs have their contacts in common
+
+
+TIMER = Timer(0, "timer")
+DELAYED = all_of(TIMER.done, X[1], X[2], ~X[3], X[4])
+HELD = all_of(M[5], X[1], X[2], ~X[3], X[4])
+STATE = Bit("S", 21)
+BUSY = all_of(STATE, X[1], X[2], ~X[3], X[4])
+PAIR = Steps(
+    "pair",
+    20,
+    [
+        Step("rest", [To("busy", X[0])], waits_for="start"),
+        Step("busy", [To("rest", BUSY | DELAYED | HELD)], dwell=Dwell(TIMER, 200), hold=[M[7]]),
+    ],
+    consumes=M[5],
+)
+
+
+@pytest.mark.parametrize(
+    ("condition", "write"),
+    [
+        (AT_4, Mov(3, D[0], X[6])),
+        (AT_4, Inc(D[0], X[6])),
+        (HELD, Out(M[5], X[6])),
+        (HELD, Set(M[5], X[6])),
+        (HELD, ZoneReset(M[4], M[6], X[6])),
+        (DELAYED, OnDelay(TIMER, 200, X[6])),
+        (BUSY, PAIR),
+        (DELAYED, PAIR),
+        (HELD, PAIR),
+    ],
+)
+def test_condition_is_evaluated_again_after_a_write_to_what_it_reads(condition: Expr, write: Rung | Steps) -> None:
+    first, second, third = (Out(M[n], condition | X[5 + n]) for n in range(3))
+    assert relays(shared(small(first, second))) == {"M500": str(condition)}
+    assert relays(shared(small(first, write, second))) == {}
+    assert_every_condition_has_its_value(small(first, second, write, third))
+
+
+def test_condition_of_a_sequence_is_evaluated_before_its_first_step() -> None:
+    steps = [
+        Step("a", [To("b", any_of(LONG, X[5]))], waits_for="b"),
+        Step("b", [To("a", any_of(LONG, X[6]))], waits_for="a"),
+    ]
+    program = shared(small(Steps("pair", 20, steps)))
+    relay, sequence = program.block("logic").items
+    assert relay == Out(Bit("M", 500), LONG)
+    assert isinstance(sequence, Steps)
+    assert conditions(program)[:2] == ["M500 | X5", "M500 | X6"]
+
+
+def test_condition_that_the_sequence_changes_is_not_taken_out_of_it() -> None:
+    twice = any_of(all_of(BUSY | HELD, X[5]), all_of(BUSY | HELD, X[6]), DELAYED)
+    steps = [
+        Step("a", [To("b", twice)], waits_for="b"),
+        Step("b", [To("a", twice)], dwell=Dwell(TIMER, 200), hold=[M[7]]),
+    ]
+    assert relays(shared(small(Steps("pair", 20, steps, consumes=M[5])))) == {}
+
+
+def normal(expr: Expr, *, negated: bool = False) -> object:
+    """Return a normal form that is equal for conditions which differ only in order, nesting and inverted contacts."""
+    match expr:
+        case Not(operand):
+            return normal(operand, negated=not negated)
+        case And(operands) | Or(operands):
+            series = isinstance(expr, And) != negated
+            parts: set[object] = set()
+            for part in (normal(operand, negated=negated) for operand in operands):
+                nested = isinstance(part, tuple) and part[0] is series
+                parts |= part[1] if nested and isinstance(part, tuple) else {part}
+            return next(iter(parts)) if len(parts) == 1 else (series, frozenset(parts))
+        case Compare(relation, left, right):
+            opposites = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
+            return f"{left} {opposites[relation] if negated else relation} {right}"
+    return f"{'~' if negated else ''}{expr}"
+
+
+def expanded(expr: Expr, valid: dict[Bit, Expr]) -> Expr:
+    """Return a condition with each auxiliary relay replaced by its condition; KeyError if the relay is outdated."""
+    match expr:
+        case Not(operand):
+            return ~expanded(operand, valid)
+        case And(operands):
+            return all_of(*(expanded(operand, valid) for operand in operands))
+        case Or(operands):
+            return any_of(*(expanded(operand, valid) for operand in operands))
+        case Bit("M", number) if number in RELAYS:
+            return valid[expr]
+    return expr
+
+
+def assert_every_condition_has_its_value(program: Program) -> None:
+    """Compare each condition with the original one, in scan order; a relay is valid until a device it reads is written.
+
+    Raises:
+        AssertionError: A condition differs, or a relay is read after a write to what it reads.
+    """
+    valid: dict[Bit, Expr] = {}
+    for block, other in zip(program.blocks, shared(program).blocks, strict=True):
+        originals = iter(block.items)
+        for item in other.items:
+            if is_relay(item):
+                valid[item.target] = expanded(item.when, valid)
+                continue
+            original = next(originals)
+            written = {(device.kind, device.number) for device in writes(original)}
+            if isinstance(original, Steps):  # devices written by one step are read by the others
+                valid = {relay: when for relay, when in valid.items() if not reads(when) & written}
+            pairs = zip(_conditions(item), _conditions(original), strict=True)
+            for found, expected in pairs:
+                outdated = {bit for bit in leaves(found) if bit.kind == "M" and bit.number in RELAYS} - set(valid)
+                assert not outdated, f"{original}: {outdated} outdated"
+                assert normal(expanded(found, valid)) == normal(expected)
+            valid = {relay: when for relay, when in valid.items() if not reads(when) & written}
+        assert next(originals, None) is None
+
+
+def _conditions(item: Rung | Steps) -> list[Expr]:
+    return list(item.conditions()) if isinstance(item, Steps) else [item.when]
+
+
+def reads(expr: Expr) -> set[tuple[str, int]]:
+    return {(device.kind, device.number) for device in leaves(expr)}
+
+
+def writes(item: Rung | Steps) -> list[Bit | Word]:
+    """Return the devices that an item writes, independently of the export."""
+    if not isinstance(item, Steps):
+        return list(written_devices(item))
+    timers = [step.dwell.timer.done for step in item.steps if step.dwell]
+    return [*item.bits.values(), *timers, *([] if item.consumes is None else [item.consumes])]
+
+
+def test_every_condition_of_the_machine_has_its_value() -> None:
+    """The conditions with the relays expanded are those of the program, and no relay is read after it is outdated."""
+    program = acting(MACHINE.program)
+    assert_every_condition_has_its_value(program)
+    assert len(relays(shared(program))) > 100
+
+
+def test_relay_read_after_a_write_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sharing, "item_writes", lambda item: iter(()))
+    with pytest.raises(AssertionError, match="outdated"):
+        assert_every_condition_has_its_value(acting(MACHINE.program))
+
+
+def test_program_that_uses_an_auxiliary_relay_is_rejected() -> None:
+    with pytest.raises(LadderError, match="M500 to M1023 are reserved"):
+        shared(small(Out(Bit("M", 1023), X[0])))
+
+
+def test_relays_save_a_sixth_of_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = acting(MACHINE.program)
+    steps = usage(export(program)).steps
+    monkeypatch.setattr(instruction_list, "shared", lambda unchanged: unchanged)
+    assert steps < usage(export(program)).steps * 5 / 6
+
+
+def test_budget_accounts_for_every_step() -> None:
+    program = acting(MACHINE.program)
+    ladder = export(program)
+    used = budget(ladder, ("power-up", *(block.title for block in program.blocks)))
+    assert list(used) == ["power-up", *(block.title for block in program.blocks)]
+    assert sum(used.values()) == usage(ladder).steps
+    assert all(used.values())

@@ -1,0 +1,129 @@
+"""Indices and rates of small rows, computed by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from plant_sim.line.indices import Rate, missing_by_cause, planting_rates, spacing_indices
+from plant_sim.line.row import NO_PLANT, Missing, PlantRow
+from plant_sim.planter.verdict import Stand
+
+
+def row_of(plants: list[tuple[int, Missing, int, bool]]) -> PlantRow:
+    """Return a row with 0.4 m from cup to cup; each cup has plants, cause, stand and injury."""
+    number = len(plants)
+    seedlings, missing, stand, injured = (np.array(each) for each in zip(*plants, strict=True))
+    travel_m = np.array([0.4 * cup for cup in range(number)])
+    nothing = np.full(number, np.nan)
+    return PlantRow(
+        cup=np.arange(number),
+        time_s=np.array([cup / 0.75 for cup in range(number)]),
+        travel_m=travel_m,
+        speed_m_s=np.full(number, 0.3),
+        ratio=nothing,
+        seedlings=seedlings,
+        missing=missing,
+        position_m=np.where(seedlings > 0, travel_m, np.nan),
+        depth_m=nothing,
+        tilt_deg=nothing,
+        stand=stand,
+        scraped=np.zeros(number, dtype=np.bool_),
+        injured=injured,
+        within=np.ones(number, dtype=np.bool_),
+        in_transit=0,
+        seedlings_in_transit=0,
+        seedlings_lost=0,
+        phase=np.empty(0),
+    )
+
+
+UPRIGHT, TILTED, LODGED = (
+    (1, Missing.NONE, Stand.UPRIGHT, False),
+    (1, Missing.NONE, Stand.TILTED, False),
+    (1, Missing.NONE, Stand.LODGED, False),
+)
+INJURED = (1, Missing.NONE, Stand.UPRIGHT, True)
+DOUBLE = (2, Missing.NONE, Stand.UPRIGHT, False)
+
+
+def empty(cause: Missing) -> tuple[int, Missing, int, bool]:
+    return 0, cause, NO_PLANT, False
+
+
+def test_the_limits_of_the_indices_belong_to_multiple_and_quality() -> None:
+    """Spacings of exactly half and 1.5 times the set spacing; all values are exact in binary."""
+    indices = spacing_indices([np.array([0.0, 0.25, 1.0, 1.5, 2.2578125])], 0.5)
+    assert (indices.multiple.hits, indices.quality.hits, indices.miss.hits) == (1, 2, 1)
+    assert indices.number == 4
+
+
+def test_mean_variation_and_precision_of_a_small_row() -> None:
+    """Spacings 0.38, 0.42, 0.80, 0.10: mean 0.425; those in the quality of feed deviate by 0.02 from their mean."""
+    indices = spacing_indices([np.array([0.0, 0.38, 0.80, 1.60, 1.70])], 0.4)
+    assert indices.mean_m == pytest.approx(0.425)
+    assert indices.sd_m == pytest.approx(math.sqrt((0.045**2 + 0.005**2 + 0.375**2 + 0.325**2) / 3))
+    assert indices.cv == pytest.approx(indices.sd_m / 0.425)
+    assert indices.precision == pytest.approx(0.02 * math.sqrt(2) / 0.4)
+    assert [rate.percent for rate in (indices.multiple, indices.quality, indices.miss)] == [25.0, 50.0, 25.0]
+
+
+def test_no_spacing_is_counted_between_two_rows() -> None:
+    indices = spacing_indices([np.array([0.0, 0.4]), np.array([0.0, 0.4, 0.8])], 0.4)
+    assert (indices.number, indices.quality.hits) == (3, 3)
+
+
+def test_a_row_without_spacings_has_no_indices() -> None:
+    indices = spacing_indices([np.array([0.3])], 0.4)
+    assert indices.number == 0
+    assert math.isnan(indices.mean_m)
+    assert math.isnan(indices.multiple.percent)
+    assert indices.multiple.record()["percent"] is None
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.lists(st.floats(0.0, 3.0), min_size=2, max_size=50))
+def test_every_spacing_is_in_exactly_one_index(spacings_m: list[float]) -> None:
+    indices = spacing_indices([np.cumsum(spacings_m)], 0.4)
+    assert indices.multiple.hits + indices.quality.hits + indices.miss.hits == len(spacings_m) - 1
+
+
+def test_a_double_is_one_multiple() -> None:
+    row = row_of([UPRIGHT, DOUBLE, UPRIGHT])
+    assert row.plants_m.tolist() == pytest.approx([0.0, 0.4, 0.4, 0.8])
+    indices = spacing_indices([row.plants_m], 0.4)
+    assert (indices.multiple.hits, indices.quality.hits, indices.miss.hits) == (1, 2, 0)
+
+
+def test_one_missing_plant_is_one_miss() -> None:
+    row = row_of([UPRIGHT, empty(Missing.P), UPRIGHT, UPRIGHT])
+    indices = spacing_indices([row.plants_m], 0.4)
+    assert (indices.multiple.hits, indices.quality.hits, indices.miss.hits) == (0, 1, 1)
+
+
+def test_rates_and_causes_of_a_small_row() -> None:
+    row = row_of(
+        [UPRIGHT, TILTED, LODGED, INJURED, DOUBLE, *(empty(cause) for cause in Missing if cause), empty(Missing.P)]
+    )
+    rates = planting_rates([row, dataclasses.replace(row)])
+    assert rates == {
+        "qualified": Rate(4, 24),
+        "missed": Rate(14, 24),
+        "double": Rate(2, 24),
+        "lodged": Rate(2, 10),
+        "injured": Rate(2, 10),
+    }
+    others = dict.fromkeys(("D", "T", "missed_cup", "handover", "release"), 1)
+    assert missing_by_cause([row]) == {"P": 2, **others}
+    assert (row.single, row.double, row.released) == (4, 1, 12)
+
+
+def test_the_interval_of_a_rate_is_exact() -> None:
+    """The interval of 136 of 144 is the one quoted for the pepper paper's trials."""
+    assert Rate(136, 144).interval_percent == pytest.approx((89.35, 97.57), abs=0.01)
+    assert Rate(136, 144).text() == "94.4 % (89.3 to 97.6)"
