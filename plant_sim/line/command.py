@@ -59,11 +59,10 @@ def _chain_planter(entry: PlanterEntry) -> ChainPlanter:
 def _remarks(line: LineFile) -> tuple[str, ...]:
     """Return the limits of the models that apply to a line."""
     if line.nozzle is not None:
-        return ("the nozzle is not published: tilted, lodged and injured plants are shares from the line file",)
-    remarks = [
-        "falls are drawn from a table of simulated contacts of a cabbage block of 40 mm",
-    ]
-    if line.arms is not None:
+        remarks = ["the nozzle is not published: tilted, lodged and injured plants are shares from the line file"]
+    else:
+        remarks = ["falls are drawn from a table of simulated contacts of a cabbage block of 40 mm"]
+    if line.chute is not None:
         remarks += [
             "the falls are applied to pepper plugs, for which they are not validated",
             "injury is not modelled: equation 11 of the cabbage paper holds for cabbage blocks only",
