@@ -67,4 +67,6 @@ def _remarks(line: LineFile) -> tuple[str, ...]:
             "the falls are applied to pepper plugs, for which they are not validated",
             "injury is not modelled: equation 11 of the cabbage paper holds for cabbage blocks only",
         ]
+    if line.arms is not None:
+        remarks.append("the intervals assume that seedlings fail independently; a late throw loses up to 12 at once")
     return tuple(f"limit: {remark}" for remark in remarks)

@@ -32,6 +32,11 @@ class Missing(enum.IntEnum):
     RELEASE = 6
     """Not released by the planter or the nozzle."""
 
+    @property
+    def label(self) -> str:
+        """Name in the results: the letter of the paper, or words joined by underscores."""
+        return self.name if len(self.name) == 1 else self.name.lower()
+
 
 CAUSES: Final = tuple(cause for cause in Missing if cause is not Missing.NONE)
 

@@ -91,7 +91,7 @@ def plant_table(result: LineResult) -> pa.Table:
 
 
 def _columns(number: int, row: PlantRow) -> list[pa.Array]:
-    causes = [None if code == Missing.NONE else Missing(code).name.lower() for code in row.missing.tolist()]
+    causes = [None if code == Missing.NONE else Missing(code).label for code in row.missing.tolist()]
     stands = [None if code == NO_PLANT else Stand(code).name.lower() for code in row.stand.tolist()]
     numbers = (row.time_s, row.travel_m, row.speed_m_s, row.ratio)
     return [
@@ -202,6 +202,5 @@ def _draw_histogram(axes: Axes, result: LineResult) -> None:
 
 
 def _short(code: int) -> str:
-    """Return the label of a cause: the letter of the paper, or the first letter of its name in lower case."""
-    name = Missing(code).name
-    return name if len(name) == 1 else name[0].lower()
+    """Return the letter of a cause: that of the paper, or the first one of its name in lower case."""
+    return Missing(code).label[0]

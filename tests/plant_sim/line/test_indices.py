@@ -69,6 +69,7 @@ def test_mean_variation_and_precision_of_a_small_row() -> None:
     assert indices.mean_m == pytest.approx(0.425)
     assert indices.sd_m == pytest.approx(math.sqrt((0.045**2 + 0.005**2 + 0.375**2 + 0.325**2) / 3))
     assert indices.cv == pytest.approx(indices.sd_m / 0.425)
+    assert indices.regular_mean_m == pytest.approx(0.40)
     assert indices.precision == pytest.approx(0.02 * math.sqrt(2) / 0.4)
     assert [rate.percent for rate in (indices.multiple, indices.quality, indices.miss)] == [25.0, 50.0, 25.0]
 
