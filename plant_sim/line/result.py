@@ -187,8 +187,8 @@ class LineResult:
             return [f"spacing set {100 * self.spacing_m:.1f} cm; too few plants for a mean"]
         return [
             f"spacing set {100 * self.spacing_m:.1f} cm, mean {100 * indices.mean_m:.1f} cm, "
-            f"SD {100 * indices.sd_m:.1f} cm, CV {100 * indices.cv:.1f} %, {indices.number} spacings; mean in the quality "
-            f"of feed {100 * indices.regular_mean_m:.1f} cm",
+            f"SD {100 * indices.sd_m:.1f} cm, CV {100 * indices.cv:.1f} %, {indices.number} spacings; "
+            f"mean in the quality of feed {100 * indices.regular_mean_m:.1f} cm",
             f"indices ({MULTIPLE_BELOW:g} and {MISS_ABOVE:g} x the set spacing, after ISO 7256-1): "
             f"multiple {indices.multiple.text()}, quality {indices.quality.text()}, miss {indices.miss.text()}, "
             f"precision {100 * indices.precision:.1f} %",
