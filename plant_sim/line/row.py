@@ -77,6 +77,7 @@ class PlantRow:
         stand: `plant_sim.planter.verdict.Stand` of the plant; `NO_PLANT` without a plant.
         scraped: True if the planter touched the plant after its release.
         injured: True for an injured plant; None if injury is not modelled.
+        injury_within: True if the setting is within the levels of the bench test on injury, or injury is not modelled.
         within: True if the fall is inside the grid of the fall table; False for an extrapolated one.
         in_transit: Cups or planters that have left the feed and are not yet released.
         seedlings_in_transit: Seedlings in them.
@@ -98,6 +99,7 @@ class PlantRow:
     scraped: Flags
     injured: Flags | None
     within: Flags
+    injury_within: Flags
     in_transit: int
     seedlings_in_transit: int
     seedlings_lost: int

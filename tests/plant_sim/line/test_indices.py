@@ -36,6 +36,7 @@ def row_of(plants: list[tuple[int, Missing, int, bool]]) -> PlantRow:
         scraped=np.zeros(number, dtype=np.bool_),
         injured=injured,
         within=np.ones(number, dtype=np.bool_),
+        injury_within=np.ones(number, dtype=np.bool_),
         in_transit=0,
         seedlings_in_transit=0,
         seedlings_lost=0,
