@@ -82,7 +82,7 @@ def slip_study(machine: Machine, *, seed: int, metres: float = METRES) -> Study:
             Heading("Rows"),
             _table(points, line),
             _picture(points),
-            "With a ground wheel, the spacing increases with the mean slip as 1/(1 - slip) and λ decreases accordingly: "
+            "With a ground wheel, the spacing increases with the mean slip as 1/(1 - slip) and λ decreases: "
             "they are one quantity. Scatter of the slip becomes scatter of the spacing. A motor that follows the true "
             "ground speed is independent of slip, and only the scatter of the falls remains.",
             "The closed form adds the variances of slip and falls. A spacing s in patches of length L averages over "
