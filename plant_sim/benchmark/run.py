@@ -12,6 +12,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from plant_sim.benchmark.fx_engine import instruction_ns
 from plant_sim.benchmark.hmi import HmiFigures, measure_hmi
+from plant_sim.line.command import result_of
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.lock_step import SCAN_MS, Twin
@@ -23,6 +24,10 @@ TWIN_GOAL = 200.0
 WARM_START_GOAL_S = 1.0
 INSTRUCTION_GOAL_NS = 8.0
 INTERPRETER_GOAL = 10.0
+ROW_GOAL_S = 60.0
+
+ROW_METRES = 1_000.0
+"""Length of the rows of the lines, m."""
 
 _WARM_START = """
 import time
@@ -50,6 +55,9 @@ class Figures(HmiFigures):
         simulated_s: Simulated time of the trial, s.
         instruction_ns: CPU time per instruction in 200 seal-in rungs on the FX2N engine, ns.
         interpreted_ns: CPU time per instruction with an interpreter of the same list, ns.
+        cabbage_row_s: CPU time of one row of 1 km with the cabbage line, s.
+        pepper_row_s: CPU time of two rows of 1 km with the pepper line, s.
+        combined_row_s: CPU time of two rows of 1 km with the combined line, s.
     """
 
     scan_us: float
@@ -62,6 +70,9 @@ class Figures(HmiFigures):
     warm_start_s: float
     instruction_ns: float
     interpreted_ns: float
+    cabbage_row_s: float
+    pepper_row_s: float
+    combined_row_s: float
 
     def record(self) -> dict[str, float]:
         """Return the figures as one JSON object."""
@@ -84,6 +95,9 @@ class Figures(HmiFigures):
                 f"(goal: at most {INSTRUCTION_GOAL_NS:.0f})",
                 f"  interpreted               {self.interpreted_ns:7.2f} ns CPU, ratio {slower:.1f} "
                 f"(goal: at least {INTERPRETER_GOAL:.0f})",
+                f"rows of 1 km, cabbage      {self.cabbage_row_s:7.2f} s CPU (goal: at most {ROW_GOAL_S:.0f})",
+                f"  pepper                   {self.pepper_row_s:7.2f} s CPU",
+                f"  combined                 {self.combined_row_s:7.2f} s CPU",
                 self.hmi_text(),
             ]
         )
@@ -124,7 +138,18 @@ def measure(*, seed: int = 1) -> Figures:
         warm_start_s=round(_warm_start_s(), 3),
         instruction_ns=round(engine_ns, 2),
         interpreted_ns=round(interpreter_ns, 2),
+        cabbage_row_s=_row_s("cabbage", seed),
+        pepper_row_s=_row_s("pepper", seed),
+        combined_row_s=_row_s("combined", seed),
     )
+
+
+def _row_s(name: str, seed: int) -> float:
+    """Return the CPU time of a run of a line over `ROW_METRES`, s."""
+    machine = load_machine()
+    began_s = time.process_time()
+    result_of(name, profile=None, metres=ROW_METRES, seed=seed, machine=machine)
+    return round(time.process_time() - began_s, 2)
 
 
 def _warm_start_s() -> float:

@@ -250,6 +250,13 @@ def _throughput(options: argparse.Namespace) -> Study:
         return throughput_study(run_options, frequencies_per_min=frequencies, spacing_m=spacing_m)
 
 
+def _line_slip(options: argparse.Namespace) -> Study:
+    from plant_sim.study.slip import slip_study  # noqa: PLC0415
+
+    with _busy("planting rows"):
+        return slip_study(load_machine(), seed=1 if options.seed is None else options.seed)
+
+
 def _custom(options: argparse.Namespace) -> Study:
     from plant_sim.study.custom.file import load_custom_study  # noqa: PLC0415
     from plant_sim.study.custom.study import custom_study  # noqa: PLC0415
@@ -270,5 +277,6 @@ _STUDIES: Mapping[str, _StudyEntry] = {
     ),
     "calibration": _StudyEntry("calibration of the seedling constants", _calibration, ("seed", "machine")),
     "throughput": _StudyEntry("limits of the planting rate of the machine", _throughput, (*_RUN, *_PACE)),
+    "line-slip": _StudyEntry("spacing of the plants over the slip of the ground wheel", _line_slip, ("seed",)),
     "own": _StudyEntry("a custom study", _custom, (*_RUN, "file")),
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from plant_sim.line.file import LineFile, PlanterEntry, find_line, load_ground, load_line
+from plant_sim.line.injury import CabbageInjury
 from plant_sim.line.planting import ChainPlanter
 from plant_sim.line.release import SPACINGS_M, forecasts
 from plant_sim.line.result import LineResult
@@ -34,7 +35,7 @@ def result_of(name: str, *, profile: Path | None, metres: float, seed: int, mach
         values = values.model_copy(update={"ground": ground.values})
         own = tuple(f"ground.{each}" for each in ground.assumed)
         assumed = tuple(each for each in assumed if not each.startswith("ground.")) + own
-    planter = None if values.planter is None else _chain_planter(values.planter)
+    planter = None if values.planter is None else _chain_planter(values.planter, of_cabbage=values.conveyor is not None)
     return LineResult(
         title=values.title,
         seed=seed,
@@ -49,23 +50,26 @@ def result_of(name: str, *, profile: Path | None, metres: float, seed: int, mach
     )
 
 
-def _chain_planter(entry: PlanterEntry) -> ChainPlanter:
-    """Return the planter of a line, with the falls of the default parameters."""
+def _chain_planter(entry: PlanterEntry, *, of_cabbage: bool) -> ChainPlanter:
+    """Return the planter of a line, with the falls of the default parameters; injury is modelled for cabbage only."""
     table = default_table(Ground(entry.soil))
     clamp_n = table.planter.grip.clamp_n if entry.clamp is None else entry.clamp
-    return ChainPlanter(table, clamp_n, entry.unreleased)
+    return ChainPlanter(table, clamp_n, entry.unreleased, CabbageInjury(clamp_n) if of_cabbage else None)
 
 
 def _remarks(line: LineFile) -> tuple[str, ...]:
     """Return the limits of the models that apply to a line."""
     if line.nozzle is not None:
-        return ("the nozzle is not published: tilted, lodged and injured plants are shares from the line file",)
-    remarks = [
-        "falls are drawn from a table of simulated contacts of a cabbage block of 40 mm",
-    ]
-    if line.arms is not None:
+        remarks = ["the nozzle is not published: tilted, lodged and injured plants are shares from the line file"]
+    else:
+        remarks = ["falls are drawn from a table of simulated contacts of a cabbage block of 40 mm"]
+    if line.conveyor is not None:
+        remarks.append("injury follows equation 11 of the cabbage paper, a fit to its bench test")
+    if line.chute is not None:
         remarks += [
             "the falls are applied to pepper plugs, for which they are not validated",
             "injury is not modelled: equation 11 of the cabbage paper holds for cabbage blocks only",
         ]
+    if line.arms is not None:
+        remarks.append("the intervals assume that seedlings fail independently; a late throw loses up to 12 at once")
     return tuple(f"limit: {remark}" for remark in remarks)

@@ -30,8 +30,11 @@ class Drive(Protocol):
     def time_at(self, cycles: ArrayLike) -> Floats:
         """Return the earliest times at which given numbers of cycles are reached, s."""
 
+    def rate_at(self, time_s: ArrayLike) -> Floats:
+        """Return the cycles per second at given times, 1/s."""
+
     def per_m_at(self, time_s: ArrayLike) -> Floats:
-        """Return the cycles per metre of travel at given times, 1/m; infinite while the tractor stands."""
+        """Return the cycles per metre of travel at given times, 1/m; infinite while a motor runs on at standstill."""
 
 
 class GroundWheel:
@@ -62,6 +65,10 @@ class GroundWheel:
         """Return the earliest times at which given numbers of cycles are reached, s."""
         wheel_m = np.asarray(cycles, dtype=np.float64) / self._per_wheel_m
         return self._profile.time_at(self._slip.travel_at(wheel_m))
+
+    def rate_at(self, time_s: ArrayLike) -> Floats:
+        """Return the cycles per second at given times, 1/s."""
+        return self._profile.speed_at(time_s) * self.per_m_at(time_s)
 
     def per_m_at(self, time_s: ArrayLike) -> Floats:
         """Return the cycles per metre of travel at given times, 1/m."""

@@ -68,6 +68,7 @@ class SpacingIndices:
         number: Number of spacings.
         mean_m: Mean, m; NaN without spacings.
         sd_m: Standard deviation, m; NaN for fewer than two spacings.
+        regular_mean_m: Mean of the spacings in the quality of feed, m; NaN without any.
         multiple: Share of the spacings that are multiples.
         quality: Share of the spacings in the quality of feed.
         miss: Share of the spacings that are misses.
@@ -78,6 +79,7 @@ class SpacingIndices:
     number: int
     mean_m: float
     sd_m: float
+    regular_mean_m: float
     multiple: Rate
     quality: Rate
     miss: Rate
@@ -109,6 +111,7 @@ def spacing_indices(rows_m: Sequence[Floats], set_m: float) -> SpacingIndices:
         number=number,
         mean_m=float(spacings_m.mean()) if number else float("nan"),
         sd_m=_sd(spacings_m),
+        regular_mean_m=float(regular_m.mean()) if len(regular_m) else float("nan"),
         multiple=Rate(int(np.count_nonzero(is_multiple)), number),
         quality=Rate(len(regular_m), number),
         miss=Rate(int(np.count_nonzero(is_miss)), number),
@@ -143,7 +146,7 @@ def _qualified(row: PlantRow) -> int:
 
 def missing_by_cause(rows: Sequence[PlantRow]) -> dict[str, int]:
     """Return the number of missing plants of all rows by cause, in the order of `Missing`."""
-    return {cause.name.lower() if len(cause.name) > 1 else cause.name: _total(rows, cause) for cause in CAUSES}
+    return {cause.label: _total(rows, cause) for cause in CAUSES}
 
 
 def _total(rows: Sequence[PlantRow], cause: int) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -11,16 +10,13 @@ import numpy as np
 from plant_sim.line.drive import Drive
 from plant_sim.line.file import ChuteEntry, NozzleEntry
 from plant_sim.line.ground import Floats, SpeedProfile
+from plant_sim.line.injury import CabbageInjury
 from plant_sim.line.row import NO_PLANT, FedRow, Flags, Integers, Missing, PlantRow
 from plant_sim.planter.falls import Falls, FallTable, motion_at
 from plant_sim.planter.verdict import Stand
 
 CARRIED_CYCLES: Final = 3.0
 """Planting cycles from gripping to release: half of the six planters of the chain; assumed."""
-
-
-Injury = Callable[[Floats, Floats], Floats]
-"""Function that returns the injured share at given ground speeds, m/s, and planting frequencies, 1/min."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +27,13 @@ class ChainPlanter:
         table: Table of falls; it contains the parameters of the planter.
         clamp_n: Clamp force, N.
         unreleased: Share of the blocks that are not released.
-        injury: Injured share; None if it is not modelled.
+        injury: Injury of the blocks; None if it is not modelled.
     """
 
     table: FallTable
     clamp_n: float
     unreleased: float = 0.0
-    injury: Injury | None = None
+    injury: CabbageInjury | None = None
 
     @property
     def pitch_m(self) -> float:
@@ -152,6 +148,7 @@ def plant_by_nozzle(entry: NozzleEntry, fed: FedRow, course: Course, rng: np.ran
         scraped=np.zeros(at.number, dtype=np.bool_),
         injured=planted & (rng.random(at.number) < entry.injured),
         within=np.ones(at.number, dtype=np.bool_),
+        injury_within=np.ones(at.number, dtype=np.bool_),
         in_transit=len(later),
         seedlings_in_transit=int(later.sum()),
         seedlings_lost=lost,
@@ -212,13 +209,14 @@ def plant_by_chain(
     fed = FedRow(transport.seedlings, transport.cause, first_cycle)
     seedlings, missing, lost = _released(fed, at.number, planter.unreleased, rng)
     planted = seedlings > 0
-    per_m = course.drive.per_m_at(at.time_s)
-    ratio = planter.pitch_m * per_m
+    ratio = planter.pitch_m * course.drive.per_m_at(at.time_s)
     fall = planter.draw(ratio, rng)
     drawn = rng.random(at.number)
     injured: Flags | None = None
+    injury_within = np.ones(at.number, dtype=np.bool_)
     if planter.injury is not None:
-        injured = planted & (drawn < planter.injury(at.speed_m_s, 60 * per_m * at.speed_m_s))
+        shares = planter.injury.shares(at.speed_m_s, 60 * course.drive.rate_at(at.time_s))
+        injured, injury_within = planted & (drawn < shares.value), ~planted | shares.within
     later = transport.seedlings[at.number :]
     return PlantRow(
         cup=np.arange(at.number),
@@ -235,6 +233,7 @@ def plant_by_chain(
         scraped=planted & fall.scraped,
         injured=injured,
         within=~planted | fall.within,
+        injury_within=injury_within,
         in_transit=len(later),
         seedlings_in_transit=int(later.sum()),
         seedlings_lost=lost + transport.lost,

@@ -112,6 +112,11 @@ class LineResult:
         return sum(int(np.count_nonzero(~row.within)) for row in self.rows)
 
     @property
+    def extrapolated_injuries(self) -> int:
+        """Number of plants whose setting is outside the levels of the bench test on injury."""
+        return sum(int(np.count_nonzero(~row.injury_within)) for row in self.rows)
+
+    @property
     def needed_window(self) -> float | None:
         """Catch window that 99.9 % of the arrivals need, in planting cycles; None without chutes."""
         phase = np.concatenate([row.phase for row in self.rows])
@@ -136,6 +141,7 @@ class LineResult:
                 "number": indices.number,
                 "mean_m": _number(indices.mean_m),
                 "sd_m": _number(indices.sd_m),
+                "quality_mean_m": _number(indices.regular_mean_m),
                 "cv": _number(indices.cv),
                 "multiple": indices.multiple.record(),
                 "quality": indices.quality.record(),
@@ -146,6 +152,7 @@ class LineResult:
             "lambda": None if self.ratios is None else [_number(end) for end in self.ratios],
             "scraped": None if self.scraped is None else self.scraped.record(),
             "extrapolated_falls": self.extrapolated,
+            "extrapolated_injuries": self.extrapolated_injuries,
             "releases": [release.record() for release in self.releases],
             "catch_window": None if self.window is None else {"given": self.window, "needed": self.needed_window},
             "seedlings": None if balance is None else {name: getattr(balance.counts, name) for name in _PLACES},
@@ -169,6 +176,7 @@ class LineResult:
             f"missing by cause: {_listed(self.missing)}",
             *self._spacing_lines(),
             "rates, 95 % binomial: " + ", ".join(f"{name} {rate.text()}" for name, rate in rates.items()),
+            *self._injury_lines(),
             *self._release_lines(),
             self._productivity(),
         ]
@@ -186,11 +194,16 @@ class LineResult:
             return [f"spacing set {100 * self.spacing_m:.1f} cm; too few plants for a mean"]
         return [
             f"spacing set {100 * self.spacing_m:.1f} cm, mean {100 * indices.mean_m:.1f} cm, "
-            f"SD {100 * indices.sd_m:.1f} cm, CV {100 * indices.cv:.1f} %, {indices.number} spacings",
+            f"SD {100 * indices.sd_m:.1f} cm, CV {100 * indices.cv:.1f} %, {indices.number} spacings; "
+            f"mean in the quality of feed {100 * indices.regular_mean_m:.1f} cm",
             f"indices ({MULTIPLE_BELOW:g} and {MISS_ABOVE:g} x the set spacing, after ISO 7256-1): "
             f"multiple {indices.multiple.text()}, quality {indices.quality.text()}, miss {indices.miss.text()}, "
             f"precision {100 * indices.precision:.1f} %",
         ]
+
+    def _injury_lines(self) -> list[str]:
+        count = self.extrapolated_injuries
+        return [f"injury extrapolated for {count} plants, beyond the levels of the bench test"] if count else []
 
     def _release_lines(self) -> list[str]:
         ratios, lines = self.ratios, []

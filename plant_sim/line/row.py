@@ -32,6 +32,11 @@ class Missing(enum.IntEnum):
     RELEASE = 6
     """Not released by the planter or the nozzle."""
 
+    @property
+    def label(self) -> str:
+        """Name in the results: the letter of the paper, or words joined by underscores."""
+        return self.name if len(self.name) == 1 else self.name.lower()
+
 
 CAUSES: Final = tuple(cause for cause in Missing if cause is not Missing.NONE)
 
@@ -72,6 +77,7 @@ class PlantRow:
         stand: `plant_sim.planter.verdict.Stand` of the plant; `NO_PLANT` without a plant.
         scraped: True if the planter touched the plant after its release.
         injured: True for an injured plant; None if injury is not modelled.
+        injury_within: True if the setting is within the levels of the bench test on injury, or injury is not modelled.
         within: True if the fall is inside the grid of the fall table; False for an extrapolated one.
         in_transit: Cups or planters that have left the feed and are not yet released.
         seedlings_in_transit: Seedlings in them.
@@ -93,6 +99,7 @@ class PlantRow:
     scraped: Flags
     injured: Flags | None
     within: Flags
+    injury_within: Flags
     in_transit: int
     seedlings_in_transit: int
     seedlings_lost: int

@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,9 +18,6 @@ from plant_sim.line.errors import LineError
 from plant_sim.line.result import LineResult
 from plant_sim.line.row import NO_PLANT, Missing, PlantRow
 from plant_sim.planter.verdict import Stand
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 COLUMNS: Final = (
     "row",
@@ -85,8 +84,6 @@ def write_result(result: LineResult, out: Path) -> list[Path]:
 
 def plant_table(result: LineResult) -> pa.Table:
     """Return all positions of all rows as a table with the columns `COLUMNS`."""
-    import pyarrow as pa  # noqa: PLC0415 - pyarrow is an optional dependency
-
     return pa.concat_tables(
         pa.table(dict(zip(COLUMNS, _columns(number, row), strict=True)))
         for number, row in enumerate(result.rows, start=1)
@@ -94,9 +91,7 @@ def plant_table(result: LineResult) -> pa.Table:
 
 
 def _columns(number: int, row: PlantRow) -> list[pa.Array]:
-    import pyarrow as pa  # noqa: PLC0415 - pyarrow is an optional dependency
-
-    causes = [None if code == Missing.NONE else Missing(code).name.lower() for code in row.missing.tolist()]
+    causes = [None if code == Missing.NONE else Missing(code).label for code in row.missing.tolist()]
     stands = [None if code == NO_PLANT else Stand(code).name.lower() for code in row.stand.tolist()]
     numbers = (row.time_s, row.travel_m, row.speed_m_s, row.ratio)
     return [
@@ -133,8 +128,6 @@ def _write_csv(plants: pa.Table, path: Path) -> None:
 
 
 def _write_parquet(plants: pa.Table, path: Path) -> None:
-    import pyarrow.parquet as pq  # noqa: PLC0415 - pyarrow is an optional dependency
-
     pq.write_table(plants, path)
 
 
@@ -209,6 +202,5 @@ def _draw_histogram(axes: Axes, result: LineResult) -> None:
 
 
 def _short(code: int) -> str:
-    """Return the label of a cause: the letter of the paper, or the first letter of its name in lower case."""
-    name = Missing(code).name
-    return name if len(name) == 1 else name[0].lower()
+    """Return the letter of a cause: that of the paper, or the first one of its name in lower case."""
+    return Missing(code).label[0]

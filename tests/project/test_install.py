@@ -35,8 +35,8 @@ DATA = {
     "plant_sim/machine.yaml",
     "plant_sim/py.typed",
     "plant_sim/scenario/library/stuck-reed-switch.yaml",
-    "plant_sim/study/data/cabbage-table-2.csv",
-    "plant_sim/study/data/pepper-table-4.csv",
+    "plant_sim/common/paper_data/cabbage-table-2.csv",
+    "plant_sim/common/paper_data/pepper-table-4.csv",
 }
 """Some of the non-Python files that the wheel must contain."""
 

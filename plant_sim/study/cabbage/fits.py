@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import NamedTuple
 
-from plant_sim.study.doe.regression import CONSTANT, Fit, Polynomial, fit, terms
-from plant_sim.study.paper_tables import Experiment, equation, sheet
+from plant_sim.common.paper_sheet import equation, sheet
+from plant_sim.common.polynomial import CONSTANT, Polynomial
+from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.paper_tables import Experiment
 
 
 @dataclass(frozen=True)

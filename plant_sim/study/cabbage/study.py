@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.common.paper_sheet import sheet
 from plant_sim.study.cabbage.fits import Response, equation_agreement, reproduces, responses, table_3_agreement
 from plant_sim.study.doe.design import full_factorial, orthogonal_axial, rotatable_axial, to_coded, to_natural
 from plant_sim.study.doe.optimum import Front, best, pareto
@@ -23,7 +24,6 @@ from plant_sim.study.paper_tables import (
     cabbage_settings,
     corrections,
     printed_anova,
-    sheet,
 )
 from plant_sim.study.report.fit_parts import (
     anova_table,

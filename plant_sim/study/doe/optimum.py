@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from plant_sim.common.polynomial import model_matrix
 from plant_sim.study.doe.design import full_factorial
-from plant_sim.study.doe.regression import Fit, model_matrix
+from plant_sim.study.doe.regression import Fit
 from plant_sim.study.errors import StudyError
 
 _GRID_POINTS = 20_000

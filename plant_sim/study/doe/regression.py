@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -17,12 +16,11 @@ import statsmodels.api as sm
 from numpy.typing import NDArray
 from scipy import stats
 
+from plant_sim.common.polynomial import CONSTANT, Polynomial, model_matrix
 from plant_sim.study.errors import StudyError
 
 Order = Literal["linear", "interactions", "quadratic"]
-CONSTANT = "1"
 
-_PART = re.compile(r"X([1-9]\d*)(\^2)?")
 _SAME_POINT_DECIMALS = 9
 _ROUNDING = 1e-20
 """Fraction of the response's sum of squares below which a residual is rounding error."""
@@ -65,23 +63,6 @@ class AnovaRow:
     mean_square: float | None = None
     f: float | None = None
     p: float | None = None
-
-
-@dataclass(frozen=True)
-class Polynomial:
-    """Polynomial in the coded factors, such as a printed equation.
-
-    Attributes:
-        coefficients: Coefficients by term; ``1`` is the constant.
-    """
-
-    coefficients: Mapping[str, float]
-
-    def predict(self, coded: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the value at coded points, one per row; a single point gives an array with one element."""
-        points = np.atleast_2d(np.asarray(coded, dtype=np.float64))
-        value: NDArray[np.float64] = model_matrix(points, list(self.coefficients)) @ list(self.coefficients.values())
-        return value
 
 
 @dataclass(frozen=True)
@@ -182,32 +163,6 @@ def terms(k: int, order: Order) -> tuple[str, ...]:
     if order == "quadratic":
         names += [f"{factor}^2" for factor in factors]
     return tuple(names)
-
-
-def model_matrix(coded: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
-    """Return the model matrix of terms at coded points.
-
-    Args:
-        coded: Points, one per row.
-        names: Names of the terms, including the constant if required.
-
-    Raises:
-        StudyError: A term is malformed, or its factor does not exist.
-    """
-    return np.column_stack([_column(coded, name) for name in names])
-
-
-def _column(coded: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    column = np.ones(len(coded))
-    if name == CONSTANT:
-        return column
-    for part in name.split(" "):
-        match = _PART.fullmatch(part)
-        if match is None or int(match[1]) > coded.shape[1]:
-            available = f"the design has X1 to X{coded.shape[1]}"
-            raise StudyError(f"term {name!r}: {available}; write a term such as X1, 'X1 X2' or X1^2")
-        column = column * coded[:, int(match[1]) - 1] ** (2 if match[2] else 1)
-    return column
 
 
 def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequence[str]) -> Fit:

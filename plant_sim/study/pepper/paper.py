@@ -12,18 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from plant_sim.common.paper_sheet import equation, sheet
+from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import orthogonal_axial, to_coded, to_natural
 from plant_sim.study.doe.optimum import best
-from plant_sim.study.doe.regression import Fit, Polynomial, fit, terms
-from plant_sim.study.paper_tables import (
-    PEPPER_FACTORS,
-    Experiment,
-    equation,
-    pepper_experiment,
-    pepper_optimum,
-    printed_anova,
-    sheet,
-)
+from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.paper_tables import PEPPER_FACTORS, Experiment, pepper_experiment, pepper_optimum, printed_anova
 from plant_sim.study.report.fit_parts import (
     anova_table,
     coding_table,

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
 from plant_sim.study.doe.design import to_coded, to_natural
 from plant_sim.study.doe.optimum import best, best_location_interval
 from plant_sim.study.doe.regression import Fit, fit, terms
-from plant_sim.study.paper_tables import PEPPER_FACTORS, pepper_experiment, pepper_optimum, printed_anova, sheet
+from plant_sim.study.paper_tables import PEPPER_FACTORS, pepper_experiment, pepper_optimum, printed_anova
 from plant_sim.study.pepper.experiment import (
     LEFT_OUT,
     PooledResult,

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from plant_sim.common.figure_style import COLOURS, QUIET, drawing
+from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
-from plant_sim.study.paper_tables import sheet
 from plant_sim.study.pepper.experiment import (
     LEFT_OUT,
     PooledResult,

@@ -51,6 +51,7 @@ def test_the_spacing_is_the_pitch_divided_by_lambda(ratio: float, slip: float) -
     lambdas = PITCH_M * drive.per_m_at(at_s)
     assert lambdas == pytest.approx(np.full(len(lambdas), ratio * (1 - slip)))
     assert np.diff(ground.travel_at(at_s)) == pytest.approx(PITCH_M / lambdas[1:], rel=1e-9)
+    assert drive.rate_at(at_s) == pytest.approx(ground.speed_at(at_s) * lambdas / PITCH_M)
 
 
 def test_a_ground_wheel_keeps_the_spacing_through_every_change_of_speed() -> None:

@@ -36,6 +36,7 @@ def row_of(plants: list[tuple[int, Missing, int, bool]]) -> PlantRow:
         scraped=np.zeros(number, dtype=np.bool_),
         injured=injured,
         within=np.ones(number, dtype=np.bool_),
+        injury_within=np.ones(number, dtype=np.bool_),
         in_transit=0,
         seedlings_in_transit=0,
         seedlings_lost=0,
@@ -69,6 +70,7 @@ def test_mean_variation_and_precision_of_a_small_row() -> None:
     assert indices.mean_m == pytest.approx(0.425)
     assert indices.sd_m == pytest.approx(math.sqrt((0.045**2 + 0.005**2 + 0.375**2 + 0.325**2) / 3))
     assert indices.cv == pytest.approx(indices.sd_m / 0.425)
+    assert indices.regular_mean_m == pytest.approx(0.40)
     assert indices.precision == pytest.approx(0.02 * math.sqrt(2) / 0.4)
     assert [rate.percent for rate in (indices.multiple, indices.quality, indices.miss)] == [25.0, 50.0, 25.0]
 

@@ -113,6 +113,8 @@ def test_csv_and_parquet_contain_the_same_plants(pepper: LineResult, tmp_path: P
     for name in ("position_m", "time_s", "depth_m", "spacing_m"):
         values = [None if row[name] == "" else float(row[name]) for row in rows]
         assert values == table.column(name).to_pylist()
+    causes = [row["missing"] for row in rows if row["missing"]]
+    assert {name: causes.count(name) for name in pepper.missing} == pepper.missing
     for name in ("missing", "stand"):
         assert [row[name] or None for row in rows] == table.column(name).to_pylist()
     first = next(row for row in rows if row["spacing_m"])

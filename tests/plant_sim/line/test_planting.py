@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from plant_sim.line.drive import GroundWheel, OwnMotor
 from plant_sim.line.file import ChuteEntry, NozzleEntry
 from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
+from plant_sim.line.injury import CabbageInjury
 from plant_sim.line.planting import (
     CARRIED_CYCLES,
     ChainPlanter,
@@ -25,6 +26,7 @@ from plant_sim.line.planting import (
 )
 from plant_sim.line.row import NO_PLANT, FedRow, Missing
 from plant_sim.planter.falls import default_table
+from plant_sim.planter.quality import injury_share
 from plant_sim.planter.scatter import Ground
 from plant_sim.planter.verdict import Stand
 from tests.plant_sim.line.test_ground import stretches
@@ -150,26 +152,45 @@ def test_a_low_lambda_lodges_or_tilts_more_plants() -> None:
     assert leaning[1.17] < 0.1
 
 
-def test_injury_is_drawn_at_the_local_speed_and_frequency() -> None:
-    seen: list[tuple[float, float]] = []
-
-    def share(speed_m_s: np.ndarray, per_min: np.ndarray) -> np.ndarray:
-        seen.extend(zip(speed_m_s.tolist(), per_min.tolist(), strict=True))
-        return np.full(len(speed_m_s), 0.25)
-
+def test_injury_has_the_share_of_equation_11_at_the_local_setting() -> None:
+    """At 0.44 m/s and lambda 1.1 the frequency is 59.4/min; the share is that of the regression."""
     row = plant_by_chain(
         transport(4000),
         3.0,
-        chain_course(1.0, metres=900.0),
-        planter=planter(injury=share),
+        chain_course(1.1, metres=1500.0),
+        planter=planter(injury=CabbageInjury(104.62)),
         rng=np.random.default_rng(8),
     )
+    share = injury_share(3.6 * 0.44, 60 * 0.44 * 1.1 / planter().pitch_m, 104.62)
+    assert not share.extrapolated
+    assert row.injury_within[10:].all()
     assert row.injured is not None
-    assert seen[0] == pytest.approx((0.44, 60 * 0.44 / planter().pitch_m))
     number = row.released
-    assert np.count_nonzero(row.injured) == pytest.approx(0.25 * number, abs=5 * math.sqrt(0.25 * 0.75 * number))
+    sd = math.sqrt(share.value * (1 - share.value) * number)
+    assert np.count_nonzero(row.injured) == pytest.approx(share.value * number, abs=4 * sd)
     without = plant_by_chain(transport(100), 3.0, chain_course(1.0), planter=planter(), rng=np.random.default_rng(8))
     assert without.injured is None
+
+
+def test_injury_is_rounded_by_less_than_a_twentieth_of_a_point() -> None:
+    rng = np.random.default_rng(3)
+    speed_m_s, per_min = rng.uniform(0.42, 0.55, 500), rng.uniform(56.0, 60.0, 500)
+    shares = CabbageInjury(100.0).shares(speed_m_s, per_min)
+    exact = [injury_share(3.6 * speed, rate, 100.0) for speed, rate in zip(speed_m_s, per_min, strict=True)]
+    assert shares.value == pytest.approx([share.value for share in exact], abs=5e-4)
+    assert (~shares.within).sum() == pytest.approx(sum(share.extrapolated for share in exact), abs=3)
+
+
+def test_injury_beyond_the_bench_test_is_marked() -> None:
+    """1 km/h is far below the lowest speed of the bench test."""
+    row = plant_by_chain(
+        transport(100),
+        3.0,
+        chain_course(1.1, 1 / 3.6),
+        planter=planter(injury=CabbageInjury(104.62)),
+        rng=np.random.default_rng(8),
+    )
+    assert not row.injury_within.any()
 
 
 def test_a_lambda_beyond_the_table_is_marked() -> None:

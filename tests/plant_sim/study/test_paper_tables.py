@@ -1,40 +1,26 @@
-"""Tables of the papers: printed values, corrections, and rejection of damaged files."""
+"""Tables of the papers: printed values and corrections."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from plant_sim.common.paper_sheet import equation, sheet
 from plant_sim.crop.response import success_percent
 from plant_sim.study.doe.design import central_composite, to_natural
 from plant_sim.study.errors import StudyError
 from plant_sim.study.paper_tables import (
     CABBAGE_FACTORS,
-    DATA,
     PEPPER_FACTORS,
     Correction,
     cabbage_experiment,
     cabbage_settings,
     correct,
     corrections,
-    equation,
     pepper_experiment,
     pepper_optimum,
     printed_anova,
-    read_sheet,
-    sheet,
 )
-
-NOTE = "# [P] Table 9 (section 9.9): of nothing."
-
-
-@pytest.mark.parametrize("path", sorted(DATA.glob("*.csv")), ids=lambda path: path.stem)
-def test_every_file_names_its_paper_and_table(path: Path) -> None:
-    notes = " ".join(read_sheet(path).notes)
-    assert notes.startswith(("[P]", "[K]"))
-    assert any(word in notes for word in ("Table", "section", "[X]"))
 
 
 def test_the_plans_are_central_composite_designs_in_standard_order() -> None:
@@ -142,36 +128,6 @@ def test_a_correction_that_does_not_match_the_printed_cell_is_rejected(change: C
     assert columns["Y1"].tolist() == [1.0, 2.0]
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("a,b\n1,2\n", "requires a line '# paper, table'"),
-        (f"{NOTE}\na,b\n", "a heading and rows"),
-        (f"{NOTE}\na,b\n1,2\n\n3\n", "line 5: 1 cells, but the heading has 2"),
-        (f"{NOTE}\na,b\n1,2\n3,4,5\n", "line 4: 3 cells, but the heading has 2"),
-    ],
-)
-def test_a_damaged_file_is_rejected(tmp_path: Path, text: str, says: str) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(StudyError, match=says) as error:
-        read_sheet(path)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("cell", ["", "1,5", "high", "nan", "inf"])
-def test_a_non_numeric_cell_is_rejected_with_its_line(tmp_path: Path, cell: str) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text(f'{NOTE}\na,b\n1,2\n3,"{cell}"\n', encoding="utf-8")
-    with pytest.raises(StudyError, match="line 4: b is"):
-        read_sheet(path).numbers("b")
-
-
-def test_a_missing_column_or_file_is_rejected(tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match="has no column 'Z'; it has run, X1, X2, X3, S"):
-        sheet("pepper-table-4").texts("Z")
-    with pytest.raises(StudyError, match="cannot be read"):
-        read_sheet(tmp_path / "none.csv")
+def test_an_unknown_data_set_is_rejected() -> None:
     with pytest.raises(StudyError, match="use printed or reconciled"):
         cabbage_experiment("improved")  # type: ignore[arg-type]

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from plant_sim.common.paper_sheet import equation
 from plant_sim.study.cabbage.fits import (
     Response,
     agreement,
@@ -18,7 +19,7 @@ from plant_sim.study.cabbage.fits import (
 )
 from plant_sim.study.cabbage.study import cabbage_study, speed_ratio
 from plant_sim.study.errors import StudyError
-from plant_sim.study.paper_tables import CabbageData, cabbage_experiment, equation, printed_anova
+from plant_sim.study.paper_tables import CabbageData, cabbage_experiment, printed_anova
 from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.study import Study
 

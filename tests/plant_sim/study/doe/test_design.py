@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from plant_sim.common.polynomial import Polynomial, model_matrix
 from plant_sim.study.doe.design import (
     Factor,
     central_composite,
@@ -21,7 +22,7 @@ from plant_sim.study.doe.design import (
     to_natural,
     two_level,
 )
-from plant_sim.study.doe.regression import Polynomial, model_matrix, terms
+from plant_sim.study.doe.regression import terms
 from plant_sim.study.errors import StudyError
 from plant_sim.study.report.surface import contours
 

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import central_composite, full_factorial
 from plant_sim.study.doe.optimum import best, best_location_interval, pareto
-from plant_sim.study.doe.regression import Fit, Polynomial, fit, terms
+from plant_sim.study.doe.regression import Fit, fit, terms
 from plant_sim.study.errors import StudyError
 
 LOW, HIGH = (-1.0, -1.0), (1.0, 1.0)

@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from controller.common.errors import InputError
+from plant_sim.common.polynomial import CONSTANT, Polynomial, model_matrix
 from plant_sim.study.doe.design import central_composite, latin_hypercube, two_level
-from plant_sim.study.doe.regression import CONSTANT, Polynomial, fit, model_matrix, terms
+from plant_sim.study.doe.regression import fit, terms
 from plant_sim.study.errors import StudyError
 
 QUADRATIC = terms(3, "quadratic")
@@ -173,7 +175,7 @@ def test_rounding_error_is_not_reported_as_lack_of_fit() -> None:
 def test_invalid_fits_are_rejected(
     coded: NDArray[np.float64], response: Sequence[float], names: list[str], says: str
 ) -> None:
-    with pytest.raises(StudyError, match=says) as error:
+    with pytest.raises(InputError, match=says) as error:
         fit(coded, np.array(response, dtype=float), names)
     assert "\n" not in str(error.value)
 

@@ -15,13 +15,13 @@ import pytest
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.cli.study import add_arguments
 from plant_sim.cli.study import run as study_command
+from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.study import runner
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
-from plant_sim.study.paper_tables import sheet
 from plant_sim.study.pepper.calibration import shares_at
 from plant_sim.study.pepper.experiment import PooledResult, point_of, setting_of
 from plant_sim.study.pepper.nominal import NominalMotion, nominal_motion, observed_rows

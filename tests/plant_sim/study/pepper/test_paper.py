@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from plant_sim.common.paper_sheet import equation, sheet
+from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import central_composite, to_coded, to_natural
 from plant_sim.study.doe.optimum import best
-from plant_sim.study.doe.regression import Fit, Polynomial, fit, terms
-from plant_sim.study.paper_tables import PEPPER_FACTORS, equation, printed_anova, sheet
+from plant_sim.study.doe.regression import Fit, fit, terms
+from plant_sim.study.paper_tables import PEPPER_FACTORS, printed_anova
 from plant_sim.study.pepper.paper import (
     HIGH,
     LOW,

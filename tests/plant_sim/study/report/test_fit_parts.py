@@ -7,8 +7,9 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
+from plant_sim.common.polynomial import Polynomial
 from plant_sim.study.doe.design import Factor, central_composite
-from plant_sim.study.doe.regression import Fit, Polynomial, fit, terms
+from plant_sim.study.doe.regression import Fit, fit, terms
 from plant_sim.study.report.fit_parts import doubts, explains, fit_pictures, no_share_text
 from plant_sim.study.report.parts import Picture, Table
 from plant_sim.study.report.surface import contours, observed_against_predicted
