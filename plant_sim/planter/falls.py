@@ -50,7 +50,9 @@ class Grid(NamedTuple):
 GRID: Final = Grid()
 """Grid of the packaged tables."""
 
-_PACKAGED: Final = Path(__file__).with_name("data")
+PACKAGED: Final = Path(__file__).with_name("data")
+"""Folder of the packaged tables."""
+
 _VERSION: Final = 1
 _SEED: Final = 1
 _STUCK_DEG: Final = 90.0
@@ -204,14 +206,65 @@ def fall_table(
         OSError: The cache folder is not writable.
         RuntimeError: The user has no home folder.
     """
-    name = f"falls-{kind}-{_key(planter, ranges, kind, grid)}.npy"
-    cached = user_cache_folder() / name
-    for path in (_PACKAGED / name, cached):
+    stored = stored_table(planter, ranges, kind, grid=grid)
+    if stored is None:
+        path = write_table(planter, ranges, kind, user_cache_folder(), grid=grid, progress=progress)
+        stored = FallTable(planter, kind, np.load(path).astype(float), grid)
+    return stored
+
+
+def stored_table(planter: Planter, ranges: Ranges, kind: Ground, *, grid: Grid = GRID) -> FallTable | None:
+    """Return the table of a planter from the package or the cache; None if neither contains it.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        kind: Ground.
+        grid: Grid of the cells.
+
+    Raises:
+        RuntimeError: The user has no home folder.
+    """
+    name = table_name(planter, ranges, kind, grid)
+    for path in (PACKAGED / name, user_cache_folder() / name):
         if path.exists():
             return FallTable(planter, kind, np.load(path).astype(float), grid)
-    cells = build_cells(planter, ranges, kind, grid=grid, progress=progress)
-    _store(cells, cached)
-    return FallTable(planter, kind, cells.astype(np.float32).astype(float), grid)
+    return None
+
+
+def write_table(
+    planter: Planter,
+    ranges: Ranges,
+    kind: Ground,
+    folder: Path,
+    *,
+    grid: Grid = GRID,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Build the table of a planter and write it to a folder.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        kind: Ground.
+        folder: Folder; it is made if it does not exist.
+        grid: Grid of the cells.
+        progress: Function called with the number of completed and of all ratios.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        OSError: The folder is not writable.
+    """
+    path = folder / table_name(planter, ranges, kind, grid)
+    _store(build_cells(planter, ranges, kind, grid=grid, progress=progress), path)
+    return path
+
+
+def table_name(planter: Planter, ranges: Ranges, kind: Ground, grid: Grid = GRID) -> str:
+    """Return the name of the file of a table, which depends on everything that its cells depend on."""
+    return f"falls-{kind}-{_key(planter, ranges, kind, grid)}.npy"
 
 
 def _store(cells: NDArray[np.float64], path: Path) -> None:
