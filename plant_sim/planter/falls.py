@@ -21,7 +21,7 @@ from controller.common.cache_folder import user_cache_folder
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter, load_planter, load_ranges
 from plant_sim.planter.scatter import Ground, Ranges, draw
-from plant_sim.planter.verdict import Stand, stand_of
+from plant_sim.planter.verdict import Stand, Verdict, stand_of, verdicts_of
 
 RATIOS: Final = (0.70, 0.80, 0.85, 0.90, 0.95, 1.00, 1.05, 1.10, 1.17, 1.30, 1.45, 1.60, 1.80)
 """Grid of the ratio lambda."""
@@ -53,7 +53,7 @@ GRID: Final = Grid()
 PACKAGED: Final = Path(__file__).with_name("data")
 """Folder of the packaged tables."""
 
-_VERSION: Final = 1
+_VERSION: Final = 2
 _SEED: Final = 1
 _STUCK_DEG: Final = 90.0
 
@@ -85,8 +85,8 @@ class FallTable:
     Attributes:
         planter: Parameters of the planter.
         kind: Ground.
-        cells: Results, of shape (ratios, openers, blocks, 4): along_m, clearance below the tip, m, tilt_deg, and the
-            impulse of the guide plate on the ground, N s.
+        cells: Results, of shape (ratios, openers, blocks, 5): along_m, clearance below the tip, m, tilt_deg, the
+            impulse of the guide plate on the ground, N s, and pushed_m.
         grid: Grid of the cells.
     """
 
@@ -120,7 +120,7 @@ class FallTable:
         row, row_within = _neighbour(np.array(self.grid.ratios), ratios, rng)
         column, column_within = _neighbour(np.array(self.grid.openers_deg), np.full(ratios.shape, place_deg), rng)
         block = rng.integers(self.cells.shape[2], size=ratios.shape)
-        along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(self.cells[row, column, block], -1, 0)
+        along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(self.cells[row, column, block, :4], -1, 0)
         if self.kind is Ground.SOIL:
             share = self.planter.scatter.stick_share_at(self.planter.grip.clamp_n if clamp_n is None else clamp_n)
             tilt_deg = np.where(rng.uniform(size=ratios.shape) < share, _STUCK_DEG, tilt_deg)
@@ -136,6 +136,11 @@ class FallTable:
     def share(self, stand: Stand) -> NDArray[np.float64]:
         """Return the share of the simulated blocks with a posture, of shape (ratios, openers)."""
         shares: NDArray[np.float64] = (stand_of(self.cells[..., 2]) == stand).mean(axis=-1)
+        return shares
+
+    def verdict_share(self, verdict: Verdict) -> NDArray[np.float64]:
+        """Return the share of the simulated blocks with a verdict, of shape (ratios, openers)."""
+        shares: NDArray[np.float64] = (verdicts_of(self.cells[..., 2], self.cells[..., 4]) == verdict).mean(axis=-1)
         return shares
 
 
@@ -159,14 +164,14 @@ def build_cells(
     ratios, openers_deg, blocks = grid
     rng = np.random.default_rng(_SEED)
     draws = [draw(planter, ranges, kind, rng) for _ in range(blocks)]
-    cells = np.empty((len(ratios), len(openers_deg), blocks, 4))
+    cells = np.empty((len(ratios), len(openers_deg), blocks, 5))
     for row, ratio in enumerate(ratios):
         motion = motion_at(planter, ratio)
         for column, opener_deg in enumerate(openers_deg):
             for block, drawn in enumerate(draws):
                 fall = drawn.fall(motion, opener_deg)
                 clearance_m = drawn.ground.clearance_m
-                cells[row, column, block] = fall.along_m, clearance_m, fall.tilt_deg, fall.scrape_n_s
+                cells[row, column, block] = fall.along_m, clearance_m, fall.tilt_deg, fall.scrape_n_s, fall.pushed_m
         if progress is not None:
             progress(row + 1, len(ratios))
     return cells

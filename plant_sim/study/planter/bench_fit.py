@@ -7,7 +7,7 @@ and the other centres are held back.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -161,7 +161,7 @@ def comparisons(experiment: Experiment, response: str, fitted: NDArray[np.bool_]
 
 def _best(
     residuals: Callable[[Values], Values],
-    starts: list[tuple[float, ...]],
+    starts: Sequence[tuple[float, ...]],
     low: tuple[float, ...],
     high: tuple[float, ...],
     *,

@@ -91,9 +91,7 @@ def simulate_tipping(
         raise StudyError(f"--trials {blocks}: must be {LEAST_BLOCKS} or more random blocks")
     distinct, places = np.unique(settings, axis=0, return_inverse=True)
     clearances_m = np.random.default_rng(seed).permutation((np.arange(blocks) + 0.5) / blocks * DEEPEST_M)
-    jobs = [
-        partial(_tilts_deg, planter, ranges, tuple(setting), clearances_m, seed) for setting in distinct.tolist()
-    ]
+    jobs = [partial(_tilts_deg, planter, ranges, tuple(setting), clearances_m, seed) for setting in distinct.tolist()]
     tilts_deg = np.array(spread(jobs, workers, progress))
     return Tipping(clearances_m, (np.abs(tilts_deg) >= LODGED_DEG)[places.ravel()])
 

@@ -1,4 +1,4 @@
-"""Verdicts of random falls on rigid ground over the ratio of chain speed to machine speed."""
+"""Verdicts of random falls, simulated with full contact."""
 
 from __future__ import annotations
 
@@ -31,14 +31,18 @@ class FallPoint:
     Attributes:
         ratio: Ratio lambda.
         opener_deg: Place of the opener, degrees.
-        values: Parameters that differ from those of the planter, by dotted name.
         draws: Number of random falls.
+        values: Parameters that differ from those of the planter, by dotted name.
+        kind: Ground.
+        frequency_per_min: Planting frequency, 1/min.
     """
 
     ratio: float
     opener_deg: float
     draws: int
     values: tuple[tuple[str, float], ...] = ()
+    kind: Ground = Ground.RIGID
+    frequency_per_min: float = FREQUENCY_PER_MIN
 
 
 @dataclass(frozen=True)
@@ -71,9 +75,10 @@ def count_verdicts(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[VerdictCount]:
-    """Simulate random falls on rigid ground with full contact.
+    """Simulate random falls with full contact.
 
-    Every point has random falls of its own, which depend on the seed and on its index only.
+    Every point has random falls of its own, which depend on the seed and on its index only. Sticking to a plate is not
+    part of them.
 
     Args:
         planter: Parameters of the planter.
@@ -89,9 +94,9 @@ def count_verdicts(
 
 def _count(planter: Planter, ranges: Ranges, point: FallPoint, seed: int) -> VerdictCount:
     changed = planter.with_values(dict(point.values))
-    motion = motion_at(changed, point.ratio, FREQUENCY_PER_MIN)
+    motion = motion_at(changed, point.ratio, point.frequency_per_min)
     rng = np.random.default_rng(seed)
-    falls = (draw(changed, ranges, Ground.RIGID, rng).fall(motion, point.opener_deg) for _ in range(point.draws))
+    falls = (draw(changed, ranges, point.kind, rng).fall(motion, point.opener_deg) for _ in range(point.draws))
     return VerdictCount(point, Counter(verdict_of(fall.tilt_deg, fall.pushed_m) for fall in falls))
 
 
