@@ -53,7 +53,7 @@ GRID: Final = Grid()
 PACKAGED: Final = Path(__file__).with_name("data")
 """Folder of the packaged tables."""
 
-_VERSION: Final = 2
+_VERSION: Final = 3
 _SEED: Final = 1
 _STUCK_DEG: Final = 90.0
 

@@ -57,7 +57,7 @@ def verdict_of(tilt_deg: float, pushed_m: float) -> Verdict:
 
     Args:
         tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
-        pushed_m: Displacement from the first contact with the ground until rest, m.
+        pushed_m: Displacement by the guide plate from the first contact with the ground until rest, m.
     """
     return Verdict(str(verdicts_of(np.array(tilt_deg), np.array(pushed_m))))
 
@@ -67,7 +67,7 @@ def verdicts_of(tilt_deg: NDArray[np.float64], pushed_m: NDArray[np.float64]) ->
 
     Args:
         tilt_deg: Angles of the stem from the vertical at rest, forward positive, degrees.
-        pushed_m: Displacements from the first contact with the ground until rest, m.
+        pushed_m: Displacements by the guide plate from the first contact with the ground until rest, m.
 
     >>> verdicts_of(np.array([80.0, -80.0]), np.array([0.02, 0.0])).tolist()
     ['scraped and tipped forward', 'tipped backward']

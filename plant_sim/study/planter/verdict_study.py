@@ -144,8 +144,8 @@ def _case_parts(result: VerdictSweep) -> list[Part]:
         fall = drop(planter, planter.rigid_ground, case.motion(planter), opener_deg=planter.chain.release_deg)
         share = count.share(case.verdict)
         agrees = "yes" if share >= REQUIRED else "no"
-        ends = (100 * share, 100 * low, 100 * high, agrees)
-        rows.append((case.speed_km_h, f"{count.point.ratio:.4f}", case.verdict.value, *ends, fall.landed_deg))
+        head: tuple[Cell, ...] = (case.speed_km_h, f"{count.point.ratio:.4f}", case.verdict.value)
+        rows.append((*head, 100 * share, 100 * low, 100 * high, agrees, fall.landed_deg))
     heading = ("km/h", "λ", "verdict of the paper", "share, %", "from", "to", "90 % or more", "first contact, °")
     broken = [case for case, count in zip(CASES, result.cases, strict=True) if count.share(case.verdict) < REQUIRED]
     draws = result.cases[0].point.draws
@@ -164,7 +164,7 @@ def _case_parts(result: VerdictSweep) -> list[Part]:
 
 
 def _sweep_parts(result: VerdictSweep, draws: int) -> list[Part]:
-    rows = tuple(
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
         (f"{count.point.ratio:.2f}", *(100 * count.share(verdict) for verdict in Verdict)) for count in result.sweep
     )
     switches = result.switches()
@@ -210,8 +210,7 @@ def _check_parts(result: VerdictSweep) -> list[Part]:
         f"For openers before the lowest point, {len(early) - len(missed)} of {len(early)} points have the verdict of "
         f"the paper in at least {100 * REQUIRED:g} % of the falls. "
         + (f"Exceptions: {places}." if missed else "There are no exceptions.")
-        + " From the lowest point on, the planter rises: with a late opener the block lands with a forward speed of its "
-        "own, which moves it on the ground without the guide plate.",
+        + " With an opener at 120° or later, the guide plate has left the block before it lands: no case is scraped.",
     ]
 
 
