@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import RegularGridInterpolator
 
 from controller.common.cache_folder import user_cache_folder
 from plant_sim.planter.motion import Motion
@@ -142,6 +143,20 @@ class FallTable:
         """Return the share of the simulated blocks with a verdict, of shape (ratios, openers)."""
         shares: NDArray[np.float64] = (verdicts_of(self.cells[..., 2], self.cells[..., 4]) == verdict).mean(axis=-1)
         return shares
+
+    def verdict_shares_at(self, ratio: float, opener_deg: float) -> tuple[dict[Verdict, float], bool]:
+        """Return the shares of the verdicts at a point, interpolated linearly, and whether it is inside the grid.
+
+        Outside the grid, the nearest point on its edge applies. Blocks that stick to a plate are not included.
+
+        Args:
+            ratio: Ratio lambda.
+            opener_deg: Place of the opener, degrees.
+        """
+        axes = np.array(self.grid.ratios), np.array(self.grid.openers_deg)
+        at = tuple(np.clip(value, axis[0], axis[-1]) for value, axis in zip((ratio, opener_deg), axes, strict=True))
+        shares = {each: float(RegularGridInterpolator(axes, self.verdict_share(each))(at)) for each in Verdict}
+        return shares, at == (ratio, opener_deg)
 
 
 def build_cells(

@@ -67,8 +67,8 @@ def lodging_parts(
         Picture("lodging-runs", "Observed lodging and the mechanics", _chart(model, "Y1", "lodging")),
         *_effects(model, "Y1", "lodging", model.lodging_by[0]),
         f"Of the predicted lodging, the falls account for at most {model.tipped_percent.max():.2f} points (standard "
-        f"error due to the number of blocks {model.tipped_error.max():.2f} or less), at the highest speed; the remainder "
-        "is the assumed sticking. Without the falls, the error is that of the row 'sticking alone'.",
+        f"error due to the number of blocks {model.tipped_error.max():.2f} or less), at the highest speed; the "
+        "remainder is the assumed sticking. Without the falls, the error is that of the row 'sticking alone'.",
     ]
 
 
@@ -82,9 +82,9 @@ def injury_parts(planter: Planter, models: Mapping[str, BenchModel]) -> list[Par
     centre = planter.with_values({"grip.clamp_n": scatter.stick_n}).grip
     return [
         Heading("Injury"),
-        f"The printed range of the peak forces, {grip.crush_low_n:g} to {grip.crush_high_n:g} N, taken literally as the "
-        f"strength of the blocks, would crush {100 * centre.crushed_share():.0f} % of them at the centre of the test, "
-        f"{scatter.stick_n:g} N, where the bench has "
+        f"The printed range of the peak forces, {grip.crush_low_n:g} to {grip.crush_high_n:g} N, taken literally as "
+        f"the strength of the blocks, would crush {100 * centre.crushed_share():.0f} % of them at the centre of the "
+        f"test, {scatter.stick_n:g} N, where the bench has "
         f"{model.experiment.responses['Y2'][(model.experiment.coded == 0).all(axis=1)].mean():.2f} %; the paper uses "
         "the same range for the clamp force. Instead, the clamp force at which a block is injured is assumed to be "
         "normally distributed, with mean and standard deviation fitted to the same runs. They describe the tail only: "
@@ -184,9 +184,9 @@ def _ranking(model: BenchModel) -> str:
     mechanics, _, mean, linear, _ = (rms((each.percent - observed)[held]) for each in model.lodging_by)
     better = "better" if mechanics < linear else "worse"
     return (
-        f"In the held-back runs, the mechanics is {'better' if mechanics < mean else 'worse'} than the mean of the fitted "
-        f"runs ({mechanics:.2f} against {mean:.2f} points) and {better} than a linear polynomial of the same runs "
-        f"({linear:.2f})."
+        f"In the held-back runs, the mechanics is {'better' if mechanics < mean else 'worse'} than the mean of the "
+        f"fitted runs ({mechanics:.2f} against {mean:.2f} points) and {better} than a linear polynomial of the same "
+        f"runs ({linear:.2f})."
     )
 
 

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.interpolate import RegularGridInterpolator
 
 from plant_sim.common.figure_style import COLOURS, drawing
 from plant_sim.planter.falls import BLOCKS, FREQUENCY_PER_MIN, FallTable, motion_at
@@ -48,6 +47,7 @@ class ReleaseMap:
         clean: Share of clean and upright falls, of shape (ratios, openers).
         lodged: Share of lodged falls; blocks that stick to a plate are not included.
         samples: Verdicts of full contact at random points.
+        table: Table of the falls.
     """
 
     kind: Ground
@@ -56,15 +56,12 @@ class ReleaseMap:
     clean: Values
     lodged: Values
     samples: tuple[VerdictCount, ...]
+    table: FallTable
 
     def expected(self, count: VerdictCount) -> tuple[float, float]:
-        """Return the shares of clean and of lodged falls at a sample, interpolated between grid points."""
-        at = (count.point.ratio, count.point.opener_deg)
-        clean, lodged = (
-            float(RegularGridInterpolator((self.ratios, self.openers_deg), shares)(at))
-            for shares in (self.clean, self.lodged)
-        )
-        return clean, lodged
+        """Return the shares of clean and of lodged falls at a sample by the table."""
+        shares, _ = self.table.verdict_shares_at(count.point.ratio, count.point.opener_deg)
+        return shares[Verdict.CLEAN], sum(shares[verdict] for verdict in _LODGED)
 
     def windows_deg(self, row: int) -> list[tuple[float, float]]:
         """Return the first and last opener of every uninterrupted range of good grid points at a ratio, degrees."""
@@ -127,7 +124,7 @@ def _map(table: FallTable, samples: tuple[VerdictCount, ...]) -> ReleaseMap:
     lodged = sum(table.verdict_share(verdict)[inside] for verdict in _LODGED)
     clean = table.verdict_share(Verdict.CLEAN)[inside]
     openers_deg = np.array(table.grid.openers_deg)
-    return ReleaseMap(table.kind, ratios[inside], openers_deg, clean, np.asarray(lodged), samples)
+    return ReleaseMap(table.kind, ratios[inside], openers_deg, clean, np.asarray(lodged), samples, table)
 
 
 def _zero_speed_deg(planter: Planter, ratio: float) -> tuple[float, ...]:
