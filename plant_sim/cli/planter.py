@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
+from plant_sim.planter.fall_report import FallReport
+from plant_sim.planter.falls import stored_table, write_table
 from plant_sim.planter.motion import Motion, MotionModel
-from plant_sim.planter.parameters import DEFAULT_PLANTER, Planter, assumed_names, load_planter
+from plant_sim.planter.parameters import DEFAULT_PLANTER, Planter, assumed_names, load_planter, load_ranges
 from plant_sim.planter.report import MotionReport
+from plant_sim.planter.scatter import Ground, Ranges
 
 # Modules that need matplotlib, which takes a second to import, are imported when a figure is drawn.
 
@@ -57,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="figure of the paper to draw: 3 scheme, 4 three paths, 7 to 9 falls at the paper's speeds "
         "(default: motion at --speed)",
     )
+    parser.add_argument(
+        "--falls",
+        type=Path,
+        metavar="DIR",
+        help="only simulate the tables of falls of the parameters, which takes minutes, and write them to DIR",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -70,6 +81,10 @@ def run(options: argparse.Namespace) -> int:
     """
     _check(options)
     planter = load_planter(options.planter)
+    ranges = load_ranges(options.planter)
+    if options.falls is not None:
+        _write_falls(planter, ranges, options.falls)
+        return 0
     speed_km_h = FIGURE_SPEEDS_KM_H.get(options.figure, SPEED_KM_H) if options.speed is None else options.speed
     motion = Motion(
         planter.chain,
@@ -81,7 +96,10 @@ def run(options: argparse.Namespace) -> int:
     report = MotionReport(motion, release_deg, assumed_names(options.planter))
     if options.plot is not None:
         _draw(report, planter, options.plot, options.figure)
-    print(json.dumps(report.record()) if options.json else report.text())
+    stored = {ground: stored_table(planter, ranges, ground) for ground in Ground}
+    tables = {ground: table for ground, table in stored.items() if table is not None}
+    falls = FallReport(planter, motion, release_deg, tables)
+    print(json.dumps(report.record() | falls.record()) if options.json else report.text(falls.lines()))
     return 0
 
 
@@ -101,6 +119,23 @@ def _check(options: argparse.Namespace) -> None:
             raise InputError(f"--plot {options.plot}: unknown format; use a name that ends in .png, .svg or .gif")
         if options.plot.suffix == ".gif" and options.figure in (_SCHEME, _REGIMES):
             raise InputError(f"--plot {options.plot}: figure {options.figure} does not move; use .png or .svg")
+
+
+def _write_falls(planter: Planter, ranges: Ranges, folder: Path) -> None:
+    """Build the tables of falls and write them to a folder."""
+    for ground in Ground:
+        try:
+            path = write_table(planter, ranges, ground, folder, progress=partial(_print_progress, ground))
+        except OSError as error:
+            raise InputError(
+                f"--falls {folder}: cannot be written ({error.strerror}); specify another folder"
+            ) from None
+        print(path)
+
+
+def _print_progress(ground: Ground, done: int, total: int) -> None:
+    sys.stderr.write(f"{ground}: {done} of {total} ratios\n")
+    sys.stderr.flush()
 
 
 def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None) -> None:

@@ -9,8 +9,9 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 _RUN = ("trials", "seed", "seedlings", "workers", "machine", "io_map")
 _PACE = ("spacing", "frequencies")
+_DRAWS = ("trials", "seed", "workers")
 _LEAST = {"trials": 1, "seed": 0, "seedlings": 1, "workers": 1}
 _LINES = 10
 _RANGE = re.compile(r"(\d+)\.\.(\d+)/(\d+)")
@@ -62,7 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--out", type=Path, metavar="DIR", help="new folder for report, tables and pictures")
-    parser.add_argument("--trials", type=int, metavar="N", help="trials per design point")
+    parser.add_argument(
+        "--trials", type=int, metavar="N", help="trials per design point; random blocks per point with planter-..."
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     parser.add_argument("--seedlings", type=int, metavar="N", help="seedlings per trial (default: 144)")
     parser.add_argument("--spacing", metavar="LENGTH", help="with throughput: plant spacing in a row, e.g. 35cm")
@@ -172,13 +176,17 @@ def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> 
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Show the number of completed trials: a bar on a terminal, otherwise one line for each tenth of the trials."""
+def _progress(counted: str = "trials") -> Iterator[Callable[[int, int], None]]:
+    """Show the number of completed trials: a bar on a terminal, otherwise one line for each tenth of the trials.
+
+    Args:
+        counted: Noun in the plural, if other than trials are counted.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _print_tenths
+        yield partial(_print_tenths, counted)
         return
-    columns = (TextColumn("trials"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (TextColumn(counted), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
@@ -195,9 +203,9 @@ def _busy(activity: str) -> Iterator[None]:
         yield
 
 
-def _print_tenths(done: int, total: int) -> None:
+def _print_tenths(counted: str, done: int, total: int) -> None:
     if done * _LINES // total > (done - 1) * _LINES // total:
-        sys.stderr.write(f"{done} of {total} trials\n")
+        sys.stderr.write(f"{done} of {total} {counted}\n")
         sys.stderr.flush()
 
 
@@ -254,7 +262,59 @@ def _line_slip(options: argparse.Namespace) -> Study:
     from plant_sim.study.slip import slip_study  # noqa: PLC0415
 
     with _busy("planting rows"):
-        return slip_study(load_machine(), seed=1 if options.seed is None else options.seed)
+        return slip_study(load_machine(), seed=_or(options.seed, 1))
+
+
+def _planter_verdicts(options: argparse.Namespace) -> Study:
+    from plant_sim.planter.parameters import load_planter, load_ranges  # noqa: PLC0415
+    from plant_sim.study.planter.verdict_study import verdict_study  # noqa: PLC0415
+
+    with _progress("points") as progress:
+        return verdict_study(
+            load_planter(), load_ranges(), draws=_or(options.trials, 60), progress=progress, **_draw_options(options)
+        )
+
+
+def _planter_release(options: argparse.Namespace) -> Study:
+    from plant_sim.planter.falls import default_table  # noqa: PLC0415
+    from plant_sim.planter.parameters import load_planter, load_ranges  # noqa: PLC0415
+    from plant_sim.planter.scatter import Ground  # noqa: PLC0415
+    from plant_sim.study.planter.release_study import release_study  # noqa: PLC0415
+
+    tables = {kind: default_table(kind) for kind in Ground}
+    with _progress("points") as progress:
+        return release_study(
+            load_planter(),
+            load_ranges(),
+            tables,
+            draws=_or(options.trials, 40),
+            progress=progress,
+            **_draw_options(options),
+        )
+
+
+def _planter_lodging(options: argparse.Namespace) -> Study:
+    from plant_sim.planter.parameters import load_planter, load_ranges  # noqa: PLC0415
+    from plant_sim.study.planter.lodging_study import FIELD_SEEDLINGS, lodging_study  # noqa: PLC0415
+
+    with _progress("settings and trials") as progress:
+        return lodging_study(
+            load_planter(),
+            load_ranges(),
+            blocks=_or(options.trials, 160),
+            seedlings=_or(options.seedlings, FIELD_SEEDLINGS),
+            progress=progress,
+            **_draw_options(options),
+        )
+
+
+def _draw_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Return seed and number of processes of a study of the planter."""
+    return {"seed": _or(options.seed, 1), "workers": options.workers}
+
+
+def _or(value: int | None, default: int) -> int:
+    return default if value is None else value
 
 
 def _custom(options: argparse.Namespace) -> Study:
@@ -277,6 +337,11 @@ _STUDIES: Mapping[str, _StudyEntry] = {
     ),
     "calibration": _StudyEntry("calibration of the seedling constants", _calibration, ("seed", "machine")),
     "throughput": _StudyEntry("limits of the planting rate of the machine", _throughput, (*_RUN, *_PACE)),
+    "planter-verdicts": _StudyEntry("verdicts of the simulated falls of the planter", _planter_verdicts, _DRAWS),
+    "planter-release": _StudyEntry("place of the release of the planter", _planter_release, _DRAWS),
+    "planter-lodging": _StudyEntry(
+        "lodging and injury on the cabbage paper's bench", _planter_lodging, (*_DRAWS, "seedlings")
+    ),
     "line-slip": _StudyEntry("spacing of the plants over the slip of the ground wheel", _line_slip, ("seed",)),
     "own": _StudyEntry("a custom study", _custom, (*_RUN, "file")),
 }

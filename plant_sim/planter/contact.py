@@ -71,7 +71,8 @@ class Fall(NamedTuple):
         along_m: Middle of the base at rest, measured from the hinge at its lowest point, forward positive, m.
         tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
         most_tilt_deg: Largest angle after the block has touched the ground, without sign, degrees.
-        pushed_m: Displacement of the centre of mass from the first contact with the ground until rest, m.
+        pushed_m: Displacement of the centre of mass from the first contact with the ground until rest, m; 0 if the
+            guide plate has not touched the block on the ground.
         scrape_n_s: Impulse between guide plate and block after the first contact with the ground, N s.
         landed_deg: Phase of the planter on the bottom arc at the first contact with the ground, degrees; more than 180
             on the straight segment; nan without contact.
@@ -235,8 +236,8 @@ class _Drop:
     def _fall(self, rested: bool) -> Fall:
         block, motion = self._block, self._motion
         touched = self._touched_mm is not None
+        pushed_mm = block.position.x - self._touched_mm if self._touched_mm is not None and self._scrape_mn_s else 0.0
         landed_deg = self._opener_deg + math.degrees(motion.omega_rad_s * self._touched_step * self._step_s)
-        pushed_mm = block.position.x - self._touched_mm if self._touched_mm is not None else 0.0
         return Fall(
             along_m=self._base_mm()[0] / _MM,
             tilt_deg=-math.degrees(block.angle),

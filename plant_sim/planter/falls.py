@@ -16,12 +16,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import RegularGridInterpolator
 
 from controller.common.cache_folder import user_cache_folder
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter, load_planter, load_ranges
 from plant_sim.planter.scatter import Ground, Ranges, draw
-from plant_sim.planter.verdict import Stand, stand_of
+from plant_sim.planter.verdict import Stand, Verdict, stand_of, verdicts_of
 
 RATIOS: Final = (0.70, 0.80, 0.85, 0.90, 0.95, 1.00, 1.05, 1.10, 1.17, 1.30, 1.45, 1.60, 1.80)
 """Grid of the ratio lambda."""
@@ -50,8 +51,10 @@ class Grid(NamedTuple):
 GRID: Final = Grid()
 """Grid of the packaged tables."""
 
-_PACKAGED: Final = Path(__file__).with_name("data")
-_VERSION: Final = 1
+PACKAGED: Final = Path(__file__).with_name("data")
+"""Folder of the packaged tables."""
+
+_VERSION: Final = 3
 _SEED: Final = 1
 _STUCK_DEG: Final = 90.0
 
@@ -83,8 +86,8 @@ class FallTable:
     Attributes:
         planter: Parameters of the planter.
         kind: Ground.
-        cells: Results, of shape (ratios, openers, blocks, 4): along_m, clearance below the tip, m, tilt_deg, and the
-            impulse of the guide plate on the ground, N s.
+        cells: Results, of shape (ratios, openers, blocks, 5): along_m, clearance below the tip, m, tilt_deg, the
+            impulse of the guide plate on the ground, N s, and pushed_m.
         grid: Grid of the cells.
     """
 
@@ -118,7 +121,7 @@ class FallTable:
         row, row_within = _neighbour(np.array(self.grid.ratios), ratios, rng)
         column, column_within = _neighbour(np.array(self.grid.openers_deg), np.full(ratios.shape, place_deg), rng)
         block = rng.integers(self.cells.shape[2], size=ratios.shape)
-        along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(self.cells[row, column, block], -1, 0)
+        along_m, clearance_m, tilt_deg, scrape_n_s = np.moveaxis(self.cells[row, column, block, :4], -1, 0)
         if self.kind is Ground.SOIL:
             share = self.planter.scatter.stick_share_at(self.planter.grip.clamp_n if clamp_n is None else clamp_n)
             tilt_deg = np.where(rng.uniform(size=ratios.shape) < share, _STUCK_DEG, tilt_deg)
@@ -135,6 +138,25 @@ class FallTable:
         """Return the share of the simulated blocks with a posture, of shape (ratios, openers)."""
         shares: NDArray[np.float64] = (stand_of(self.cells[..., 2]) == stand).mean(axis=-1)
         return shares
+
+    def verdict_share(self, verdict: Verdict) -> NDArray[np.float64]:
+        """Return the share of the simulated blocks with a verdict, of shape (ratios, openers)."""
+        shares: NDArray[np.float64] = (verdicts_of(self.cells[..., 2], self.cells[..., 4]) == verdict).mean(axis=-1)
+        return shares
+
+    def verdict_shares_at(self, ratio: float, opener_deg: float) -> tuple[dict[Verdict, float], bool]:
+        """Return the shares of the verdicts at a point, interpolated linearly, and whether it is inside the grid.
+
+        Outside the grid, the nearest point on its edge applies. Blocks that stick to a plate are not included.
+
+        Args:
+            ratio: Ratio lambda.
+            opener_deg: Place of the opener, degrees.
+        """
+        axes = np.array(self.grid.ratios), np.array(self.grid.openers_deg)
+        at = tuple(np.clip(value, axis[0], axis[-1]) for value, axis in zip((ratio, opener_deg), axes, strict=True))
+        shares = {each: float(RegularGridInterpolator(axes, self.verdict_share(each))(at)) for each in Verdict}
+        return shares, at == (ratio, opener_deg)
 
 
 def build_cells(
@@ -157,14 +179,14 @@ def build_cells(
     ratios, openers_deg, blocks = grid
     rng = np.random.default_rng(_SEED)
     draws = [draw(planter, ranges, kind, rng) for _ in range(blocks)]
-    cells = np.empty((len(ratios), len(openers_deg), blocks, 4))
+    cells = np.empty((len(ratios), len(openers_deg), blocks, 5))
     for row, ratio in enumerate(ratios):
         motion = motion_at(planter, ratio)
         for column, opener_deg in enumerate(openers_deg):
             for block, drawn in enumerate(draws):
                 fall = drawn.fall(motion, opener_deg)
                 clearance_m = drawn.ground.clearance_m
-                cells[row, column, block] = fall.along_m, clearance_m, fall.tilt_deg, fall.scrape_n_s
+                cells[row, column, block] = fall.along_m, clearance_m, fall.tilt_deg, fall.scrape_n_s, fall.pushed_m
         if progress is not None:
             progress(row + 1, len(ratios))
     return cells
@@ -204,14 +226,65 @@ def fall_table(
         OSError: The cache folder is not writable.
         RuntimeError: The user has no home folder.
     """
-    name = f"falls-{kind}-{_key(planter, ranges, kind, grid)}.npy"
-    cached = user_cache_folder() / name
-    for path in (_PACKAGED / name, cached):
+    stored = stored_table(planter, ranges, kind, grid=grid)
+    if stored is None:
+        path = write_table(planter, ranges, kind, user_cache_folder(), grid=grid, progress=progress)
+        stored = FallTable(planter, kind, np.load(path).astype(float), grid)
+    return stored
+
+
+def stored_table(planter: Planter, ranges: Ranges, kind: Ground, *, grid: Grid = GRID) -> FallTable | None:
+    """Return the table of a planter from the package or the cache; None if neither contains it.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        kind: Ground.
+        grid: Grid of the cells.
+
+    Raises:
+        RuntimeError: The user has no home folder.
+    """
+    name = table_name(planter, ranges, kind, grid)
+    for path in (PACKAGED / name, user_cache_folder() / name):
         if path.exists():
             return FallTable(planter, kind, np.load(path).astype(float), grid)
-    cells = build_cells(planter, ranges, kind, grid=grid, progress=progress)
-    _store(cells, cached)
-    return FallTable(planter, kind, cells.astype(np.float32).astype(float), grid)
+    return None
+
+
+def write_table(
+    planter: Planter,
+    ranges: Ranges,
+    kind: Ground,
+    folder: Path,
+    *,
+    grid: Grid = GRID,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Build the table of a planter and write it to a folder.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        kind: Ground.
+        folder: Folder; it is made if it does not exist.
+        grid: Grid of the cells.
+        progress: Function called with the number of completed and of all ratios.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        OSError: The folder is not writable.
+    """
+    path = folder / table_name(planter, ranges, kind, grid)
+    _store(build_cells(planter, ranges, kind, grid=grid, progress=progress), path)
+    return path
+
+
+def table_name(planter: Planter, ranges: Ranges, kind: Ground, grid: Grid = GRID) -> str:
+    """Return the name of the file of a table, which depends on everything that its cells depend on."""
+    return f"falls-{kind}-{_key(planter, ranges, kind, grid)}.npy"
 
 
 def _store(cells: NDArray[np.float64], path: Path) -> None:

@@ -51,7 +51,8 @@ class ScatterSpec:
     """Scatter from block to block.
 
     On soil, a share of the blocks sticks to one plate, which swings sideways and tips the block across the row: by
-    assumption, every such block lodges. The share grows as a power of the clamp force.
+    assumption, every such block lodges. The share grows as a power of the clamp force. A block is injured if the clamp
+    force exceeds its own strength, which is normally distributed.
 
     Attributes:
         place_m: Largest distance of a block from its nominal place in the planter, m.
@@ -60,6 +61,8 @@ class ScatterSpec:
         stick_share: Share of the blocks that stick at the clamp force `stick_n`.
         stick_n: Clamp force to which `stick_share` applies, N.
         stick_exponent: Exponent of the clamp force.
+        strength_n: Mean clamp force at which a block is injured, N.
+        strength_sd_n: Standard deviation of this force from block to block, N.
     """
 
     place_m: float
@@ -68,6 +71,8 @@ class ScatterSpec:
     stick_share: float
     stick_n: float
     stick_exponent: float
+    strength_n: float
+    strength_sd_n: float
 
     def __post_init__(self) -> None:
         """Validate the parameters."""
@@ -76,7 +81,12 @@ class ScatterSpec:
         require_within(self, 0.0, 1.0, "stick_share")
         require_within(self, 1.0, 1000.0, "stick_n")
         require_within(self, -20.0, 20.0, "stick_exponent")
+        require_within(self, 1.0, 2000.0, "strength_n", "strength_sd_n")
 
     def stick_share_at(self, clamp_n: float) -> float:
         """Return the share of the blocks that stick to a plate at a clamp force."""
         return min(1.0, self.stick_share * math.pow(clamp_n / self.stick_n, self.stick_exponent))
+
+    def injured_share_at(self, clamp_n: float) -> float:
+        """Return the share of the blocks that a clamp force injures."""
+        return math.erfc((self.strength_n - clamp_n) / (self.strength_sd_n * math.sqrt(2))) / 2

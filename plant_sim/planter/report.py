@@ -1,7 +1,7 @@
 """Figures of the motion of a chain planter, as text and as a JSON record."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from plant_sim.planter.chain import Offset
@@ -81,8 +81,12 @@ class MotionReport:
             "assumed": list(self.assumed),
         }
 
-    def text(self) -> str:
-        """Return the figures as plain text."""
+    def text(self, further: Sequence[str] = ()) -> str:
+        """Return the figures as plain text.
+
+        Args:
+            further: Lines to add before the assumptions.
+        """
         motion = self.motion
         lines = [
             f"chain planter, model {motion.model}: {motion.speed_m_s * _KM_H:.4g} km/h, "
@@ -95,6 +99,7 @@ class MotionReport:
             "jumps of the tip at the joints (position x, y; speed x, y)",
             *self._joint_lines(),
             self._separation_line(),
+            *further,
         ]
         if self.assumed:
             lines.append(f"assumed, not published: {', '.join(self.assumed)}")

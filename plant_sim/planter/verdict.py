@@ -57,11 +57,23 @@ def verdict_of(tilt_deg: float, pushed_m: float) -> Verdict:
 
     Args:
         tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
-        pushed_m: Displacement from the first contact with the ground until rest, m.
+        pushed_m: Displacement by the guide plate from the first contact with the ground until rest, m.
     """
-    stand = int(stand_of(np.array([tilt_deg]))[0])
-    if stand == Stand.LODGED:
-        return Verdict.FORWARD if tilt_deg > 0.0 else Verdict.BACKWARD
-    if stand == Stand.TILTED:
-        return Verdict.TILTED
-    return Verdict.PUSHED if abs(pushed_m) > PUSHED_M else Verdict.CLEAN
+    return Verdict(str(verdicts_of(np.array(tilt_deg), np.array(pushed_m))))
+
+
+def verdicts_of(tilt_deg: NDArray[np.float64], pushed_m: NDArray[np.float64]) -> NDArray[np.str_]:
+    """Return the value of the `Verdict` on each fall.
+
+    Args:
+        tilt_deg: Angles of the stem from the vertical at rest, forward positive, degrees.
+        pushed_m: Displacements by the guide plate from the first contact with the ground until rest, m.
+
+    >>> verdicts_of(np.array([80.0, -80.0]), np.array([0.02, 0.0])).tolist()
+    ['scraped and tipped forward', 'tipped backward']
+    """
+    stand = stand_of(tilt_deg)
+    cases = [(stand == Stand.LODGED) & (tilt_deg > 0.0), stand == Stand.LODGED, stand == Stand.TILTED]
+    verdicts = [Verdict.FORWARD, Verdict.BACKWARD, Verdict.TILTED]
+    upright = np.where(np.abs(pushed_m) > PUSHED_M, Verdict.PUSHED.value, Verdict.CLEAN.value)
+    return np.select(cases, [np.array(each.value) for each in verdicts], upright)

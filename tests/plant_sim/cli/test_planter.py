@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from plant_sim.cli.main import main
+from plant_sim.planter import falls
 from plant_sim.planter.parameters import DEFAULT_PLANTER
 from tests.paths import DOCS
 
@@ -149,3 +150,34 @@ def test_invalid_input_is_one_line_and_exit_code_2(
     assert printed.out == ""
     assert printed.err.startswith(expected)
     assert printed.err.count("\n") == 1
+
+
+def test_the_falls_on_both_grounds_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
+    found = record_of(capsys, "--speed", "1.9")["falls"]
+    assert found["rigid_ground"]["verdict"] == "scraped and tipped forward"
+    assert found["rigid_ground"]["shares"]["scraped and tipped forward"] > 0.9
+    assert found["bench_soil"]["shares"]["scraped and tipped forward"] < 0.1
+    assert record_of(capsys)["falls"]["rigid_ground"]["verdict"] == "clean and upright"
+    assert record_of(capsys, "--model", "corrected")["falls"] is None
+
+
+def test_equations_10_and_11_are_for_cabbage_blocks(capsys: pytest.CaptureFixture[str]) -> None:
+    record = record_of(capsys, "--speed", "1.75", "--frequency", "58")["cabbage_blocks"]
+    assert record["lodging_equation_10"] == {"value": pytest.approx(0.0552), "extrapolated": False}
+    assert record["injury_equation_11"]["value"] == pytest.approx(0.0408)
+    assert record_of(capsys)["cabbage_blocks"]["lodging_equation_10"]["extrapolated"]
+
+
+def test_tables_of_falls_are_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        falls.write_table, "__kwdefaults__", {"grid": falls.Grid((1.17,), (75.0,), 1), "progress": None}
+    )
+    assert main(["planter", "--falls", str(tmp_path / "falls")]) == 0
+    printed = capsys.readouterr()
+    assert sorted(printed.out.splitlines()) == sorted(map(str, (tmp_path / "falls").iterdir()))
+    assert printed.err.splitlines() == ["rigid_ground: 1 of 1 ratios", "bench_soil: 1 of 1 ratios"]
+    (tmp_path / "file").write_text("")
+    assert main(["planter", "--falls", str(tmp_path / "file")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

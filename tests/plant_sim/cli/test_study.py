@@ -72,6 +72,15 @@ def test_a_study_is_printed_and_written(own: Path, tmp_path: Path, capsys: pytes
     assert json.loads((out / "study.json").read_text())["command"] == command
 
 
+def test_a_study_of_the_planter_counts_points(capsys: pytest.CaptureFixture[str]) -> None:
+    assert study("planter-release", "--json", "--trials", "1", "--seed", "2", "--workers", "1") == 0
+    printed = capsys.readouterr()
+    record = json.loads(printed.out)
+    assert record["command"] == "python -m plant_sim study planter-release --trials 1 --seed 2"
+    assert set(record["grounds"]) == {"rigid_ground", "bench_soil"}
+    assert printed.err.splitlines()[-1] == "24 of 24 points"
+
+
 @pytest.mark.parametrize("workers", first_of(["1", "2"]))
 def test_json_is_one_object_and_equal_seeds_give_equal_studies(
     own: Path, capsys: pytest.CaptureFixture[str], workers: str
@@ -112,6 +121,9 @@ def test_json_is_one_object_and_equal_seeds_give_equal_studies(
             ("pepper-rsm", "--data", "paper", "--seedlings", "9"),
             "--seedlings: has no effect with --data, which runs no",
         ),
+        (("planter-lodging", "--trials", "9"), "--trials 9: must be 10 or more random blocks"),
+        (("planter-verdicts", "--seedlings", "9"), "--seedlings: has no effect with planter-verdicts; omit it"),
+        (("planter-release", "--machine", "x"), "--machine: has no effect with planter-release; omit it"),
         (("pepper-rsm", "--spacing", "35cm"), "--spacing: has no effect with pepper-rsm; omit it"),
         (
             ("cabbage-rsm", "--data", "printed", "--frequencies", "20"),

@@ -1,0 +1,109 @@
+"""Falls of a motion and the quality of planting, as text and as a JSON record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from plant_sim.planter.contact import drop
+from plant_sim.planter.falls import FREQUENCY_PER_MIN, FallTable
+from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.parameters import Planter
+from plant_sim.planter.quality import Share, injury_share, lodging_share
+from plant_sim.planter.scatter import Ground
+from plant_sim.planter.verdict import LODGED_DEG, Verdict, verdict_of
+
+_KM_H = 3.6
+_SIMILAR_PER_MIN: Final = 2.0
+"""Largest difference from the planting frequency of the tables, 1/min: the range of the bench test."""
+_NONE: Final = 0.005
+"""Share below which a verdict is not listed in the text."""
+_NAMES: Final[Mapping[Ground, str]] = {Ground.RIGID: "rigid ground", Ground.SOIL: "bench soil"}
+
+
+@dataclass(frozen=True)
+class FallReport:
+    """Falls and quality of a motion.
+
+    Attributes:
+        planter: Parameters of the planter.
+        motion: Motion of the planters.
+        release_deg: Place of the opener, degrees.
+        tables: Stored tables of falls of the planter; a ground without a table is missing.
+    """
+
+    planter: Planter
+    motion: Motion
+    release_deg: float
+    tables: Mapping[Ground, FallTable]
+
+    @property
+    def equations(self) -> tuple[Share, Share]:
+        """Lodging and injury by equations 10 and 11; cabbage blocks only."""
+        setting = self.motion.speed_m_s * _KM_H, self.motion.frequency_per_min, self.planter.grip.clamp_n
+        return lodging_share(*setting), injury_share(*setting)
+
+    def record(self) -> dict[str, object]:
+        """Return the figures by name, in SI units, as JSON types."""
+        lodging, injury = self.equations
+        scatter, clamp_n = self.planter.scatter, self.planter.grip.clamp_n
+        return {
+            "falls": {ground.value: self._ground_record(ground) for ground in Ground} if self._is_rigid else None,
+            "cabbage_blocks": {
+                "lodging_equation_10": lodging._asdict(),
+                "injury_equation_11": injury._asdict(),
+                "sticking": scatter.stick_share_at(clamp_n),
+                "injured": scatter.injured_share_at(clamp_n),
+            },
+        }
+
+    def lines(self) -> list[str]:
+        """Return the figures as lines of plain text."""
+        lodging, injury = self.equations
+        beyond = "; beyond the tested levels" if lodging.extrapolated else ""
+        lines = self._fall_lines() if self._is_rigid else ["falls               only simulated in model rigid"]
+        return [
+            *lines,
+            f"cabbage blocks      lodging {100 * lodging.value:.2f} % (eq. 10), injury {100 * injury.value:.2f} % "
+            f"(eq. 11) at {self.planter.grip.clamp_n:g} N{beyond}; not valid for pepper plugs",
+        ]
+
+    @property
+    def _is_rigid(self) -> bool:
+        return self.motion.model is MotionModel.RIGID
+
+    def _ground_record(self, ground: Ground) -> dict[str, object]:
+        fall = drop(self.planter, getattr(self.planter, ground), self.motion, opener_deg=self.release_deg)
+        shares, is_inside = self._shares(ground)
+        return {
+            "verdict": verdict_of(fall.tilt_deg, fall.pushed_m).value,
+            "tilt_deg": fall.tilt_deg,
+            "pushed_m": fall.pushed_m,
+            "settled": fall.rested or abs(fall.tilt_deg) >= LODGED_DEG,
+            "shares": None if shares is None else {verdict.value: share for verdict, share in shares.items()},
+            "shares_inside_table": is_inside,
+        }
+
+    def _shares(self, ground: Ground) -> tuple[dict[Verdict, float] | None, bool]:
+        """Return the shares of the verdicts by the table of falls, and whether the table covers the motion."""
+        if ground not in self.tables:
+            return None, False
+        shares, is_inside = self.tables[ground].verdict_shares_at(self.motion.ratio, self.release_deg)
+        is_similar = abs(self.motion.frequency_per_min - FREQUENCY_PER_MIN) <= _SIMILAR_PER_MIN
+        return shares, is_inside and is_similar
+
+    def _fall_lines(self) -> Iterator[str]:
+        yield f"falls, opener at {self.release_deg:g}°"
+        for ground in Ground:
+            record = self._ground_record(ground)
+            shares, is_inside = self._shares(ground)
+            listed = "no table of these parameters; --falls DIR simulates it"
+            if shares is not None:
+                parts = [f"{100 * share:.0f} % {verdict}" for verdict, share in shares.items() if share > _NONE]
+                listed = "; ".join([*parts, *([] if is_inside else ["outside the table, nearest point of it"])])
+            unsettled = "" if record["settled"] else ", not at rest"
+            yield f"  {_NAMES[ground]:<18}default block: {record['verdict']}{unsettled}"
+            yield f"  {'':<18}random blocks: {listed}"
+        stick = 100 * self.planter.scatter.stick_share_at(self.planter.grip.clamp_n)
+        yield f"  {'':<18}sticking to a plate: {stick:.1f} % more lodge (bench soil)"

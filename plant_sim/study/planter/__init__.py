@@ -1,0 +1,1 @@
+"""Studies of the chain planter: verdicts, release window, lodging and injury."""

@@ -1,0 +1,114 @@
+"""Verdicts of random falls, simulated with full contact."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from plant_sim.planter.falls import motion_at
+from plant_sim.planter.parameters import Planter
+from plant_sim.planter.scatter import Ground, Ranges, draw
+from plant_sim.planter.verdict import Verdict, verdict_of
+from plant_sim.study.planter.bench_fit import Values
+from plant_sim.study.runner import Progress, spread, trial_seed
+from plant_sim.twin.report import binomial_interval
+
+FREQUENCY_PER_MIN: Final = 56.0
+"""Planting frequency of the paper's simulated cases. Source: cabbage paper, 2.2.2."""
+_HALF = 0.5
+
+
+@dataclass(frozen=True)
+class FallPoint:
+    """Point of a sweep.
+
+    Attributes:
+        ratio: Ratio lambda.
+        opener_deg: Place of the opener, degrees.
+        draws: Number of random falls.
+        values: Parameters that differ from those of the planter, by dotted name.
+        kind: Ground.
+        frequency_per_min: Planting frequency, 1/min.
+    """
+
+    ratio: float
+    opener_deg: float
+    draws: int
+    values: tuple[tuple[str, float], ...] = ()
+    kind: Ground = Ground.RIGID
+    frequency_per_min: float = FREQUENCY_PER_MIN
+
+
+@dataclass(frozen=True)
+class VerdictCount:
+    """Verdicts of the random falls at one point.
+
+    Attributes:
+        point: The point.
+        counts: Number of falls by verdict.
+    """
+
+    point: FallPoint
+    counts: Counter[Verdict]
+
+    def share(self, *verdicts: Verdict) -> float:
+        """Return the share of falls with one of the verdicts."""
+        return sum(self.counts[each] for each in verdicts) / self.point.draws
+
+    def interval(self, verdict: Verdict) -> tuple[float, float]:
+        """Return the exact 95 % interval of the share of a verdict."""
+        return binomial_interval(self.counts[verdict], self.point.draws)
+
+
+def count_verdicts(
+    planter: Planter,
+    ranges: Ranges,
+    points: Sequence[FallPoint],
+    *,
+    seed: int,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> list[VerdictCount]:
+    """Simulate random falls with full contact.
+
+    Every point has random falls of its own, which depend on the seed and on its index only. Sticking to a plate is not
+    part of them.
+
+    Args:
+        planter: Parameters of the planter.
+        ranges: Plausible ranges of its parameters.
+        points: Points.
+        seed: Seed of the study.
+        workers: Number of processes; None = one per core.
+        progress: Callback after every completed point.
+    """
+    jobs = [partial(_count, planter, ranges, point, trial_seed(seed, index, 0)) for index, point in enumerate(points)]
+    return spread(jobs, workers, progress)
+
+
+def _count(planter: Planter, ranges: Ranges, point: FallPoint, seed: int) -> VerdictCount:
+    changed = planter.with_values(dict(point.values))
+    motion = motion_at(changed, point.ratio, point.frequency_per_min)
+    rng = np.random.default_rng(seed)
+    falls = (draw(changed, ranges, point.kind, rng).fall(motion, point.opener_deg) for _ in range(point.draws))
+    return VerdictCount(point, Counter(verdict_of(fall.tilt_deg, fall.pushed_m) for fall in falls))
+
+
+def crossings(ratios: Iterable[float], shares: Values) -> list[float]:
+    """Return the ratios at which a share crosses one half, by linear interpolation.
+
+    >>> crossings([0.8, 0.9, 1.0], np.array([1.0, 0.75, 0.25])), crossings([0.8, 0.9], np.array([1.0, 0.9]))
+    ([0.95], [])
+    """
+    above = np.asarray(shares) - _HALF
+    found = []
+    for (low, high), (before, after) in zip(pairwise(ratios), pairwise(above.tolist()), strict=True):
+        if (before < 0.0) != (after < 0.0):
+            found.append(round(low + (high - low) * before / (before - after), 12))
+    return found

@@ -1,0 +1,165 @@
+"""Packaged tables of falls: current, equal to fresh simulations, read and written; report of the falls."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plant_sim.planter.contact import drop
+from plant_sim.planter.fall_report import FallReport
+from plant_sim.planter.falls import (
+    BLOCKS,
+    OPENERS_DEG,
+    PACKAGED,
+    RATIOS,
+    FallTable,
+    Grid,
+    build_cells,
+    default_table,
+    motion_at,
+    stored_table,
+    table_name,
+    write_table,
+)
+from plant_sim.planter.motion import Motion, MotionModel
+from plant_sim.planter.parameters import load_planter, load_ranges
+from plant_sim.planter.scatter import Ground
+from plant_sim.planter.verdict import Verdict, verdict_of, verdicts_of
+
+PLANTER, RANGES = load_planter(), load_ranges()
+TOLERANCE = 1e-6
+"""Difference from the stored values, which have single precision; other computers may round differently."""
+
+
+def fresh(kind: Ground, ratio: float, opener_deg: float, blocks: int) -> np.ndarray:
+    cells = build_cells(PLANTER, RANGES, kind, grid=Grid((ratio,), (opener_deg,), blocks))
+    first: np.ndarray = cells[0, 0]
+    return first
+
+
+def test_package_contains_one_current_table_for_each_ground() -> None:
+    """If this fails, run: python -m plant_sim planter --falls plant_sim/planter/data, and delete the old files."""
+    assert {path.name for path in PACKAGED.iterdir()} == {table_name(PLANTER, RANGES, kind) for kind in Ground}
+
+
+@pytest.mark.parametrize("kind", list(Ground))
+def test_sampled_cells_equal_fresh_simulations(kind: Ground) -> None:
+    rng = np.random.default_rng(5)
+    for row, column in zip(rng.integers(len(RATIOS), size=3), rng.integers(len(OPENERS_DEG), size=3), strict=True):
+        stored = default_table(kind).cells[row, column, :6]
+        simulated = fresh(kind, RATIOS[row], OPENERS_DEG[column], 6)
+        assert simulated == pytest.approx(stored, rel=TOLERANCE, abs=TOLERANCE)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("kind", list(Ground))
+def test_all_cells_equal_fresh_simulations(kind: Ground) -> None:
+    stored = default_table(kind).cells
+    assert build_cells(PLANTER, RANGES, kind) == pytest.approx(stored, rel=TOLERANCE, abs=TOLERANCE)
+
+
+def test_written_table_is_found_in_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    grid = Grid(ratios=(1.17, 1.3), openers_deg=(75.0, 80.0), blocks=1)
+    assert stored_table(PLANTER, RANGES, Ground.SOIL, grid=grid) is None
+    path = write_table(PLANTER, RANGES, Ground.SOIL, tmp_path / "seedling-transplanter", grid=grid)
+    assert path.name == table_name(PLANTER, RANGES, Ground.SOIL, grid)
+    table = stored_table(PLANTER, RANGES, Ground.SOIL, grid=grid)
+    assert table is not None
+    assert np.array_equal(table.cells, np.load(path))
+
+
+def test_name_of_a_table_depends_on_what_its_cells_depend_on() -> None:
+    changes = ({"bench_soil.clearance_m": 0.021}, {"block.cube_kg": 0.051}, {"scatter.place_m": 0.0004})
+    names = {table_name(PLANTER.with_values(change), RANGES, Ground.SOIL) for change in ({}, *changes)}
+    assert len(names) == 1 + len(changes)
+    stick = PLANTER.with_values({"scatter.stick_share": 0.2, "scatter.strength_n": 300.0})
+    assert table_name(stick, RANGES, Ground.SOIL) in names
+
+
+def test_shares_between_grid_points_are_interpolated_and_outside_marked() -> None:
+    cells = np.zeros((len(RATIOS), len(OPENERS_DEG), 2, 5))
+    cells[RATIOS.index(1.0) :, :, 0, 2] = 80.0
+    table = FallTable(PLANTER, Ground.RIGID, cells)
+    shares, inside = table.verdict_shares_at(0.96, 75.0)
+    assert (shares[Verdict.FORWARD], shares[Verdict.CLEAN]) == pytest.approx((0.1, 0.9))
+    assert inside
+    shares, inside = table.verdict_shares_at(2.5, 75.0)
+    assert shares[Verdict.FORWARD] == 0.5
+    assert not inside
+
+
+def test_shares_of_the_verdicts_add_up_to_one() -> None:
+    for kind in Ground:
+        total = sum(default_table(kind).verdict_share(verdict) for verdict in Verdict)
+        assert np.asarray(total) == pytest.approx(1.0)
+
+
+def test_verdicts_of_arrays_are_those_of_numbers() -> None:
+    tilts_deg, pushes_m = np.array([0.0, 0.0, -40.0, 70.0, -70.0]), np.array([0.0005, 0.002, 0.0, 0.0, 0.02])
+    one_by_one = [verdict_of(*pair) for pair in zip(tilts_deg.tolist(), pushes_m.tolist(), strict=True)]
+    assert (
+        verdicts_of(tilts_deg, pushes_m).tolist()
+        == one_by_one
+        == [
+            Verdict.CLEAN,
+            Verdict.PUSHED,
+            Verdict.TILTED,
+            Verdict.FORWARD,
+            Verdict.BACKWARD,
+        ]
+    )
+
+
+def test_block_that_the_guide_plate_does_not_touch_is_not_pushed() -> None:
+    """With a late opener, the block lands with a forward speed, after the guide plate has left it."""
+    fall = drop(PLANTER, PLANTER.rigid_ground, motion_at(PLANTER, 0.87), opener_deg=135.0)
+    assert fall.scrape_n_s == 0.0
+    assert fall.pushed_m == 0.0
+    early = drop(PLANTER, PLANTER.rigid_ground, motion_at(PLANTER, 1.0), opener_deg=75.0)
+    assert early.scrape_n_s > 0.0
+    assert early.pushed_m > 0.001
+
+
+def report(speed_km_h: float, frequency_per_min: float = 58.0, model: MotionModel = MotionModel.RIGID) -> FallReport:
+    motion = Motion(PLANTER.chain, speed_m_s=speed_km_h / 3.6, frequency_per_min=frequency_per_min, model=model)
+    return FallReport(PLANTER, motion, 75.0, {kind: default_table(kind) for kind in Ground})
+
+
+def test_report_has_verdicts_shares_and_equations() -> None:
+    lines = report(1.75).lines()
+    assert lines[0] == "falls, opener at 75°"
+    assert lines[1] == "  rigid ground      default block: scraped and pushed, upright"
+    assert lines[5].endswith("sticking to a plate: 4.7 % more lodge (bench soil)")
+    assert lines[6] == (
+        "cabbage blocks      lodging 5.52 % (eq. 10), injury 4.08 % (eq. 11) at 104.62 N; not valid for pepper plugs"
+    )
+
+
+def test_report_marks_what_is_beyond_the_tested_levels_or_the_table() -> None:
+    assert "; beyond the tested levels; " in report(1.4).lines()[-1]
+    assert "outside the table" not in report(1.75).lines()[2]
+    assert report(1.75, 100.0).lines()[2].endswith("; outside the table, nearest point of it")
+
+
+def test_report_without_tables_or_in_another_model() -> None:
+    without = report(1.75)
+    without = FallReport(PLANTER, without.motion, 75.0, {})
+    assert without.lines()[2].endswith("no table of these parameters; --falls DIR simulates it")
+    falls = without.record()["falls"]
+    assert isinstance(falls, dict)
+    assert falls["bench_soil"]["shares"] is None
+    other = report(1.75, model=MotionModel.CORRECTED)
+    assert other.record()["falls"] is None
+    assert other.lines()[0] == "falls               only simulated in model rigid"
+
+
+def test_injured_share_is_a_normal_distribution() -> None:
+    scatter = PLANTER.scatter
+    assert scatter.injured_share_at(scatter.strength_n) == 0.5
+    assert scatter.injured_share_at(scatter.strength_n - scatter.strength_sd_n) == pytest.approx(0.158655, abs=1e-6)
+    assert 0.03 < scatter.injured_share_at(104.62) < 0.05
+    assert default_table(Ground.SOIL).cells.shape[2] == BLOCKS
