@@ -16,6 +16,7 @@ EXTRAS: Final[Mapping[str, str]] = {
     "numpy": "plant",
     "prometheus_client": "panel",
     "pyarrow": "parquet",
+    "pymunk": "plant",
     "rich": "plant",
     "scipy": "plant",
     "serial": "serial",

@@ -187,7 +187,7 @@ def test_there_is_no_advice_while_the_arms_wait_for_cups_before_they_move_down()
 def test_waits_for_the_tray_count_only_for_the_gapless_frequency() -> None:
     """At 90 per minute every release is late, and the cups that pass meanwhile do not hide a wait.
 
-    The release delay, longer with slow cups, counts as motion of the arms: 0.25 s of 9.4 s between 45 and 90 per minute.
+    The release delay, longer with slow cups, counts as motion of the arms: 0.25 s of 9.4 s from 45 to 90 per minute.
     """
     slow, fast = executing(DELIVERED), executing(DELIVERED, 90)
     for twin in (slow, fast):
