@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim.crop.seedling import SeedlingCounts
-from plant_sim.line.drive import Drive, GroundWheel, OwnMotor
+from plant_sim.line.drive import Drive, MotorDrive, WheelDrive
 from plant_sim.line.errors import LineError
 from plant_sim.line.feed import ArmsFeed, blocks
 from plant_sim.line.file import ConveyorEntry, GroundEntry, LineFile, SegmentEntry
@@ -140,10 +140,10 @@ def drive_of(line: LineFile, profile: SpeedProfile, rng: np.random.Generator) ->
         rng: Source of the random numbers of the soil.
     """
     if line.drive.lag is not None:
-        return OwnMotor(profile, per_m=1 / line.spacing, lag_s=line.drive.lag)
+        return MotorDrive(profile, per_m=1 / line.spacing, lag_s=line.drive.lag)
     slip, gain = line.ground.slip, line.ground.hill.slip_gain
     spec = SlipSpec(per_grade=gain) if slip is None else SlipSpec(slip.mean, slip.sd, slip.patch, gain)
-    return GroundWheel(
+    return WheelDrive(
         profile, WheelSlip(spec, profile, rng), per_wheel_m=1 / (line.spacing * (1 - line.drive.set_for_slip))
     )
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_sim.crop.seedling import CELLS_ALONG
-from plant_sim.line.drive import GroundWheel, OwnMotor
+from plant_sim.line.drive import MotorDrive, WheelDrive
 from plant_sim.line.errors import LineError
 from plant_sim.line.feed import ArmsFeed, blocks
 from plant_sim.line.file import ConveyorEntry
@@ -69,14 +69,14 @@ def ground() -> SpeedProfile:
 
 
 @pytest.fixture(scope="module")
-def fed_arms() -> tuple[ArmsFeed, OwnMotor]:
-    drive = OwnMotor(ground(), per_m=2.5, lag_s=0.5)
+def fed_arms() -> tuple[ArmsFeed, MotorDrive]:
+    drive = MotorDrive(ground(), per_m=2.5, lag_s=0.5)
     arms = ArmsFeed(load_machine(), seed=4, cups=150, frequency_per_min=45.0)
     arms.run(drive, until_s=160.0, cups_to_planting=6)
     return arms, drive
 
 
-def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, OwnMotor]) -> None:
+def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
     """A cup is at the planting position six cups after the last claw; the chain has then reached its place."""
     arms, drive = fed_arms
     pitch_m = 0.060
@@ -87,7 +87,7 @@ def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, Own
         assert (first + planted + 11.5 + 6) * pitch_m == pytest.approx(arm.cups.chain_m, abs=1e-6)
 
 
-def test_every_cup_and_seedling_of_the_arms_is_accounted_for(fed_arms: tuple[ArmsFeed, OwnMotor]) -> None:
+def test_every_cup_and_seedling_of_the_arms_is_accounted_for(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
     arms, _ = fed_arms
     counts = arms.twin.plant.counts()
     assert counts.in_tray + counts.in_claw + counts.in_cups + counts.P + counts.D + counts.T == counts.total
@@ -104,7 +104,7 @@ def test_the_causes_are_those_of_the_lost_seedlings() -> None:
     profile = SpeedProfile(stretches, acceleration_m_s2=0.3, length_m=100.0)
     wheel = WheelSlip(SlipSpec(), profile, np.random.default_rng(1))
     arms = ArmsFeed(load_machine(), seed=2, cups=250, frequency_per_min=45.0)
-    arms.run(GroundWheel(profile, wheel, per_wheel_m=2.5), until_s=300.0, cups_to_planting=0)
+    arms.run(WheelDrive(profile, wheel, per_wheel_m=2.5), until_s=300.0, cups_to_planting=0)
     counts = arms.twin.plant.counts()
     causes = np.bincount(np.concatenate([row.cause for row in arms.rows]), minlength=len(Missing))
     assert causes[Missing.MISSED_CUP] == 0
@@ -118,12 +118,12 @@ def test_a_machine_that_cannot_keep_up_misses_cups() -> None:
     profile = SpeedProfile([Stretch(0.8, for_m=100.0)], acceleration_m_s2=0.3, length_m=100.0)
     wheel = WheelSlip(SlipSpec(), profile, np.random.default_rng(1))
     arms = ArmsFeed(load_machine(), seed=2, cups=250, frequency_per_min=120.0)
-    arms.run(GroundWheel(profile, wheel, per_wheel_m=2.5), until_s=60.0, cups_to_planting=0)
+    arms.run(WheelDrive(profile, wheel, per_wheel_m=2.5), until_s=60.0, cups_to_planting=0)
     for row in arms.rows:
         assert np.count_nonzero(row.cause == Missing.MISSED_CUP) > 0.2 * len(row.cause)
 
 
-def test_the_same_seed_fills_the_same_cups(fed_arms: tuple[ArmsFeed, OwnMotor]) -> None:
+def test_the_same_seed_fills_the_same_cups(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
     arms, drive = fed_arms
     again = ArmsFeed(load_machine(), seed=4, cups=150, frequency_per_min=45.0)
     again.run(drive, until_s=160.0, cups_to_planting=6)
