@@ -192,9 +192,15 @@ def _fill_cups(line: LineFile, course: Course, *, seed: int, machine: Machine) -
     to_planting = line.arms.cups_to_planting
     before = _STARTING_CUPS / 2 + to_planting + _carried(line)
     cups = math.ceil(course.drive.cycles_at(_end_s(course, [before])))
-    arms = ArmsFeed(machine, seed=seed, cups=cups, frequency_per_min=60 * set_frequency_hz(line))
+    arms = ArmsFeed(
+        machine,
+        seed=seed,
+        cups=cups,
+        frequency_per_min=60 * set_frequency_hz(line),
+        spacing_m=line.spacing * (1 - line.drive.set_for_slip),
+    )
     until_s = _end_s(course, [cycle + _carried(line) for cycle in arms.first_cycles(to_planting)])
-    arms.run(course.drive, until_s=until_s, cups_to_planting=to_planting)
+    arms.run(course.drive, course.profile, until_s=until_s, cups_to_planting=to_planting)
     return arms
 
 
