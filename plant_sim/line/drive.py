@@ -37,7 +37,7 @@ class Drive(Protocol):
         """Return the cycles per metre of travel at given times, 1/m; infinite while a motor runs on at standstill."""
 
 
-class GroundWheel:
+class WheelDrive:
     """Drive by a ground wheel through a fixed gear: only slip changes the cycles per metre."""
 
     def __init__(self, profile: SpeedProfile, slip: WheelSlip, *, per_wheel_m: float) -> None:
@@ -75,7 +75,7 @@ class GroundWheel:
         return self._per_wheel_m * (1 - self._slip.at(self._profile.travel_at(time_s)))
 
 
-class OwnMotor:
+class MotorDrive:
     """Drive by a motor whose speed follows the measured ground speed with a first-order lag."""
 
     def __init__(self, profile: SpeedProfile, *, per_m: float, lag_s: float) -> None:

@@ -14,7 +14,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS, Location
 from plant_sim.line.drive import Drive
 from plant_sim.line.errors import LineError
 from plant_sim.line.file import ConveyorEntry
-from plant_sim.line.ground import Floats
+from plant_sim.line.ground import Floats, SpeedProfile
 from plant_sim.line.row import FedRow, Integers, Missing
 from plant_sim.machine.parameters import Machine
 from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
@@ -27,6 +27,9 @@ _FROM_LAST_CLAW = CELLS_ALONG - 0.5
 _STIFF_M_S2 = 10.0
 """Acceleration of the cups, m/s2; the speed profile already contains that of the tractor."""
 _STANDSTILL_M_S = 1e-6
+_SPACINGS_M = (0.1, 2.0)
+"""Limits of the travel per plant that the plant accepts, m."""
+_MOST_SLIP = 0.95
 _LOADED_LIMIT_MS = 120_000
 _LOADING_PER_MIN = 45.0
 """Planting frequency at which the operator turns the cups before the row; assumed."""
@@ -77,7 +80,7 @@ class ArmsFeed:
         rows: Contents of the cups of each row, left first, available after `run`.
     """
 
-    def __init__(self, machine: Machine, *, seed: int, cups: int, frequency_per_min: float) -> None:
+    def __init__(self, machine: Machine, *, seed: int, cups: int, frequency_per_min: float, spacing_m: float) -> None:
         """Home, start and load the machine.
 
         Args:
@@ -85,17 +88,21 @@ class ArmsFeed:
             seed: Seed of the plant.
             cups: Number of cups of a row to fill, which defines the number of trays.
             frequency_per_min: Planting frequency for which the machine is commissioned, 1/min.
+            spacing_m: Travel of the drive wheel per cup, m; the ground-speed sensor of the plant depends on it.
 
         Raises:
             LineError: The cups require too many trays, or the machine does not fill the first cups.
         """
+        self._spacing_m = min(max(spacing_m, _SPACINGS_M[0]), _SPACINGS_M[1])
         trays = math.ceil(cups / (CELLS_ALONG * COLUMNS / len(SIDES))) + 2
         if trays > MOST_TRAYS:
             raise LineError(f"--metres: requires {trays} trays, more than {MOST_TRAYS}; reduce it or run several seeds")
         self.twin = Twin(
             seed=seed,
             trays=trays,
-            parameters=machine.with_values({"cups.acceleration_m_s2": _STIFF_M_S2}),
+            parameters=machine.with_values(
+                {"cups.acceleration_m_s2": _STIFF_M_S2, "ground.plant_spacing_m": self._spacing_m}
+            ),
             set_points={"trays_target": 0, "no_cups": _no_cups_x100_ms(frequency_per_min)},
         )
         self._arms = list(self.twin.plant.arms.values())
@@ -121,20 +128,23 @@ class ArmsFeed:
             for first, start_m in zip(self._first, self._start_m, strict=True)
         ]
 
-    def run(self, drive: Drive, *, until_s: float, cups_to_planting: int) -> None:
-        """Drive the cups.
+    def run(self, drive: Drive, profile: SpeedProfile, *, until_s: float, cups_to_planting: int) -> None:
+        """Drive the cups, and move the tractor as the profile does.
 
         Args:
             drive: Drive of the cups.
+            profile: Speed profile.
             until_s: Duration, s.
             cups_to_planting: Cups between the last claw and the planting position.
         """
         scan_s = SCAN_MS / 1000
-        scans = math.ceil(until_s / scan_s)
-        targets_m = (self._pitch_m * drive.cycles_at(scan_s * np.arange(1, scans + 1))).tolist()
+        times_s = scan_s * np.arange(math.ceil(until_s / scan_s) + 1)
+        cycles = drive.cycles_at(times_s)
+        slips = self._slips(np.diff(cycles), np.diff(profile.travel_at(times_s)))
         drives = [(arm.cups, start_m) for arm, start_m in zip(self._arms, self._start_m, strict=True)]
-        per_min = 60 / self._pitch_m
-        for target_m in targets_m:
+        per_min, ground = 60 / self._pitch_m, self.twin.plant.ground
+        for target_m, slip in zip((self._pitch_m * cycles[1:]).tolist(), slips.tolist(), strict=True):
+            ground.slip = slip
             for cups, start_m in drives:
                 wanted_m_s = (start_m + target_m - cups.chain_m) / scan_s
                 cups.planting_frequency_per_min = per_min * wanted_m_s if wanted_m_s > _STANDSTILL_M_S else 0.0
@@ -155,6 +165,13 @@ class ArmsFeed:
     def seedlings_passed(self) -> int:
         """Seedlings with a cup of their own in cups that have passed the last claw."""
         return sum(int(np.count_nonzero(row.seedlings)) for row in self.rows)
+
+    def _slips(self, cycles: Floats, travel_m: Floats) -> Floats:
+        """Return the slip of the plant's drive wheel at which cups and tractor move as given, within its limits."""
+        wheel_m = self._spacing_m * cycles
+        share = np.divide(wheel_m, travel_m, out=np.ones_like(wheel_m), where=travel_m > 0)
+        slips: Floats = np.clip(1 - share, 0.0, _MOST_SLIP)
+        return slips
 
     def _load(self) -> None:
         """Home and start the machine, fill the first cups, and wait until both arms are loaded again."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -124,34 +124,28 @@ def plant_by_nozzle(entry: NozzleEntry, fed: FedRow, course: Course, rng: np.ran
         rng: Source of the random numbers.
     """
     at = releases(course, fed.first_cycle, len(fed.seedlings))
-    seedlings, missing, lost = _released(fed, at.number, entry.unreleased, rng)
-    planted = seedlings > 0
+    after = _released(fed, at.number, entry.unreleased, rng)
+    planted = after.seedlings > 0
     landed_m = course.profile.travel_at(at.time_s + entry.fall) - at.origin_m
     position_m = landed_m + rng.normal(0.0, entry.scatter, at.number)
     depth_m = rng.normal(entry.depth, entry.depth_scatter, at.number)
     drawn = rng.random(at.number)
     stand = np.where(drawn < entry.lodged, Stand.LODGED, Stand.UPRIGHT)
     stand = np.where((drawn >= entry.lodged) & (drawn < entry.lodged + entry.tilted), Stand.TILTED, stand)
-    later = fed.seedlings[at.number :]
-    return PlantRow(
-        cup=np.arange(at.number),
-        time_s=at.time_s,
-        travel_m=at.travel_m,
-        speed_m_s=at.speed_m_s,
+    every = np.ones(at.number, dtype=np.bool_)
+    return _row(
+        at,
+        fed,
+        after,
         ratio=np.full(at.number, np.nan),
-        seedlings=seedlings,
-        missing=missing,
         position_m=np.where(planted, position_m, np.nan),
         depth_m=np.where(planted, depth_m, np.nan),
         tilt_deg=np.full(at.number, np.nan),
         stand=np.where(planted, stand, NO_PLANT),
-        scraped=np.zeros(at.number, dtype=np.bool_),
+        scraped=~every,
         injured=planted & (rng.random(at.number) < entry.injured),
-        within=np.ones(at.number, dtype=np.bool_),
-        injury_within=np.ones(at.number, dtype=np.bool_),
-        in_transit=len(later),
-        seedlings_in_transit=int(later.sum()),
-        seedlings_lost=lost,
+        within=every,
+        injury_within=every,
         phase=np.empty(0),
     )
 
@@ -207,25 +201,16 @@ def plant_by_chain(
     """
     at = releases(course, first_cycle, len(transport.seedlings))
     fed = FedRow(transport.seedlings, transport.cause, first_cycle)
-    seedlings, missing, lost = _released(fed, at.number, planter.unreleased, rng)
-    planted = seedlings > 0
+    after = _released(fed, at.number, planter.unreleased, rng)
+    planted = after.seedlings > 0
     ratio = planter.pitch_m * course.drive.per_m_at(at.time_s)
     fall = planter.draw(ratio, rng)
-    drawn = rng.random(at.number)
-    injured: Flags | None = None
-    injury_within = np.ones(at.number, dtype=np.bool_)
-    if planter.injury is not None:
-        shares = planter.injury.shares(at.speed_m_s, 60 * course.drive.rate_at(at.time_s))
-        injured, injury_within = planted & (drawn < shares.value), ~planted | shares.within
-    later = transport.seedlings[at.number :]
-    return PlantRow(
-        cup=np.arange(at.number),
-        time_s=at.time_s,
-        travel_m=at.travel_m,
-        speed_m_s=at.speed_m_s,
+    injured, injury_within = _injuries(planter, at, planted, course, rng)
+    return _row(
+        at,
+        fed,
+        after._replace(lost=after.lost + transport.lost),
         ratio=ratio,
-        seedlings=seedlings,
-        missing=missing,
         position_m=np.where(planted, at.travel_m + fall.along_m, np.nan),
         depth_m=np.where(planted, fall.depth_m, np.nan),
         tilt_deg=np.where(planted, fall.tilt_deg, np.nan),
@@ -234,17 +219,49 @@ def plant_by_chain(
         injured=injured,
         within=~planted | fall.within,
         injury_within=injury_within,
-        in_transit=len(later),
-        seedlings_in_transit=int(later.sum()),
-        seedlings_lost=lost + transport.lost,
         phase=transport.phase,
     )
 
 
-def _released(fed: FedRow, count: int, share: float, rng: np.random.Generator) -> tuple[Integers, Integers, int]:
-    """Return seedlings and causes after the release, of which a share fails, and the seedlings lost by that."""
-    seedlings, missing = fed.seedlings[:count], fed.cause[:count]
-    fails = (rng.random(count) < share) & (seedlings > 0)
-    released = np.where(fails, 0, seedlings)
-    cause = np.where(fails, Missing.RELEASE, missing)
-    return released, cause.astype(np.int64), int(seedlings[fails].sum())
+def _injuries(
+    planter: ChainPlanter, at: Releases, planted: Flags, course: Course, rng: np.random.Generator
+) -> tuple[Flags | None, Flags]:
+    """Return the injured plants, None if injury is not modelled, and whether their settings are not extrapolated."""
+    drawn = rng.random(at.number)
+    if planter.injury is None:
+        return None, np.ones(at.number, dtype=np.bool_)
+    shares = planter.injury.shares(at.speed_m_s, 60 * course.drive.rate_at(at.time_s))
+    return planted & (drawn < shares.value), ~planted | shares.within
+
+
+class _Released(NamedTuple):
+    """Seedlings and causes after the release, and the seedlings lost on the way."""
+
+    seedlings: Integers
+    missing: Integers
+    lost: int
+
+
+def _row(at: Releases, fed: FedRow, after: _Released, **plants: Any) -> PlantRow:
+    """Return a row from its releases, the cups before and after them, and the arrays of the plants."""
+    later = fed.seedlings[at.number :]
+    return PlantRow(
+        cup=np.arange(at.number),
+        time_s=at.time_s,
+        travel_m=at.travel_m,
+        speed_m_s=at.speed_m_s,
+        seedlings=after.seedlings,
+        missing=after.missing,
+        in_transit=len(later),
+        seedlings_in_transit=int(later.sum()),
+        seedlings_lost=after.lost,
+        **plants,
+    )
+
+
+def _released(fed: FedRow, number: int, share: float, rng: np.random.Generator) -> _Released:
+    """Return the first cups after their release, of which a share fails."""
+    seedlings, missing = fed.seedlings[:number], fed.cause[:number]
+    fails = (rng.random(number) < share) & (seedlings > 0)
+    cause = np.where(fails, Missing.RELEASE, missing).astype(np.int64)
+    return _Released(np.where(fails, 0, seedlings), cause, int(seedlings[fails].sum()))

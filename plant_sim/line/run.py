@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim.crop.seedling import SeedlingCounts
-from plant_sim.line.drive import Drive, GroundWheel, OwnMotor
+from plant_sim.line.drive import Drive, MotorDrive, WheelDrive
 from plant_sim.line.errors import LineError
 from plant_sim.line.feed import ArmsFeed, blocks
 from plant_sim.line.file import ConveyorEntry, GroundEntry, LineFile, SegmentEntry
@@ -140,10 +140,10 @@ def drive_of(line: LineFile, profile: SpeedProfile, rng: np.random.Generator) ->
         rng: Source of the random numbers of the soil.
     """
     if line.drive.lag is not None:
-        return OwnMotor(profile, per_m=1 / line.spacing, lag_s=line.drive.lag)
+        return MotorDrive(profile, per_m=1 / line.spacing, lag_s=line.drive.lag)
     slip, gain = line.ground.slip, line.ground.hill.slip_gain
     spec = SlipSpec(per_grade=gain) if slip is None else SlipSpec(slip.mean, slip.sd, slip.patch, gain)
-    return GroundWheel(
+    return WheelDrive(
         profile, WheelSlip(spec, profile, rng), per_wheel_m=1 / (line.spacing * (1 - line.drive.set_for_slip))
     )
 
@@ -192,9 +192,15 @@ def _fill_cups(line: LineFile, course: Course, *, seed: int, machine: Machine) -
     to_planting = line.arms.cups_to_planting
     before = _STARTING_CUPS / 2 + to_planting + _carried(line)
     cups = math.ceil(course.drive.cycles_at(_end_s(course, [before])))
-    arms = ArmsFeed(machine, seed=seed, cups=cups, frequency_per_min=60 * set_frequency_hz(line))
+    arms = ArmsFeed(
+        machine,
+        seed=seed,
+        cups=cups,
+        frequency_per_min=60 * set_frequency_hz(line),
+        spacing_m=line.spacing * (1 - line.drive.set_for_slip),
+    )
     until_s = _end_s(course, [cycle + _carried(line) for cycle in arms.first_cycles(to_planting)])
-    arms.run(course.drive, until_s=until_s, cups_to_planting=to_planting)
+    arms.run(course.drive, course.profile, until_s=until_s, cups_to_planting=to_planting)
     return arms
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from plant_sim.line.drive import GroundWheel, OwnMotor
+from plant_sim.line.drive import MotorDrive, WheelDrive
 from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
 from plant_sim.line.planting import ChainPlanter
 from plant_sim.planter.falls import default_table
@@ -26,11 +26,11 @@ def ground_of(*stretches: Stretch, length_m: float = 100.0) -> SpeedProfile:
     return SpeedProfile(stretches, acceleration_m_s2=0.3, length_m=length_m)
 
 
-def wheel(ground: SpeedProfile, slip: SlipSpec, per_wheel_m: float, seed: int = 1) -> GroundWheel:
-    return GroundWheel(ground, WheelSlip(slip, ground, np.random.default_rng(seed)), per_wheel_m=per_wheel_m)
+def wheel(ground: SpeedProfile, slip: SlipSpec, per_wheel_m: float, seed: int = 1) -> WheelDrive:
+    return WheelDrive(ground, WheelSlip(slip, ground, np.random.default_rng(seed)), per_wheel_m=per_wheel_m)
 
 
-def events_m(drive: GroundWheel | OwnMotor, ground: SpeedProfile) -> np.ndarray:
+def events_m(drive: WheelDrive | MotorDrive, ground: SpeedProfile) -> np.ndarray:
     """Return the travel at every complete cycle, m."""
     return ground.travel_at(drive.time_at(np.arange(int(drive.end_cycles) + 1)))
 
@@ -63,7 +63,7 @@ def test_a_ground_wheel_keeps_the_spacing_through_every_change_of_speed() -> Non
 def test_the_motor_drive_agrees_with_numerical_integration(lag_s: float) -> None:
     """The differential equation of the lag, integrated from knot to knot, gives the same cycles."""
     ground = ground_of(*VARIED, length_m=60.0)
-    drive = OwnMotor(ground, per_m=2.5, lag_s=lag_s)
+    drive = MotorDrive(ground, per_m=2.5, lag_s=lag_s)
 
     def slopes(time_s: float, state: np.ndarray) -> list[float]:
         return [state[1], (2.5 * float(ground.speed_at(time_s)) - state[1]) / lag_s]
@@ -80,21 +80,21 @@ def test_the_motor_drive_agrees_with_numerical_integration(lag_s: float) -> None
 def test_the_motor_lags_behind_a_ramp_by_its_time_constant() -> None:
     """On a long ramp of 0.01 m/s2, the rate is that of the speed one lag earlier, and lambda is lower."""
     ground = ground_of(Stretch(0.2, for_s=20.0), Stretch(1.2, for_s=100.0, is_ramp=True), length_m=50.0)
-    drive = OwnMotor(ground, per_m=2.5, lag_s=0.8)
+    drive = MotorDrive(ground, per_m=2.5, lag_s=0.8)
     assert drive.rate_at(90.0) == pytest.approx(2.5 * ground.speed_at(89.2), rel=1e-9)
     assert drive.per_m_at(90.0) < 2.5
 
 
 def test_the_motor_keeps_the_spacing_at_constant_speed_despite_slip() -> None:
     ground = ground_of(Stretch(0.44, for_m=100.0))
-    drive = OwnMotor(ground, per_m=1.2 / PITCH_M, lag_s=0.5)
+    drive = MotorDrive(ground, per_m=1.2 / PITCH_M, lag_s=0.5)
     assert np.diff(events_m(drive, ground))[30:] == pytest.approx(PITCH_M / 1.2, rel=1e-9)
 
 
 def test_the_motor_runs_on_when_the_tractor_stops() -> None:
     """After the stop, the motor still turns by the product of its rate and its lag, and lambda is infinite."""
     ground = ground_of(Stretch(0.5, for_m=20.0), Stretch(0.0, for_s=30.0), length_m=20.0)
-    drive = OwnMotor(ground, per_m=2.5, lag_s=0.5)
+    drive = MotorDrive(ground, per_m=2.5, lag_s=0.5)
     stop_s = ground.time_s[-2]
     rest = float(drive.rate_at(stop_s)) * 0.5
     assert rest > 0.1
@@ -107,7 +107,7 @@ def test_the_motor_runs_on_when_the_tractor_stops() -> None:
 def test_the_inverse_of_a_drive_returns_its_cycles(each: list[Stretch], lag_s: float, is_motor: bool) -> None:
     ground = ground_of(*each, length_m=40.0)
     slip = SlipSpec(0.1, 0.05, 0.7)
-    drive = OwnMotor(ground, per_m=2.5, lag_s=lag_s) if is_motor else wheel(ground, slip, 2.5)
+    drive = MotorDrive(ground, per_m=2.5, lag_s=lag_s) if is_motor else wheel(ground, slip, 2.5)
     cycles = np.linspace(0.0, drive.end_cycles * (1 - 1e-12), 499)
     time_s = drive.time_at(cycles)
     assert np.all(np.diff(time_s) >= 0)

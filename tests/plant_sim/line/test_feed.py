@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_sim.crop.seedling import CELLS_ALONG
-from plant_sim.line.drive import GroundWheel, OwnMotor
+from plant_sim.line.drive import MotorDrive, WheelDrive
 from plant_sim.line.errors import LineError
 from plant_sim.line.feed import ArmsFeed, blocks
 from plant_sim.line.file import ConveyorEntry
@@ -69,14 +69,14 @@ def ground() -> SpeedProfile:
 
 
 @pytest.fixture(scope="module")
-def fed_arms() -> tuple[ArmsFeed, OwnMotor]:
-    drive = OwnMotor(ground(), per_m=2.5, lag_s=0.5)
-    arms = ArmsFeed(load_machine(), seed=4, cups=150, frequency_per_min=45.0)
-    arms.run(drive, until_s=160.0, cups_to_planting=6)
+def fed_arms() -> tuple[ArmsFeed, MotorDrive]:
+    drive = MotorDrive(ground(), per_m=2.5, lag_s=0.5)
+    arms = ArmsFeed(load_machine(), seed=4, cups=150, frequency_per_min=45.0, spacing_m=0.4)
+    arms.run(drive, ground(), until_s=160.0, cups_to_planting=6)
     return arms, drive
 
 
-def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, OwnMotor]) -> None:
+def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
     """A cup is at the planting position six cups after the last claw; the chain has then reached its place."""
     arms, drive = fed_arms
     pitch_m = 0.060
@@ -87,7 +87,7 @@ def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, Own
         assert (first + planted + 11.5 + 6) * pitch_m == pytest.approx(arm.cups.chain_m, abs=1e-6)
 
 
-def test_every_cup_and_seedling_of_the_arms_is_accounted_for(fed_arms: tuple[ArmsFeed, OwnMotor]) -> None:
+def test_every_cup_and_seedling_of_the_arms_is_accounted_for(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
     arms, _ = fed_arms
     counts = arms.twin.plant.counts()
     assert counts.in_tray + counts.in_claw + counts.in_cups + counts.P + counts.D + counts.T == counts.total
@@ -103,8 +103,8 @@ def test_the_causes_are_those_of_the_lost_seedlings() -> None:
     stretches = [Stretch(0.3, for_m=100.0)]
     profile = SpeedProfile(stretches, acceleration_m_s2=0.3, length_m=100.0)
     wheel = WheelSlip(SlipSpec(), profile, np.random.default_rng(1))
-    arms = ArmsFeed(load_machine(), seed=2, cups=250, frequency_per_min=45.0)
-    arms.run(GroundWheel(profile, wheel, per_wheel_m=2.5), until_s=300.0, cups_to_planting=0)
+    arms = ArmsFeed(load_machine(), seed=2, cups=250, frequency_per_min=45.0, spacing_m=0.4)
+    arms.run(WheelDrive(profile, wheel, per_wheel_m=2.5), profile, until_s=300.0, cups_to_planting=0)
     counts = arms.twin.plant.counts()
     causes = np.bincount(np.concatenate([row.cause for row in arms.rows]), minlength=len(Missing))
     assert causes[Missing.MISSED_CUP] == 0
@@ -113,20 +113,31 @@ def test_the_causes_are_those_of_the_lost_seedlings() -> None:
     assert sum(causes[1:]) > 10
 
 
+def test_the_tractor_of_the_plant_moves_as_the_profile_does() -> None:
+    """The ground-speed sensor of the plant sees the travel of the tractor despite the slip of the drive wheel."""
+    profile = ground()
+    slip = WheelSlip(SlipSpec(0.08, 0.03, 1.0), profile, np.random.default_rng(1))
+    arms = ArmsFeed(load_machine(), seed=2, cups=150, frequency_per_min=45.0, spacing_m=0.38)
+    before_m = arms.twin.plant.ground.travel_m
+    arms.run(WheelDrive(profile, slip, per_wheel_m=1 / 0.38), profile, until_s=100.0, cups_to_planting=0)
+    travel_m = arms.twin.plant.ground.travel_m - before_m
+    assert travel_m == pytest.approx(float(profile.travel_at(100.0)), rel=1e-3)
+
+
 def test_a_machine_that_cannot_keep_up_misses_cups() -> None:
     """At 120 plants per minute the arms cannot serve every cup; the others are missed, not lost."""
     profile = SpeedProfile([Stretch(0.8, for_m=100.0)], acceleration_m_s2=0.3, length_m=100.0)
     wheel = WheelSlip(SlipSpec(), profile, np.random.default_rng(1))
-    arms = ArmsFeed(load_machine(), seed=2, cups=250, frequency_per_min=120.0)
-    arms.run(GroundWheel(profile, wheel, per_wheel_m=2.5), until_s=60.0, cups_to_planting=0)
+    arms = ArmsFeed(load_machine(), seed=2, cups=250, frequency_per_min=120.0, spacing_m=0.4)
+    arms.run(WheelDrive(profile, wheel, per_wheel_m=2.5), profile, until_s=60.0, cups_to_planting=0)
     for row in arms.rows:
         assert np.count_nonzero(row.cause == Missing.MISSED_CUP) > 0.2 * len(row.cause)
 
 
-def test_the_same_seed_fills_the_same_cups(fed_arms: tuple[ArmsFeed, OwnMotor]) -> None:
+def test_the_same_seed_fills_the_same_cups(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
     arms, drive = fed_arms
-    again = ArmsFeed(load_machine(), seed=4, cups=150, frequency_per_min=45.0)
-    again.run(drive, until_s=160.0, cups_to_planting=6)
+    again = ArmsFeed(load_machine(), seed=4, cups=150, frequency_per_min=45.0, spacing_m=0.4)
+    again.run(drive, ground(), until_s=160.0, cups_to_planting=6)
     for row, same in zip(arms.rows, again.rows, strict=True):
         assert row.first_cycle == same.first_cycle
         assert row.cause.tolist() == same.cause.tolist()
@@ -134,4 +145,4 @@ def test_the_same_seed_fills_the_same_cups(fed_arms: tuple[ArmsFeed, OwnMotor]) 
 
 def test_too_many_trays_are_rejected() -> None:
     with pytest.raises(LineError, match="requires 1002 trays, more than 1000; reduce it"):
-        ArmsFeed(load_machine(), seed=1, cups=36_000, frequency_per_min=45.0)
+        ArmsFeed(load_machine(), seed=1, cups=36_000, frequency_per_min=45.0, spacing_m=0.4)

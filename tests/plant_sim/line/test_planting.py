@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant_sim.line.drive import GroundWheel, OwnMotor
+from plant_sim.line.drive import MotorDrive, WheelDrive
 from plant_sim.line.file import ChuteEntry, NozzleEntry
 from plant_sim.line.ground import SlipSpec, SpeedProfile, Stretch, WheelSlip
 from plant_sim.line.injury import CabbageInjury
@@ -39,7 +39,7 @@ FREQUENCY_HZ = SPEED_M_S / SPACING_M
 def course(speed_m_s: float = SPEED_M_S, metres: float = 50.0) -> Course:
     ground = SpeedProfile([Stretch(speed_m_s, for_m=100.0)], acceleration_m_s2=0.3, length_m=metres + 40.0)
     wheel = WheelSlip(SlipSpec(), ground, np.random.default_rng(1))
-    return Course(ground, GroundWheel(ground, wheel, per_wheel_m=1 / SPACING_M), metres)
+    return Course(ground, WheelDrive(ground, wheel, per_wheel_m=1 / SPACING_M), metres)
 
 
 def full(cups: int, first_cycle: float = 10.0) -> FedRow:
@@ -121,7 +121,7 @@ def chain_course(ratio: float, speed_m_s: float = 0.44, metres: float = 50.0) ->
     """Return a course at a constant lambda."""
     ground = SpeedProfile([Stretch(speed_m_s, for_m=100.0)], acceleration_m_s2=0.3, length_m=metres + 40.0)
     wheel = WheelSlip(SlipSpec(), ground, np.random.default_rng(1))
-    return Course(ground, GroundWheel(ground, wheel, per_wheel_m=ratio / planter().pitch_m), metres)
+    return Course(ground, WheelDrive(ground, wheel, per_wheel_m=ratio / planter().pitch_m), metres)
 
 
 @pytest.mark.parametrize("ratio", [0.87, 1.0, 1.17, 1.3])
@@ -293,7 +293,7 @@ def test_no_seedling_is_lost_without_count(
     rng = np.random.default_rng(seed)
     ground = SpeedProfile(each, acceleration_m_s2=0.3, length_m=40.0)
     slip = WheelSlip(SlipSpec(0.1, 0.05, 0.7), ground, rng)
-    drive = OwnMotor(ground, per_m=2.5, lag_s=0.4) if is_motor else GroundWheel(ground, slip, per_wheel_m=2.5)
+    drive = MotorDrive(ground, per_m=2.5, lag_s=0.4) if is_motor else WheelDrive(ground, slip, per_wheel_m=2.5)
     seedlings = rng.choice([0, 1, 2], size=60, p=[0.2, 0.7, 0.1])
     fed = FedRow(seedlings, np.where(seedlings, Missing.NONE, Missing.P), 4.5)
     entry = chute(transit=f"{transit_s} s", scatter=f"{scatter_s} s", window=f"{window}", phase_error=f"{phase}")
