@@ -220,16 +220,19 @@ def release_delay(tags: Tags) -> list[Rung]:
     The sensors are ahead of the claws by the length of a flag. A cup is therefore under the claw when its flag leaves
     the sensor, at any chain speed, and the previous flag gives the time that this will take. Both rows are driven by
     the same wheel, so the flags of the left row are measured for both. A pulse shorter than the release lead, such as a
-    bounce, and a flag at which the chain stands do not change the delay.
+    bounce, and a flag at which the chain stands do not change the delay. The time of a flag becomes valid when the next
+    one arrives, so that a sensor or a wire that fails during a flag does not shorten the delay.
     """
     machine, sp = tags.machine, tags.sp
     flag = tags.arms["left"].cup_sensor
     measured = all_of(machine.flag_left, ~machine.t_flag.done, ~tags.system.link_lost)
     return [
         Mov(FIRST_RELEASE_DELAY_X10_MS, machine.release_delay, when=FIRST_SCAN),
+        Mov(FIRST_RELEASE_DELAY_X10_MS, machine.flag_time, when=FIRST_SCAN),
+        Mov(machine.flag_time, machine.release_delay, when=flag & ~machine.t_release_lead.done),
         OnDelay(machine.t_release_lead, sp.release_lead, when=flag),
         PulseFalling(machine.flag_left, when=machine.t_release_lead.done),
-        Mov(machine.t_flag.value, machine.release_delay, when=measured),
+        Mov(machine.t_flag.value, machine.flag_time, when=measured),
         OnDelay(machine.t_flag, LONGEST_FLAG_MS, when=machine.t_release_lead.done),
         Mov(sp.release_delay, machine.release_delay, when=sp.release_delay.differs(0)),
     ]

@@ -103,6 +103,7 @@ class MachineTags:
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
         self.release_delay = d.word("release delay x10 ms", "delay from the releasing cup pulse to opening, both arms")
+        self.flag_time = d.word("flag time x10 ms", "time of the last left flag at its sensor less the release lead")
         self.flag_left = m.bit("flag left", "a flag has left the left cup sensor, this scan")
         self.t_release_lead = Timer(235, "release lead", "flag at the left cup sensor, at most for the release lead")
         self.t_flag = Timer(236, "flag", "flag at the left cup sensor for longer than the release lead")

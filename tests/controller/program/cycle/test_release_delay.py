@@ -53,14 +53,29 @@ def test_flags_counted_wrongly_do_not_change_the_delay(kind: str) -> None:
         assert min(abs(off_m), half_m - abs(off_m)) < LANDING_M
 
 
-def test_a_flag_at_which_the_chain_stands_does_not_change_the_delay() -> None:
+def test_a_sensor_that_fails_during_a_flag_does_not_shorten_the_delay() -> None:
     twin = at_work({"trays_target": 1})
     delay = twin.machine.tags.machine.release_delay
+    pulse = arm_of(twin, "left").cups.pulse
+    twin.run_for(5_000)
+    twin.run_until(lambda: not pulse.read(), within_ms=10_000)
+    twin.run_until(pulse.read, within_ms=10_000)
+    before = twin.plc.read(delay)
+    twin.run_for(400)
+    pulse.stuck = False
+    twin.run_for(1_000)
+    assert twin.plc.read(twin.machine.tags.machine.flag_time) < before - 5, "the flag was cut short"
+    assert twin.plc.read(delay) == before
+
+
+def test_a_flag_at_which_the_chain_stands_does_not_change_the_delay() -> None:
+    twin = at_work({"trays_target": 1})
+    flag_time = twin.machine.tags.machine.flag_time
     pulse = arm_of(twin, "left").cups.pulse
     twin.run_until(pulse.read, within_ms=10_000)
     twin.run_until(lambda: not pulse.read(), within_ms=10_000)
     twin.run_for(50)
-    before = twin.plc.read(delay)
+    before = twin.plc.read(flag_time)
     twin.run_until(pulse.read, within_ms=10_000)
     twin.plant.planting_frequency_per_min = 0.0
     twin.run_for(10_000)
@@ -68,7 +83,7 @@ def test_a_flag_at_which_the_chain_stands_does_not_change_the_delay() -> None:
     twin.plant.planting_frequency_per_min = 45.0
     twin.run_until(lambda: not pulse.read(), within_ms=10_000)
     twin.run_for(100)
-    assert twin.plc.read(delay) == before
+    assert twin.plc.read(flag_time) == before
     to_complete(twin)
 
 
