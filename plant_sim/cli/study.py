@@ -68,7 +68,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--trials", type=int, metavar="N", help="trials per design point; random blocks per point with planter-..."
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
-    parser.add_argument("--seedlings", type=int, metavar="N", help="seedlings per trial (default: 144)")
+    parser.add_argument(
+        "--seedlings", type=int, metavar="N", help="seedlings per trial (default: 144; planter-lodging: 120)"
+    )
     parser.add_argument("--spacing", metavar="LENGTH", help="with throughput: plant spacing in a row, e.g. 35cm")
     parser.add_argument(
         "--frequencies",

@@ -49,6 +49,9 @@ RUN_ELSEWHERE: Final = re.compile(r"scripts/test\b|\.venv/bin/python -m controll
 scenario guide, and test_prove.py runs the complete proof."""
 SLOW: Final = {
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim study planter-lodging --out var/planter-lodging",
+    ".venv/bin/python -m plant_sim study planter-release --out var/planter-release",
+    ".venv/bin/python -m plant_sim study planter-verdicts --out var/planter-verdicts",
     ".venv/bin/python -m plant_sim study throughput --json",
     "scripts/bench",
     "scripts/run --real-time",
