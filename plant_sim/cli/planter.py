@@ -168,10 +168,10 @@ def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None
 def _draw_process(report: MotionReport, planter: Planter, path: Path, title: str) -> None:
     """Draw the simulated fall of a block onto rigid ground."""
     from plant_sim.common.figure_style import save_as  # noqa: PLC0415
-    from plant_sim.planter.contact import Frame, drop  # noqa: PLC0415
+    from plant_sim.planter.contact import FallFrame, drop  # noqa: PLC0415
     from plant_sim.planter.drawing.process import process_figure, write_process  # noqa: PLC0415
 
-    frames: list[Frame] = []
+    frames: list[FallFrame] = []
     drop(planter, planter.rigid_ground, report.motion, opener_deg=report.release_deg, frames=frames)
     if path.suffix == ".gif":
         write_process(frames, planter, path, title=title)

@@ -9,7 +9,7 @@ from plant_sim.devices.sensor import Sensor
 
 
 @dataclass(frozen=True, slots=True)
-class GroundSpec:
+class GroundWheelSpec:
     """Drive from the ground and the sensor of the ground speed.
 
     Attributes:
@@ -39,7 +39,7 @@ class GroundWheel:
         slip: Slip of the drive wheel as a fraction of the travel, 0 or more and below 1; may be set at any time.
     """
 
-    def __init__(self, spec: GroundSpec) -> None:
+    def __init__(self, spec: GroundWheelSpec) -> None:
         """Initialise the tractor at the start of a pulse distance."""
         self._spec = spec
         self._plants = 0.0

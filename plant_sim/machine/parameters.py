@@ -15,7 +15,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS
 from plant_sim.devices.claws import ClawsSpec
 from plant_sim.devices.conveyor import ConveyorSpec
 from plant_sim.devices.cups import CupsSpec
-from plant_sim.devices.ground_wheel import GroundSpec
+from plant_sim.devices.ground_wheel import GroundWheelSpec
 from plant_sim.devices.lift import LiftSpec
 from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, Pneumatics, PortSpec, ValveSpec
 from plant_sim.devices.sensor import ContactSpec
@@ -85,7 +85,7 @@ class Machine:
     spreader: SpreaderSpec
     conveyor: ConveyorSpec
     cups: CupsSpec
-    ground: GroundSpec
+    ground: GroundWheelSpec
     crop: CropSpec
     seedling: SeedlingSpec
     handling: HandlingSpec

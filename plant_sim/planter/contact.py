@@ -44,7 +44,7 @@ _LYING_RAD: Final = math.radians(80.0)
 _REST_MM_S, _REST_RAD_S, _REST_STEPS = 3.0, 0.1, 80
 
 
-class Frame(NamedTuple):
+class FallFrame(NamedTuple):
     """Positions at one time, relative to the hinge at its lowest point on the bottom of the furrow.
 
     Attributes:
@@ -96,7 +96,7 @@ def drop(
     opener_deg: float,
     behind_m: float = 0.0,
     step_s: float = STEP_S,
-    frames: list[Frame] | None = None,
+    frames: list[FallFrame] | None = None,
 ) -> Fall:
     """Simulate one block from the start of the opening until it is at rest.
 
@@ -147,7 +147,7 @@ class _Drop:
         self._space.on_collision(_GROUND, _BLOCK, post_solve=self._on_ground)
         self._space.on_collision(_GUIDE, _BLOCK, post_solve=self._on_guide)
 
-    def run(self, frames: list[Frame] | None) -> Fall:
+    def run(self, frames: list[FallFrame] | None) -> Fall:
         """Simulate until the block is at rest, lies or the longest time has passed."""
         block, guide, step_s = self._block, self._guide, self._step_s
         path: list[tuple[float, float]] = [(x, y) for x, y in self._path.tolist()]
@@ -227,11 +227,11 @@ class _Drop:
         x, y = self._block.local_to_world((0.0, -_MM * self._planter.block.centre_m))
         return float(x), float(y)
 
-    def _frame(self, index: int) -> Frame:
+    def _frame(self, index: int) -> FallFrame:
         hinge_x, hinge_y = self._path[index] / _MM
         x_mm, y_mm = self._base_mm()
         time_s = index * self._step_s - self._lowest_s
-        return Frame(time_s, float(hinge_x), float(hinge_y), x_mm / _MM, y_mm / _MM, -self._block.angle)
+        return FallFrame(time_s, float(hinge_x), float(hinge_y), x_mm / _MM, y_mm / _MM, -self._block.angle)
 
     def _fall(self, rested: bool) -> Fall:
         block, motion = self._block, self._motion

@@ -12,7 +12,7 @@ from plant_sim.planter.motion import Motion, MotionModel
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.quality import Share, injury_share, lodging_share
 from plant_sim.planter.scatter import Ground
-from plant_sim.planter.verdict import LODGED_DEG, Verdict, verdict_of
+from plant_sim.planter.verdict import LODGED_DEG, FallVerdict, verdict_of
 
 _KM_H = 3.6
 _SIMILAR_PER_MIN: Final = 2.0
@@ -85,7 +85,7 @@ class FallReport:
             "shares_inside_table": is_inside,
         }
 
-    def _shares(self, ground: Ground) -> tuple[dict[Verdict, float] | None, bool]:
+    def _shares(self, ground: Ground) -> tuple[dict[FallVerdict, float] | None, bool]:
         """Return the shares of the verdicts by the table of falls, and whether the table covers the motion."""
         if ground not in self.tables:
             return None, False

@@ -22,7 +22,7 @@ from controller.common.cache_folder import user_cache_folder
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter, load_planter, load_ranges
 from plant_sim.planter.scatter import Ground, Ranges, draw
-from plant_sim.planter.verdict import Stand, Verdict, stand_of, verdicts_of
+from plant_sim.planter.verdict import FallVerdict, Stand, stand_of, verdicts_of
 
 RATIOS: Final = (0.70, 0.80, 0.85, 0.90, 0.95, 1.00, 1.05, 1.10, 1.17, 1.30, 1.45, 1.60, 1.80)
 """Grid of the ratio lambda."""
@@ -139,12 +139,12 @@ class FallTable:
         shares: NDArray[np.float64] = (stand_of(self.cells[..., 2]) == stand).mean(axis=-1)
         return shares
 
-    def verdict_share(self, verdict: Verdict) -> NDArray[np.float64]:
+    def verdict_share(self, verdict: FallVerdict) -> NDArray[np.float64]:
         """Return the share of the simulated blocks with a verdict, of shape (ratios, openers)."""
         shares: NDArray[np.float64] = (verdicts_of(self.cells[..., 2], self.cells[..., 4]) == verdict).mean(axis=-1)
         return shares
 
-    def verdict_shares_at(self, ratio: float, opener_deg: float) -> tuple[dict[Verdict, float], bool]:
+    def verdict_shares_at(self, ratio: float, opener_deg: float) -> tuple[dict[FallVerdict, float], bool]:
         """Return the shares of the verdicts at a point, interpolated linearly, and whether it is inside the grid.
 
         Outside the grid, the nearest point on its edge applies. Blocks that stick to a plate are not included.
@@ -155,7 +155,7 @@ class FallTable:
         """
         axes = np.array(self.grid.ratios), np.array(self.grid.openers_deg)
         at = tuple(np.clip(value, axis[0], axis[-1]) for value, axis in zip((ratio, opener_deg), axes, strict=True))
-        shares = {each: float(RegularGridInterpolator(axes, self.verdict_share(each))(at)) for each in Verdict}
+        shares = {each: float(RegularGridInterpolator(axes, self.verdict_share(each))(at)) for each in FallVerdict}
         return shares, at == (ratio, opener_deg)
 
 

@@ -27,7 +27,7 @@ class Stand(IntEnum):
     LODGED = 2
 
 
-class Verdict(StrEnum):
+class FallVerdict(StrEnum):
     """Words for one fall, after the paper's three simulated cases."""
 
     CLEAN = "clean and upright"
@@ -52,18 +52,18 @@ def stand_of(tilt_deg: NDArray[np.float64]) -> NDArray[np.int8]:
     )
 
 
-def verdict_of(tilt_deg: float, pushed_m: float) -> Verdict:
+def verdict_of(tilt_deg: float, pushed_m: float) -> FallVerdict:
     """Return the verdict on one fall.
 
     Args:
         tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
         pushed_m: Displacement by the guide plate from the first contact with the ground until rest, m.
     """
-    return Verdict(str(verdicts_of(np.array(tilt_deg), np.array(pushed_m))))
+    return FallVerdict(str(verdicts_of(np.array(tilt_deg), np.array(pushed_m))))
 
 
 def verdicts_of(tilt_deg: NDArray[np.float64], pushed_m: NDArray[np.float64]) -> NDArray[np.str_]:
-    """Return the value of the `Verdict` on each fall.
+    """Return the value of the `FallVerdict` on each fall.
 
     Args:
         tilt_deg: Angles of the stem from the vertical at rest, forward positive, degrees.
@@ -74,6 +74,6 @@ def verdicts_of(tilt_deg: NDArray[np.float64], pushed_m: NDArray[np.float64]) ->
     """
     stand = stand_of(tilt_deg)
     cases = [(stand == Stand.LODGED) & (tilt_deg > 0.0), stand == Stand.LODGED, stand == Stand.TILTED]
-    verdicts = [Verdict.FORWARD, Verdict.BACKWARD, Verdict.TILTED]
-    upright = np.where(np.abs(pushed_m) > PUSHED_M, Verdict.PUSHED.value, Verdict.CLEAN.value)
+    verdicts = [FallVerdict.FORWARD, FallVerdict.BACKWARD, FallVerdict.TILTED]
+    upright = np.where(np.abs(pushed_m) > PUSHED_M, FallVerdict.PUSHED.value, FallVerdict.CLEAN.value)
     return np.select(cases, [np.array(each.value) for each in verdicts], upright)

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from plant_sim.common.figure_style import QUIET, write_whole
-from plant_sim.planter.contact import Frame
+from plant_sim.planter.contact import FallFrame
 from plant_sim.planter.drawing.shapes import POINTS, SOIL, note_origin
 from plant_sim.planter.parameters import Planter
 
@@ -33,7 +33,7 @@ _LEFT_M: Final = 0.10
 _DPI = 80
 
 
-def process_figure(frames: Sequence[Frame], planter: Planter, *, title: str) -> Figure:
+def process_figure(frames: Sequence[FallFrame], planter: Planter, *, title: str) -> Figure:
     """Return six stages of a fall, from the opener until the block is at rest.
 
     Args:
@@ -54,7 +54,7 @@ def process_figure(frames: Sequence[Frame], planter: Planter, *, title: str) -> 
     return figure
 
 
-def write_process(frames: Sequence[Frame], planter: Planter, path: Path, *, title: str) -> None:
+def write_process(frames: Sequence[FallFrame], planter: Planter, path: Path, *, title: str) -> None:
     """Write an animated GIF of a fall; equal frames give identical bytes.
 
     Args:
@@ -98,7 +98,7 @@ class _Drawing:
             axes.add_patch(artist)
         axes.add_line(self._guide)
 
-    def show(self, frame: Frame) -> list[Artist]:
+    def show(self, frame: FallFrame) -> list[Artist]:
         """Move everything to its place in a frame."""
         chain, block = self._planter.chain, self._planter.block
         half_m, stem_m = block.edge_m / 2, block.stem_diameter_m / 2
@@ -119,13 +119,13 @@ class _Drawing:
 _TRACE: Final = {"color": QUIET, "linewidth": 0.6, "linestyle": (0, (1, 2)), "zorder": 1}
 
 
-def _turned(frame: Frame, corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+def _turned(frame: FallFrame, corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return points of the block, given from the middle of its base, in the frame's place and tilt."""
     cos, sin = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
     return [(frame.block_x_m + x * cos + y * sin, frame.block_y_m - x * sin + y * cos) for x, y in corners]
 
 
-def _stages(frames: Sequence[Frame]) -> list[int]:
+def _stages(frames: Sequence[FallFrame]) -> list[int]:
     """Return the indices of the stages shown, at equal intervals until the guide plate has left the block."""
     last = next(
         (i for i, frame in enumerate(frames) if frame.hinge_y_m > _LEFT_M and frame.time_s > 0), len(frames) - 1
@@ -134,5 +134,5 @@ def _stages(frames: Sequence[Frame]) -> list[int]:
     return [*stages, len(frames) - 1]
 
 
-def _degrees(frame: Frame) -> str:
+def _degrees(frame: FallFrame) -> str:
     return f"{abs(round(math.degrees(frame.tilt_rad)))}°"

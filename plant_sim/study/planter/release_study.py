@@ -16,7 +16,7 @@ from plant_sim.planter.falls import BLOCKS, FREQUENCY_PER_MIN, FallTable, motion
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.ratio import zero_speed_points
 from plant_sim.planter.scatter import Ground, Ranges
-from plant_sim.planter.verdict import PUSHED_M, Verdict
+from plant_sim.planter.verdict import PUSHED_M, FallVerdict
 from plant_sim.study.planter.bench_fit import Values, rms
 from plant_sim.study.planter.verdicts import FallPoint, VerdictCount, count_verdicts
 from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
@@ -32,7 +32,7 @@ SAMPLES: Final = 12
 """Random points of the map at each ground that are compared with full contact."""
 
 _NAMES: Final[Mapping[Ground, str]] = {Ground.RIGID: "rigid ground", Ground.SOIL: "bench soil"}
-_LODGED: Final = (Verdict.FORWARD, Verdict.BACKWARD)
+_LODGED: Final = (FallVerdict.FORWARD, FallVerdict.BACKWARD)
 _LOWEST_DEG = 90.0
 
 
@@ -61,7 +61,7 @@ class ReleaseMap:
     def expected(self, count: VerdictCount) -> tuple[float, float]:
         """Return the shares of clean and of lodged falls at a sample by the table."""
         shares, _ = self.table.verdict_shares_at(count.point.ratio, count.point.opener_deg)
-        return shares[Verdict.CLEAN], sum(shares[verdict] for verdict in _LODGED)
+        return shares[FallVerdict.CLEAN], sum(shares[verdict] for verdict in _LODGED)
 
     def windows_deg(self, row: int) -> list[tuple[float, float]]:
         """Return the first and last opener of every uninterrupted range of good grid points at a ratio, degrees."""
@@ -122,7 +122,7 @@ def _map(table: FallTable, samples: tuple[VerdictCount, ...]) -> ReleaseMap:
     ratios = np.array(table.grid.ratios)
     inside = (ratios >= LOWEST_RATIO) & (ratios <= HIGHEST_RATIO)
     lodged = sum(table.verdict_share(verdict)[inside] for verdict in _LODGED)
-    clean = table.verdict_share(Verdict.CLEAN)[inside]
+    clean = table.verdict_share(FallVerdict.CLEAN)[inside]
     openers_deg = np.array(table.grid.openers_deg)
     return ReleaseMap(table.kind, ratios[inside], openers_deg, clean, np.asarray(lodged), samples, table)
 
@@ -210,7 +210,9 @@ def _sample_parts(maps: list[ReleaseMap], draws: int) -> list[Part]:
     rows: list[tuple[Cell, ...]] = []
     sentences = []
     for each in maps:
-        pairs = [(*each.expected(count), count.share(Verdict.CLEAN), count.share(*_LODGED)) for count in each.samples]
+        pairs = [
+            (*each.expected(count), count.share(FallVerdict.CLEAN), count.share(*_LODGED)) for count in each.samples
+        ]
         rows += [
             (
                 _NAMES[each.kind],
@@ -295,7 +297,7 @@ def _record(each: ReleaseMap) -> dict[str, object]:
                 "ratio": count.point.ratio,
                 "opener_deg": count.point.opener_deg,
                 "expected": each.expected(count),
-                "clean": count.share(Verdict.CLEAN),
+                "clean": count.share(FallVerdict.CLEAN),
                 "lodged": count.share(*_LODGED),
             }
             for count in each.samples

@@ -15,7 +15,7 @@ from plant_sim.planter.contact import drop
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.scatter import Ranges
-from plant_sim.planter.verdict import PUSHED_M, Verdict
+from plant_sim.planter.verdict import PUSHED_M, FallVerdict
 from plant_sim.study.doe.design import to_natural
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment
 from plant_sim.study.planter.verdicts import FREQUENCY_PER_MIN, FallPoint, VerdictCount, count_verdicts, crossings
@@ -43,12 +43,12 @@ class SimulatedCase(NamedTuple):
     Attributes:
         speed_km_h: Machine speed, km/h.
         printed: Ratio as printed.
-        verdict: Verdict of the paper.
+        verdict: FallVerdict of the paper.
     """
 
     speed_km_h: float
     printed: float
-    verdict: Verdict
+    verdict: FallVerdict
 
     def motion(self, planter: Planter) -> Motion:
         """Return the motion of the case."""
@@ -56,9 +56,9 @@ class SimulatedCase(NamedTuple):
 
 
 CASES: Final = (
-    SimulatedCase(1.9, 0.87, Verdict.FORWARD),
-    SimulatedCase(1.65, 1.0, Verdict.PUSHED),
-    SimulatedCase(1.4, 1.17, Verdict.CLEAN),
+    SimulatedCase(1.9, 0.87, FallVerdict.FORWARD),
+    SimulatedCase(1.65, 1.0, FallVerdict.PUSHED),
+    SimulatedCase(1.4, 1.17, FallVerdict.CLEAN),
 )
 
 
@@ -84,8 +84,8 @@ class VerdictSweep:
         points = sorted((*self.cases, *self.sweep), key=lambda each: each.point.ratio)
         ratios = [each.point.ratio for each in points]
         return {
-            "tipped to pushed": crossings(ratios, np.array([each.share(Verdict.FORWARD) for each in points])),
-            "pushed to clean": crossings(ratios, np.array([each.share(Verdict.CLEAN) for each in points])),
+            "tipped to pushed": crossings(ratios, np.array([each.share(FallVerdict.FORWARD) for each in points])),
+            "pushed to clean": crossings(ratios, np.array([each.share(FallVerdict.CLEAN) for each in points])),
         }
 
 
@@ -166,7 +166,7 @@ def _case_parts(result: VerdictSweep) -> list[Part]:
 
 def _sweep_parts(result: VerdictSweep, draws: int) -> list[Part]:
     rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (f"{count.point.ratio:.2f}", *(100 * count.share(verdict) for verdict in Verdict)) for count in result.sweep
+        (f"{count.point.ratio:.2f}", *(100 * count.share(verdict) for verdict in FallVerdict)) for count in result.sweep
     )
     switches = result.switches()
     texts = [f"{name} at λ = {', '.join(f'{at:.3f}' for at in found) or '-'}" for name, found in switches.items()]
@@ -174,7 +174,9 @@ def _sweep_parts(result: VerdictSweep, draws: int) -> list[Part]:
         Heading("Sweep"),
         f"{draws} random falls at each ratio. The share crosses 50 %, by linear interpolation, from "
         f"{'; from '.join(texts)}.",
-        Table("sweep", "Shares of the verdicts over λ, %", ("λ", *(each.value for each in Verdict)), rows, digits=1),
+        Table(
+            "sweep", "Shares of the verdicts over λ, %", ("λ", *(each.value for each in FallVerdict)), rows, digits=1
+        ),
         Picture(
             "verdicts", "Shares of the verdicts over λ; dashed: switches; triangles: the paper's cases", _chart(result)
         ),
@@ -193,7 +195,7 @@ def _check_parts(result: VerdictSweep) -> list[Part]:
     verdicts = {count.point.ratio: case.verdict for case, count in zip(CASES, result.cases, strict=True)}
     missed = [count for count in early if count.share(verdicts[count.point.ratio]) < REQUIRED]
     late = [count for count in result.check if count.point.opener_deg >= _LATE_DEG]
-    clean = float(np.mean([count.share(Verdict.CLEAN) for count in late]))
+    clean = float(np.mean([count.share(FallVerdict.CLEAN) for count in late]))
     places = "; ".join(
         f"λ {each.point.ratio:.4f}, gap "
         f"{_gap_mm(result.planter, dict(each.point.values)['chain.guide_behind_m']):.1f} mm, {each.point.opener_deg:g}°"
@@ -246,7 +248,7 @@ def _chart(result: VerdictSweep) -> Figure:
     with drawing():
         figure = Figure(figsize=(7.0, 3.4), layout="constrained")
         axes = figure.add_subplot()
-        for verdict, colour in zip(Verdict, SERIES, strict=False):
+        for verdict, colour in zip(FallVerdict, SERIES, strict=False):
             shares = [100 * each.share(verdict) for each in points]
             axes.plot(ratios, shares, "o-", color=colour, markersize=3, label=verdict.value)
         for at in itertools.chain.from_iterable(result.switches().values()):
@@ -274,7 +276,7 @@ def _record(result: VerdictSweep) -> dict[str, object]:
                     "opener_deg": count.point.opener_deg,
                     **dict(count.point.values),
                     "draws": count.point.draws,
-                    "verdicts": {verdict.value: count.counts[verdict] for verdict in Verdict},
+                    "verdicts": {verdict.value: count.counts[verdict] for verdict in FallVerdict},
                 }
                 for count in counts
             ]

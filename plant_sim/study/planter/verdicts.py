@@ -14,7 +14,7 @@ import numpy as np
 from plant_sim.planter.falls import motion_at
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.scatter import Ground, Ranges, draw
-from plant_sim.planter.verdict import Verdict, verdict_of
+from plant_sim.planter.verdict import FallVerdict, verdict_of
 from plant_sim.study.planter.bench_fit import Values
 from plant_sim.study.runner import Progress, spread, trial_seed
 from plant_sim.twin.report import binomial_interval
@@ -55,13 +55,13 @@ class VerdictCount:
     """
 
     point: FallPoint
-    counts: Counter[Verdict]
+    counts: Counter[FallVerdict]
 
-    def share(self, *verdicts: Verdict) -> float:
+    def share(self, *verdicts: FallVerdict) -> float:
         """Return the share of falls with one of the verdicts."""
         return sum(self.counts[each] for each in verdicts) / self.point.draws
 
-    def interval(self, verdict: Verdict) -> tuple[float, float]:
+    def interval(self, verdict: FallVerdict) -> tuple[float, float]:
         """Return the exact 95 % interval of the share of a verdict."""
         return binomial_interval(self.counts[verdict], self.point.draws)
 

@@ -25,7 +25,7 @@ from plant_sim.common.paper_sheet import equation
 from plant_sim.planter.contact import drop
 from plant_sim.planter.motion import Motion, MotionModel
 from plant_sim.planter.parameters import DEFAULT_PLANTER, load_planter
-from plant_sim.planter.verdict import Verdict, verdict_of
+from plant_sim.planter.verdict import FallVerdict, verdict_of
 from plant_sim.study.paper_tables import cabbage_settings
 from tests.paths import DOCS, ROOT
 
@@ -196,10 +196,10 @@ def test_the_printed_model_is_equations_1_to_8_of_the_cabbage_paper(share: float
 
 @pytest.mark.parametrize(
     ("speed_km_h", "verdict", "pushed_mm"),
-    [(1.9, Verdict.FORWARD, 54.1), (1.65, Verdict.PUSHED, 2.2), (1.4, Verdict.CLEAN, 0.0)],
+    [(1.9, FallVerdict.FORWARD, 54.1), (1.65, FallVerdict.PUSHED, 2.2), (1.4, FallVerdict.CLEAN, 0.0)],
 )
 def test_the_falls_of_figures_7_to_9_of_the_cabbage_paper(
-    speed_km_h: float, verdict: Verdict, pushed_mm: float
+    speed_km_h: float, verdict: FallVerdict, pushed_mm: float
 ) -> None:
     planter = load_planter(DEFAULT_PLANTER)
     motion = Motion(planter.chain, speed_m_s=speed_km_h / 3.6, frequency_per_min=56.0, model=MotionModel.RIGID)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from plant_sim.common.limits import SpecError
-from plant_sim.devices.ground_wheel import GroundSpec, GroundWheel
+from plant_sim.devices.ground_wheel import GroundWheel, GroundWheelSpec
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from tests.wiring import wired
 
-SPEC = GroundSpec(plant_spacing_m=0.4, pulse_distance_m=0.05, pulse_share=0.5)
+SPEC = GroundWheelSpec(plant_spacing_m=0.4, pulse_distance_m=0.05, pulse_share=0.5)
 
 
 def test_the_travel_is_the_plant_spacing_per_plant() -> None:
@@ -51,7 +51,7 @@ def test_an_impossible_slip_is_rejected(slip: float) -> None:
 def test_parameters_outside_their_limits_are_rejected(changed: dict[str, float]) -> None:
     values = {"plant_spacing_m": 0.4, "pulse_distance_m": 0.05, "pulse_share": 0.5} | changed
     with pytest.raises(SpecError, match=next(iter(changed))):
-        GroundSpec(**values)
+        GroundWheelSpec(**values)
 
 
 def test_the_plant_drives_the_wheel_at_its_planting_frequency() -> None:

@@ -7,12 +7,12 @@ import math
 import pymunk
 import pytest
 
-from plant_sim.planter.contact import STEP_S, Fall, Frame, add_block, add_floor, add_soil, drop, new_space
+from plant_sim.planter.contact import STEP_S, Fall, FallFrame, add_block, add_floor, add_soil, drop, new_space
 from plant_sim.planter.falls import motion_at
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter, load_planter
 from plant_sim.planter.separation import GRAVITY_M_S2
-from plant_sim.planter.verdict import Verdict, verdict_of
+from plant_sim.planter.verdict import FallVerdict, verdict_of
 
 MM = 1e3
 
@@ -144,7 +144,7 @@ def test_equal_arguments_give_equal_falls(planter: Planter) -> None:
 
 def test_gripped_block_moves_with_the_planter(planter: Planter) -> None:
     """Until the plates let go, the block keeps its place in the planter; afterwards it leaves it."""
-    frames: list[Frame] = []
+    frames: list[FallFrame] = []
     motion = Motion(planter.chain, speed_m_s=1.4 / 3.6, frequency_per_min=56)
     drop(planter, planter.rigid_ground, motion, opener_deg=75.0, frames=frames)
     held = round(planter.grip.free_s / STEP_S) - 1
@@ -157,7 +157,7 @@ def test_flight_relative_to_the_planter_does_not_depend_on_the_ratio(planter: Pl
     """A constant machine speed cannot be felt in free flight; only the ground makes a difference."""
     paths = []
     for speed_km_h in (1.9, 1.4):
-        frames: list[Frame] = []
+        frames: list[FallFrame] = []
         motion = Motion(planter.chain, speed_m_s=speed_km_h / 3.6, frequency_per_min=56)
         drop(planter, planter.rigid_ground, motion, opener_deg=75.0, frames=frames)
         paths.append([(f.block_x_m - f.hinge_x_m, f.block_y_m - f.hinge_y_m) for f in frames if f.block_y_m > 1e-4])
@@ -168,17 +168,17 @@ def test_flight_relative_to_the_planter_does_not_depend_on_the_ratio(planter: Pl
 
 
 @pytest.mark.parametrize(
-    ("speed_km_h", "verdict"), [(1.9, Verdict.FORWARD), (1.65, Verdict.PUSHED), (1.4, Verdict.CLEAN)]
+    ("speed_km_h", "verdict"), [(1.9, FallVerdict.FORWARD), (1.65, FallVerdict.PUSHED), (1.4, FallVerdict.CLEAN)]
 )
 @pytest.mark.parametrize("step_s", [5e-4, 2e-4])
 def test_paper_cases_have_the_paper_verdicts(
-    planter: Planter, speed_km_h: float, verdict: Verdict, step_s: float
+    planter: Planter, speed_km_h: float, verdict: FallVerdict, step_s: float
 ) -> None:
     """One geometry gives the three verdicts of [K] 2.2.2, with steps of 0.5 and 0.2 ms."""
     fall = case(planter, speed_km_h, step_s=step_s)
     assert verdict_of(fall.tilt_deg, fall.pushed_m) is verdict
-    assert (fall.scrape_n_s > 0.0) == (verdict is not Verdict.CLEAN)
-    if verdict is Verdict.PUSHED:
+    assert (fall.scrape_n_s > 0.0) == (verdict is not FallVerdict.CLEAN)
+    if verdict is FallVerdict.PUSHED:
         assert 0.0 < fall.pushed_m < 0.02
 
 

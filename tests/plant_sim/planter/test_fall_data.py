@@ -26,7 +26,7 @@ from plant_sim.planter.falls import (
 from plant_sim.planter.motion import Motion, MotionModel
 from plant_sim.planter.parameters import load_planter, load_ranges
 from plant_sim.planter.scatter import Ground
-from plant_sim.planter.verdict import Verdict, verdict_of, verdicts_of
+from plant_sim.planter.verdict import FallVerdict, verdict_of, verdicts_of
 
 PLANTER, RANGES = load_planter(), load_ranges()
 TOLERANCE = 1e-6
@@ -85,16 +85,16 @@ def test_shares_between_grid_points_are_interpolated_and_outside_marked() -> Non
     cells[RATIOS.index(1.0) :, :, 0, 2] = 80.0
     table = FallTable(PLANTER, Ground.RIGID, cells)
     shares, inside = table.verdict_shares_at(0.96, 75.0)
-    assert (shares[Verdict.FORWARD], shares[Verdict.CLEAN]) == pytest.approx((0.1, 0.9))
+    assert (shares[FallVerdict.FORWARD], shares[FallVerdict.CLEAN]) == pytest.approx((0.1, 0.9))
     assert inside
     shares, inside = table.verdict_shares_at(2.5, 75.0)
-    assert shares[Verdict.FORWARD] == 0.5
+    assert shares[FallVerdict.FORWARD] == 0.5
     assert not inside
 
 
 def test_shares_of_the_verdicts_add_up_to_one() -> None:
     for kind in Ground:
-        total = sum(default_table(kind).verdict_share(verdict) for verdict in Verdict)
+        total = sum(default_table(kind).verdict_share(verdict) for verdict in FallVerdict)
         assert np.asarray(total) == pytest.approx(1.0)
 
 
@@ -105,11 +105,11 @@ def test_verdicts_of_arrays_are_those_of_numbers() -> None:
         verdicts_of(tilts_deg, pushes_m).tolist()
         == one_by_one
         == [
-            Verdict.CLEAN,
-            Verdict.PUSHED,
-            Verdict.TILTED,
-            Verdict.FORWARD,
-            Verdict.BACKWARD,
+            FallVerdict.CLEAN,
+            FallVerdict.PUSHED,
+            FallVerdict.TILTED,
+            FallVerdict.FORWARD,
+            FallVerdict.BACKWARD,
         ]
     )
 

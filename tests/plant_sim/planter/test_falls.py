@@ -9,7 +9,7 @@ import pytest
 from plant_sim.planter.falls import OPENERS_DEG, RATIOS, FallTable, Grid, default_table, fall_table
 from plant_sim.planter.parameters import load_planter, load_ranges
 from plant_sim.planter.scatter import Ground, draw
-from plant_sim.planter.verdict import Stand, Verdict, verdict_of
+from plant_sim.planter.verdict import FallVerdict, Stand, verdict_of
 
 PLANTER, RANGES = load_planter(), load_ranges()
 
@@ -100,12 +100,12 @@ def test_table_of_other_parameters_is_built_once(tmp_path: Path, monkeypatch: py
 @pytest.mark.parametrize(
     ("tilt_deg", "pushed_m", "verdict"),
     [
-        (0.0, 0.0009, Verdict.CLEAN),
-        (29.0, -0.0011, Verdict.PUSHED),
-        (-30.0, 0.0, Verdict.TILTED),
-        (60.0, 0.0, Verdict.FORWARD),
-        (-60.0, 0.0, Verdict.BACKWARD),
+        (0.0, 0.0009, FallVerdict.CLEAN),
+        (29.0, -0.0011, FallVerdict.PUSHED),
+        (-30.0, 0.0, FallVerdict.TILTED),
+        (60.0, 0.0, FallVerdict.FORWARD),
+        (-60.0, 0.0, FallVerdict.BACKWARD),
     ],
 )
-def test_limits_of_the_verdicts(tilt_deg: float, pushed_m: float, verdict: Verdict) -> None:
+def test_limits_of_the_verdicts(tilt_deg: float, pushed_m: float, verdict: FallVerdict) -> None:
     assert verdict_of(tilt_deg, pushed_m) is verdict

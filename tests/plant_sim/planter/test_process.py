@@ -9,12 +9,14 @@ from matplotlib.patches import Polygon
 from PIL import Image, ImageSequence
 
 from plant_sim.common.figure_style import drawing
-from plant_sim.planter.contact import Frame
+from plant_sim.planter.contact import FallFrame
 from plant_sim.planter.drawing.process import process_figure, write_process
 from plant_sim.planter.parameters import load_planter
 
 PLANTER = load_planter()
-TIPPING = [Frame(-0.04 + 0.001 * i, 0.0005 * i, 0.0004 * i, 0.01, 0.0, min(math.pi / 2, 0.005 * i)) for i in range(400)]
+TIPPING = [
+    FallFrame(-0.04 + 0.001 * i, 0.0005 * i, 0.0004 * i, 0.01, 0.0, min(math.pi / 2, 0.005 * i)) for i in range(400)
+]
 """Frames of a block that turns about the middle of its base until it lies."""
 
 

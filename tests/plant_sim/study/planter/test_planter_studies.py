@@ -12,7 +12,7 @@ from plant_sim.planter.falls import OPENERS_DEG, default_table
 from plant_sim.planter.parameters import load_planter, load_ranges
 from plant_sim.planter.quality import lodging_share
 from plant_sim.planter.scatter import Ground
-from plant_sim.planter.verdict import Verdict
+from plant_sim.planter.verdict import FallVerdict
 from plant_sim.study.planter import lodging_study as lodging
 from plant_sim.study.planter import release_study as release
 from plant_sim.study.planter import verdict_study as verdicts
@@ -176,4 +176,4 @@ def test_verdicts_hold_in_at_least_90_percent_of_200_draws() -> None:
     (tipped,), (clean,) = study["switches"].values()
     assert 0.90 < tipped < 0.94
     assert 1.01 < clean < 1.04
-    assert count["verdicts"][Verdict.CLEAN.value] == 200
+    assert count["verdicts"][FallVerdict.CLEAN.value] == 200
