@@ -52,6 +52,9 @@ Panels have separate items where the text refers to each of them: [P] 3.3, [K] F
 LINES: Final = {"controller": CONTROLLER, "plant_sim": PLANT}
 MAIN: Final = {"controller": controller_main, "plant_sim": plant_main}
 SLOW: Final = {
+    "plant_sim study planter-lodging",
+    "plant_sim study planter-release",
+    "plant_sim study planter-verdicts",
     "plant_sim study pepper-rsm",
     "plant_sim study pepper-single",
     "plant_sim study throughput",
