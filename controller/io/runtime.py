@@ -244,9 +244,7 @@ class Runtime:
         if not self._open:
             return
         try:
-            if self.released_words:  # before the outputs, whose complete block advances a plant in lock step
-                self._link.write_registers(self.released_words)
-            self._link.write_outputs(self.released)
+            self._write_all()
         except OSError:
             self._on_link_error(now_ms)
             return
@@ -254,6 +252,18 @@ class Runtime:
             self._watchdog.reset()
             self.link_lost = False
         self._watchdog.feed(now_ms)
+
+    def _write_all(self) -> None:
+        """Write outputs and registers.
+
+        Registers are written first, because the complete block of outputs advances a plant in lock step. Safe values
+        are written after the outputs, so that a device that refuses them does not keep the outputs on.
+        """
+        if self.released_words and self.released_words != self._safe_words:
+            self._link.write_registers(self.released_words)
+        self._link.write_outputs(self.released)
+        if self.released_words and self.released_words == self._safe_words:
+            self._link.write_registers(self.released_words)
 
     def _reopen(self, now_ms: int) -> bool:
         """Try to reopen the link: in every scan before the timeout, then every `REOPEN_MS`."""

@@ -118,6 +118,7 @@ class Strip:
         self.inputs = IO_MAP.safe_inputs()
         self.written: list[str | list[int]] = []
         self.fails = False
+        self.refuses_registers = False
 
     def open(self) -> None:
         self._check()
@@ -132,6 +133,8 @@ class Strip:
 
     def write_registers(self, values: Levels[int]) -> None:
         self._check()
+        if self.refuses_registers:
+            raise OSError("refused")
         self.written.append(list(values))
 
     def close(self) -> None:
@@ -178,7 +181,21 @@ def test_registers_are_written_before_the_outputs() -> None:
     cabinet = Cabinet()
     assert cabinet.tick(0) == [[456], "outputs"]
     assert cabinet.runtime.released_words == [456]
-    assert cabinet.tick(1) == [[SAFE], "outputs"]
+    assert cabinet.tick(1) == ["outputs", [SAFE]]
+
+
+def test_a_device_that_refuses_its_register_does_not_keep_the_outputs_on() -> None:
+    """The first refusal is a link error; from then on, the safe outputs are written although the register is not."""
+    cabinet = Cabinet()
+    cabinet.tick(0)
+    cabinet.strip.refuses_registers = True
+    assert cabinet.tick(0) == []
+    written = [cabinet.tick(0) for _ in range(20)]
+    assert cabinet.runtime.link_lost
+    assert cabinet.runtime.released == IO_MAP.safe_outputs()
+    cabinet.now_ms += 1_000
+    written += [cabinet.tick(0)]
+    assert written[-1] == ["outputs"]
 
 
 def test_the_first_write_after_a_link_loss_is_the_safe_value() -> None:
@@ -190,7 +207,7 @@ def test_the_first_write_after_a_link_loss_is_the_safe_value() -> None:
     assert cabinet.runtime.released_words == [SAFE]
     cabinet.strip.fails = False
     cabinet.now_ms += 1_000
-    assert cabinet.tick(0) == [[SAFE], "outputs"]
+    assert cabinet.tick(0) == ["outputs", [SAFE]]
     assert cabinet.tick(0) == [[456], "outputs"]
 
 
@@ -202,7 +219,7 @@ def test_a_failed_scan_writes_the_safe_value(monkeypatch: pytest.MonkeyPatch) ->
         raise ZeroDivisionError
 
     monkeypatch.setattr(cabinet.plc, "scan", fail)
-    assert cabinet.tick(0) == [[SAFE], "outputs"]
+    assert cabinet.tick(0) == ["outputs", [SAFE]]
 
 
 def test_forced_inputs_do_not_drive_a_register() -> None:
@@ -212,19 +229,19 @@ def test_forced_inputs_do_not_drive_a_register() -> None:
     cabinet.plc.write(machine.state, State.STOPPED)
     cabinet.plc.write(machine.manual, 1)
     cabinet.runtime.forcing.force(0, level=True)
-    assert cabinet.tick(0) == [[SAFE], "outputs"]
+    assert cabinet.tick(0) == ["outputs", [SAFE]]
 
 
 def test_a_register_waits_for_the_retentive_memory_unless_it_becomes_safe() -> None:
     writer = Unsettled(MemoryStore())
     cabinet = Cabinet(writer)
-    assert cabinet.tick(1) == [[SAFE], "outputs"]
+    assert cabinet.tick(1) == ["outputs", [SAFE]]
     writer.waits = True
-    assert cabinet.tick(0) == [[SAFE], "outputs"]
+    assert cabinet.tick(0) == ["outputs", [SAFE]]
     writer.waits = False
     assert cabinet.tick(0) == [[456], "outputs"]
     writer.waits = True
-    assert cabinet.tick(1) == [[SAFE], "outputs"]
+    assert cabinet.tick(1) == ["outputs", [SAFE]]
 
 
 def test_on_exit_the_outputs_come_first() -> None:
