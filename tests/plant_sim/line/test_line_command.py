@@ -20,6 +20,7 @@ from plant_sim.line.file import lines
 from plant_sim.line.result import LineResult
 from plant_sim.line.write import COLUMNS, write_result
 from plant_sim.machine.parameters import load_machine
+from tests.sampling import one_in
 
 NAMES = tuple(lines())
 ROUGH = """\
@@ -175,9 +176,11 @@ def test_bad_input_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
+EXTREMES = [("mean", "90 %"), ("spacing", "2 m"), ("speed", "5 m/s"), ("speed", "0.02 m/s"), ("lag", "60 s")]
+
+
 @pytest.mark.parametrize(
-    ("key", "value"), [("mean", "90 %"), ("spacing", "2 m"), ("speed", "5 m/s"), ("speed", "0.02 m/s"), ("lag", "60 s")]
+    ("name", "key", "value"), one_in(2, [(name, *extreme) for extreme in EXTREMES for name in NAMES])
 )
 def test_extreme_values_give_a_result(name: str, key: str, value: str, tmp_path: Path) -> None:
     """The limits of the line file lead to poor rows or to no plant at all, but everything is accounted for."""
