@@ -28,7 +28,10 @@ def test_stages_show_the_start_the_end_and_the_tilt() -> None:
     assert titles[-1] == "+359 ms, stem at 90°"
     cube, stem, _ = (patch for patch in figure.axes[-1].patches if isinstance(patch, Polygon))
     edge, height = PLANTER.block.edge_m, PLANTER.block.height_m
-    assert np.ptp(cube.get_xy(), axis=0) == pytest.approx((edge, edge))
+    corners = cube.get_xy()[:4]
+    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    assert sides == pytest.approx(4 * [edge])
+    assert np.ptp(corners, axis=0) == pytest.approx((edge, edge))
     assert stem.get_xy()[:, 0].max() == pytest.approx(0.01 + height), "the stem points forward"
 
 
