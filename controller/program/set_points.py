@@ -30,7 +30,7 @@ take 1.2 s at 0.15 m/s; the value is three quarters of that. A different row spa
 
 GROUND_PULSE_MM: Final = 50
 """Travel per pulse of the ground sensor. At 2.5 km/h a pulse takes 72 ms, so that each level lasts longer than the
-input filter (10 ms) and a scan (20 ms). With twice the distance, a measurement of 20 pulses would require 2 m."""
+input filter (10 ms) plus a scan (20 ms). With twice the distance, a measurement of 20 pulses would require 2 m."""
 PLANTER_PITCH_MM: Final = 489
 """Distance between the planters on the chain, computed from 456.7 mm/s at 56 plants per minute in the simulated cases
 of Du et al. (docs/sources/plant.md)."""

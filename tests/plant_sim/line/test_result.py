@@ -88,7 +88,7 @@ def test_lodging_and_injury_of_the_cabbage_line_agree_with_its_sources(cabbage: 
 
 
 def test_the_lambda_range_follows_from_the_slip(cabbage: LineResult) -> None:
-    """The gear is set for 5 % slip at 42 cm; 1 % scatter changes lambda by 1.2 % per standard deviation."""
+    """The gear is set for 5 % slip at 42 cm; one standard deviation of the slip, 1 %, changes lambda by 1.05 %."""
     assert cabbage.ratios is not None
     low, high = cabbage.ratios
     middle = 0.48934 / 0.42
