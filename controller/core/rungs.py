@@ -165,7 +165,7 @@ class Inc:
 class Scale:
     """MUL and DDIV: target = source * factor / divisor, limited to 0..32767, with a product of 32 bits.
 
-    The fraction is omitted. The instruction is not executed while the divisor is 0 or less.
+    The fraction is discarded. The instruction is not executed while the divisor is 0 or less.
     """
 
     source: Word | int

@@ -1,12 +1,12 @@
 """Auxiliary relays for conditions that a program evaluates more than once, so that its export needs fewer steps.
 
 The transformation is value numbering, as in a compiler. Two conditions have the same value if they have the same form
-and no rung between them writes a device that they read. Each value that is worth a relay is evaluated once, directly
-before its first use, and read from the relay afterwards. The relay is written in every scan before it is read, thus
-neither its previous value nor a loss of power has an effect.
+and no rung between them writes a device that they read. Each value for which a relay saves steps is evaluated once,
+directly before its first use, and read from the relay afterwards. The relay is written in every scan before it is
+read, so neither its previous value nor a power failure has an effect.
 
-Inside a sequence, only conditions that the sequence itself does not change are shared. Their relays are evaluated
-before its first step, because a step is executed only while its state is on.
+Within a sequence, a condition is shared only if the sequence does not write the devices that the condition reads.
+The relays are evaluated before the first step of the sequence, because a step is executed only while its state is on.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from controller.core.sequence import Sequence as Steps
 from controller.fx.language.instruction import LadderError
 
 RELAYS: Final = range(500, 1024)
-"""Auxiliary relays of the export; the program itself does not use them. From M1536, a contact would take two steps."""
+"""Auxiliary relays of the export, which the program must not use. A contact of M1536 or above would take two steps."""
 
 _COMPARISON_STEPS: Final = 5
 _COMPLEMENTS: Final = {"!=": "==", ">=": "<", ">": "<="}
 
 
 def shared(program: Program) -> Program:
-    """Return an equivalent program in which conditions that are used repeatedly are evaluated once, into relays.
+    """Return an equivalent program in which repeated conditions are evaluated once and stored in relays.
 
     Raises:
         LadderError: The program itself uses relays in the range `RELAYS`.
@@ -47,7 +47,7 @@ def shared(program: Program) -> Program:
 
 @dataclass(frozen=True, slots=True)
 class _Value:
-    """Condition with its value number; a condition and its complement have the same number.
+    """Condition and its value number; a condition and its complement have the same number.
 
     Attributes:
         number: Value number.
@@ -63,10 +63,10 @@ class _Value:
 
 
 class _Values:
-    """Value numbers of conditions, which are passed in scan order.
+    """Value numbers of conditions, assigned in scan order.
 
-    Every series and parallel connection is numbered as a series, the latter as the complement of a series of
-    complements. Operands thus have lower numbers than the connection.
+    A parallel connection is numbered as the complement of a series connection of complements. Operands have lower
+    numbers than their connection.
     """
 
     def __init__(self) -> None:
@@ -79,7 +79,7 @@ class _Values:
         self._before: tuple[int, bool] | None = None
 
     def of_item(self, item: Rung | Steps) -> list[_Value]:
-        """Return the values of the conditions of a rung or a sequence, and record which devices it writes."""
+        """Return the values of the conditions of a rung or a sequence, and record the devices that it writes."""
         written = {(device.kind, device.number) for device in item_writes(item)}
         if isinstance(item, Steps):
             self._changing = written
@@ -88,7 +88,7 @@ class _Values:
         else:
             values = [self._of(item.when)]
         for value in values:
-            # consecutive rungs with the same condition have their contacts in common
+            # consecutive rungs with the same condition share their contacts
             self._uses[value.number] += (value.number, value.negated) != self._before
             self._before = None if isinstance(item, Steps) else (value.number, value.negated)
         self._versions.update(written)
@@ -153,13 +153,13 @@ class _Values:
         return self._numbers[key]
 
     def _device(self, device: Bit | Word) -> object:
-        """Return a key that is equal for two reads of a device if it is not written between them."""
+        """Return a key of a device; two reads have the same key if the device is not written between them."""
         name = (device.kind, device.number)
         return object() if name in self._changing else (*name, isinstance(device, Word), self._versions[name])
 
 
 class _Writer:
-    """Writer of the items of a program with relays in place of the chosen values."""
+    """Writer of the items of a program, in which the chosen values are replaced by relays."""
 
     def __init__(self, chosen: set[int]) -> None:
         self._chosen = chosen
@@ -168,7 +168,7 @@ class _Writer:
         self._pending: list[Rung] = []
 
     def items(self, rows: list[tuple[Rung | Steps, list[_Value]]]) -> Iterator[Rung | Steps]:
-        """Yield the items, each after the rungs of the relays that it is the first to read."""
+        """Yield the items; the rung of a relay directly precedes the first item that reads it."""
         for item, values in rows:
             conditions = [self._read(value) for value in values]
             yield from self._pending

@@ -66,7 +66,7 @@ class Point:
         meaning: Meaning of the active state.
         polarity: Relation between logical state and terminal level.
         safe: Safe logical state, which is assumed for an input while the field link is lost and written to an output
-            in the event of a fault.
+            if a fault occurs.
         table: Modbus table of the I/O module.
         offset: Modbus offset in that table.
         optional: True if the machine can run without this point.
@@ -110,7 +110,7 @@ class OutputRegister:
         address: Register as written in the file, for example ``D0``.
         number: Number of the data register.
         meaning: Meaning of the value, with its unit.
-        safe: Value that is written in the event of a fault and at the end.
+        safe: Value that is written if a fault occurs and on exit.
         table: Modbus table of the I/O module.
         offset: Modbus offset in that table.
         wired: True if the device exists.
@@ -145,7 +145,7 @@ class IoMap:
         outputs: Wired outputs, by number.
         unwired: Optional points without a wire, in the order of the file.
         registers: Wired output registers, by number.
-        unwired_registers: Output registers without a device.
+        unwired_registers: Output registers without a device, in the order of the file.
     """
 
     path: Path
@@ -310,7 +310,7 @@ class _MapReader:
 
 
 def _tag_fault(section: str, tag: object) -> str | None:
-    """Return what is wrong with an entry's tag, and the remedy; None if the tag is valid."""
+    """Return the fault of the tag of an entry and its remedy, or None if the tag is valid."""
     if not isinstance(tag, str):
         problem = "is missing" if tag is None else f"cannot be {shown(tag)}"
         return f"{problem}; write the name of a wire, for example left.lift_down"

@@ -148,7 +148,7 @@ POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
     "claws_open": ("claws open", "夹爪张开"),
     "claws_close": ("claws close", "夹爪闭合"),
 }
-"""Display names in English and Chinese by tag; tags of an arm are listed without the side, which the panel adds before
+"""English and Chinese display name of each tag; tags of an arm are listed without the side, which the panel adds before
 the name."""
 
 

@@ -217,11 +217,12 @@ def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
 def release_delay(tags: Tags) -> list[Rung]:
     """Return the rungs that compute the release delay: the time of the last flag at the sensor less the release lead.
 
-    The sensors are ahead of the claws by the length of a flag. A cup is therefore under the claw when its flag leaves
-    the sensor, at any chain speed, and the previous flag gives the time that this will take. Both rows are driven by
-    the same wheel, so the flags of the left row are measured for both. A pulse shorter than the release lead, such as a
-    bounce, and a flag at which the chain stands do not change the delay. The time of a flag becomes valid when the next
-    one arrives, so that a sensor or a wire that fails during a flag does not shorten the delay.
+    The sensors are ahead of the claws by the length of a flag. At any chain speed, a cup is therefore under the claw
+    when its flag leaves the sensor, and the time of the previous flag at the sensor predicts this moment. Both rows are
+    driven by the same wheel, so the flags of the left row are measured for both. The delay is not changed by a pulse
+    shorter than the release lead, such as a bounce, or by a flag during which the chain stops. The time of a flag
+    becomes valid when the next flag arrives, so that a sensor or wire that fails during a flag does not shorten the
+    delay.
     """
     machine, sp = tags.machine, tags.sp
     flag = tags.arms["left"].cup_sensor
@@ -294,7 +295,7 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
     a, machine = tags.arms[side], tags.machine
     released = steps["release delay"] & a.release_edge
     jog_open = machine.jogs[f"{side}.claws_open"]
-    # the last confirmed place, because a switch that sticks in this scan must not prevent the count
+    # the last confirmed position, because a switch that sticks in this scan must not prevent the count
     thrown = all_of(a.t_opening.done, a.loaded, a.was_at_feed, ~a.discard, ~jog_open)
     over_cups = ("wait to lower", "lower over cups", "wait for cups")
     settling_again = steps["settle at row"] & a.retried & ~steps["return to row"]

@@ -1,8 +1,8 @@
-"""Planting speeds: measurement from the pulses of cups and ground, advice, warnings, and the speed of a driven planter.
+"""Planting speeds: measurement from cup and ground pulses, advice, warnings, and the set speed of a planter motor.
 
-The program computes them for information; only a planter with its own motor follows one of them, by an output register.
-A speed is measured over several pulses, because one pulse is only a few scans long. The time of a measurement may be
-one scan too short, which is 0.5 % at 0.5 m/s.
+The values are for information, except for the set speed of a planter with its own motor, which is an output register. A
+speed is measured over several pulses, because one pulse is only a few scans long. A measured time may be one scan too
+short, which is an error of 0.5 % at 0.5 m/s.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WARNING_MS: Final = 5_000
 """Delay of the warnings, ms; longer than a measurement of the ground speed at 0.2 m/s."""
 
 _PER_MINUTE: Final = (7_200, 100)
-"""Twelve cups per unit of 10 ms as 0.1 per minute: 12 * 6,000 * 10, as the product of two words."""
+"""Conversion from the time of twelve cups, x10 ms, to 0.1 per minute: 12 * 6,000 * 10 as the product of two words."""
 
 
 def planting_block(tags: Tags, alarms: Annunciators, cycles: dict[Side, Sequence]) -> Block:
@@ -85,9 +85,9 @@ def _ground(tags: Tags, p: PlantingTags) -> list[Rung]:
 def _readiness(tags: Tags, a: ArmTags, cycle: Sequence) -> list[Rung]:
     """Return the rungs that time an arm from the release of a row until it waits for cups with the next one.
 
-    The last three times are stored, because the rows are at different distances, and separately the last three in which
-    the arm waited at feed for a tray or for the other arm. A time in which work did not continue is omitted, and so are
-    all times if the arm waits for a count of cups before it moves down.
+    The last three times are stored, because the three rows are at different distances. The last three times in which
+    the arm waited at feed for a tray or for the other arm are stored separately. A time during which the state was not
+    Execute is discarded. If the arm waits for a count of cups before it moves down, all times are discarded.
     """
     arm = tags.planting.arms[a.side]
     waits = cycle["wait for cups"]
@@ -112,9 +112,9 @@ def _stored(arm: ReadinessTags, times: list[Word], when: Expr) -> list[Rung]:
 
 
 def _advice(p: PlantingTags) -> list[Rung]:
-    """Return the rungs of the fastest frequencies at which both arms have a row ready every twelve cups.
+    """Return the rungs of the highest frequencies at which both arms have a row ready every twelve cups.
 
-    Above the first one, cups remain empty in every cycle; above the second one, only after a wait.
+    Above `fastest`, cups remain empty even in cycles without a wait; above `gapless`, only after a wait.
     """
     arms = p.arms.values()
     unknown = any_of(*(arm.times[0].equals(0) for arm in arms))
@@ -136,7 +136,7 @@ def _advice(p: PlantingTags) -> list[Rung]:
 
 
 def _planter(tags: Tags, p: PlantingTags) -> list[Rung]:
-    """Return the rungs of the output register; none if the planter has no motor of its own."""
+    """Return the rungs of the output register; none if the planter does not have its own motor."""
     machine, sp = tags.machine, tags.sp
     if p.planter_speed is None:
         return []
@@ -147,7 +147,7 @@ def _planter(tags: Tags, p: PlantingTags) -> list[Rung]:
 
 
 def _warnings(tags: Tags, p: PlantingTags, alarms: Annunciators) -> list[Rung]:
-    """Return the rungs of the warnings; lambda is known only with a sensor of the ground speed."""
+    """Return the rungs of the warnings; lambda is known only with a ground-speed sensor."""
     executing = tags.machine.executing
     too_fast = all_of(p.fastest.differs(0), p.frequency > p.fastest)
     rungs: list[Rung] = [

@@ -18,10 +18,10 @@ the timer (machine.yaml)."""
 
 LONGEST_FLAG_MS: Final = 2_000
 """Longest plausible time of a flag at the cup sensor beyond the release lead: a flag of 24 mm takes 2.2 s at 11 plants
-per minute per row. If a flag takes longer, the chain has stood."""
+per minute per row. If a flag takes longer, the chain is assumed to have stopped."""
 
 FIRST_RELEASE_DELAY_X10_MS: Final = 28
-"""Release delay until a flag has been measured: that at 45 plants per minute per row, at which a flag takes 533 ms."""
+"""Release delay until a flag has been measured: that of 45 plants per minute per row, where a flag takes 533 ms."""
 
 SLIDE_LEAST_X10_MS: Final = 90
 """Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
@@ -29,11 +29,11 @@ take 1.2 s at 0.15 m/s; the value is three quarters of that. A different row spa
 (machine.yaml)."""
 
 GROUND_PULSE_MM: Final = 50
-"""Travel per pulse of the ground sensor. At 2.5 km/h a pulse takes 72 ms, so that the input filter (10 ms) and a scan
-(20 ms) see both levels; twice the distance would make a measurement of 20 pulses 2 m long."""
+"""Travel per pulse of the ground sensor. At 2.5 km/h a pulse takes 72 ms, so that each level lasts longer than the
+input filter (10 ms) plus a scan (20 ms). With twice the distance, a measurement of 20 pulses would require 2 m."""
 PLANTER_PITCH_MM: Final = 489
-"""Distance of the planters on the chain: 456.7 mm/s at 56 plants per minute, computed from the simulated cases of Du et
-al. (docs/sources/plant.md)."""
+"""Distance between the planters on the chain, computed from 456.7 mm/s at 56 plants per minute in the simulated cases
+of Du et al. (docs/sources/plant.md)."""
 
 ROW_PITCH_MM: Final = 43.0
 FINGER_OVERHANG_MM: Final = 25.0

@@ -103,10 +103,10 @@ class MachineTags:
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
         self.release_delay = d.word("release delay x10 ms", "delay from the releasing cup pulse to opening, both arms")
-        self.flag_time = d.word("flag time x10 ms", "time of the last left flag at its sensor less the release lead")
+        self.flag_time = d.word("flag time x10 ms", "time of the last left flag at its sensor, less the release lead")
         self.flag_left = m.bit("flag left", "a flag has left the left cup sensor, this scan")
-        self.t_release_lead = Timer(235, "release lead", "flag at the left cup sensor, at most for the release lead")
-        self.t_flag = Timer(236, "flag", "flag at the left cup sensor for longer than the release lead")
+        self.t_release_lead = Timer(235, "release lead", "time of a left flag at its sensor, up to the release lead")
+        self.t_flag = Timer(236, "flag", "time of a left flag at its sensor beyond the release lead")
 
 
 class ArmTags:
@@ -287,7 +287,7 @@ class TrayTags:
 
 
 class PulseTags:
-    """Relays, register, counter and timers of the measurement of a pulse train."""
+    """Relays, register, counter and timers that measure a pulse train."""
 
     def __init__(self, name: str, counter: int, m: Area, d: Area, t10: Area) -> None:
         self.measuring = m.bit(f"{name} measuring", f"a measurement of the {name} has begun")
@@ -305,7 +305,7 @@ class PulseTags:
 
 
 class ReadinessTags:
-    """Relays, registers and timer of the preparation of a row by one arm."""
+    """Relays, registers and timers that measure the preparation of a row by one arm."""
 
     def __init__(self, side: Side, m: Area, d: Area, t10: Area) -> None:
         self.preparing = m.bit(f"{side} preparing", f"the {side} arm prepares its next row after a release")
@@ -343,13 +343,17 @@ class PlantingTags:
             "fastest x0.1/min", "advice: highest planting frequency at which the arms keep up; 0 = not yet known"
         )
         self.gapless = d.word(
-            "gapless x0.1/min", "advice: the same including waits for tray and other arm; 0 = no wait has been timed"
+            "gapless x0.1/min",
+            "advice: highest planting frequency without gaps after a wait for tray or other arm; 0 = no wait timed yet",
         )
         self.chain_speed = d.word("chain speed mm/s", "speed of the planter chain, from frequency and planter pitch")
         self.ground_speed = d.word("ground speed mm/s", "ground speed; 0 without a sensor or at standstill")
         self.ratio = d.word("lambda x0.01", "chain speed divided by ground speed; 0 = not known")
         self.longest = d.word("longest time x10 ms", "longest of the last times to prepare a row")
-        self.longest_with_wait = d.word("longest time with wait x10 ms", "the same including waits at feed")
+        self.longest_with_wait = d.word(
+            "longest time with wait x10 ms",
+            "longest of the last times to prepare a row, with or without waiting at feed",
+        )
         self.cups = PulseTags("cups", 4, m, d, t10)
         self.ground = PulseTags("ground", 5, m, d, t10)
         self.ground_edge = m.bit("ground edge", "rising edge of the ground sensor")

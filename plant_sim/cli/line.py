@@ -1,4 +1,4 @@
-"""Command ``line``: plant rows with a line, from trays or a conveyor to the soil."""
+"""Command ``line``: simulate a line that plants rows of seedlings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--metres", type=float, default=DEFAULT_METRES, metavar="N", help="length of each row (default: %(default)g)"
     )
     parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers")
-    parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="parameters of the machine with the arms")
+    parser.add_argument("--machine", type=Path, default=DEFAULT_MACHINE, help="parameters of the machine")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
         "--out", type=Path, default=None, metavar="DIR", help="folder for the plants as CSV and Parquet and a picture"
@@ -41,12 +41,12 @@ def run(options: argparse.Namespace) -> int:
     """Run the line and print the result.
 
     Returns:
-        0 if every cup and every seedling is accounted for, else 1.
+        0 if every cup and every seedling is accounted for, otherwise 1.
 
     Raises:
         InputError: An option or a file is invalid.
     """
-    from plant_sim.line.command import result_of  # noqa: PLC0415 - it imports the twin, which delays the help text
+    from plant_sim.line.command import result_of  # noqa: PLC0415 - imports the twin, which delays the help text
 
     check_seed(options)
     if not (math.isfinite(options.metres) and 1.0 <= options.metres <= MOST_METRES):

@@ -1,4 +1,4 @@
-"""Sensor of the ground speed: a measuring wheel that rolls without slip and gives one pulse per pulse distance."""
+"""Ground-speed sensor: a measuring wheel that rolls without slip and emits one pulse per pulse distance."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from plant_sim.devices.sensor import Sensor
 
 @dataclass(frozen=True, slots=True)
 class GroundWheelSpec:
-    """Drive from the ground and the sensor of the ground speed.
+    """Parameters of the drive wheel and of the ground-speed sensor.
 
     Attributes:
-        plant_spacing_m: Travel of the drive wheel per planted plant, m.
+        plant_spacing_m: Travel of the drive wheel per plant of a row, m.
         pulse_distance_m: Travel of the measuring wheel per pulse, m.
         pulse_share: Fraction of the pulse distance during which the sensor is on.
     """
@@ -30,13 +30,13 @@ class GroundWheelSpec:
 
 
 class GroundWheel:
-    """Travel of the tractor, derived from the plants that the drive wheel of the cups has counted out.
+    """Travel of the tractor, derived from the position of the cup drive and the slip of the drive wheel.
 
     Attributes:
         travel_m: Travel of the tractor, m.
         speed_m_s: Speed of the tractor, m/s.
         pulse: Sensor on the measuring wheel.
-        slip: Slip of the drive wheel as a fraction of the travel, 0 or more and below 1; may be set at any time.
+        slip: Slip of the drive wheel as a fraction of the travel, at least 0 and less than 1; may be set at any time.
     """
 
     def __init__(self, spec: GroundWheelSpec) -> None:
@@ -67,7 +67,7 @@ class GroundWheel:
         """Follow the drive of the cups.
 
         Args:
-            plants: Plants per row that the drive wheel has counted out.
+            plants: Position of the drive, in plants per row since power-up.
             for_s: Time since the last call, s, more than 0.
         """
         way_m = (plants - self._plants) * self._spec.plant_spacing_m / (1.0 - self._slip)

@@ -1,1 +1,1 @@
-"""Lines from the tray, or the conveyor of blocks, to rows of plants in the ground."""
+"""Planting lines, from trays or a conveyor of blocks to rows of plants in the ground."""

@@ -1,4 +1,4 @@
-"""Complete run of a line by name: files, planter, run and result."""
+"""Complete run of a line given by its name: read the files, create the planter, run the line, return the result."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def result_of(name: str, *, profile: Path | None, metres: float, seed: int, mach
 
     Args:
         name: Name of an included line, or path of a line file.
-        profile: Ground file; None = the ground of the line.
+        profile: Ground file; None to use the ground of the line.
         metres: Length of each row, m.
         seed: Seed of all random numbers.
         machine: Parameters of the machine that fills the cups.
 
     Raises:
-        LineError: A file is invalid, or the line plants nothing.
+        LineError: A file is invalid, or no plant is planted.
     """
     line = load_line(find_line(name))
     values, assumed = line.values, line.assumed
@@ -51,7 +51,7 @@ def result_of(name: str, *, profile: Path | None, metres: float, seed: int, mach
 
 
 def _chain_planter(entry: PlanterEntry, *, of_cabbage: bool) -> ChainPlanter:
-    """Return the planter of a line, with the falls of the default parameters; injury is modelled for cabbage only."""
+    """Return the planter of a line with the default fall table; injury is modelled for cabbage only."""
     table = default_table(Ground(entry.soil))
     clamp_n = table.planter.grip.clamp_n if entry.clamp is None else entry.clamp
     return ChainPlanter(table, clamp_n, entry.unreleased, CabbageInjury(clamp_n) if of_cabbage else None)

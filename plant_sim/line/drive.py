@@ -1,4 +1,4 @@
-"""Drives of cups and planters: planting cycles over time, from a ground wheel or from a motor with a set-point.
+"""Drives of cups and planters by a ground wheel or a motor: planting cycles as a function of time.
 
 One cycle releases one plant in each row. The rate of cycles per metre is the reciprocal of the plant spacing; for a
 chain planter, the characteristic ratio lambda is the chain pitch divided by the spacing.
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from plant_sim.line.ground import Floats, SpeedProfile, WheelSlip
 
 _HALVINGS = 60
-"""Bisections of an interval; the result is then exact to the last bits of a double."""
+"""Number of bisections of an interval; the result then has the precision of a double."""
 
 
 class Drive(Protocol):
@@ -34,11 +34,11 @@ class Drive(Protocol):
         """Return the cycles per second at given times, 1/s."""
 
     def per_m_at(self, time_s: ArrayLike) -> Floats:
-        """Return the cycles per metre of travel at given times, 1/m; infinite while a motor runs on at standstill."""
+        """Return the cycles per metre of travel at given times, 1/m; infinite while a motor turns at standstill."""
 
 
 class WheelDrive:
-    """Drive by a ground wheel through a fixed gear: only slip changes the cycles per metre."""
+    """Drive by a ground wheel through a fixed gear: the cycles per metre depend on the slip only."""
 
     def __init__(self, profile: SpeedProfile, slip: WheelSlip, *, per_wheel_m: float) -> None:
         """Initialise the drive.
@@ -127,7 +127,7 @@ class MotorDrive:
         return reached_s
 
     def per_m_at(self, time_s: ArrayLike) -> Floats:
-        """Return the cycles per metre of travel at given times, 1/m; infinite while the tractor stands."""
+        """Return the cycles per metre of travel at given times, 1/m; infinite while the tractor is stopped."""
         rate, speed_m_s = self.rate_at(time_s), self._profile.speed_at(time_s)
         return np.divide(rate, speed_m_s, out=np.full_like(rate, np.inf), where=speed_m_s > 0)
 
@@ -137,13 +137,13 @@ class MotorDrive:
         return self._within(piece, at - self._profile.time_s[piece])
 
     def _within(self, piece: NDArray[np.int64], for_s: Floats) -> tuple[Floats, Floats]:
-        """Return rate and cycles some time after the start of a piece."""
+        """Return rate and cycles at a given time after the start of a piece."""
         rate, turned = _response(self._wanted[piece], self._slope[piece], self._rate[piece], self._lag_s, for_s)
         return np.asarray(rate), np.asarray(self._cycles[piece] + turned)
 
 
 def _response(wanted: Any, slope: Any, rate: Any, lag_s: float, for_s: Any) -> tuple[Any, Any]:
-    """Return rate and cycles of a first-order lag after some time at a set-point that changes linearly.
+    """Return rate and cycles of a first-order lag with a linearly changing set-point.
 
     Args:
         wanted: Set-point at the start, 1/s.

@@ -1,4 +1,4 @@
-"""Error of a line that cannot run."""
+"""Exception of the planting lines."""
 
 from controller.common.errors import InputError
 

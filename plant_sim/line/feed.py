@@ -1,4 +1,4 @@
-"""Feeds of a line: a conveyor of single blocks, or the twin arms that fill the cups."""
+"""Feeds of a line: a conveyor of single blocks, or twin arms that fill the cups."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ MOST_TRAYS: Final = 1_000
 """Capacity of the magazine."""
 
 _FROM_LAST_CLAW = CELLS_ALONG - 0.5
-"""Chain travel, in pitches, at which cup 0 is out of reach of the last claw."""
+"""Chain travel, in pitches, from which cup 0 is out of reach of the last claw."""
 _STIFF_M_S2 = 10.0
-"""Acceleration of the cups, m/s2; the speed profile already contains that of the tractor."""
+"""Acceleration of the cups, m/s2; the acceleration of the tractor is part of the speed profile."""
 _STANDSTILL_M_S = 1e-6
 _SPACINGS_M = (0.1, 2.0)
-"""Limits of the travel per plant that the plant accepts, m."""
+"""Valid range of the parameter `ground.plant_spacing_m`, m."""
 _MOST_SLIP = 0.95
 _LOADED_LIMIT_MS = 120_000
 _LOADING_PER_MIN = 45.0
-"""Planting frequency at which the operator turns the cups before the row; assumed."""
+"""Planting frequency at which the operator turns the cups before the row begins, 1/min; assumed."""
 _NO_CUPS_INTERVALS = 3
 _CAUSES = {Location.LOST_PICK: Missing.P, Location.LOST_CARRY: Missing.D, Location.LOST_THROW: Missing.T}
 
@@ -40,8 +40,8 @@ _CAUSES = {Location.LOST_PICK: Missing.P, Location.LOST_CARRY: Missing.D, Locati
 def blocks(entry: ConveyorEntry, times_s: Floats, rng: np.random.Generator) -> FedRow:
     """Return the blocks that successive planters take from a conveyor.
 
-    The conveyor presents one block at a time; the next one needs the feeding interval to arrive. A gap on the belt
-    presents no block for one interval.
+    The conveyor presents one block at a time; the next block arrives one feeding interval after the previous one was
+    taken. At a gap on the belt, no block is presented for one interval.
 
     Args:
         entry: Parameters of the conveyor.
@@ -56,7 +56,7 @@ def blocks(entry: ConveyorEntry, times_s: Floats, rng: np.random.Generator) -> F
 
 
 def _offered(times_s: Floats, interval_s: float) -> np.ndarray:
-    """Return True for each planter that finds a block; a block needs the interval after the previous one was taken."""
+    """Return True for each planter that is offered a block; a block is ready one interval after the previous one."""
     if len(times_s) < 2 or np.diff(times_s).min() >= interval_s:
         return np.ones(len(times_s), dtype=np.bool_)
     offered = np.zeros(len(times_s), dtype=np.bool_)
@@ -71,9 +71,9 @@ def _offered(times_s: Floats, interval_s: float) -> np.ndarray:
 class ArmsFeed:
     """Cups filled by the machine program and the simulated machine.
 
-    Before the row, the operator starts the machine and turns the cups until both arms have thrown once; the cups then
-    stand until both arms are loaded again. From the start of the tractor, the chains follow the cycles of the drive.
-    The row begins with the first filled cup.
+    Before the row begins, the operator starts the machine and turns the cups until both arms have thrown once. The cups
+    are then stopped until both arms are loaded again. After the tractor has started, the chains follow the drive. The
+    row begins with the first filled cup.
 
     Attributes:
         twin: The twin.
@@ -86,8 +86,8 @@ class ArmsFeed:
         Args:
             machine: Parameters of the machine.
             seed: Seed of the plant.
-            cups: Number of cups of a row to fill, which defines the number of trays.
-            frequency_per_min: Planting frequency for which the machine is commissioned, 1/min.
+            cups: Number of cups to fill in each row, which determines the number of trays.
+            frequency_per_min: Planting frequency for which the set-point `no_cups` is chosen, 1/min.
             spacing_m: Travel of the drive wheel per cup, m; the ground-speed sensor of the plant depends on it.
 
         Raises:
@@ -129,7 +129,7 @@ class ArmsFeed:
         ]
 
     def run(self, drive: Drive, profile: SpeedProfile, *, until_s: float, cups_to_planting: int) -> None:
-        """Drive the cups, and move the tractor as the profile does.
+        """Move the cups with the drive, and the tractor along the profile.
 
         Args:
             drive: Drive of the cups.
@@ -163,11 +163,11 @@ class ArmsFeed:
 
     @property
     def seedlings_passed(self) -> int:
-        """Seedlings with a cup of their own in cups that have passed the last claw."""
+        """Seedlings, not counting the second one of a double, in cups that have passed the last claw."""
         return sum(int(np.count_nonzero(row.seedlings)) for row in self.rows)
 
     def _slips(self, cycles: Floats, travel_m: Floats) -> Floats:
-        """Return the slip of the plant's drive wheel at which cups and tractor move as given, within its limits."""
+        """Return the slip of the drive wheel at which cups and tractor move as given, limited to the valid range."""
         wheel_m = self._spacing_m * cycles
         share = np.divide(wheel_m, travel_m, out=np.ones_like(wheel_m), where=travel_m > 0)
         slips: Floats = np.clip(1 - share, 0.0, _MOST_SLIP)
@@ -193,7 +193,7 @@ class ArmsFeed:
 
 
 def _no_cups_x100_ms(frequency_per_min: float) -> int:
-    """Return the waiting time without a cup that suspends the machine: three cup intervals, within its limits."""
+    """Return the set-point `no_cups`: three cup intervals, limited to the valid range."""
     set_points = SetPoints()
     low, high = set_points.limits[set_points.no_cups]
     return min(max(math.ceil(_NO_CUPS_INTERVALS * 600 / frequency_per_min), low), high)
@@ -205,7 +205,7 @@ def _first_filled(row: PlantingRow) -> int:
 
 
 def _fed(passed: list[PassedCup], first: int, first_cycle: float) -> FedRow:
-    """Return the contents of the cups from the observations of the row."""
+    """Return the contents of the cups, from the first filled one, as recorded when they passed the last claw."""
     count = max((cup.cup for cup in passed), default=first - 1) + 1 - first
     seedlings: Integers = np.zeros(count, dtype=np.int64)
     cause: Integers = np.full(count, Missing.MISSED_CUP, dtype=np.int64)

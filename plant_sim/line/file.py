@@ -1,7 +1,7 @@
-"""Reader of line files and of ground files; a file is checked completely before the run starts.
+"""Reader of line files and ground files; a file is checked completely before the run starts.
 
-Quantities are texts with a unit. A text may end with its source, such as ``0.2 s, assumed``; the result lists what is
-assumed.
+Quantities are strings with a unit. A string may end with the source of the value, such as ``0.2 s, assumed``; the
+result lists the assumed values.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _File = TypeVar("_File", bound="SourcedFile")
 
 
 def _quantity(unit: str, low: float, high: float, example: str) -> BeforeValidator:
-    """Return a validator that converts a text with its unit to a number within limits."""
+    """Return a validator that converts a string with a unit to a number and checks its range."""
 
     def read(value: object) -> float:
         if not isinstance(value, str | int) or isinstance(value, bool):
@@ -60,12 +60,12 @@ Force = Annotated[float, _quantity("N", 1.0, 1000.0, "91.83 N")]
 
 
 def _count(value: object) -> object:
-    """Return the number of a text that consists of digits; a text is needed to state the source."""
+    """Return the number if the value is a string of digits; a number with a source is written as a string."""
     return int(value) if isinstance(value, str) and value.isdecimal() else value
 
 
 class Extent(BaseModel):
-    """Length or duration of a segment; one of both is None."""
+    """Length or duration of a segment; one of the two is None."""
 
     for_m: float | None = None
     for_s: float | None = None
@@ -86,7 +86,7 @@ def _positive(number: float, text: str) -> float:
 
 
 class SegmentEntry(StrictModel):
-    """A segment of the drive: a speed, a ramp, a hill or a stop."""
+    """Segment of the ground: a speed, a ramp, a hill or a stop."""
 
     speed: Speed | None = None
     ramp_to: Speed | None = None
@@ -124,7 +124,7 @@ class SourcedFile(StrictModel):
 
 
 class GroundEntry(SourcedFile):
-    """Speed profile and slip, in a line file or in a file of its own."""
+    """Speed profile and slip, in a line file or in a ground file."""
 
     acceleration: Acceleration = 0.3
     segments: list[SegmentEntry] = Field(min_length=1, description="write a list such as [{speed: 1 km/h, over: 9 m}]")
@@ -209,7 +209,7 @@ class PlanterEntry(StrictModel):
 
 
 class LineFile(SourcedFile):
-    """A line: one feed, an optional chute, one planting device, drive and ground."""
+    """Line: a feed, a planting device, a drive and the ground, with a chute between arms and planter."""
 
     title: str = Field(min_length=1, description="write the title in quotes")
     spacing: Spacing = Field(description="write the target plant spacing, such as 40 cm")
@@ -235,11 +235,11 @@ class LineFile(SourcedFile):
 
 
 class Sourced(StrictModel):
-    """File with the texts of its assumed values.
+    """File with a list of its assumed values.
 
     Attributes:
         path: Path of the file.
-        assumed: Key and text of every value marked as assumed.
+        assumed: Key and value, as text, of every value that is marked as assumed.
     """
 
     path: Path
@@ -247,13 +247,13 @@ class Sourced(StrictModel):
 
 
 class SourcedLine(Sourced):
-    """A line and the texts of its assumed values."""
+    """Line with a list of its assumed values."""
 
     values: LineFile
 
 
 class SourcedGround(Sourced):
-    """A ground and the texts of its assumed values."""
+    """Ground with a list of its assumed values."""
 
     values: GroundEntry
 
@@ -301,7 +301,7 @@ def load_ground(path: Path) -> SourcedGround:
 
 
 def _load(path: Path, model: type[_File]) -> tuple[_File, tuple[str, ...]]:
-    """Return the values of a file, and key and text of the assumed ones."""
+    """Return the values of a file, and a list of the assumed ones."""
     located = unfold(read_yaml(path, LineError), depth=_DEPTH)
     assumed: list[str] = []
     plain = _without_sources(located.values, (), assumed)
@@ -315,7 +315,7 @@ def _load(path: Path, model: type[_File]) -> tuple[_File, tuple[str, ...]]:
 
 
 def _without_sources(value: object, path: tuple[str | int, ...], assumed: list[str]) -> object:
-    """Return a value without the sources of its texts; append the assumed ones to a list."""
+    """Return a value with the sources removed from its strings; append each assumed value to `assumed`."""
     if isinstance(value, dict):
         return {key: _without_sources(each, (*path, key), assumed) for key, each in value.items()}
     if isinstance(value, list):

@@ -1,7 +1,8 @@
-"""Ground under the line: driving speed over time, and slip of the ground wheel over the travelled distance.
+"""Ground of a line: speed of the tractor as a function of time, and slip of the ground wheel as a function of travel.
 
-The travel of the tractor is the integral of a piecewise linear speed, so that it and its inverse are exact. The slip is
-constant over each stretch of soil; the travel of the wheel is piecewise linear in the travel of the tractor.
+The travel of the tractor is the integral of a piecewise linear speed, so that the travel and its inverse are computed
+in closed form. The slip is constant within each patch of soil; the travel of the wheel is piecewise linear in the
+travel of the tractor.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 MOST_SLIP = 0.9
-"""Upper limit of the slip; assumed, a wheel beyond it is stuck."""
+"""Upper limit of the slip; assumed. A wheel with more slip is considered blocked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """One part of a drive.
+    """One section of the path of the tractor.
 
     Attributes:
         target_m_s: Speed to reach, m/s; 0 to stop.
         for_m: Length, m; None if the duration is given.
         for_s: Duration, s; None if the length is given. The duration of a stop begins at standstill.
-        is_ramp: True to reach the speed at the end of the stretch, False to reach it with the usual acceleration.
-        grade: Rise of the ground per distance, negative downhill.
+        is_ramp: True to reach the speed at the end of the stretch, False to reach it with the default acceleration.
+        grade: Rise divided by distance, negative downhill.
     """
 
     target_m_s: float
@@ -59,10 +60,10 @@ class SpeedProfile:
     """Driving speed of a tractor that starts from standstill and repeats its stretches.
 
     Attributes:
-        time_s: Times between which the acceleration is constant, s, ascending.
+        time_s: Times between which the acceleration is constant, in ascending order, s.
         speed_m_s: Speed at these times, m/s.
         travel_m: Travel at these times, m.
-        grades: Start, end and grade of every slope, m, m and -.
+        grades: Start (m), end (m) and grade of every slope.
     """
 
     def __init__(self, stretches: Sequence[Stretch], *, acceleration_m_s2: float, length_m: float) -> None:
@@ -74,7 +75,7 @@ class SpeedProfile:
             length_m: Smallest travel at the end, m.
 
         Raises:
-            ValueError: The stretches lead nowhere.
+            ValueError: The stretches do not move the tractor.
         """
         self._acceleration_m_s2 = acceleration_m_s2
         self._knots: list[tuple[float, float, float]] = [(0.0, 0.0, 0.0)]
@@ -93,7 +94,7 @@ class SpeedProfile:
         return speed
 
     def travel_at(self, time_s: ArrayLike) -> Floats:
-        """Return the travel at given times, m; after the end the tractor stands."""
+        """Return the travel at given times, m; the tractor is stopped after the end of the profile."""
         at = np.minimum(np.asarray(time_s, dtype=np.float64), self.time_s[-1])
         piece = self._piece(self.time_s, at)
         since_s = at - self.time_s[piece]
@@ -112,7 +113,7 @@ class SpeedProfile:
         piece = np.clip(np.searchsorted(self.travel_m, at, side="left") - 1, 0, len(self.travel_m) - 2)
         way_m, speed = at - self.travel_m[piece], self.speed_m_s
         length_m = self.travel_m[piece + 1] - self.travel_m[piece]
-        change = (speed[piece + 1] ** 2 - speed[piece] ** 2) / np.maximum(length_m, 1e-300)  # no length: no way either
+        change = (speed[piece + 1] ** 2 - speed[piece] ** 2) / np.maximum(length_m, 1e-300)  # at a stop, `way_m` is 0
         ends_at = np.sqrt(np.maximum(speed[piece] ** 2 + change * way_m, 0.0))
         mean = (speed[piece] + ends_at) / 2
         time_s: Floats = self.time_s[piece] + np.divide(way_m, mean, out=np.zeros_like(way_m), where=mean > 0)
@@ -137,13 +138,13 @@ class SpeedProfile:
             self.grades.append((start_m, self._knots[-1][2], stretch.grade))
 
     def _cruise(self, stretch: Stretch) -> None:
-        """Reach the speed with the usual acceleration, then hold it to the end of the stretch."""
+        """Append a stretch that reaches its speed with the default acceleration, then continues at this speed."""
         start_m_s = self._knots[-1][1]
         change = math.copysign(self._acceleration_m_s2, stretch.target_m_s - start_m_s)
         changing_s = abs(stretch.target_m_s - start_m_s) / self._acceleration_m_s2
         changing_m = changing_s * (start_m_s + stretch.target_m_s) / 2
         if stretch.for_m is None:
-            assert stretch.for_s is not None  # noqa: S101 - the reader requires one of both
+            assert stretch.for_s is not None  # noqa: S101 - the reader requires one of the two
             part_s = min(changing_s, stretch.for_s)
             self._append(part_s, start_m_s + change * part_s)
             self._append(stretch.for_s - part_s, self._knots[-1][1])
@@ -155,26 +156,26 @@ class SpeedProfile:
             self._append((stretch.for_m - changing_m) / stretch.target_m_s, stretch.target_m_s)
 
     def _append(self, for_s: float | None, end_m_s: float) -> None:
-        """Append a piece of constant acceleration; one that does not advance the time is omitted."""
+        """Append a piece of constant acceleration; a piece without duration is omitted."""
         time_s, speed_m_s, travel_m = self._knots[-1]
         if for_s is not None and time_s + for_s > time_s:
             self._knots.append((time_s + for_s, end_m_s, travel_m + for_s * (speed_m_s + end_m_s) / 2))
 
 
 class WheelSlip:
-    """Travel of a towed ground wheel, which is shorter than that of the tractor by the slip.
+    """Travel of a ground wheel that is driven by the soil, reduced by slip.
 
     Attributes:
-        edges_m: Travel of the tractor between which the slip is constant, m, ascending.
-        slip: Slip from each of these travels to the next.
+        edges_m: Positions of the tractor between which the slip is constant, in ascending order, m.
+        slip: Slip from each of these positions to the next.
     """
 
     def __init__(self, spec: SlipSpec, profile: SpeedProfile, rng: np.random.Generator) -> None:
         """Draw the slip of every patch of soil.
 
         Args:
-            spec: Slip.
-            profile: Speed profile, which defines length and grades.
+            spec: Distribution of the slip.
+            profile: Speed profile, which determines the length and the grades.
             rng: Source of the random numbers.
         """
         length_m = float(profile.travel_m[-1])

@@ -1,10 +1,10 @@
-"""Indices of a row of plants: spacing in the manner of ISO 7256-1, and rates as Chinese transplanter tests report them.
+"""Indices of rows of plants: spacing indices after ISO 7256-1, and the rates reported by Chinese transplanter tests.
 
-Spacing indices as defined by Kachman and Smith (1995) on the basis of ISO 7256-1: a spacing of at most half the set
-spacing is a multiple, one of more than 1.5 times is a miss, any other one is in the quality of feed. The indices are
-shares of the number of spacings.
+The spacing indices are defined by Kachman and Smith (1995) on the basis of ISO 7256-1: a spacing of at most half the
+set spacing is a multiple, a spacing of more than 1.5 times the set spacing is a miss, and all others are in the quality
+of feed. The indices are shares of the number of spacings.
 
-The rates follow the terms of JB/T 10291; its text was not available, so that their definitions here are assumed.
+The rates follow the terms of JB/T 10291; its text was not available, so the definitions are assumed.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from plant_sim.planter.verdict import Stand
 from plant_sim.twin.report import binomial_interval
 
 MULTIPLE_BELOW: Final = 0.5
-"""Largest multiple, in set spacings. Source: Kachman and Smith (1995), after ISO 7256-1."""
+"""Upper limit of a multiple, in units of the set spacing. Source: Kachman and Smith (1995), after ISO 7256-1."""
 MISS_ABOVE: Final = 1.5
-"""Largest spacing that is not a miss, in set spacings. Source: as `MULTIPLE_BELOW`."""
+"""Largest spacing that is not a miss, in units of the set spacing. Source: as for `MULTIPLE_BELOW`."""
 
 
 class Rate(NamedTuple):
@@ -68,7 +68,7 @@ class SpacingIndices:
         number: Number of spacings.
         mean_m: Mean, m; NaN without spacings.
         sd_m: Standard deviation, m; NaN for fewer than two spacings.
-        regular_mean_m: Mean of the spacings in the quality of feed, m; NaN without any.
+        regular_mean_m: Mean of the spacings in the quality of feed, m; NaN if there are none.
         multiple: Share of the spacings that are multiples.
         quality: Share of the spacings in the quality of feed.
         miss: Share of the spacings that are misses.
@@ -123,8 +123,8 @@ def planting_rates(rows: Sequence[PlantRow]) -> dict[str, Rate]:
     """Return the rates of all rows.
 
     A qualified position has a single plant that is neither lodged nor injured. Qualified, missed and double positions
-    are shares of all positions, lodged and injured ones of the positions with a plant. The injured rate is absent, and
-    no position is disqualified by injury, if injury is not modelled.
+    are shares of all positions, lodged and injured ones of the positions with a plant. If injury is not
+    modelled, the injured rate is absent and injury is not considered in the qualified rate.
     """
     released = sum(row.released for row in rows)
     planted = sum(int(np.count_nonzero(row.planted)) for row in rows)

@@ -13,7 +13,7 @@ from plant_sim.planter.quality import injury_share
 
 _SPEED_STEP_M_S: Final = 0.001
 _FREQUENCY_STEP_PER_MIN: Final = 0.1
-"""Resolution of the settings; it changes the injured share by less than 0.05 percentage points."""
+"""Resolution of the frequency; rounding changes the injured share by less than 0.05 percentage points."""
 _KM_H: Final = 3.6
 
 
@@ -22,7 +22,7 @@ class InjuryShares(NamedTuple):
 
     Attributes:
         value: Injured share, 0 to 1.
-        within: True if the setting is within the levels of the bench test.
+        within: True if speed and frequency are within the levels of the bench test.
     """
 
     value: Floats
@@ -31,7 +31,7 @@ class InjuryShares(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CabbageInjury:
-    """Injury at one clamp force; not valid for other seedlings than cabbage blocks.
+    """Injury at one clamp force; valid for cabbage blocks only.
 
     Attributes:
         clamp_n: Clamp force, N.

@@ -1,4 +1,4 @@
-"""Planting devices: the timed nozzle of the base machine, and the chain planter with an optional chute above it."""
+"""Planting devices: the nozzle of the base machine, and the chain planter with an optional chute above it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ChainPlanter:
     """Chain planter of a line.
 
     Attributes:
-        table: Table of falls; it contains the parameters of the planter.
+        table: Fall table, which contains the parameters of the planter.
         clamp_n: Clamp force, N.
         unreleased: Share of the blocks that are not released.
         injury: Injury of the blocks; None if it is not modelled.
@@ -37,7 +37,7 @@ class ChainPlanter:
 
     @property
     def pitch_m(self) -> float:
-        """Distance from planter to planter along the chain, m."""
+        """Distance between two planters along the chain, m."""
         motion = motion_at(self.table.planter, 1.0)
         return motion.ratio * motion.spacing_m
 
@@ -81,7 +81,7 @@ class Releases(NamedTuple):
     """Releases of one row, in order.
 
     Attributes:
-        number: Number of releases in the row; the later cups are in transit.
+        number: Number of releases in the row; later cups are in transit.
         time_s: Time of each release, s.
         origin_m: Travel of the machine at the first release, m.
         travel_m: Travel from the first release to each release, m.
@@ -115,7 +115,7 @@ def releases(course: Course, first_cycle: float, cups: int) -> Releases:
 def plant_by_nozzle(entry: NozzleEntry, fed: FedRow, course: Course, rng: np.random.Generator) -> PlantRow:
     """Return the row planted by a nozzle, into which each cup drops its seedling at a fixed phase.
 
-    The seedling reaches the soil after the fall time, at the position of the nozzle at that time, with scatter.
+    The seedling reaches the soil after the fall time, at the current position of the nozzle plus a random deviation.
 
     Args:
         entry: Parameters of the nozzle.
@@ -156,8 +156,8 @@ def drop_through_chute(
     """Return the blocks that the planters catch from the cups above them.
 
     The phase between cups and planters is set so that a plug with the mean transit time arrives in the middle of the
-    catch window at the set frequency. A plug that arrives outside the window of a planter is lost; one that arrives in
-    the window of another planter is caught by that planter.
+    catch window at the set frequency. A plug that arrives outside the window of a planter is lost; a plug that
+    arrives in the window of another planter is caught by that planter.
 
     Args:
         entry: Parameters of the chute.
@@ -226,7 +226,7 @@ def plant_by_chain(
 def _injuries(
     planter: ChainPlanter, at: Releases, planted: Flags, course: Course, rng: np.random.Generator
 ) -> tuple[Flags | None, Flags]:
-    """Return the injured plants, None if injury is not modelled, and whether their settings are not extrapolated."""
+    """Return which plants are injured (None if not modelled), and which are within the levels of the bench test."""
     drawn = rng.random(at.number)
     if planter.injury is None:
         return None, np.ones(at.number, dtype=np.bool_)
@@ -235,7 +235,7 @@ def _injuries(
 
 
 class _Released(NamedTuple):
-    """Seedlings and causes after the release, and the seedlings lost on the way."""
+    """Seedlings and causes after the release, and the number of seedlings lost until then."""
 
     seedlings: Integers
     missing: Integers
@@ -243,7 +243,7 @@ class _Released(NamedTuple):
 
 
 def _row(at: Releases, fed: FedRow, after: _Released, **plants: Any) -> PlantRow:
-    """Return a row from its releases, the cups before and after them, and the arrays of the plants."""
+    """Return a row from its releases, the cups before and after the release, and the arrays of the plants."""
     later = fed.seedlings[at.number :]
     return PlantRow(
         cup=np.arange(at.number),
@@ -260,7 +260,7 @@ def _row(at: Releases, fed: FedRow, after: _Released, **plants: Any) -> PlantRow
 
 
 def _released(fed: FedRow, number: int, share: float, rng: np.random.Generator) -> _Released:
-    """Return the first cups after their release, of which a share fails."""
+    """Return the first `number` cups after their release; a share of the releases fails."""
     seedlings, missing = fed.seedlings[:number], fed.cause[:number]
     fails = (rng.random(number) < share) & (seedlings > 0)
     cause = np.where(fails, Missing.RELEASE, missing).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Forecast of the release by a chain planter: lambda that a plant spacing requires, and the plants that result."""
+"""Forecast of the release by a chain planter: the lambda that a plant spacing requires, and the resulting plants."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from plant_sim.planter.ratio import Regime, regime_of
 from plant_sim.planter.verdict import Stand
 
 SPACINGS_M: Final = (0.35, 0.40, 0.45, 0.50)
-"""Agronomic spacings of the forecast, m. Source: requirement of the line, 35 to 50 cm."""
+"""Agronomic spacings of the forecast, m. Source: required range of the line, 35 to 50 cm."""
 CLEAN_FROM: Final = 1.17
-"""Smallest lambda of a clean release according to the conclusion of the cabbage paper; its own optimum has 1.05."""
+"""Smallest lambda of a clean release according to the conclusion of the cabbage paper; its optimum has 1.05."""
 MOST_SCRAPED: Final = 0.01
 """Largest share of scraped plants of a clean release; assumed."""
 _DRAWS = 10_000
@@ -30,8 +30,8 @@ class ReleaseForecast:
         ratio: Required lambda.
         upright: Share of upright plants.
         lodged: Share of lodged plants.
-        scraped: Share of the plants that the guide plate touches on the ground.
-        within: True if lambda is inside the grid of the fall table.
+        scraped: Share of the plants that the guide plate touches after they have reached the ground.
+        within: True if lambda is within the range of the fall table.
     """
 
     spacing_m: float

@@ -1,4 +1,4 @@
-"""Result of a line: counts, spacing, rates, productivity, lambda, and all that is assumed."""
+"""Result of a line: counts, spacing, rates, productivity, lambda and all assumed values."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class LineResult:
         metres: Length of each row, m.
         spacing_m: Set spacing, m.
         run: Rows of plants.
-        releases: Forecasts of the release at the set spacing and others; empty without a chain planter.
+        releases: Forecasts of the release at the set spacing and at other spacings; empty without a chain planter.
         window: Catch window of the chutes in planting cycles; None without chutes.
         is_fed_by_arms: True if the arms of the machine feed the line.
-        assumed: Key and text of every assumed value.
+        assumed: Key and value, as text, of every assumed value.
         remarks: Limits of the models that apply to this line.
     """
 
@@ -79,7 +79,7 @@ class LineResult:
 
     @property
     def plants(self) -> int:
-        """Number of plants, each of a double counted."""
+        """Number of plants; both plants of a double are counted."""
         return sum(int(row.seedlings.sum()) for row in self.rows)
 
     @property
@@ -89,7 +89,7 @@ class LineResult:
 
     @property
     def plants_per_h(self) -> float:
-        """Productivity of all rows, stops included, 1/h; NaN for less than two releases."""
+        """Productivity of all rows including stops, 1/h; NaN for fewer than two releases."""
         return 3600 * self.plants / self.duration_s if self.duration_s else math.nan
 
     @property
@@ -100,7 +100,7 @@ class LineResult:
 
     @property
     def scraped(self) -> Rate | None:
-        """Plants that the guide plate has touched on the ground; None without a chain planter."""
+        """Share of the plants that the guide plate has touched on the ground; None without a chain planter."""
         if self.ratios is None:
             return None
         planted = sum(int(np.count_nonzero(row.planted)) for row in self.rows)
@@ -108,22 +108,22 @@ class LineResult:
 
     @property
     def extrapolated(self) -> int:
-        """Number of plants whose lambda is outside the grid of the fall table."""
+        """Number of plants whose lambda is outside the range of the fall table."""
         return sum(int(np.count_nonzero(~row.within)) for row in self.rows)
 
     @property
     def extrapolated_injuries(self) -> int:
-        """Number of plants whose setting is outside the levels of the bench test on injury."""
+        """Number of plants whose speed or frequency is outside the levels of the bench test on injury."""
         return sum(int(np.count_nonzero(~row.injury_within)) for row in self.rows)
 
     @property
     def needed_window(self) -> float | None:
-        """Catch window that 99.9 % of the arrivals need, in planting cycles; None without chutes."""
+        """Catch window required for 99.9 % of the arrivals, in planting cycles; None without chutes."""
         phase = np.concatenate([row.phase for row in self.rows])
         return 2 * float(np.quantile(np.abs(phase), _NEEDED_QUANTILE)) if len(phase) else None
 
     def record(self) -> dict[str, Any]:
-        """Return the result as one JSON object, without the single plants."""
+        """Return the result as a JSON object, without the list of plants."""
         indices, balance = self.spacing, self.run.balance
         return {
             "title": self.title,

@@ -1,4 +1,4 @@
-"""Rows of plants as arrays: one element for each cup or planter that has been released over the row."""
+"""Rows of plants as arrays with one element for each cup or planter released over the row."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Missing(enum.IntEnum):
     D = 2
     """Lost while carrying."""
     T = 3
-    """Lost while throwing: fallen outside its cup or into another one."""
+    """Lost while throwing: the seedling fell outside its cup or into another one."""
     MISSED_CUP = 4
     """No seedling was offered while the cup or the planter passed."""
     HANDOVER = 5
@@ -46,11 +46,11 @@ NO_PLANT: Final = -1
 
 @dataclass(frozen=True)
 class FedRow:
-    """Cups of one row in their order, or blocks offered to successive planters.
+    """Cups of one row in order, or successive planters of a line without cups.
 
     Attributes:
-        seedlings: Number of seedlings of each cup: 0, 1 or 2.
-        cause: `Missing` of each empty cup, `Missing.NONE` of the others.
+        seedlings: Number of seedlings in each cup: 0, 1 or 2.
+        cause: Cause of each empty cup; `Missing.NONE` for the others.
         first_cycle: Planting cycles of the drive at which the first cup is at the planting position.
     """
 
@@ -69,19 +69,19 @@ class PlantRow:
         travel_m: Travel of the machine at the release, from the first release of the row, m.
         speed_m_s: Ground speed at the release, m/s.
         ratio: Characteristic ratio lambda at the release; NaN without a chain planter, infinite at standstill.
-        seedlings: Number of plants at the position: 0, 1 or, from a double, 2 or more.
-        missing: `Missing` of the position.
+        seedlings: Number of plants at the position; 2 or more for a double.
+        missing: Cause of the missing plant; `Missing.NONE` if there is a plant.
         position_m: Position of the plants along the row, m; NaN without a plant.
         depth_m: Depth of the bottom of the plug below the soil surface, m; NaN without a plant.
         tilt_deg: Tilt of the plant, forward positive, degrees; NaN without a plant or if not modelled.
         stand: `plant_sim.planter.verdict.Stand` of the plant; `NO_PLANT` without a plant.
         scraped: True if the planter touched the plant after its release.
         injured: True for an injured plant; None if injury is not modelled.
-        injury_within: True if the setting is within the levels of the bench test on injury, or injury is not modelled.
-        within: True if the fall is inside the grid of the fall table; False for an extrapolated one.
-        in_transit: Cups or planters that have left the feed and are not yet released.
-        seedlings_in_transit: Seedlings in them.
-        seedlings_lost: Seedlings lost between the feed and the soil.
+        injury_within: True within the levels of the bench test on injury, or if injury is not modelled.
+        within: True if lambda is within the range of the fall table; False for an extrapolated fall.
+        in_transit: Number of cups or planters that have left the feed but have not been released.
+        seedlings_in_transit: Number of seedlings in them.
+        seedlings_lost: Number of seedlings lost between the feed and the soil.
         phase: Deviation of each arrival from the middle of the catch window, in planting cycles; empty without a chute.
     """
 
@@ -133,5 +133,5 @@ class PlantRow:
 
     @property
     def plants_m(self) -> Floats:
-        """Positions of all plants in ascending order, m; a double gives its position once for each plant."""
+        """Positions of all plants in ascending order, m; the position of a double is repeated for each plant."""
         return np.sort(np.repeat(self.position_m, self.seedlings))

@@ -1,4 +1,4 @@
-"""Run of a line: ground, drive, feed and planting device, to rows of plants."""
+"""Run of a line: ground, drive, feed and planting device produce rows of plants."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from plant_sim.line.row import FedRow, PlantRow
 from plant_sim.machine.parameters import Machine
 
 _STARTING_CUPS = 60
-"""Cups of a row before its first release, apart from those between the claws and the planting position."""
+"""Cups of a row before its first release, excluding those between the claws and the planting position."""
 
 
 @dataclass(frozen=True)
 class SeedlingBalance:
-    """Balance of the seedlings that were in trays.
+    """Balance of the seedlings that were in the trays.
 
     Attributes:
-        counts: Seedlings by location in the machine; those that have passed the last claw count as in cups.
+        counts: Seedlings by location in the machine; seedlings that have passed the last claw are counted as in cups.
         in_reach: Seedlings in cups that have not yet passed the last claw.
-        passed: Seedlings with a cup of their own that have passed the last claw.
+        passed: Seedlings that have passed the last claw, not counting the second one of a double.
     """
 
     counts: SeedlingCounts
@@ -100,7 +100,7 @@ def run_line(
         planter: Chain planter; None for a line with nozzles.
 
     Raises:
-        LineError: The row is too long, or nothing is planted on it.
+        LineError: The row is too long, or no plant is planted on it.
     """
     soil, feeding, planting = (np.random.default_rng([seed, stream]) for stream in range(3))
     profile = profile_of(line.ground, metres + _margin_m(line))
@@ -113,7 +113,7 @@ def run_line(
         balance = SeedlingBalance(arms.twin.plant.counts(), arms.seedlings_tracked, arms.seedlings_passed)
         alarms = tuple(dict.fromkeys(event.text for event in arms.twin.alarm_events() if event.active))
     else:
-        assert line.conveyor is not None  # noqa: S101 - the reader requires one of both
+        assert line.conveyor is not None  # noqa: S101 - the reader requires one of the two
         fed = (_offered_blocks(line.conveyor, course, feeding),)
     rows = tuple(_plant(line, each, course, planter, planting) for each in fed)
     if not all(row.released for row in rows):
@@ -149,7 +149,7 @@ def drive_of(line: LineFile, profile: SpeedProfile, rng: np.random.Generator) ->
 
 
 def _margin_m(line: LineFile) -> float:
-    """Return the travel beyond the row that start-up and transit require at the largest slip and lag, m."""
+    """Return the travel in addition to the row that start-up and transit require at the upper limit of slip, m."""
     cups = _STARTING_CUPS + (0 if line.arms is None else line.arms.cups_to_planting)
     fastest_m_s = max(max(segment.speed or 0.0, segment.ramp_to or 0.0) for segment in line.ground.segments)
     return (cups * line.spacing + (line.drive.lag or 0.0) * fastest_m_s) / (1 - MOST_SLIP)
@@ -162,7 +162,7 @@ def set_frequency_hz(line: LineFile) -> float:
 
 
 def _stretches(ground: GroundEntry) -> list[Stretch]:
-    """Return the stretches of a ground; a hill is driven at the previous speed, reduced by its grade."""
+    """Return the stretches of a ground; on a hill, the previous speed is reduced according to the grade."""
     set_m_s = 0.0
     stretches = []
     for segment in ground.segments:
@@ -172,7 +172,7 @@ def _stretches(ground: GroundEntry) -> list[Stretch]:
 
 
 def _stretch(segment: SegmentEntry, ground: GroundEntry, set_m_s: float) -> tuple[Stretch, float]:
-    """Return a stretch, and the set speed after it, m/s."""
+    """Return the stretch of a segment, and the set speed after it, m/s."""
     if segment.stand is not None:
         return Stretch(0.0, for_s=segment.stand), set_m_s
     assert segment.over is not None  # noqa: S101 - the reader requires it
@@ -187,7 +187,7 @@ def _stretch(segment: SegmentEntry, ground: GroundEntry, set_m_s: float) -> tupl
 
 
 def _fill_cups(line: LineFile, course: Course, *, seed: int, machine: Machine) -> ArmsFeed:
-    """Return the cups of both rows, filled until both rows are planted."""
+    """Return the feed after a run in which both rows are completed."""
     assert line.arms is not None  # noqa: S101 - the caller has checked it
     to_planting = line.arms.cups_to_planting
     before = _STARTING_CUPS / 2 + to_planting + _carried(line)
@@ -205,7 +205,7 @@ def _fill_cups(line: LineFile, course: Course, *, seed: int, machine: Machine) -
 
 
 def _offered_blocks(entry: ConveyorEntry, course: Course, rng: np.random.Generator) -> FedRow:
-    """Return the blocks gripped until the row is planted."""
+    """Return the blocks that are offered until the row is complete."""
     until_s = _end_s(course, [CARRIED_CYCLES])
     cycles = np.arange(int(course.drive.cycles_at(until_s)) + 1, dtype=np.float64)
     return blocks(entry, course.drive.time_at(cycles), rng)

@@ -36,7 +36,7 @@ COLUMNS: Final = (
     "scraped",
     "injured",
 )
-"""Columns of the plants; an empty cell or a null is a value that does not exist."""
+"""Columns of the table of plants; a missing value is an empty cell in CSV and null in Parquet."""
 
 _SHOWN_M = 25.0
 """Length of row in the upper part of the picture, m."""
@@ -47,7 +47,7 @@ _MISSING = ("missing", "#444444", "x")
 
 
 def make_folder(out: Path) -> None:
-    """Create the folder of the files if it is missing, but not its parents.
+    """Create the folder for the files if it does not exist; its parent must exist.
 
     Raises:
         LineError: The folder cannot be created.
@@ -66,7 +66,7 @@ def write_result(result: LineResult, out: Path) -> list[Path]:
         out: Existing folder.
 
     Returns:
-        The files.
+        The paths of the files.
 
     Raises:
         FigureError: A file cannot be written.
@@ -83,7 +83,7 @@ def write_result(result: LineResult, out: Path) -> list[Path]:
 
 
 def plant_table(result: LineResult) -> pa.Table:
-    """Return all positions of all rows as a table with the columns `COLUMNS`."""
+    """Return a table of the positions of all rows with the columns `COLUMNS`."""
     return pa.concat_tables(
         pa.table(dict(zip(COLUMNS, _columns(number, row), strict=True)))
         for number, row in enumerate(result.rows, start=1)
@@ -119,7 +119,7 @@ def _spacing_m(row: PlantRow) -> np.ndarray:
 
 
 def _write_csv(plants: pa.Table, path: Path) -> None:
-    """Write the table with full precision; an absent value is an empty cell."""
+    """Write the table with full precision; a missing value is an empty cell."""
     columns = [plants.column(name).to_pylist() for name in COLUMNS]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -202,5 +202,5 @@ def _draw_histogram(axes: Axes, result: LineResult) -> None:
 
 
 def _short(code: int) -> str:
-    """Return the letter of a cause: that of the paper, or the first one of its name in lower case."""
+    """Return the letter of a cause: the letter of the paper, or the first letter of its name in lower case."""
     return Missing(code).label[0]

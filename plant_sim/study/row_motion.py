@@ -12,7 +12,7 @@ class RowMotion(NamedTuple):
     """Motion of one row of seedlings.
 
     Attributes:
-        side: Arm.
+        side: Arm, left or right.
         along_m: Offset of the cells beyond the claws when the claws close, m.
         across_m: Offset of the claws inward from the column, m.
         force_n: Maximum force of a finger, N.

@@ -1,4 +1,4 @@
-"""Auxiliary relays of the export: every condition keeps its value, and no relay outlives a write to what it reads."""
+"""Auxiliary relays of the export: conditions are unchanged, and no relay is read after a write to its devices."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_comparison_and_its_complement_have_one_relay() -> None:
 def test_condition_that_is_short_or_used_once_has_no_relay() -> None:
     items = [Out(M[1], X[0] & X[1] & X[2]), Out(M[2], (X[0] & X[1]) | X[3]), Out(M[3], (X[0] & X[1]) | X[4])]
     assert relays(shared(small(*items))) == {}
-    assert relays(shared(small(Out(M[1], LONG), Out(M[2], LONG)))) == {}  # such rungs have their contacts in common
+    assert relays(shared(small(Out(M[1], LONG), Out(M[2], LONG)))) == {}  # such rungs share their contacts
 
 
 TIMER = Timer(0, "timer")
@@ -131,7 +131,7 @@ def test_condition_that_the_sequence_changes_is_not_taken_out_of_it() -> None:
 
 
 def normal(expr: Expr, *, negated: bool = False) -> object:
-    """Return a normal form that is equal for conditions which differ only in order, nesting and inverted contacts."""
+    """Return a normal form; conditions that differ only in order, nesting and inverted contacts have the same form."""
     match expr:
         case Not(operand):
             return normal(operand, negated=not negated)
@@ -149,7 +149,7 @@ def normal(expr: Expr, *, negated: bool = False) -> object:
 
 
 def expanded(expr: Expr, valid: dict[Bit, Expr]) -> Expr:
-    """Return a condition with each auxiliary relay replaced by its condition; KeyError if the relay is outdated."""
+    """Return a condition with each auxiliary relay replaced by its condition; raise KeyError if a relay is outdated."""
     match expr:
         case Not(operand):
             return ~expanded(operand, valid)
@@ -163,10 +163,10 @@ def expanded(expr: Expr, valid: dict[Bit, Expr]) -> Expr:
 
 
 def assert_every_condition_has_its_value(program: Program) -> None:
-    """Compare each condition with the original one, in scan order; a relay is valid until a device it reads is written.
+    """Compare each condition with the original one, in scan order; a relay is outdated after a write to its devices.
 
     Raises:
-        AssertionError: A condition differs, or a relay is read after a write to what it reads.
+        AssertionError: A condition differs, or a relay is read while it is outdated.
     """
     valid: dict[Bit, Expr] = {}
     for block, other in zip(program.blocks, shared(program).blocks, strict=True):
@@ -197,7 +197,7 @@ def reads(expr: Expr) -> set[tuple[str, int]]:
 
 
 def writes(item: Rung | Steps) -> list[Bit | Word]:
-    """Return the devices that an item writes, independently of the export."""
+    """Return the devices that an item writes; independent of the function of the export."""
     if not isinstance(item, Steps):
         return list(written_devices(item))
     timers = [step.dwell.timer.done for step in item.steps if step.dwell]
@@ -205,7 +205,7 @@ def writes(item: Rung | Steps) -> list[Bit | Word]:
 
 
 def test_every_condition_of_the_machine_has_its_value() -> None:
-    """The conditions with the relays expanded are those of the program, and no relay is read after it is outdated."""
+    """With the relays expanded, the conditions equal those of the program, and no outdated relay is read."""
     program = acting(MACHINE.program)
     assert_every_condition_has_its_value(program)
     assert len(relays(shared(program))) > 100

@@ -1,4 +1,4 @@
-"""Output registers: frames on the wire, release at the end of a scan, and the safe value after every failure."""
+"""Output registers: Modbus frames, release at the end of a scan, and the safe value after every failure."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def make_module() -> IoModule:
 
 
 def registers(*places: tuple[int, int]) -> tuple[OutputRegister, ...]:
-    """Return registers with these numbers and offsets."""
+    """Return output registers with the given numbers and offsets."""
     return tuple(replace(REGISTER, number=number, offset=offset) for number, offset in places)
 
 
@@ -52,7 +52,7 @@ def confirmed(request: bytes) -> bytes:
 
 
 def test_registers_are_written_by_one_request_per_run_of_offsets() -> None:
-    """The values follow the order of the map, the requests that of the offsets."""
+    """Values are in the order of the map, requests in the order of the offsets."""
     io_map = replace(IO_MAP, registers=registers((0, 11), (3, 10), (5, 40)))
     with ScriptedServer(confirmed) as server:
         link = ModbusTcpLink("127.0.0.1", server.port, io_map, unit=7, timeout_s=PATIENT_S)
@@ -146,7 +146,7 @@ class Strip:
 
 
 class Unsettled(DirectRetentiveWriter):
-    """Writer whose values remain to be stored while `waits` is true."""
+    """Retentive writer that reports unwritten values while `waits` is true."""
 
     waits = False
 
@@ -156,7 +156,7 @@ class Unsettled(DirectRetentiveWriter):
 
 
 class Cabinet:
-    """Program that writes 456 to its register while X0 is on and the safe value while X1 is on."""
+    """Runtime of a program that writes 456 to its register while X0 is on, and the safe value while X1 is on."""
 
     def __init__(self, writer: RetentiveWriter | None = None) -> None:
         io_map = replace(IO_MAP, registers=(replace(REGISTER, safe=SAFE),))
@@ -168,7 +168,7 @@ class Cabinet:
         self.now_ms = 0
 
     def tick(self, *on: int, after_ms: int = 10) -> list[str | list[int]]:
-        """Scan with these inputs on and return what has been written, in order."""
+        """Run a scan with the given inputs on and return all writes in order."""
         self.strip.inputs[:2] = [number in on for number in range(2)]
         self.strip.written.clear()
         self.runtime.tick(self.now_ms)
@@ -177,7 +177,7 @@ class Cabinet:
 
 
 def test_registers_are_written_before_the_outputs() -> None:
-    """In lock step, the complete block of outputs advances the plant."""
+    """The order matters in lock step, where the plant advances when all outputs have been written."""
     cabinet = Cabinet()
     assert cabinet.tick(0) == [[456], "outputs"]
     assert cabinet.runtime.released_words == [456]
@@ -185,7 +185,7 @@ def test_registers_are_written_before_the_outputs() -> None:
 
 
 def test_a_device_that_refuses_its_register_does_not_keep_the_outputs_on() -> None:
-    """The first refusal is a link error; from then on, the safe outputs are written although the register is not."""
+    """The first rejection is a link error; then the safe outputs are written although the register is rejected."""
     cabinet = Cabinet()
     cabinet.tick(0)
     cabinet.strip.refuses_registers = True
@@ -245,7 +245,7 @@ def test_a_register_waits_for_the_retentive_memory_unless_it_becomes_safe() -> N
 
 
 def test_on_exit_the_outputs_come_first() -> None:
-    """If the device does not answer for its registers, the outputs are safe already."""
+    """The outputs are already safe if the device does not respond to a write of its registers."""
     cabinet = Cabinet()
     cabinet.tick(0)
     cabinet.strip.written.clear()

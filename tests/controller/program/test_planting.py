@@ -96,7 +96,7 @@ def test_the_pulse_distance_scales_the_ground_speed() -> None:
 
 
 def test_lambda_outside_its_limits_is_a_warning_that_does_not_stop_work() -> None:
-    """With 35 % slip of the drive wheel, lambda falls from 1.22 to 0.79, below the limit of 1.00."""
+    """With 35 % slip of the drive wheel, lambda decreases from 1.22 to 0.79, below the limit of 1.00."""
     twin = executing()
     twin.run_for(25_000)
     assert twin.alarms() == []
@@ -140,7 +140,7 @@ def advised_per_min(name: str) -> float:
 
 
 def test_the_arms_keep_up_with_the_advised_frequency_but_not_with_a_faster_one() -> None:
-    """Below the advice, cups are missed only because an arm waits; above it, also without, and a warning is given."""
+    """Below the advice, cups are missed only after a wait of an arm; above it, in other cycles too, with a warning."""
     advised = advised_per_min("fastest")
     assert 60 < advised < 100
     results = {}
@@ -153,7 +153,7 @@ def test_the_arms_keep_up_with_the_advised_frequency_but_not_with_a_faster_one()
 
 
 def test_no_cups_are_missed_up_to_the_gapless_frequency() -> None:
-    """Ground truth is the count of missed cups over two trays, including those at changes of the tray."""
+    """Below the gapless frequency, no cup is missed over two trays, including the tray changes."""
     advised = advised_per_min("gapless")
     assert 45 < advised < 70
     missed = {}
@@ -177,7 +177,7 @@ def test_advice_is_given_only_after_both_arms_have_prepared_a_row() -> None:
 
 
 def test_there_is_no_advice_while_the_arms_wait_for_cups_before_they_move_down() -> None:
-    """The time from release to release would then be that of the cups, and the advice the frequency itself."""
+    """The time between releases would then depend on the cups, and the advice would equal the current frequency."""
     twin = executing(DELIVERED, descend_at_count=12)
     twin.run_for(60_000)
     assert twin.cycles()
@@ -185,9 +185,10 @@ def test_there_is_no_advice_while_the_arms_wait_for_cups_before_they_move_down()
 
 
 def test_waits_for_the_tray_count_only_for_the_gapless_frequency() -> None:
-    """At 90 per minute every release is late, and the cups that pass meanwhile do not hide a wait.
+    """At 90 cups per minute, every release is late, but waits are still detected.
 
-    The release delay, longer with slow cups, counts as motion of the arms: 0.25 s of 9.4 s from 45 to 90 per minute.
+    The release delay, which is longer at low chain speed, is part of the measured time: 0.25 s of 9.4 s from 45 to 90
+    per minute.
     """
     slow, fast = executing(DELIVERED), executing(DELIVERED, 90)
     for twin in (slow, fast):
@@ -263,7 +264,7 @@ def test_on_exit_the_safe_value_is_written() -> None:
 
 
 def test_the_export_contains_the_planter_speed_only_if_it_is_wired() -> None:
-    """Measurement, advice and warnings are information; they take no steps of the export."""
+    """Measurement, advice and warnings are for information only and are not exported."""
     blocks = {
         name: [block.title for block in acting(build(io_map).program).blocks]
         for name, io_map in (("delivered", DELIVERED), ("sensor", SENSOR), ("both", BOTH))
@@ -275,14 +276,14 @@ def test_the_export_contains_the_planter_speed_only_if_it_is_wired() -> None:
 
 
 def test_the_exported_planter_speed_is_equal_in_every_scan() -> None:
-    """Outputs and planter speed are compared in a run with both points wired, a standstill and an emergency stop."""
+    """Outputs and planter speed are equal in a run with both points wired, a standstill and an emergency stop."""
     machine = build(BOTH)
     (speed,) = machine.program.output_words
     reference, fx = Plc(machine.program), FxPlc(export(acting(machine.program)))
     seen: list[int] = []
 
     def compare(twin: Twin) -> None:
-        levels = twin.plant.x  # the plant does not move between reading and this call
+        levels = twin.plant.x  # the plant does not move between the scan and this call
         assert reference.scan(twin.now_ms, levels) == fx.scan(twin.now_ms, levels)
         assert reference.read(speed) == fx.memory.D[speed.number] == value(twin, "planter_speed")
         seen.append(reference.read(speed))

@@ -1,4 +1,4 @@
-"""Drives: spacing and lambda at constant speed, under ramps, with slip and with the lag of the motor."""
+"""Drives: spacing and lambda at constant speed, on ramps, with slip and with motor lag."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_ground_wheel_keeps_the_spacing_through_every_change_of_speed() -> Non
 
 @pytest.mark.parametrize("lag_s", [0.05, 0.5, 3.0])
 def test_the_motor_drive_agrees_with_numerical_integration(lag_s: float) -> None:
-    """The differential equation of the lag, integrated from knot to knot, gives the same cycles."""
+    """Numerical integration of the differential equation of the lag gives the same number of cycles."""
     ground = ground_of(*VARIED, length_m=60.0)
     drive = MotorDrive(ground, per_m=2.5, lag_s=lag_s)
 
@@ -78,7 +78,7 @@ def test_the_motor_drive_agrees_with_numerical_integration(lag_s: float) -> None
 
 
 def test_the_motor_lags_behind_a_ramp_by_its_time_constant() -> None:
-    """On a long ramp of 0.01 m/s2, the rate is that of the speed one lag earlier, and lambda is lower."""
+    """On a long ramp of 0.01 m/s2, the rate corresponds to the speed one time constant earlier; lambda is reduced."""
     ground = ground_of(Stretch(0.2, for_s=20.0), Stretch(1.2, for_s=100.0, is_ramp=True), length_m=50.0)
     drive = MotorDrive(ground, per_m=2.5, lag_s=0.8)
     assert drive.rate_at(90.0) == pytest.approx(2.5 * ground.speed_at(89.2), rel=1e-9)
@@ -92,7 +92,7 @@ def test_the_motor_keeps_the_spacing_at_constant_speed_despite_slip() -> None:
 
 
 def test_the_motor_runs_on_when_the_tractor_stops() -> None:
-    """After the stop, the motor still turns by the product of its rate and its lag, and lambda is infinite."""
+    """After the stop, the motor turns by the product of its rate and its lag, and lambda is infinite."""
     ground = ground_of(Stretch(0.5, for_m=20.0), Stretch(0.0, for_s=30.0), length_m=20.0)
     drive = MotorDrive(ground, per_m=2.5, lag_s=0.5)
     stop_s = ground.time_s[-2]
@@ -118,8 +118,8 @@ def test_the_inverse_of_a_drive_returns_its_cycles(each: list[Stretch], lag_s: f
 def test_the_scatter_of_the_slip_gives_the_spacing_its_variation(patch_m: float, spacing_m: float) -> None:
     """The coefficient of variation follows from the variance of the mean slip over one spacing.
 
-    For independent patches of length L and a spacing S, that variance is the variance of the slip times 1 - S/(3L) for
-    S up to L, and (L/S)(1 - L/(3S)) above.
+    For independent patches of length L and a spacing S, the variance of the mean slip is the variance of the slip times
+    1 - S/(3L) if S is at most L, and times (L/S)(1 - L/(3S)) otherwise.
     """
     mean, sd = 0.10, 0.02
     ground = ground_of(Stretch(0.5, for_m=20_000.0), length_m=20_000.0)

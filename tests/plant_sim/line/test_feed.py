@@ -1,4 +1,4 @@
-"""Feeds: blocks singled by a conveyor, and cups filled by the program and the machine."""
+"""Feeds: single blocks from a conveyor, and cups filled by the program and the machine."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_conveyor_that_is_fast_enough_offers_every_block() -> None:
 
 
 def test_a_conveyor_that_is_too_slow_serves_every_second_planter() -> None:
-    """At 90 planters and 60 blocks per minute, a block needs 1 s and a planter comes every 0.667 s."""
+    """At 90 planters and 60 blocks per minute, a block takes 1 s to arrive and a planter passes every 0.667 s."""
     fed = blocks(conveyor("60/min"), np.arange(1000) / 1.5, np.random.default_rng(1))
     assert fed.seedlings.tolist() == [1, 0] * 500
     assert set(fed.cause[1::2].tolist()) == {Missing.MISSED_CUP}
@@ -77,7 +77,7 @@ def fed_arms() -> tuple[ArmsFeed, MotorDrive]:
 
 
 def test_the_chains_follow_the_cycles_of_the_drive(fed_arms: tuple[ArmsFeed, MotorDrive]) -> None:
-    """A cup is at the planting position six cups after the last claw; the chain has then reached its place."""
+    """The chain position corresponds to the planted cup, which is six cups after the last claw."""
     arms, drive = fed_arms
     pitch_m = 0.060
     for arm, row in zip(arms.twin.plant.arms.values(), arms.rows, strict=True):
@@ -99,7 +99,7 @@ def test_every_cup_and_seedling_of_the_arms_is_accounted_for(fed_arms: tuple[Arm
 
 
 def test_the_causes_are_those_of_the_lost_seedlings() -> None:
-    """At 45 plants per minute no cup is missed; every empty cup corresponds to a seedling lost for its cause."""
+    """At 45 plants per minute no cup is missed; each empty cup has the cause of the seedling that was lost."""
     stretches = [Stretch(0.3, for_m=100.0)]
     profile = SpeedProfile(stretches, acceleration_m_s2=0.3, length_m=100.0)
     wheel = WheelSlip(SlipSpec(), profile, np.random.default_rng(1))
@@ -114,7 +114,7 @@ def test_the_causes_are_those_of_the_lost_seedlings() -> None:
 
 
 def test_the_tractor_of_the_plant_moves_as_the_profile_does() -> None:
-    """The ground-speed sensor of the plant sees the travel of the tractor despite the slip of the drive wheel."""
+    """The ground-speed sensor measures the travel of the tractor correctly despite the slip of the drive wheel."""
     profile = ground()
     slip = WheelSlip(SlipSpec(0.08, 0.03, 1.0), profile, np.random.default_rng(1))
     arms = ArmsFeed(load_machine(), seed=2, cups=150, frequency_per_min=45.0, spacing_m=0.38)
@@ -125,7 +125,7 @@ def test_the_tractor_of_the_plant_moves_as_the_profile_does() -> None:
 
 
 def test_a_machine_that_cannot_keep_up_misses_cups() -> None:
-    """At 120 plants per minute the arms cannot serve every cup; the others are missed, not lost."""
+    """At 120 plants per minute, the arms cannot fill every cup; the empty cups are counted as missed."""
     profile = SpeedProfile([Stretch(0.8, for_m=100.0)], acceleration_m_s2=0.3, length_m=100.0)
     wheel = WheelSlip(SlipSpec(), profile, np.random.default_rng(1))
     arms = ArmsFeed(load_machine(), seed=2, cups=250, frequency_per_min=120.0, spacing_m=0.4)

@@ -1,4 +1,4 @@
-"""Indices and rates of small rows, computed by hand."""
+"""Indices and rates of small rows with manually computed results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from plant_sim.planter.verdict import Stand
 
 
 def row_of(plants: list[tuple[int, Missing, int, bool]]) -> PlantRow:
-    """Return a row with 0.4 m from cup to cup; each cup has plants, cause, stand and injury."""
+    """Return a row with 0.4 m between cups; for each cup, plants, cause, stand and injury are given."""
     number = len(plants)
     seedlings, missing, stand, injured = (np.array(each) for each in zip(*plants, strict=True))
     travel_m = np.array([0.4 * cup for cup in range(number)])
@@ -58,14 +58,14 @@ def empty(cause: Missing) -> tuple[int, Missing, int, bool]:
 
 
 def test_the_limits_of_the_indices_belong_to_multiple_and_quality() -> None:
-    """Spacings of exactly half and 1.5 times the set spacing; all values are exact in binary."""
+    """A spacing of exactly half the set spacing is a multiple; exactly 1.5 times is in the quality of feed."""
     indices = spacing_indices([np.array([0.0, 0.25, 1.0, 1.5, 2.2578125])], 0.5)
     assert (indices.multiple.hits, indices.quality.hits, indices.miss.hits) == (1, 2, 1)
     assert indices.number == 4
 
 
 def test_mean_variation_and_precision_of_a_small_row() -> None:
-    """Spacings 0.38, 0.42, 0.80, 0.10: mean 0.425; those in the quality of feed deviate by 0.02 from their mean."""
+    """Spacings 0.38, 0.42, 0.80 and 0.10 have the mean 0.425; the two in the quality of feed deviate by 0.02."""
     indices = spacing_indices([np.array([0.0, 0.38, 0.80, 1.60, 1.70])], 0.4)
     assert indices.mean_m == pytest.approx(0.425)
     assert indices.sd_m == pytest.approx(math.sqrt((0.045**2 + 0.005**2 + 0.375**2 + 0.325**2) / 3))
@@ -126,6 +126,6 @@ def test_rates_and_causes_of_a_small_row() -> None:
 
 
 def test_the_interval_of_a_rate_is_exact() -> None:
-    """The interval of 136 of 144 is the one quoted for the pepper paper's trials."""
+    """The interval for 136 of 144 is the one quoted for the trials of the pepper paper."""
     assert Rate(136, 144).interval_percent == pytest.approx((89.35, 97.57), abs=0.01)
     assert Rate(136, 144).text() == "94.4 % (89.3 to 97.6)"

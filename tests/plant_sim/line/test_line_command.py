@@ -1,4 +1,4 @@
-"""Command ``line``: results, files, reproducibility, bad input, duration and one million cups."""
+"""Command ``line``: results, files, reproducibility, invalid input, duration and one million cups."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def pepper() -> LineResult:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_cup_and_seedling_is_accounted_for(name: str, tmp_path: Path) -> None:
-    """On level ground and on a rough one: single + double + missing = released, and the rest is in transit."""
+    """On level and rough ground, single + double + missing = released, and all other cups are in transit."""
     (tmp_path / "rough.yaml").write_text(ROUGH, encoding="utf-8")
     for profile in (None, tmp_path / "rough.yaml"):
         done = result(name, profile=profile)
@@ -77,13 +77,13 @@ def test_the_same_seed_gives_the_same_plants(name: str) -> None:
 
 
 def test_a_stop_does_not_lose_or_repeat_a_plant(tmp_path: Path) -> None:
-    """The spacing depends on the wheel only, so a profile with stops gives the same cups as steady driving."""
+    """The spacing depends on the wheel only, so stops do not change the releases."""
     text = "segments:\n  - {speed: 1.08 km/h, over: 15 m}\n  - {stand: 20 s}\n"
     (tmp_path / "stops.yaml").write_text(text, encoding="utf-8")
     done = result("pepper", 50.0, profile=tmp_path / "stops.yaml")
     assert done.missing["missed_cup"] == 0
     for row in done.rows:
-        assert np.diff(row.travel_m) == pytest.approx(0.4 * 0.95, rel=1e-9)  # set for 5 % slip, of which there is none
+        assert np.diff(row.travel_m) == pytest.approx(0.4 * 0.95, rel=1e-9)  # set for 5 %, no slip present
     assert done.duration_s > 50 / 0.3 + 2 * 20
 
 
@@ -183,7 +183,7 @@ EXTREMES = [("mean", "90 %"), ("spacing", "2 m"), ("speed", "5 m/s"), ("speed", 
     ("name", "key", "value"), one_in(2, [(name, *extreme) for extreme in EXTREMES for name in NAMES])
 )
 def test_extreme_values_give_a_result(name: str, key: str, value: str, tmp_path: Path) -> None:
-    """The limits of the line file lead to poor rows or to no plant at all, but everything is accounted for."""
+    """Values at the limits of the line file give poor or empty rows, but all cups and seedlings are accounted for."""
     text = lines()[name].read_text(encoding="utf-8")
     if key == "lag":
         text = text.replace("kind: ground_wheel\n  set_for_slip: 5 %, assumed", f"kind: own_motor\n  lag: {value}")
@@ -198,7 +198,7 @@ def test_extreme_values_give_a_result(name: str, key: str, value: str, tmp_path:
 
 
 def test_a_million_planters_are_accounted_for() -> None:
-    """One row of 425 km, in which each block, lost or planted, is counted once."""
+    """In a row of 425 km, each lost or planted block is counted once."""
     done = result("cabbage", 425_000.0)
     assert done.run.accounted
     assert sum(row.released for row in done.rows) > 1_000_000
@@ -215,7 +215,7 @@ def test_a_kilometre_takes_less_than_a_minute(name: str) -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(7_200)
 def test_a_million_cups_are_accounted_for() -> None:
-    """Cups of the twin arms, over several seeds; each run is 6 km of two rows."""
+    """In runs of 6 km with several seeds, each cup of the two rows is counted once."""
     released = 0
     seed = 100
     while released < 1_000_000:

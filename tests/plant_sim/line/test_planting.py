@@ -1,4 +1,4 @@
-"""Planting by the nozzle, and handover through the chute."""
+"""Planting by the nozzle and the chain planter, and handover through the chute."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def chute(**values: str) -> ChuteEntry:
 
 
 def test_a_row_has_its_length_and_the_rest_is_in_transit() -> None:
-    """Releases every 0.4 m from 0 to 49.6 m and one at 50 m, within rounding: 125 or 126."""
+    """A release every 0.4 m gives 125 releases from 0 to 49.6 m, and one more at 50 m depending on rounding."""
     at = releases(course(), 10.3, 200)
     assert at.number in {125, 126}
     assert at.travel_m[0] == 0.0
@@ -67,7 +67,7 @@ def test_a_row_has_its_length_and_the_rest_is_in_transit() -> None:
 
 
 def test_a_plant_lands_a_fall_after_its_release() -> None:
-    """At 0.3 m/s and a fall of 0.2 s, the nozzle is 60 mm further."""
+    """At 0.3 m/s and a fall time of 0.2 s, the nozzle travels 60 mm during the fall."""
     row = plant_by_nozzle(nozzle(), full(150), course(), np.random.default_rng(1))
     assert row.position_m == pytest.approx(row.travel_m + 0.060, abs=1e-9)
     assert set(row.stand.tolist()) == {Stand.UPRIGHT}
@@ -118,7 +118,7 @@ def transport(blocks: int) -> Transport:
 
 
 def chain_course(ratio: float, speed_m_s: float = 0.44, metres: float = 50.0) -> Course:
-    """Return a course at a constant lambda."""
+    """Return a course with constant lambda."""
     ground = SpeedProfile([Stretch(speed_m_s, for_m=100.0)], acceleration_m_s2=0.3, length_m=metres + 40.0)
     wheel = WheelSlip(SlipSpec(), ground, np.random.default_rng(1))
     return Course(ground, WheelDrive(ground, wheel, per_wheel_m=ratio / planter().pitch_m), metres)
@@ -126,12 +126,12 @@ def chain_course(ratio: float, speed_m_s: float = 0.44, metres: float = 50.0) ->
 
 @pytest.mark.parametrize("ratio", [0.87, 1.0, 1.17, 1.3])
 def test_a_block_lies_where_the_planter_has_released_it(ratio: float) -> None:
-    """The release is at the hinge; the rest is the displacement of the fall, drawn with the same numbers."""
+    """The position of a block is the travel at its release plus the displacement of the drawn fall."""
     row = plant_by_chain(
         transport(200), CARRIED_CYCLES, chain_course(ratio), planter=planter(), rng=np.random.default_rng(8)
     )
     rng = np.random.default_rng(8)
-    rng.random(row.released)  # whether a block is released
+    rng.random(row.released)  # random numbers that decide whether a block is released
     falls = planter().draw(row.ratio, rng)
     assert row.ratio == pytest.approx(ratio)
     assert np.diff(row.travel_m) == pytest.approx(planter().pitch_m / ratio, rel=1e-9)
@@ -141,7 +141,7 @@ def test_a_block_lies_where_the_planter_has_released_it(ratio: float) -> None:
 
 
 def test_a_low_lambda_lodges_or_tilts_more_plants() -> None:
-    """At 0.87 a good part of the blocks leans, at 1.17 only those that stick to a plate."""
+    """At 0.87 a large share of the blocks is tilted or lodged, at 1.17 only those that stick to a plate."""
     leaning = {}
     for ratio in (0.87, 1.17):
         row = plant_by_chain(
@@ -153,7 +153,7 @@ def test_a_low_lambda_lodges_or_tilts_more_plants() -> None:
 
 
 def test_injury_has_the_share_of_equation_11_at_the_local_setting() -> None:
-    """At 0.44 m/s and lambda 1.1 the frequency is 59.4/min; the share is that of the regression."""
+    """At 0.44 m/s and lambda 1.1 the frequency is 59.4/min; the injured share is that of the regression."""
     row = plant_by_chain(
         transport(4000),
         3.0,
@@ -182,7 +182,7 @@ def test_injury_is_rounded_by_less_than_a_twentieth_of_a_point() -> None:
 
 
 def test_injury_beyond_the_bench_test_is_marked() -> None:
-    """1 km/h is far below the lowest speed of the bench test."""
+    """Plants at 1 km/h are extrapolated, because the lowest speed of the bench test is higher."""
     row = plant_by_chain(
         transport(100),
         3.0,
@@ -223,7 +223,7 @@ def test_every_plug_is_caught_at_the_set_frequency() -> None:
 def test_the_window_limits_the_speed(speed_m_s: float, caught: bool) -> None:
     """The phase error is the transit time times the difference of the frequencies: 0.4 s x 0.25/s = 10 % at 0.4 m/s.
 
-    The window of 15 % therefore allows 0.3 m/s plus or minus 0.075 m/s.
+    The catch window of 15 % therefore allows 0.3 m/s plus or minus 0.075 m/s.
     """
     transport = drop_through_chute(
         chute(window="15 %"),
@@ -238,7 +238,7 @@ def test_the_window_limits_the_speed(speed_m_s: float, caught: bool) -> None:
 
 
 def test_the_share_outside_the_window_follows_from_the_scatter() -> None:
-    """A scatter of 50 ms is 3.75 % of a cycle at 0.75/s; a window of 15 % is plus or minus 2 standard deviations."""
+    """A scatter of 50 ms is 3.75 % of a cycle at 0.75/s; a window of 15 % is 4 standard deviations wide."""
     number = 20_000
     transport = drop_through_chute(
         chute(window="15 %", scatter="50 ms"),
@@ -259,7 +259,7 @@ def test_a_fixed_phase_error_shifts_every_arrival() -> None:
 
 
 def test_a_plug_in_the_window_of_the_next_planter_makes_a_double() -> None:
-    """With twice the frequency and a transit time of more than a cycle, plugs reach the next planter."""
+    """At twice the frequency and a transit time of more than one cycle, plugs reach the next planter."""
     fed = full(40)
     fed.seedlings[1::2] = 0
     fed.cause[1::2] = Missing.D
@@ -289,7 +289,7 @@ def test_a_plug_in_the_window_of_the_next_planter_makes_a_double() -> None:
 def test_no_seedling_is_lost_without_count(
     each: list[Stretch], is_motor: bool, transit_s: float, scatter_s: float, window: float, phase: float, seed: int
 ) -> None:
-    """Caught plus lost is what was in the cups, and every empty planter has a cause, for any ground and chute."""
+    """Caught plus lost seedlings equal those in the cups, and each empty planter has a cause."""
     rng = np.random.default_rng(seed)
     ground = SpeedProfile(each, acceleration_m_s2=0.3, length_m=40.0)
     slip = WheelSlip(SlipSpec(0.1, 0.05, 0.7), ground, rng)

@@ -34,7 +34,7 @@ def cabbage() -> LineResult:
 
 
 def test_the_target_spacing_determines_lambda_and_the_release() -> None:
-    """35, 40, 45 and 50 cm require 1.398, 1.223, 1.087 and 0.979; the paper asks for at least 1.17."""
+    """35, 40, 45 and 50 cm require 1.398, 1.223, 1.087 and 0.979; the paper requires at least 1.17."""
     table = default_table(Ground.SOIL)
     each = forecasts(SPACINGS_M, ChainPlanter(table, 104.62), seed=1)
     assert [forecast.ratio for forecast in each] == pytest.approx([1.398, 1.223, 1.087, 0.979], abs=5e-4)
@@ -49,7 +49,7 @@ def test_the_target_spacing_determines_lambda_and_the_release() -> None:
 
 @pytest.mark.parametrize("clamp_n", [89.95, 119.29])
 def test_the_clamp_force_changes_the_share_of_sticking_blocks(clamp_n: float) -> None:
-    """At a high lambda only sticking blocks lodge, with the share of the planter's parameters."""
+    """At a high lambda, only sticking blocks lodge; their share follows from the parameters of the planter."""
     planter = ChainPlanter(default_table(Ground.SOIL), clamp_n)
     number = 20_000
     falls = planter.draw(np.full(number, 1.4), np.random.default_rng(2))
@@ -59,7 +59,7 @@ def test_the_clamp_force_changes_the_share_of_sticking_blocks(clamp_n: float) ->
 
 
 def test_the_needed_window_follows_from_the_scatter_of_the_chute(combined: LineResult) -> None:
-    """The scatter of 25 ms is 1.87 % of a cycle; 99.9 % of a normal distribution is within 3.29 of it."""
+    """The scatter of 25 ms is 1.87 % of a cycle; 99.9 % of a normal distribution is within 3.29 SD."""
     frequency_hz = 1.13 / 3.6 / 0.42
     assert combined.needed_window == pytest.approx(2 * 3.29 * 0.025 * frequency_hz, rel=0.15)
     assert combined.window == 0.15
@@ -79,7 +79,7 @@ def test_injury_is_stated_for_cabbage_blocks_only(combined: LineResult, cabbage:
 
 
 def test_lodging_and_injury_of_the_cabbage_line_agree_with_its_sources(cabbage: LineResult) -> None:
-    """Lodging is the share of sticking blocks at 91.83 N, injury that of equation 11 at 1.5 km/h and 59.5/min."""
+    """Lodging equals the share of sticking blocks at 91.83 N; injury equals equation 11 at 1.5 km/h and 59.5/min."""
     low, high = cabbage.rates["lodged"].interval_percent
     assert low < 100 * default_table(Ground.SOIL).planter.scatter.stick_share_at(91.83) < high
     low, high = cabbage.rates["injured"].interval_percent
@@ -88,7 +88,7 @@ def test_lodging_and_injury_of_the_cabbage_line_agree_with_its_sources(cabbage: 
 
 
 def test_the_lambda_range_follows_from_the_slip(cabbage: LineResult) -> None:
-    """The gear is set for 5 % slip at 42 cm; 1 % scatter changes lambda by 1.2 % per standard deviation."""
+    """The gear is set for 5 % slip at 42 cm; one standard deviation of the slip, 1 %, changes lambda by 1.05 %."""
     assert cabbage.ratios is not None
     low, high = cabbage.ratios
     middle = 0.48934 / 0.42

@@ -46,7 +46,7 @@ def test_the_release_follows_a_change_of_speed(per_min: float, then_per_min: flo
 
 @pytest.mark.parametrize("kind", ["missed_pulses", "doubled_pulses"])
 def test_flags_counted_wrongly_do_not_change_the_delay(kind: str) -> None:
-    """A fifth of the flags is not counted or counted twice; a release at a second flag is half a pitch early."""
+    """If a fifth of the flags is missed or counted twice, plugs land in the middle of a cup or half a pitch away."""
     faults = tuple(Fault(kind, f"{side}.cup_pulse", size=0.2) for side in SIDES)
     half_m = MACHINE.cups.pitch_m / 2
     for off_m in landings_m(45.0, faults=faults):
@@ -79,7 +79,7 @@ def test_a_flag_at_which_the_chain_stands_does_not_change_the_delay() -> None:
     twin.run_until(pulse.read, within_ms=10_000)
     twin.plant.planting_frequency_per_min = 0.0
     twin.run_for(10_000)
-    assert pulse.read(), "the chain stands at the flag"
+    assert pulse.read(), "the chain is stopped at the flag"
     twin.plant.planting_frequency_per_min = 45.0
     twin.run_until(lambda: not pulse.read(), within_ms=10_000)
     twin.run_for(100)
@@ -95,7 +95,7 @@ def test_the_delay_is_the_time_of_the_flag_less_the_lead(lead: int, expected: in
 
 
 def test_until_the_first_flag_the_delay_is_that_of_45_plants_per_minute() -> None:
-    """The tractor stands at power-up."""
+    """The tractor is stationary at power-up."""
     parameters = MACHINE.with_values({"cups.planting_frequency_per_min": 0.0})
     assert measured(Twin(parameters=parameters), 3_000) == 28
 
@@ -106,6 +106,6 @@ def test_a_release_delay_that_is_set_replaces_the_measured_one(fixed: int) -> No
 
 
 def measured(twin: Twin, after_ms: int) -> int:
-    """Return the release delay after a time, in units of 10 ms."""
+    """Return the release delay after a given time, in units of 10 ms."""
     twin.run_for(after_ms)
     return twin.plc.read(twin.machine.tags.machine.release_delay)
