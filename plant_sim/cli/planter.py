@@ -18,13 +18,13 @@ from plant_sim.planter.parameters import DEFAULT_PLANTER, Planter, assumed_names
 from plant_sim.planter.report import MotionReport
 from plant_sim.planter.scatter import Ground, Ranges
 
-# Modules that need matplotlib, which takes a second to import, are imported when a figure is drawn.
+# Modules that require matplotlib, which takes a second to import, are imported only when a figure is drawn.
 
 SPEED_KM_H: Final = 1.4
 FREQUENCY_PER_MIN: Final = 56.0
-"""Defaults: the third simulated case of the cabbage paper, 2.2.2."""
+"""Default planting frequency, with `SPEED_KM_H` the third simulated case of the cabbage paper, 2.2.2."""
 FIGURE_SPEEDS_KM_H: Final[Mapping[int, float]] = {7: 1.9, 8: 1.65, 9: 1.4}
-"""Machine speed of each figure of a simulated case, all at `FREQUENCY_PER_MIN`. Source: cabbage paper, 2.2.2."""
+"""Machine speed of each figure that shows a simulated case, at `FREQUENCY_PER_MIN`. Source: cabbage paper, 2.2.2."""
 
 _SCHEME, _REGIMES = 3, 4
 _FASTEST_KM_H = 36.0
@@ -45,13 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--release",
         type=float,
         metavar="DEG",
-        help="phase of the release on the bottom arc, 90 at the lowest point (default: that of the parameters)",
+        help="phase of the release on the bottom arc, 90 at the lowest point (default: from the parameter file)",
     )
     parser.add_argument(
         "--model",
         choices=[model.value for model in MotionModel],
         default=MotionModel.RIGID.value,
-        help="equations as printed, as corrected, or of a planter that only translates",
+        help="equations as printed, equations with corrections, or a planter that only translates",
     )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw to FILE.png, FILE.svg or FILE.gif")
     parser.add_argument(
@@ -66,13 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--falls",
         type=Path,
         metavar="DIR",
-        help="only simulate the tables of falls of the parameters, which takes minutes, and write them to DIR",
+        help="only simulate the tables of falls for these parameters, which takes minutes, and write them to DIR",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the figures of the motion and draw it.
+    """Print the report on the motion, and draw the motion if requested.
 
     Raises:
         InputError: An option is invalid.
@@ -113,12 +113,12 @@ def _check(options: argparse.Namespace) -> None:
     if options.figure is not None and options.plot is None:
         raise InputError(f"--figure {options.figure}: has no effect without a file; add --plot FILE")
     if options.figure in FIGURE_SPEEDS_KM_H and (options.speed is not None or options.frequency is not None):
-        raise InputError(f"--figure {options.figure}: has a speed and a frequency; omit --speed and --frequency")
+        raise InputError(f"--figure {options.figure}: its speed and frequency are fixed; omit --speed and --frequency")
     if options.plot is not None:
         if options.plot.suffix not in (".png", ".svg", ".gif"):
             raise InputError(f"--plot {options.plot}: unknown format; use a name that ends in .png, .svg or .gif")
         if options.plot.suffix == ".gif" and options.figure in (_SCHEME, _REGIMES):
-            raise InputError(f"--plot {options.plot}: figure {options.figure} does not move; use .png or .svg")
+            raise InputError(f"--plot {options.plot}: figure {options.figure} cannot be animated; use .png or .svg")
 
 
 def _write_falls(planter: Planter, ranges: Ranges, folder: Path) -> None:
@@ -139,7 +139,7 @@ def _print_progress(ground: Ground, done: int, total: int) -> None:
 
 
 def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None) -> None:
-    """Draw a figure of the paper, or the motion of the report if it is None."""
+    """Draw a figure of the paper, or the motion of the report if `figure` is None."""
     from plant_sim.common.figure_style import drawing, save_as  # noqa: PLC0415
     from plant_sim.planter.drawing.animation import write_animation  # noqa: PLC0415
     from plant_sim.planter.drawing.paths import motion_figure, regimes_figure  # noqa: PLC0415

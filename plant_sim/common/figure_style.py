@@ -21,7 +21,7 @@ COLOURS: Final[Mapping[str, str]] = {
     "alarms": "#AA0044",
     "faults": "#7A5195",
 }
-"""Palette of Okabe and Ito, whose colours can be distinguished with any type of colour blindness."""
+"""Colours by use, mainly from the palette of Okabe and Ito for colour-blind readers."""
 
 SERIES: Final = ("#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#444444", "#0072B2", "#D55E00", "#999933")
 """Colours of traces that do not belong to an arm, in order of use."""
@@ -51,7 +51,7 @@ _METADATA: Final[Mapping[str, Mapping[str, None]]] = {".png": {"Software": None}
 
 
 class FigureError(InputError):
-    """Figure that cannot be written; the one-line message states the file, the problem and the remedy."""
+    """A figure cannot be written; the one-line message states the file, the problem and the remedy."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Table of every figure, equation and table of the two papers: state of its reproduction, command, page, errata.
+"""Table of all figures, equations and tables of the two papers, with the state of their reproduction.
 
 [P] is the pepper paper, [K] the cabbage paper.
 """
@@ -26,12 +26,12 @@ class PaperItem(StrictModel):
 
     Attributes:
         item: Kind and number, or section and subject.
-        subject: Content, in own words.
+        subject: Paraphrase of the content.
         state: State of the reproduction.
-        commands: Commands that reproduce it, each with texts of its output that support the result, in which a single
-            space represents any white space. The first word is a package, or ``scripts/test`` for a test.
-        pages: Pages that discuss it, relative to ``docs``, with an optional anchor.
-        result: Result of the comparison, or the reason why it cannot be reproduced.
+        commands: Commands that reproduce the item, each with excerpts of its output that support the result. A single
+            space in an excerpt matches any white space. The first word is a package, or ``scripts/test`` for a test.
+        pages: Pages that discuss the item, relative to ``docs``, with an optional anchor.
+        result: Result of the comparison, or the reason why the item cannot be reproduced.
         erratum: Error in the paper; empty if there is none.
     """
 
@@ -49,7 +49,7 @@ _ITEMS: Final = TypeAdapter(list[PaperItem])
 
 @cache
 def paper_items(paper: PaperName) -> tuple[PaperItem, ...]:
-    """Return the items of a paper in the order of the page.
+    """Return the items of a paper in the order of the data file.
 
     Raises:
         InputError: The data file is invalid.

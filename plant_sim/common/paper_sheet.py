@@ -1,6 +1,6 @@
-"""Tables and equations printed in the two papers, which are stored as data files.
+"""Tables and equations printed in the two papers, stored as data files.
 
-[P] is the pepper paper, [K] the cabbage paper; [X] marks values that were computed and are not printed. Every file in
+[P] is the pepper paper, [K] the cabbage paper; [X] marks computed values that are not printed. Every file in
 ``paper_data`` begins with lines that state its paper, table and section.
 """
 
@@ -19,7 +19,7 @@ from controller.common.errors import InputError
 DATA: Final = Path(__file__).with_name("paper_data")
 
 _DIGITS = 9
-"""Decimals of a difference of printed numbers."""
+"""Decimal places to which a difference of printed numbers is rounded."""
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,9 @@ def equation(name: str, response: str) -> dict[str, float]:
 
 
 def cabbage_coding() -> tuple[tuple[float, float], ...]:
-    """Return centre and step of the cabbage trial's factors: speed, km/h; frequency, 1/min; plate force, N.
+    """Return the centre and step of each factor of the cabbage trial: speed, km/h; frequency, 1/min; plate force, N.
 
-    Source: [K] Table 1, the levels with the codes 0 and 1.
+    Source: [K] Table 1, levels with codes 0 and 1.
     """
     coding = sheet("cabbage-table-1")
     levels = coding.points("speed_km_h", "frequency_per_min", "force_n")

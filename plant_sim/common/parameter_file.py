@@ -23,7 +23,7 @@ _Specs = TypeVar("_Specs")
 
 
 class ParameterEntry(StrictModel):
-    """A parameter entry of a file."""
+    """Entry of one parameter in a file."""
 
     value: Value = Field(description="write a number (powers of ten as 1.0e-9), true or false")
     unit: str = Field(description="write the unit that matches the name suffix, or - for none, in quotes")
@@ -34,7 +34,7 @@ class ParameterEntry(StrictModel):
 
 
 class RangedEntry(ParameterEntry):
-    """A parameter entry that may also state the plausible range of its value."""
+    """Parameter entry that may also state the plausible range of its value."""
 
     range: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)] | None = Field(
         None, description="write the lowest and the highest plausible value: [0.01, 0.05]"
@@ -61,7 +61,7 @@ class ParameterReader(Generic[_Specs]):
         Args:
             specs: Class with one spec per section.
             error: Type of the exception raised for an invalid file or value.
-            subject: Name of the described object for error messages, for example ``machine``.
+            subject: Name of the described object in error messages, for example ``machine``.
             entry: Model of an entry.
         """
         self._specs = specs
@@ -74,7 +74,7 @@ class ParameterReader(Generic[_Specs]):
         """Read and validate a file.
 
         Raises:
-            InputError: The file cannot be read or is invalid; the type is that of the reader.
+            InputError: The file cannot be read or is invalid; the reader's error type is raised.
         """
         located, file = self._read(path)
         try:
@@ -89,7 +89,7 @@ class ParameterReader(Generic[_Specs]):
         """Return the entries of a file by dotted name.
 
         Raises:
-            InputError: The file cannot be read or is invalid; the type is that of the reader.
+            InputError: The file cannot be read or is invalid; the reader's error type is raised.
         """
         _, file = self._read(path)
         return {f"{section}.{key}": entry for section, entries in file for key, entry in entries.items()}
@@ -102,7 +102,7 @@ class ParameterReader(Generic[_Specs]):
             values: New values by dotted name, for example ``{"cups.planting_frequency_per_min": 60}``.
 
         Raises:
-            InputError: A name is unknown or a value is invalid; the type is that of the reader.
+            InputError: A name is unknown or a value is invalid; the reader's error type is raised.
         """
         sections: dict[str, dict[str, Value]] = {}
         for name, value in values.items():
@@ -127,12 +127,12 @@ class ParameterReader(Generic[_Specs]):
             raise self._error(f"{error.key}: {error.complaint}") from None
 
     def _read(self, path: Path) -> tuple[LocatedMapping, BaseModel]:
-        """Return the entries of a file, with their lines."""
+        """Return the entries of a file with their line numbers, and the validated model."""
         located = unfold(read_yaml(path, self._error, loader=yaml.SafeLoader), depth=3, convert=_plain)
         located.values = {name: _with_merged_fields(entries) for name, entries in located.values.items()}
         file = validated(self._file_model, located)
         if file is None or located.faults:
-            # missing keys last: a misspelt key also makes the correct one missing
+            # missing keys last: a misspelt key also causes a fault for the missing correct key
             first = min(located.faults, key=lambda fault: (fault.path not in located.lines, fault.line))
             raise self._error(f"{path}:{first}")
         return located, file
@@ -158,7 +158,7 @@ class ParameterReader(Generic[_Specs]):
         return self._checkers[section]
 
     def _build(self, section: str, values: Mapping[str, Value]) -> Any:
-        """Build the spec of a section; a SpecError contains the dotted key."""
+        """Return the spec of a section; the key of a `SpecError` is the dotted name."""
         model = self._checker(section)
         try:
             return self._section_types[section](**dict(model.model_validate(dict(values))))
@@ -178,7 +178,7 @@ def _plain(node: yaml.Node) -> object:
 
 
 def _with_merged_fields(entries: object) -> object:
-    """Return the entries of a section, with the fields merged from other entries by the YAML key ``<<``."""
+    """Return the entries of a section, including fields merged from other entries with the YAML key ``<<``."""
     if not isinstance(entries, dict):
         return entries
     merged = dict(entries)

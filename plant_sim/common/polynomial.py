@@ -38,7 +38,7 @@ class Polynomial:
 
 
 def model_matrix(coded: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
-    """Return the model matrix of terms at coded points.
+    """Return the model matrix of the given terms at coded points.
 
     Args:
         coded: Points, one per row.

@@ -1,4 +1,4 @@
-"""Block of substrate with a seedling, as two rigid bodies joined together.
+"""Block of substrate with a seedling, as a rigid body composed of a cube and a stem.
 
 Source: cabbage paper, 2.2.2: a cube with an edge of 40 mm, and a stem with a diameter of 10 mm and a length of 45 mm,
 without leaves.
@@ -18,7 +18,7 @@ class BlockSpec:
         stem_diameter_m: Diameter of the stem, m.
         stem_length_m: Length of the stem above the cube, m.
         cube_kg: Mass of the cube, kg.
-        stem_kg: Mass of the seedling, spread over the stem, kg.
+        stem_kg: Mass of the seedling, distributed uniformly over the stem, kg.
     """
 
     edge_m: float
@@ -53,7 +53,7 @@ class BlockSpec:
 
     @property
     def inertia_kg_m2(self) -> float:
-        """Moment of inertia about the horizontal axis across the row through the centre of mass, kg m2."""
+        """Moment of inertia about the horizontal axis through the centre of mass, across the row, kg m2."""
         cube_m = self.centre_m - self.edge_m / 2
         stem_m = self.edge_m + self.stem_length_m / 2 - self.centre_m
         cube_kg_m2 = self.cube_kg * (self.edge_m**2 / 6 + cube_m**2)

@@ -1,4 +1,4 @@
-"""Parameters of the chain and of the points of a planter that the kinematics need."""
+"""Parameters of the chain, and of the points of a planter that the kinematics require."""
 
 from dataclasses import dataclass
 
@@ -60,7 +60,7 @@ class ChainSpec:
     def tip(self) -> Offset:
         """Position of the tip relative to the hinge.
 
-        The paper gives no sign for l; here the tip is in front of the hinge.
+        The paper does not state the sign of l; it is assumed that the tip is in front of the hinge.
         """
         return self.offset_m, -self.tip_height_m
 

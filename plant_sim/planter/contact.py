@@ -1,12 +1,12 @@
-"""Contact of a released block with planter and ground, in the plane of travel.
+"""Contact of a released block with the planter and the ground, in the plane of travel.
 
-Rigid bodies in two dimensions, by the library pymunk: the block with its stem, the guide plate, which moves on its path
-whatever it touches, and the bottom of the furrow. The guide plate is a fork: the stem passes between its prongs, so
-that the plate touches the cube only (assumption; the shape is not published). The plates grip across the plane of
-travel. Their effect is Coulomb friction between planter and block, with the force of `GripSpec.force_n`; the moment of
-the friction is that of a square contact area. In the simulation, lengths are in mm, forces in mN.
+The library pymunk simulates rigid bodies in two dimensions: the block with its stem, the guide plate, which follows its
+path regardless of contact, and the bottom of the furrow. The guide plate is a fork: the stem passes between its prongs,
+so the plate touches the cube only (assumption; the shape is not published). The plates grip across the plane of
+travel. Their effect is Coulomb friction between planter and block, with the normal force `GripSpec.force_n`; the moment
+of the friction is that of a square contact area. In the simulation, lengths are in mm and forces in mN.
 
-Time step and solver are fixed, and there is no randomness: equal arguments give equal results on one computer.
+Time step and solver settings are fixed, and nothing is random: equal arguments give equal results on one computer.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from plant_sim.planter.parameters import Planter
 from plant_sim.planter.separation import GRAVITY_M_S2
 
 STEP_S: Final = 5e-4
-"""Time step, s. Steps of 0.1 and 0.2 ms give the same verdicts (tests/plant_sim/planter/test_contact.py)."""
+"""Time step, s. A step of 0.2 ms gives the same verdicts (tests/plant_sim/planter/test_contact.py)."""
 
 LONGEST_S: Final = 1.2
 """Longest simulated time after the start of the opening, s."""
@@ -39,13 +39,13 @@ _PLATE_MM: Final = 2.0
 _PLATE_HEIGHT_MM: Final = 150.0
 _FLOOR_MM: Final = (-2_000.0, 6_000.0)
 _MEAN_RADIUS: Final = 0.3826
-"""Mean distance of the points of a square from its centre, per edge: the arm of the friction moment."""
+"""Mean distance of the points of a square from its centre, divided by its edge: the lever arm of the friction."""
 _LYING_RAD: Final = math.radians(80.0)
 _REST_MM_S, _REST_RAD_S, _REST_STEPS = 3.0, 0.1, 80
 
 
 class FallFrame(NamedTuple):
-    """Positions at one time, relative to the hinge at its lowest point on the bottom of the furrow.
+    """Positions at one time, along the row from the lowest point of the hinge.
 
     Attributes:
         time_s: Time since the hinge was at its lowest point, s.
@@ -70,9 +70,9 @@ class Fall(NamedTuple):
     Attributes:
         along_m: Middle of the base at rest, measured from the hinge at its lowest point, forward positive, m.
         tilt_deg: Angle of the stem from the vertical at rest, forward positive, degrees.
-        most_tilt_deg: Largest angle after the block has touched the ground, without sign, degrees.
+        most_tilt_deg: Largest absolute angle from the vertical after the first contact with the ground, degrees.
         pushed_m: Displacement of the centre of mass from the first contact with the ground until rest, m; 0 if the
-            guide plate has not touched the block on the ground.
+            guide plate did not touch the block on the ground.
         scrape_n_s: Impulse between guide plate and block after the first contact with the ground, N s.
         landed_deg: Phase of the planter on the bottom arc at the first contact with the ground, degrees; more than 180
             on the straight segment; nan without contact.
@@ -98,16 +98,16 @@ def drop(
     step_s: float = STEP_S,
     frames: list[FallFrame] | None = None,
 ) -> Fall:
-    """Simulate one block from the start of the opening until it is at rest.
+    """Simulate the fall of one block from the start of the opening until it is at rest.
 
     Args:
         planter: Parameters of the planter.
         ground: Ground below the planter.
-        motion: Motion of the planters, of the model `MotionModel.RIGID`.
+        motion: Motion of the planters, in the model `MotionModel.RIGID`.
         opener_deg: Phase on the bottom arc at which the opener starts to move the plates, degrees.
         behind_m: Distance of the block behind its nominal position in the planter, m.
         step_s: Time step, s.
-        frames: List that receives the positions at every step.
+        frames: List to which the positions at every step are appended.
     """
     return _Drop(planter, ground, motion, opener_deg=opener_deg, behind_m=behind_m, step_s=step_s).run(frames)
 
@@ -148,7 +148,7 @@ class _Drop:
         self._space.on_collision(_GUIDE, _BLOCK, post_solve=self._on_guide)
 
     def run(self, frames: list[FallFrame] | None) -> Fall:
-        """Simulate until the block is at rest, lies or the longest time has passed."""
+        """Simulate until the block is at rest or lies on the ground, or `LONGEST_S` has passed."""
         block, guide, step_s = self._block, self._guide, self._step_s
         path: list[tuple[float, float]] = [(x, y) for x, y in self._path.tolist()]
         speeds: list[tuple[float, float]] = [(x, y) for x, y in (np.diff(self._path, axis=0) / step_s).tolist()]
@@ -172,7 +172,7 @@ class _Drop:
         return self._fall(rested)
 
     def _hinge_path_mm(self, opener_deg: float) -> tuple[np.ndarray, float]:
-        """Return the positions of the hinge at every step, mm, and the time of its lowest point after the first, s."""
+        """Return the positions of the hinge at every step, mm, and the time until its lowest point, s."""
         motion = self._motion
         start_s, lowest_s = motion.time_at_s(opener_deg), motion.time_at_s(90.0)
         times_s = start_s + self._step_s * np.arange(round(LONGEST_S / self._step_s) + 1)
@@ -180,7 +180,7 @@ class _Drop:
         return _MM * (motion.position_m(times_s)[0] - lowest_m), lowest_s - start_s
 
     def _add_guide(self, ground: GroundSpec) -> pymunk.Body:
-        """Add the guide plate, whose position is that of the hinge."""
+        """Add the guide plate as a body whose origin is the hinge."""
         chain = self._planter.chain
         body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         x_mm = -_MM * chain.guide_behind_m - _PLATE_MM
@@ -193,7 +193,7 @@ class _Drop:
         return body
 
     def _add_grip(self, height_mm: float) -> tuple[pymunk.PivotJoint, pymunk.GearJoint]:
-        """Add the friction of the plates: it opposes relative motion and corrects no position."""
+        """Add the friction of the plates as joints that oppose relative motion without correcting positions."""
         pivot = pymunk.PivotJoint(self._guide, self._block, (self._block.position.x, height_mm))
         gear = pymunk.GearJoint(self._guide, self._block, 0.0, 1.0)
         pivot.max_bias = gear.max_bias = 0.0
@@ -201,7 +201,7 @@ class _Drop:
         return pivot, gear
 
     def _release(self, since_s: float) -> None:
-        """Set the friction of the plates."""
+        """Set the friction of the plates at a time since the start of the opening."""
         grip: GripSpec = self._planter.grip
         pivot, gear = self._grip
         pivot.max_force = 2 * grip.friction * grip.force_n(since_s) * 1e3
@@ -216,14 +216,14 @@ class _Drop:
             self._scrape_mn_s += arbiter.total_impulse.length
 
     def _after_touch(self) -> None:
-        """Record the tilt, and add the loose soil at the first contact with the ground."""
+        """Record the tilt, and add the loose soil after the first contact with the ground."""
         self._most_rad = max(self._most_rad, abs(self._block.angle))
         if not self._in_soil:
             add_soil(self._space, self._block, self._planter.block, self._ground)
             self._in_soil = True
 
     def _base_mm(self) -> tuple[float, float]:
-        """Return the position of the middle of the base."""
+        """Return the position of the middle of the base of the block, mm."""
         x, y = self._block.local_to_world((0.0, -_MM * self._planter.block.centre_m))
         return float(x), float(y)
 
@@ -250,7 +250,7 @@ class _Drop:
 
 
 def new_space() -> pymunk.Space:
-    """Return an empty simulation with gravity and fixed solver settings."""
+    """Return an empty pymunk space with gravity and fixed solver settings."""
     space = pymunk.Space()
     space.gravity = (0.0, -_MM * GRAVITY_M_S2)
     space.iterations = _ITERATIONS
@@ -263,10 +263,10 @@ def add_floor(space: pymunk.Space, *, friction: float, restitution: float, slope
     """Add the bottom of the furrow, a plane through the origin.
 
     Args:
-        space: Simulation.
+        space: Space to which the floor is added.
         friction: Coefficient of friction with the block.
         restitution: Coefficient of restitution with the block.
-        slope_rad: Inclination, downward in the direction of travel positive, rad.
+        slope_rad: Slope, positive if the floor falls in the direction of travel, rad.
     """
     thick_mm = 10.0
     along = np.array([math.cos(slope_rad), -math.sin(slope_rad)])
@@ -278,10 +278,10 @@ def add_floor(space: pymunk.Space, *, friction: float, restitution: float, slope
 
 
 def add_block(space: pymunk.Space, spec: BlockSpec) -> pymunk.Body:
-    """Add an upright block with its stem, its centre of mass at the origin.
+    """Add an upright block with its stem, with the centre of mass at the origin.
 
-    Coefficients of friction and restitution of a pair are the products of those of both bodies; those of the block
-    are 1, so that those of its partner apply.
+    pymunk multiplies the coefficients of friction and restitution of the two bodies in contact. Those of the block are
+    1, so the coefficients of the other body apply.
     """
     body = pymunk.Body(spec.mass_kg, spec.inertia_kg_m2 * _MM**2)
     half, stem, centre = _MM * spec.edge_m / 2, _MM * spec.stem_diameter_m / 2, _MM * spec.centre_m
@@ -297,7 +297,7 @@ def add_block(space: pymunk.Space, spec: BlockSpec) -> pymunk.Body:
 
 
 def add_soil(space: pymunk.Space, body: pymunk.Body, spec: BlockSpec, ground: GroundSpec) -> None:
-    """Add the loose soil around the base of a standing block: plastic resistance to displacement and to tilting."""
+    """Add the loose soil around the base of a standing block as plastic resistance to displacement and tilting."""
     if not ground.soil_n(spec):
         return
     anchor = (0.0, _MM * (ground.cover_m / 2 - spec.centre_m))

@@ -1,4 +1,4 @@
-"""Falls of a motion and the quality of planting, as text and as a JSON record."""
+"""Report on the falls at a motion and the quality of planting, as text and as a JSON record."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _NAMES: Final[Mapping[Ground, str]] = {Ground.RIGID: "rigid ground", Ground.SOIL
 
 @dataclass(frozen=True)
 class FallReport:
-    """Falls and quality of a motion.
+    """Report on the falls and the quality of planting at a motion.
 
     Attributes:
         planter: Parameters of the planter.
         motion: Motion of the planters.
-        release_deg: Place of the opener, degrees.
-        tables: Stored tables of falls of the planter; a ground without a table is missing.
+        release_deg: Position of the opener on the bottom arc, degrees.
+        tables: Stored tables of falls of the planter; a ground without a stored table is omitted.
     """
 
     planter: Planter
@@ -40,12 +40,12 @@ class FallReport:
 
     @property
     def equations(self) -> tuple[Share, Share]:
-        """Lodging and injury by equations 10 and 11; cabbage blocks only."""
+        """Lodging and injury according to equations 10 and 11, for cabbage blocks only."""
         setting = self.motion.speed_m_s * _KM_H, self.motion.frequency_per_min, self.planter.grip.clamp_n
         return lodging_share(*setting), injury_share(*setting)
 
     def record(self) -> dict[str, object]:
-        """Return the figures by name, in SI units, as JSON types."""
+        """Return the results by name, in SI units, as JSON types."""
         lodging, injury = self.equations
         scatter, clamp_n = self.planter.scatter, self.planter.grip.clamp_n
         return {
@@ -59,7 +59,7 @@ class FallReport:
         }
 
     def lines(self) -> list[str]:
-        """Return the figures as lines of plain text."""
+        """Return the results as lines of plain text."""
         lodging, injury = self.equations
         beyond = "; beyond the tested levels" if lodging.extrapolated else ""
         lines = self._fall_lines() if self._is_rigid else ["falls               only simulated in model rigid"]
@@ -86,7 +86,7 @@ class FallReport:
         }
 
     def _shares(self, ground: Ground) -> tuple[dict[FallVerdict, float] | None, bool]:
-        """Return the shares of the verdicts by the table of falls, and whether the table covers the motion."""
+        """Return the shares of the verdicts from the table of falls, and whether the table covers the motion."""
         if ground not in self.tables:
             return None, False
         shares, is_inside = self.tables[ground].verdict_shares_at(self.motion.ratio, self.release_deg)

@@ -1,8 +1,8 @@
-"""Table of simulated falls, from which long rows of plants draw their falls.
+"""Table of simulated falls, from which the falls in long rows of plants are drawn at random.
 
-Every cell of the table holds the results of the same random blocks, simulated with full contact at one ratio and one
-place of the opener. A fall between two grid points is that of a random neighbour, weighted by distance. The table of
-the default parameters is part of the package; any other is built once and stored in the cache folder.
+Every cell contains the results of the same random blocks, simulated with full contact at one ratio and one position of
+the opener. Between two grid points, a fall is drawn from one of the neighbouring cells at random, weighted by distance.
+The table of the default parameters is part of the package; any other is built once and stored in the cache folder.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from plant_sim.planter.verdict import FallVerdict, Stand, stand_of, verdicts_of
 RATIOS: Final = (0.70, 0.80, 0.85, 0.90, 0.95, 1.00, 1.05, 1.10, 1.17, 1.30, 1.45, 1.60, 1.80)
 """Grid of the ratio lambda."""
 OPENERS_DEG: Final = (45.0, 60.0, 67.5, 75.0, 82.5, 90.0, 97.5, 105.0, 120.0, 135.0, 150.0)
-"""Grid of the place of the opener on the bottom arc, degrees."""
+"""Grid of the position of the opener on the bottom arc, degrees."""
 BLOCKS: Final = 48
-"""Random blocks in each cell."""
+"""Number of random blocks in each cell."""
 FREQUENCY_PER_MIN: Final = 58.0
-"""Planting frequency of the table: the centre of the bench test."""
+"""Planting frequency of the table, 1/min: the centre of the bench test."""
 
 
 class Grid(NamedTuple):
@@ -39,8 +39,8 @@ class Grid(NamedTuple):
 
     Attributes:
         ratios: Ratios lambda, ascending.
-        openers_deg: Places of the opener on the bottom arc, ascending, degrees.
-        blocks: Random blocks in each cell.
+        openers_deg: Positions of the opener on the bottom arc, ascending, degrees.
+        blocks: Number of random blocks in each cell.
     """
 
     ratios: tuple[float, ...] = RATIOS
@@ -65,11 +65,11 @@ class Falls(NamedTuple):
     Attributes:
         along_m: Middle of the base at rest, measured from the hinge at its lowest point, forward positive, m.
         depth_m: Depth of the base below the soil surface, m.
-        tilt_deg: Angle of the stem from the vertical, forward positive, degrees; 90 for a block that has stuck to a
-            plate and has tipped across the row.
+        tilt_deg: Angle of the stem from the vertical, forward positive, degrees; 90 for a block that stuck to a
+            plate and tipped across the row.
         stand: `Stand` codes.
-        scraped: True if the guide plate has touched the block on the ground.
-        within: True if ratio and opener are inside the grid of the table; otherwise the nearest grid point applies.
+        scraped: True if the guide plate touched the block on the ground.
+        within: True if ratio and opener are inside the grid of the table; otherwise the nearest grid point is used.
     """
 
     along_m: NDArray[np.float64]
@@ -81,7 +81,7 @@ class Falls(NamedTuple):
 
 
 class FallTable:
-    """Table of falls of one planter over one ground.
+    """Table of falls of one planter on one ground.
 
     Attributes:
         planter: Parameters of the planter.
@@ -92,7 +92,7 @@ class FallTable:
     """
 
     def __init__(self, planter: Planter, kind: Ground, cells: NDArray[np.float64], grid: Grid = GRID) -> None:
-        """Initialise from simulated cells."""
+        """Initialise the table from simulated cells."""
         self.grid = grid
         self.planter = planter
         self.kind = kind
@@ -112,9 +112,9 @@ class FallTable:
 
         Args:
             ratio: Ratios lambda, one for each block.
-            rng: Generator.
-            opener_deg: Place of the opener, degrees; None for that of the planter.
-            clamp_n: Clamp force, N; None for that of the planter.
+            rng: Random number generator.
+            opener_deg: Position of the opener, degrees; by default that of the planter.
+            clamp_n: Clamp force, N; by default that of the planter.
         """
         ratios = np.atleast_1d(np.asarray(ratio, dtype=float))
         place_deg = self.planter.chain.release_deg if opener_deg is None else opener_deg
@@ -147,11 +147,11 @@ class FallTable:
     def verdict_shares_at(self, ratio: float, opener_deg: float) -> tuple[dict[FallVerdict, float], bool]:
         """Return the shares of the verdicts at a point, interpolated linearly, and whether it is inside the grid.
 
-        Outside the grid, the nearest point on its edge applies. Blocks that stick to a plate are not included.
+        Outside the grid, the nearest point on its edge is used. Blocks that stick to a plate are not included.
 
         Args:
             ratio: Ratio lambda.
-            opener_deg: Place of the opener, degrees.
+            opener_deg: Position of the opener, degrees.
         """
         axes = np.array(self.grid.ratios), np.array(self.grid.openers_deg)
         at = tuple(np.clip(value, axis[0], axis[-1]) for value, axis in zip((ratio, opener_deg), axes, strict=True))
@@ -174,7 +174,7 @@ def build_cells(
         ranges: Plausible ranges of its parameters.
         kind: Ground.
         grid: Grid of the cells.
-        progress: Function called with the number of completed and of all ratios.
+        progress: Function called with the number of completed ratios and the total number.
     """
     ratios, openers_deg, blocks = grid
     rng = np.random.default_rng(_SEED)
@@ -213,14 +213,14 @@ def fall_table(
     grid: Grid = GRID,
     progress: Callable[[int, int], None] | None = None,
 ) -> FallTable:
-    """Return the table of a planter: from the package or the cache if it exists, otherwise built and stored.
+    """Return the table of a planter from the package or the cache, or build and store it if it does not exist.
 
     Args:
         planter: Parameters of the planter.
         ranges: Plausible ranges of its parameters.
         kind: Ground.
         grid: Grid of the cells.
-        progress: Function called with the number of completed and of all ratios while the table is built.
+        progress: Function called with the number of completed ratios and the total number while the table is built.
 
     Raises:
         OSError: The cache folder is not writable.
@@ -267,9 +267,9 @@ def write_table(
         planter: Parameters of the planter.
         ranges: Plausible ranges of its parameters.
         kind: Ground.
-        folder: Folder; it is made if it does not exist.
+        folder: Folder; created if it does not exist.
         grid: Grid of the cells.
-        progress: Function called with the number of completed and of all ratios.
+        progress: Function called with the number of completed ratios and the total number.
 
     Returns:
         Path of the file.
@@ -283,12 +283,12 @@ def write_table(
 
 
 def table_name(planter: Planter, ranges: Ranges, kind: Ground, grid: Grid = GRID) -> str:
-    """Return the name of the file of a table, which depends on everything that its cells depend on."""
+    """Return the file name of a table, which identifies everything that its cells depend on."""
     return f"falls-{kind}-{_key(planter, ranges, kind, grid)}.npy"
 
 
 def _store(cells: NDArray[np.float64], path: Path) -> None:
-    """Write the cells to a file at once."""
+    """Write the cells to a file completely or not at all."""
     data = io.BytesIO()
     np.save(data, cells.astype(np.float32))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -298,7 +298,7 @@ def _store(cells: NDArray[np.float64], path: Path) -> None:
 
 
 def _key(planter: Planter, ranges: Mapping[str, tuple[float, float]], kind: Ground, grid: Grid) -> str:
-    """Return a key of everything that the cells depend on, apart from the code, which has a version."""
+    """Return a hash of everything that the cells depend on; the code is represented by `_VERSION`."""
     scatter = planter.scatter
     content = (
         _VERSION,
@@ -316,7 +316,7 @@ def _key(planter: Planter, ranges: Mapping[str, tuple[float, float]], kind: Grou
 def _neighbour(
     grid: NDArray[np.float64], values: NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return a random neighbouring grid point of each value, weighted by distance, and whether it is inside."""
+    """Return a random neighbouring grid point of each value, weighted by distance, and whether the value is inside."""
     inside = (values >= grid[0]) & (values <= grid[-1])
     clipped = np.clip(values, grid[0], grid[-1])
     upper = np.clip(np.searchsorted(grid, clipped), 1, len(grid) - 1)

@@ -1,8 +1,8 @@
 """Grip of the inner plates on a block, and its release by the opener.
 
-The plates grip the block across the plane of travel. Force law, by assumption: the block is linearly elastic, so that
-the force is the stiffness times the compression, up to the force that crushes it. The clamp springs are soft against
-the block, which is why the compression follows from the clamp force alone. At the opener the plates move apart at
+The plates grip the block across the plane of travel. The block is assumed to be linearly elastic:
+the force is the stiffness times the compression, up to the force that crushes the block. The clamp springs are soft
+compared with the block, so the compression depends on the clamp force only. At the opener the plates move apart at
 constant speed. The force falls linearly to zero while the block expands, and the block is free from then on.
 
 Source: cabbage paper, 2.2.1 (opening 45 mm, peak forces 89.95 to 119.29 N in Fig. 6); force law and speeds are assumed.
@@ -26,8 +26,8 @@ class GripSpec:
         guide_friction: Coefficient of friction between guide plate and block.
         opening_m: Distance between the open plates, m.
         opening_m_s: Speed of each plate while the opener moves it, m/s.
-        crush_low_n: Smallest peak force of the block before it is crushed, N.
-        crush_high_n: Largest peak force, N.
+        crush_low_n: Smallest peak force at which a block is crushed, N.
+        crush_high_n: Largest peak force at which a block is crushed, N.
     """
 
     clamp_n: float
@@ -70,14 +70,14 @@ class GripSpec:
         """Return the force of each plate on the block, N.
 
         Args:
-            since_s: Time since the start of the opening, s; negative before.
+            since_s: Time since the start of the opening, s; negative before it.
         """
         if since_s <= 0.0:
             return self.clamp_n
         return max(0.0, self.stiffness_n_m * (self.compression_m - 2 * self.opening_m_s * since_s))
 
     def holds(self, block: BlockSpec, acceleration_m_s2: float) -> bool:
-        """Return True if friction at both plates carries the block at an upward acceleration."""
+        """Return True if the friction at both plates holds the block at an upward acceleration."""
         return 2 * self.friction * self.clamp_n >= block.mass_kg * (GRAVITY_M_S2 + acceleration_m_s2)
 
     def crushed_share(self) -> float:

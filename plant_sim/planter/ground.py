@@ -1,4 +1,4 @@
-"""Ground below the planter: bottom of the furrow, and loose soil around the base of a block."""
+"""Ground below the planter, and random variation from block to block."""
 
 import math
 from dataclasses import dataclass
@@ -11,16 +11,18 @@ from plant_sim.planter.block import BlockSpec
 class GroundSpec:
     """Parameters of one kind of ground.
 
-    The bottom of the furrow is a plane. Loose soil covers the lower part of a standing block on all sides. As a
-    perfectly plastic body, it resists with a constant pressure on the front or the rear face of the block: against a
-    displacement over the whole cover, against tilting on the upper and the lower half in opposite directions.
+    The bottom of the furrow is a plane. Loose soil covers the lower part of a standing block on all sides. It is
+    perfectly plastic: it resists with a constant pressure on the front or rear face of the block. The pressure acts in
+    one direction over the full height of the soil against displacement, and in opposite directions on its upper and
+    lower halves against tilting.
 
     Attributes:
-        clearance_m: Height of the tip above the bottom of the furrow at the lowest point, m; negative if it enters.
+        clearance_m: Height of the tip above the bottom of the furrow at the lowest point, m; negative if the tip
+            passes below it.
         friction: Coefficient of friction between block and ground.
         restitution: Coefficient of restitution.
         cover_m: Height of the loose soil around the base of the block, m; 0 without loose soil.
-        resistance_pa: Horizontal resistance of the loose soil per area of the face of the block, Pa.
+        resistance_pa: Horizontal resistance of the loose soil per area of a face of the block, Pa.
     """
 
     clearance_m: float
@@ -48,21 +50,21 @@ class GroundSpec:
 
 @dataclass(frozen=True, slots=True)
 class ScatterSpec:
-    """Scatter from block to block.
+    """Random variation from block to block.
 
-    On soil, a share of the blocks sticks to one plate, which swings sideways and tips the block across the row: by
-    assumption, every such block lodges. The share grows as a power of the clamp force. A block is injured if the clamp
-    force exceeds its own strength, which is normally distributed.
+    On soil, a share of the blocks sticks to one plate, which swings sideways and tips the block across the row. Every
+    such block is assumed to lodge. The share is a power function of the clamp force. A block is injured if the clamp
+    force exceeds its strength, which is normally distributed.
 
     Attributes:
-        place_m: Largest distance of a block from its nominal place in the planter, m.
+        place_m: Largest distance of a block from its nominal position in the planter, m.
         opener_deg: Largest deviation of the start of the opening, degrees.
-        clearance_sd_m: Standard deviation of the clearance between tip and bottom of the furrow, on soil, m.
+        clearance_sd_m: Standard deviation of the clearance between the tip and the bottom of the furrow, on soil, m.
         stick_share: Share of the blocks that stick at the clamp force `stick_n`.
         stick_n: Clamp force to which `stick_share` applies, N.
-        stick_exponent: Exponent of the clamp force.
-        strength_n: Mean clamp force at which a block is injured, N.
-        strength_sd_n: Standard deviation of this force from block to block, N.
+        stick_exponent: Exponent of the clamp force in this share.
+        strength_n: Mean strength of a block: the clamp force at which it is injured, N.
+        strength_sd_n: Standard deviation of the strength, N.
     """
 
     place_m: float

@@ -1,7 +1,7 @@
-"""Motion of the planters on the chain, in three models.
+"""Motion of the planters on the chain in three models.
 
-Coordinates: x forward and y up, from the position of the centre of the lower sprocket at time 0. At time 0, planter 0
-is at joint B, where it enters the upper sprocket; planter k follows k spacings behind.
+Coordinates: x forward and y up from the position of the centre of the lower sprocket at time 0. At time 0, planter 0
+is at joint B, where it enters the upper sprocket; planter k is k spacings behind it.
 
 Source: cabbage paper, 2.1.2 (equations 1 to 8); docs/sources/machine.md 6 and 7.
 """
@@ -23,10 +23,10 @@ _MOST_PER_MIN = 1000.0
 class MotionModel(StrEnum):
     """Model of the motion.
 
-    `PRINTED` is equations 1 to 8 with their errors: equation 1 contains -H instead of -h, equation 6 lacks a factor
-    omega, and equation 8 has the wrong sign of the horizontal speed. `CORRECTED` is without these errors, but a point
-    at distance l from the pitch line still moves on arcs of radius R + l, with a jump of l omega in the vertical speed
-    at every joint. In `RIGID`, a planter only translates, as an upright parallelogram requires: every point moves on
+    `PRINTED` uses equations 1 to 8 with their errors: equation 1 contains -H instead of -h, equation 6 lacks a factor
+    omega, and the horizontal speed in equation 8 has the wrong sign. `CORRECTED` corrects these errors, but a point at
+    distance l from the pitch line still moves on arcs of radius R + l, and its vertical speed jumps by l omega at every
+    joint. In `RIGID`, a planter only translates, as an upright parallelogram requires: every point moves on
     the path of the hinge, of radius R, shifted by a constant.
     """
 
@@ -75,10 +75,10 @@ class Motion:
         speed_m_s: Speed of the machine, m/s.
         frequency_per_min: Planting frequency, 1/min.
         model: Model of the motion.
-        period_s: Time of one revolution of the chain, s.
+        period_s: Duration of one revolution of the chain, s.
         chain_m_s: Speed of the chain, omega R, m/s.
         omega_rad_s: Angular speed of the sprockets, rad/s.
-        starts_s: Start of each segment of planter 0 in the period from time 0, and the end of the period, s.
+        starts_s: Start times of the segments of planter 0 in the first period, and the end of the period, s.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Motion:
 
     @property
     def ratio(self) -> float:
-        """Ratio lambda of chain speed to machine speed; infinity at standstill of the machine. Source: equation 9."""
+        """Ratio lambda of chain speed to machine speed; infinity if the machine is at rest. Source: equation 9."""
         return self.chain_m_s / self.speed_m_s if self.speed_m_s else math.inf
 
     @property
@@ -132,7 +132,7 @@ class Motion:
         """Return the radius of the arcs of a point, m.
 
         Raises:
-            SpecError: The point is more than R behind the hinge and the model is not `RIGID`.
+            SpecError: The point is R or more behind the hinge, and the model is not `RIGID`.
         """
         if self.model is MotionModel.RIGID:
             return self.chain.sprocket_radius_m
@@ -145,7 +145,7 @@ class Motion:
         """Return the `PathSegment` of every planter.
 
         Args:
-            time_s: Times, s; a number is an array of one time.
+            time_s: Times, s; a scalar is treated as an array of one time.
 
         Returns:
             Array of shape (planters, times).
@@ -156,7 +156,7 @@ class Motion:
         """Return the position of a point of every planter.
 
         Args:
-            time_s: Times, s; a number is an array of one time.
+            time_s: Times, s; a scalar is treated as an array of one time.
             offset: Point of the planter; by default the hinge.
 
         Returns:
@@ -169,10 +169,10 @@ class Motion:
         return on_machine_m
 
     def velocity_m_s(self, time_s: ArrayLike, offset: Offset = (0.0, 0.0)) -> NDArray[np.float64]:
-        """Return the velocity of a point of every planter; of `PRINTED`, the velocity of equations 5 to 8.
+        """Return the velocity of a point of every planter; in `PRINTED`, the velocity of equations 5 to 8.
 
         Args:
-            time_s: Times, s; a number is an array of one time.
+            time_s: Times, s; a scalar is treated as an array of one time.
             offset: Point of the planter; by default the hinge.
 
         Returns:
@@ -182,7 +182,7 @@ class Motion:
         return self._velocity_m_s(self._segment(since_s), since_s, offset)
 
     def joints(self, offset: Offset | None = None) -> tuple[Joint, ...]:
-        """Return the joints B, C, D, A with the jumps of a point.
+        """Return the joints B, C, D and A with the jumps of a point in position and velocity.
 
         Args:
             offset: Point of the planter; by default the tip.
@@ -206,7 +206,7 @@ class Motion:
         return tuple(joints)
 
     def _since_s(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the times since each planter was last at joint B, s, of shape (planters, times)."""
+        """Return the time since each planter was last at joint B, s, of shape (planters, times)."""
         delays_s = np.arange(self.chain.planters) * (self.period_s / self.chain.planters)
         since_s: NDArray[np.float64] = np.mod(times_s - delays_s[:, np.newaxis], self.period_s)
         return since_s

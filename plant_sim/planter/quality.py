@@ -1,11 +1,10 @@
-"""Shares of lodged and injured seedlings by the regression equations of the cabbage paper's bench test.
+"""Shares of lodged and injured seedlings from the regression equations of the cabbage paper's bench test.
 
-Equations 10 and 11 describe blocks of 40 mm with cabbage seedlings. They are not valid for plugs of pepper seedlings
-and must never be quoted for them.
+Equations 10 and 11 describe blocks of 40 mm with cabbage seedlings. They are not valid for plugs of pepper seedlings.
 
-The paper tested every factor at five levels and searched its optimum at codes of -1 to 1. A setting beyond the tested
-levels is extrapolated. The claimed optimum is not, although its force has a code of -1.455: it is inside the levels of
-the fit, but outside the range stated for the search (docs/sources/machine.md 7).
+The paper tested each factor at five levels and searched for the optimum at codes from -1 to 1. A setting beyond the
+tested levels is extrapolated. The claimed optimum, whose force has a code of -1.455, is not: it is within the tested
+levels, but outside the range stated for the search (docs/sources/machine.md 7).
 """
 
 from functools import cache
@@ -17,7 +16,7 @@ from plant_sim.common.paper_sheet import cabbage_coding, equation, sheet
 from plant_sim.common.polynomial import Polynomial
 
 STATED_CODE: Final = 1.0
-"""Largest code in the search of the paper. Source: cabbage paper, equation 12."""
+"""Largest code in the paper's search for the optimum. Source: cabbage paper, equation 12."""
 
 _ROUNDING = 1e-9
 
@@ -26,7 +25,7 @@ class Share(NamedTuple):
     """Share of the seedlings.
 
     Attributes:
-        value: Share, 0 to 1; a value of the equation below 0 or above 1 is replaced by 0 or 1.
+        value: Share, 0 to 1; values of the equation below 0 or above 1 are replaced by 0 or 1.
         extrapolated: True if a factor is beyond its tested levels.
     """
 
@@ -35,7 +34,7 @@ class Share(NamedTuple):
 
 
 def lodging_share(speed_km_h: float, frequency_per_min: float, force_n: float) -> Share:
-    """Return the share of lodged cabbage blocks by equation 10; not valid for pepper plugs.
+    """Return the share of lodged cabbage blocks from equation 10; not valid for pepper plugs.
 
     Args:
         speed_km_h: Speed of the machine, km/h.
@@ -46,7 +45,7 @@ def lodging_share(speed_km_h: float, frequency_per_min: float, force_n: float) -
 
 
 def injury_share(speed_km_h: float, frequency_per_min: float, force_n: float) -> Share:
-    """Return the share of injured cabbage blocks by equation 11; not valid for pepper plugs.
+    """Return the share of injured cabbage blocks from equation 11; not valid for pepper plugs.
 
     Args:
         speed_km_h: Speed of the machine, km/h.
@@ -67,8 +66,8 @@ def codes(speed_km_h: float, frequency_per_min: float, force_n: float) -> tuple[
 def largest_codes() -> tuple[float, float, float]:
     """Return the largest tested code of each factor.
 
-    It is the axial code of Table 2, 1.682, or that of the outermost level of Table 1 if it is larger: 2 for the
-    frequency, whose levels are integers.
+    This is the axial code of Table 2, 1.682, or the code of the outermost level in Table 1 if that is larger. For the
+    frequency, whose levels are integers, it is 2.
     """
     axial = float(np.abs(sheet("cabbage-table-2").points("X1", "X2", "X3")).max())
     levels = sheet("cabbage-table-1").points("speed_km_h", "frequency_per_min", "force_n")

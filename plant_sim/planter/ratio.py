@@ -1,4 +1,4 @@
-"""Ratio of chain speed to machine speed: its regimes, and the points of zero horizontal speed.
+"""Regimes of the ratio of chain speed to machine speed, and points of zero horizontal speed.
 
 Source: cabbage paper, 2.1.3; docs/sources/machine.md 6.
 """
@@ -16,7 +16,7 @@ from plant_sim.planter.chain import Offset
 from plant_sim.planter.motion import Motion, MotionModel
 
 _SAME = 1e-12
-"""Relative difference of two speeds below which they are equal."""
+"""Relative difference below which two speeds are considered equal."""
 _SAMPLES = 1_441
 
 
@@ -33,7 +33,7 @@ class ZeroSpeedPoint(NamedTuple):
 
     Attributes:
         phase_deg: Phase on the bottom arc, degrees; 90 is the lowest point.
-        time_s: First time at which planter 0 is there, s.
+        time_s: First time at which planter 0 is at the point, s.
         vertical_m_s: Vertical speed, upward positive, m/s.
     """
 
@@ -43,7 +43,7 @@ class ZeroSpeedPoint(NamedTuple):
 
 
 def regime_of(ratio: float) -> Regime:
-    """Return the regime of a ratio; only a ratio of exactly 1, within rounding, is a cycloid.
+    """Return the regime of a ratio; only a ratio of 1, within rounding, gives a cycloid.
 
     >>> regime_of(0.9964).value, regime_of(1.0).value, regime_of(1.17).value
     ('shortened cycloid', 'cycloid', 'trochoid')
@@ -56,25 +56,25 @@ def regime_of(ratio: float) -> Regime:
 def point_ratio(motion: Motion, offset: Offset) -> float:
     """Return the ratio of the circumferential speed of a point on the arcs to the machine speed.
 
-    In `MotionModel.RIGID` it is the ratio of the chain for every point. In the other models the radius of the arcs is
-    R + l.
+    In `MotionModel.RIGID` it equals the ratio of the chain for every point. In the other models the radius of the arcs
+    is R + l.
     """
     return motion.ratio * motion.radius_m(offset) / motion.chain.sprocket_radius_m
 
 
 def zero_speed_points(motion: Motion, offset: Offset | None = None) -> tuple[ZeroSpeedPoint, ...]:
-    """Return the points of zero horizontal speed in the order of time, from the equations.
+    """Return the points of zero horizontal speed in order of time, from the equations.
 
     On the bottom arc, the horizontal speed is v - a sin(phase), where v is the machine speed and a the circumferential
-    speed. It is zero where sin(phase) = v/a: at no point, at the lowest point or at two points symmetrical to it. In
-    `MotionModel.PRINTED`, the sign in equation 8 leaves no such point.
+    speed. It is zero where sin(phase) = v/a: at no point, at the lowest point, or at two points symmetrical about it.
+    In `MotionModel.PRINTED`, the wrong sign in equation 8 means that there is no such point.
 
     Args:
         motion: Motion of the planters.
         offset: Point of the planter; by default the tip.
 
     Raises:
-        SpecError: The machine stands still, so that the horizontal speed is zero on all straight segments.
+        SpecError: The machine is at rest, so the horizontal speed is zero on all straight segments.
     """
     point = _moving_point(motion, offset)
     ratio = point_ratio(motion, point)
@@ -95,14 +95,14 @@ def zero_speed_points(motion: Motion, offset: Offset | None = None) -> tuple[Zer
 def zero_speed_times_s(motion: Motion, offset: Offset | None = None) -> tuple[float, ...]:
     """Return the times of zero horizontal speed of planter 0 in its first revolution, by root finding.
 
-    `zero_speed_points` gives the same times without the velocity function; each is a check of the other.
+    `zero_speed_points` gives the same times without the velocity function, so each function verifies the other.
 
     Args:
         motion: Motion of the planters.
         offset: Point of the planter; by default the tip.
 
     Raises:
-        SpecError: The machine stands still, so that the horizontal speed is zero on all straight segments.
+        SpecError: The machine is at rest, so the horizontal speed is zero on all straight segments.
     """
     point = _moving_point(motion, offset)
 

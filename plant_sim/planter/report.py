@@ -1,4 +1,4 @@
-"""Figures of the motion of a chain planter, as text and as a JSON record."""
+"""Report on the motion of a chain planter, as text and as a JSON record."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,10 +14,10 @@ _KM_H = 3.6
 
 @dataclass(frozen=True, slots=True)
 class MotionReport:
-    """Figures of a motion.
+    """Report on a motion.
 
     Attributes:
-        motion: Motion of the planters; the machine moves.
+        motion: Motion of the planters, with a machine speed above 0.
         release_deg: Phase of the release on the bottom arc, degrees.
         assumed: Names of the parameters that are assumptions.
     """
@@ -43,7 +43,7 @@ class MotionReport:
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Joints with the jumps of the tip."""
+        """Joints with the jumps of the tip in position and velocity."""
         return self.motion.joints()
 
     @property
@@ -55,13 +55,13 @@ class MotionReport:
 
     @property
     def separation_closed_form_s(self) -> float | None:
-        """Separation time from its equation, s; None if it has no closed form."""
+        """Separation time from the closed form, s; None if there is none."""
         if self.motion.model is MotionModel.PRINTED:
             return None
         return separation_closed_form_s(self.motion, self.motion.time_at_s(self.release_deg))
 
     def record(self) -> dict[str, object]:
-        """Return the figures by name, in SI units, as JSON types."""
+        """Return the results by name, in SI units, as JSON types."""
         motion = self.motion
         return {
             "model": motion.model.value,
@@ -82,7 +82,7 @@ class MotionReport:
         }
 
     def text(self, further: Sequence[str] = ()) -> str:
-        """Return the figures as plain text.
+        """Return the results as plain text.
 
         Args:
             further: Lines to add before the assumptions.
@@ -125,7 +125,7 @@ class MotionReport:
 
 
 def _signed(value: float, digits: int) -> str:
-    """Return a number with its sign; a number that rounds to zero has none.
+    """Return a number with its sign; a number that rounds to zero has no sign.
 
     >>> _signed(-1e-17, 1), _signed(0.25, 2)
     ('0.0', '+0.25')

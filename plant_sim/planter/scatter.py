@@ -1,4 +1,4 @@
-"""Random blocks, grounds and releases within the stated ranges of the parameters."""
+"""Random blocks, grounds and releases within the plausible ranges of the parameters."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -17,10 +17,10 @@ Ranges = Mapping[str, tuple[float, float]]
 
 
 class Ground(StrEnum):
-    """Named set of parameters: section of ``planter.yaml`` that describes the ground."""
+    """Section of ``planter.yaml`` that describes the ground."""
 
     RIGID = "rigid_ground"
-    """Rigid ground, as in the paper's simulation: the block is released exactly at the opener."""
+    """Rigid ground, as in the paper's simulation."""
     SOIL = "bench_soil"
     """Soil of the bench test: the depth of the furrow varies, and some blocks stick to a plate."""
 
@@ -31,8 +31,8 @@ class Draw(NamedTuple):
     Attributes:
         planter: Planter with the drawn masses and coefficients.
         ground: Ground with the drawn values.
-        opener_deg: Deviation of the release from the place of the opener, degrees.
-        behind_m: Distance of the block behind its nominal place, m.
+        opener_deg: Deviation of the release from the position of the opener, degrees.
+        behind_m: Distance of the block behind its nominal position, m.
         sticks: True if the block sticks to one plate and lodges across the row; such a fall is not simulated.
     """
 
@@ -55,14 +55,15 @@ class Draw(NamedTuple):
 def draw(planter: Planter, ranges: Ranges, kind: Ground, rng: np.random.Generator) -> Draw:
     """Draw the values of one fall.
 
-    Masses, coefficients and soil are uniformly distributed over their ranges, place and opener uniformly up to their
-    largest deviation. On soil, the clearance below the tip is normally distributed, and a share of the blocks sticks.
+    Masses, coefficients and soil values are distributed uniformly over their ranges, and the positions of block and
+    opener uniformly up to their largest deviations. On soil, the clearance below the tip is normally distributed, and a
+    share of the blocks sticks.
 
     Args:
         planter: Parameters of the planter.
         ranges: Plausible ranges of its parameters.
         kind: Ground.
-        rng: Generator.
+        rng: Random number generator.
     """
     drawn = {
         name: rng.uniform(*ranges[name])

@@ -1,8 +1,8 @@
 """Separation of a released block from the plates of the planter.
 
 The separation time is the time from the release of the block until the tip of the planter has risen above the top of
-the block. The block leaves at the vertical speed of the planter and then falls freely: without friction at the plates,
-air or soil. It is a property of the motion only.
+the block. The block leaves at the vertical speed of the planter and then falls freely, without friction at the plates,
+air resistance or soil. The separation time depends on the motion only.
 """
 
 import math
@@ -26,7 +26,7 @@ def separation_time_s(motion: Motion, release_s: float) -> float:
 
     Args:
         motion: Motion of the planters.
-        release_s: Time of the release, s; `Motion.time_at_s` gives it for a phase of the bottom arc.
+        release_s: Time of the release, s; see `Motion.time_at_s` for a phase of the bottom arc.
 
     Raises:
         SpecError: The model is `MotionModel.PRINTED`, whose path is not continuous.
@@ -48,12 +48,12 @@ def separation_time_s(motion: Motion, release_s: float) -> float:
 
 
 def separation_closed_form_s(motion: Motion, release_s: float) -> float | None:
-    """Return the separation time of a block of planter 0 from its equation, s; None if it has no closed form.
+    """Return the separation time of a block of planter 0 in closed form, s; None if there is none.
 
     The closed form is the root of a quadratic equation. It exists if the block leaves the plates on a straight segment
-    after its release on this segment or on the bottom arc before. On the arcs the equation is transcendental. The top
-    arc accelerates the planter downward, possibly faster than the block falls, so that the tip may pass the block
-    several times; a release there has no closed form.
+    after a release on the same segment or on the preceding bottom arc. On the arcs the equation is transcendental.
+    The top arc accelerates the planter downward, possibly faster than the block falls, so that the tip may pass the
+    block several times; a release there has no closed form.
 
     Args:
         motion: Motion of the planters.
@@ -87,7 +87,7 @@ def separation_closed_form_s(motion: Motion, release_s: float) -> float | None:
 
 
 def _longest_s(motion: Motion, start_m_s: float) -> float:
-    """Return a time after which a block has certainly fallen below the whole path of the tip, s."""
+    """Return a time after which a block is certain to be below the entire path of the tip, s."""
     chain = motion.chain
     height_m = chain.centre_distance_m + 2 * motion.radius_m(chain.tip) + chain.tip_height_m + chain.block_top_m
     rising_m_s = max(start_m_s, 0.0)

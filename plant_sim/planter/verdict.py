@@ -1,8 +1,8 @@
-"""Verdict on a planted block: how it stands, and how the guide plate has treated it.
+"""Verdict on a planted block, from its posture and its displacement by the guide plate.
 
 The limits are assumptions. The paper describes its three simulated cases in words only (2.2.2) and does not define
 lodging. In the Chinese standard for dryland transplanters, JB/T 10291, a seedling is lodged if its stem is less than
-30 degrees from the ground (from memory, not verified).
+30 degrees from the ground (quoted from memory, not verified).
 """
 
 from enum import IntEnum, StrEnum
@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 TILTED_DEG: Final = 30.0
-"""Angle of the stem from the vertical from which a seedling is tilted, degrees."""
+"""Smallest angle of the stem from the vertical at which a seedling counts as tilted, degrees."""
 LODGED_DEG: Final = 60.0
-"""Angle of the stem from the vertical from which a seedling is lodged, degrees."""
+"""Smallest angle of the stem from the vertical at which a seedling counts as lodged, degrees."""
 PUSHED_M: Final = 0.001
-"""Displacement on the ground above which a block has been pushed, m."""
+"""Displacement on the ground above which a block counts as pushed, m."""
 
 
 class Stand(IntEnum):
@@ -28,15 +28,15 @@ class Stand(IntEnum):
 
 
 class FallVerdict(StrEnum):
-    """Words for one fall, after the paper's three simulated cases."""
+    """Verdict on one fall, based on the paper's three simulated cases."""
 
     CLEAN = "clean and upright"
-    """Upright and not pushed: the paper's case at a ratio of 1.17."""
+    """Upright and not pushed, as in the paper's case at a ratio of 1.17."""
     PUSHED = "scraped and pushed, upright"
-    """Upright, pushed by the guide plate: the paper's case at 1."""
+    """Upright and pushed by the guide plate, as in the paper's case at a ratio of 1."""
     TILTED = "tilted"
     FORWARD = "scraped and tipped forward"
-    """Lodged in the direction of travel: the paper's case at 0.87."""
+    """Lodged in the direction of travel, as in the paper's case at a ratio of 0.87."""
     BACKWARD = "tipped backward"
 
 
@@ -63,7 +63,7 @@ def verdict_of(tilt_deg: float, pushed_m: float) -> FallVerdict:
 
 
 def verdicts_of(tilt_deg: NDArray[np.float64], pushed_m: NDArray[np.float64]) -> NDArray[np.str_]:
-    """Return the value of the `FallVerdict` on each fall.
+    """Return the value of the `FallVerdict` of each fall.
 
     Args:
         tilt_deg: Angles of the stem from the vertical at rest, forward positive, degrees.

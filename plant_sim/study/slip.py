@@ -1,4 +1,4 @@
-"""Spacing over the slip of the ground wheel, for the cabbage line with a ground wheel and with a motor of its own."""
+"""Study ``line-slip``: plant spacing over the slip of the ground wheel, with a ground wheel and with a motor."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from plant_sim.study.report.study import Study
 
 LINE: Final = "cabbage"
 MEANS: Final = (0.0, 0.05, 0.10, 0.15)
-"""Mean slips; the gear of the line is set for 5 %."""
+"""Mean slips, as fractions; the gear of the line is set for 5 %."""
 SDS: Final = (0.0, 0.01, 0.02, 0.03, 0.05)
-"""Standard deviations of the slip between patches of soil."""
+"""Standard deviations of the slip between patches of soil, as fractions."""
 METRES: Final = 1_000.0
 LAG_S: Final = 0.5
-"""Lag of the motor, assumed."""
+"""Lag of the motor, s, assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlipPoint:
-    """Row planted at one slip.
+    """Results of a row planted at one slip.
 
     Attributes:
         drive: ``ground wheel`` or ``motor``.
@@ -41,11 +41,11 @@ class SlipPoint:
         sd: Standard deviation of the slip between patches.
         spacing_m: Mean spacing in the quality of feed, m.
         precision: Standard deviation of the spacings in the quality of feed, divided by the set spacing.
-        expected: The same from the closed form.
+        expected: `precision` from the closed form.
         ratio_low: 5th percentile of lambda at the release.
-        ratio_high: 95th percentile.
-        lodged_percent: Lodged plants, percent of the plants.
-        scraped_percent: Blocks touched by the guide plate on the ground, percent of the plants.
+        ratio_high: 95th percentile of lambda at the release.
+        lodged_percent: Lodged plants, percent.
+        scraped_percent: Plants touched by the guide plate on the ground, percent.
     """
 
     drive: str
@@ -64,7 +64,7 @@ def slip_study(machine: Machine, *, seed: int, metres: float = METRES) -> Study:
     """Return the study ``line-slip``.
 
     Args:
-        machine: Parameters of the machine; the cabbage line has no arms and uses none of them.
+        machine: Parameters of the machine; they have no effect, because the cabbage line has no arms.
         seed: Seed of all random numbers.
         metres: Length of each row, m.
     """
@@ -83,21 +83,21 @@ def slip_study(machine: Machine, *, seed: int, metres: float = METRES) -> Study:
             _table(points, line),
             _picture(points),
             "With a ground wheel, the spacing increases with the mean slip as 1/(1 - slip) and λ decreases: "
-            "they are one quantity. Scatter of the slip becomes scatter of the spacing. A motor that follows the true "
-            "ground speed is independent of slip, and only the scatter of the falls remains.",
+            "both depend on the chain speed. Scatter of the slip becomes scatter of the spacing. A motor that "
+            "follows the true ground speed is independent of slip, and only the scatter of the falls remains.",
             "The closed form adds the variances of slip and falls. A spacing s in patches of length L averages over "
             "neighbouring patches, which leaves the fraction 1 - s/(3L) of the variance of the slip. In the rows, slip "
-            "is limited to 0 and above, so that they scatter less if the mean is less than two standard deviations.",
+            "is never negative, so they scatter less if the mean is less than two standard deviations.",
         ),
         record={"metres": metres, "seed": seed, "points": [_record(point) for point in points]},
     )
 
 
 def slip_point(line: LineFile, machine: Machine, *, mean: float, sd: float, seed: int, metres: float) -> SlipPoint:
-    """Plant one row and return its figures.
+    """Plant one row and return its results.
 
     Args:
-        line: A line with a chain planter.
+        line: Line with a chain planter.
         machine: Parameters of the machine.
         mean: Mean slip.
         sd: Standard deviation of the slip between patches.

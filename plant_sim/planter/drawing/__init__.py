@@ -1,1 +1,1 @@
-"""Figures and animations of the chain planter; the models do not import it."""
+"""Figures and animations of the chain planter; the simulation does not import this package."""

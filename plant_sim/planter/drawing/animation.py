@@ -1,4 +1,4 @@
-"""Animation of a planter that passes the bottom arc."""
+"""Animation of a planter passing the bottom arc."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from plant_sim.planter.drawing.shapes import note_origin, place_planter, planter
 from plant_sim.planter.motion import Motion
 
 SLOWED: Final = 4
-"""Factor by which the animation is slower than the machine."""
+"""Ratio of the duration of the animation to that of the real motion."""
 FRAMES_PER_S: Final = 12
 
 _DPI = 90
@@ -26,7 +26,7 @@ def write_animation(motion: Motion, path: Path, *, title: str) -> None:
     """Write an animated GIF of planter 0; equal motions give identical bytes.
 
     Args:
-        motion: Motion of the planters; the machine moves.
+        motion: Motion of the planters, with a machine speed above 0.
         path: File to write.
         title: Title of the figure.
 
@@ -41,7 +41,7 @@ def write_animation(motion: Motion, path: Path, *, title: str) -> None:
     lines = planter_lines(axes)
     figure.draw_without_rendering()
     axes.autoscale(enable=False)
-    figure.set_layout_engine("none")  # the layout of the first frame is that of all frames
+    figure.set_layout_engine("none")  # all frames use the layout of the first
     first_s, last_s = window_s(motion)
     times_s = np.linspace(first_s, last_s, max(2, round((last_s - first_s) * SLOWED * FRAMES_PER_S)))
     hinges_m, tips_m = (shown_m(motion, times_s, offset) for offset in ((0.0, 0.0), motion.chain.tip))

@@ -24,21 +24,21 @@ from plant_sim.planter.motion import Motion, MotionModel, PathSegment
 from plant_sim.planter.ratio import regime_of, zero_speed_points
 
 FIG_4_RATIOS: Final = {"k1": 1.17, "k2": 1.0, "k3": 0.87}
-"""Ratios of the paths in Fig. 4; the paper gives only > 1, = 1 and < 1. The values are those of Fig. 7 to 9."""
+"""Ratios of the paths in Fig. 4, where the paper states only > 1, = 1 and < 1; the values are those of Fig. 7 to 9."""
 
 _BEYOND_M = 0.08
-"""Height of the straight segments shown on either side of the bottom arc."""
+"""Height of the part of the straight segments that is shown on either side of the bottom arc, m."""
 _OUTLINES = 7
 
 
 def window_s(motion: Motion) -> tuple[float, float]:
-    """Return the interval shown: the bottom arc of planter 0, and the straight segments near it, s."""
+    """Return the start and end of the interval shown, s: bottom arc of planter 0 and adjacent straight segments."""
     beyond_s = min(_BEYOND_M, motion.chain.centre_distance_m) / motion.chain_m_s
     return motion.starts_s[PathSegment.BOTTOM] - beyond_s, motion.starts_s[PathSegment.RISE] + beyond_s
 
 
 def shown_m(motion: Motion, times_s: ArrayLike, offset: Offset) -> NDArray[np.float64]:
-    """Return positions of a point of planter 0, with x from the lowest position of the hinge, m."""
+    """Return the positions of a point of planter 0, with x from the lowest position of the hinge, m."""
     positions_m: NDArray[np.float64] = motion.position_m(times_s, offset)[0]
     origin_m = motion.position_m(motion.time_at_s(90.0))[0, 0, 0]
     positions_m[:, 0] -= origin_m
@@ -46,7 +46,9 @@ def shown_m(motion: Motion, times_s: ArrayLike, offset: Offset) -> NDArray[np.fl
 
 
 def regimes_figure(chain: ChainSpec, *, frequency_per_min: float, model: MotionModel = MotionModel.RIGID) -> Figure:
-    """Return the three paths of the tip of Fig. 4, with the points c (lowest), e and d (zero horizontal speed).
+    """Return a figure of the three paths of the tip, after Fig. 4, with the points c, e and d.
+
+    Point c is the lowest point; e and d are the points of zero horizontal speed.
 
     Args:
         chain: Parameters of the chain.
@@ -73,7 +75,7 @@ def regimes_figure(chain: ChainSpec, *, frequency_per_min: float, model: MotionM
 
 
 def _mark_points(axes: Axes, motion: Motion, index: int) -> None:
-    """Mark the lowest point, and the points of zero horizontal speed: e in the descent, d in the ascent."""
+    """Mark the lowest point c and the points of zero horizontal speed, e on the descent and d on the ascent."""
     named = [(f"c{index}", motion.time_at_s(90.0), (0, -12))]
     points = zero_speed_points(motion)
     if len(points) == 2:
@@ -85,10 +87,10 @@ def _mark_points(axes: Axes, motion: Motion, index: int) -> None:
 
 
 def motion_figure(motion: Motion, *, title: str) -> Figure:
-    """Return the paths of hinge, tip and guide plate past the bottom arc, and the speed of the tip.
+    """Return a figure of the paths of hinge, tip and guide plate at the bottom arc, and of the speed of the tip.
 
     Args:
-        motion: Motion of the planters; the machine moves.
+        motion: Motion of the planters, with a machine speed above 0.
         title: Title of the figure.
     """
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")

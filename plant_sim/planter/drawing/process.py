@@ -1,4 +1,4 @@
-"""Release of a block, simulated with contact, as in Fig. 7 to 9 of the cabbage paper."""
+"""Figures of the simulated fall of a block, as in Fig. 7 to 9 of the cabbage paper."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from plant_sim.planter.drawing.shapes import POINTS, SOIL, note_origin
 from plant_sim.planter.parameters import Planter
 
 SLOWED: Final = 8
-"""Factor by which the animation is slower than the machine."""
+"""Ratio of the duration of the animation to that of the real motion."""
 FRAMES_PER_S: Final = 12
 
 _PANELS: Final = 6
@@ -29,12 +29,12 @@ _SUBSTRATE, _STEM = "#8C6D46", "#4C8C3B"
 _PLATE_M: Final = 0.09
 _AHEAD_M, _BEHIND_M, _HIGH_M = 0.12, 0.08, 0.16
 _LEFT_M: Final = 0.10
-"""Height of the hinge above its lowest point at which the guide plate has left the block, m."""
+"""Height of the hinge above its lowest point from which the guide plate is clear of the block, m."""
 _DPI = 80
 
 
 def process_figure(frames: Sequence[FallFrame], planter: Planter, *, title: str) -> Figure:
-    """Return six stages of a fall, from the opener until the block is at rest.
+    """Return a figure of six stages of a fall, from the start of the opening until the block is at rest.
 
     Args:
         frames: Frames of one fall.
@@ -74,7 +74,7 @@ def write_process(frames: Sequence[FallFrame], planter: Planter, path: Path, *, 
     figure.suptitle(f"{title}\n{SLOWED} times slower than the machine", fontsize=7.5)
     note_origin(figure)
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # the layout of the first frame is that of all frames
+    figure.set_layout_engine("none")  # all frames use the layout of the first
     every = max(1, round(1 / (frames[1].time_s - frames[0].time_s) / (SLOWED * FRAMES_PER_S)))
     shown = frames[::every]
     animation = FuncAnimation(figure, lambda index: drawing.show(shown[index]), frames=len(shown), blit=False)
@@ -99,7 +99,7 @@ class _Drawing:
         axes.add_line(self._guide)
 
     def show(self, frame: FallFrame) -> list[Artist]:
-        """Move everything to its place in a frame."""
+        """Move all parts to their positions in a frame."""
         chain, block = self._planter.chain, self._planter.block
         half_m, stem_m = block.edge_m / 2, block.stem_diameter_m / 2
         self._cube.set_xy(
@@ -120,13 +120,13 @@ _TRACE: Final = {"color": QUIET, "linewidth": 0.6, "linestyle": (0, (1, 2)), "zo
 
 
 def _turned(frame: FallFrame, corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return points of the block, given from the middle of its base, in the frame's place and tilt."""
+    """Return points given relative to the middle of the base, transformed to the position of the block."""
     cos, sin = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
     return [(frame.block_x_m + x * cos + y * sin, frame.block_y_m - x * sin + y * cos) for x, y in corners]
 
 
 def _stages(frames: Sequence[FallFrame]) -> list[int]:
-    """Return the indices of the stages shown, at equal intervals until the guide plate has left the block."""
+    """Return the indices of the stages: equally spaced until the guide plate is clear of the block, and the last."""
     last = next(
         (i for i, frame in enumerate(frames) if frame.hinge_y_m > _LEFT_M and frame.time_s > 0), len(frames) - 1
     )

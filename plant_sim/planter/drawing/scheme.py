@@ -20,11 +20,11 @@ from plant_sim.planter.drawing.shapes import (
 from plant_sim.planter.motion import Motion, MotionModel
 
 _FREQUENCY_PER_MIN = 60.0
-"""Any frequency gives the same scheme."""
+"""Planting frequency, which does not affect the scheme."""
 
 
 def scheme(chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> Figure:
-    """Return the scheme relative to the machine: chain, sprockets, planters, joints A to D and dimensions.
+    """Return the scheme in machine coordinates: chain path, sprockets, planters, joints A to D and dimensions.
 
     Args:
         chain: Parameters of the chain.
@@ -40,7 +40,7 @@ def scheme(chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> Figure:
     for centre_m in (0.0, chain.centre_distance_m):
         axes.add_patch(Circle((0.0, centre_m), chain.sprocket_radius_m, fill=False, color=QUIET, linewidth=0.6))
         axes.plot(0.0, centre_m, "+", color=QUIET, markersize=5)
-    # half a spacing after time 0, no planter hides a joint
+    # half a spacing after time 0, no planter covers a joint
     hinges_m = motion.position_m(motion.period_s / chain.planters / 2)[:, 0]
     tips_m = motion.position_m(motion.period_s / chain.planters / 2, chain.tip)[:, 0]
     for hinge_m, tip_m in zip(hinges_m, tips_m, strict=True):

@@ -1,4 +1,4 @@
-"""Shapes and labels common to the figures of the planter."""
+"""Shapes and labels shared by the figures of the planter."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ MARK: Final[dict[str, Any]] = {
 SOIL: Final = SERIES[3]
 
 _OPENING_M = 0.045
-"""Opening of the plates. Source: cabbage paper, 2.2.1."""
+"""Opening of the plates, m. Source: cabbage paper, 2.2.1."""
 _PLATE_M = 0.09
-"""Height of the plates, assumed."""
+"""Height of the plates, m, assumed."""
 
 
 def offsets_of(chain: ChainSpec) -> dict[str, Offset]:
@@ -34,7 +34,7 @@ def offsets_of(chain: ChainSpec) -> dict[str, Offset]:
 
 
 def planter_lines(axes: Axes, *, alpha: float = 1.0) -> list[Line2D]:
-    """Return empty lines for hanger, plates and guide plate, added to the axes; `place_planter` sets their points."""
+    """Add empty lines for hanger, plates and guide plate to the axes and return them; see `place_planter`."""
     colours = (COLOURS["machine"], POINTS["tip"], POINTS["guide plate"])
     lines = [Line2D([], [], color=colour, linewidth=1.0, alpha=alpha, zorder=3) for colour in colours]
     for line in lines:
@@ -43,7 +43,7 @@ def planter_lines(axes: Axes, *, alpha: float = 1.0) -> list[Line2D]:
 
 
 def place_planter(lines: list[Line2D], chain: ChainSpec, hinge_m: Offset, tip_m: Offset) -> None:
-    """Move the lines of a planter.
+    """Move the lines of a planter to a position.
 
     Args:
         lines: Lines from `planter_lines`.
@@ -67,7 +67,7 @@ def draw_soil(axes: Axes, chain: ChainSpec) -> None:
 
 
 def note_origin(figure: Figure) -> None:
-    """Write below a figure where its geometry comes from."""
+    """Add the source of the geometry below a figure."""
     figure.supxlabel(
         "own drawing; l, h, guide plate and soil level are assumed (plant_sim/planter.yaml)",
         x=0.99,

@@ -1,1 +1,1 @@
-"""Studies of the chain planter: verdicts, release window, lodging and injury."""
+"""Studies of the chain planter: verdicts of falls, release window, lodging and injury."""

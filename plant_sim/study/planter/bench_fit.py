@@ -1,8 +1,8 @@
-"""Constants of the mechanics of lodging and injury, fitted to part of Table 2 of the cabbage paper.
+"""Constants of the mechanical model of lodging and injury, fitted to part of Table 2 of the cabbage paper.
 
 A block lodges if it sticks to a plate or if the simulated fall tips it. It is injured if the clamp force exceeds its
-own strength, which is normally distributed. The runs at the corners and some of the centres are fitted; the axial runs
-and the other centres are held back.
+strength, which is normally distributed. The constants are fitted to the corner runs and some of the centre runs; the
+axial runs and the other centre runs are held back.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from plant_sim.study.paper_tables import CABBAGE_FACTORS, Experiment
 from plant_sim.study.planter.tipping import DEEPEST_M, Tipping
 
 FITTED_CENTRES: Final = 5
-"""Number of centre runs that are fitted; the others are held back."""
+"""Number of centre runs used for the fit; the others are held back."""
 
 Values = NDArray[np.float64]
 
@@ -31,8 +31,8 @@ class LodgingConstants(NamedTuple):
     """Fitted constants of lodging.
 
     Attributes:
-        stick_share: Share of the blocks that stick to a plate at the centre of the force.
-        stick_exponent: Exponent of the force.
+        stick_share: Share of the blocks that stick to a plate at the centre level of the clamp force.
+        stick_exponent: Exponent of the clamp force in this share.
         clearance_m: Mean clearance between the tip and the bottom of the furrow, m.
     """
 
@@ -45,8 +45,8 @@ class InjuryConstants(NamedTuple):
     """Fitted constants of injury.
 
     Attributes:
-        strength_n: Mean clamp force at which a block is injured, N.
-        strength_sd_n: Standard deviation, N.
+        strength_n: Mean strength of a block: the clamp force at which it is injured, N.
+        strength_sd_n: Standard deviation of the strength, N.
     """
 
     strength_n: float
@@ -55,11 +55,11 @@ class InjuryConstants(NamedTuple):
 
 @dataclass(frozen=True)
 class Predictor:
-    """Prediction of every run.
+    """Prediction of one response for every run.
 
     Attributes:
-        name: Name in the report.
-        constants: Number of constants fitted to the fitted runs.
+        name: Name of the predictor in the report.
+        constants: Number of constants fitted by the study.
         percent: Prediction of every run, %.
     """
 
@@ -69,7 +69,7 @@ class Predictor:
 
 
 def fitted_runs(experiment: Experiment) -> NDArray[np.bool_]:
-    """Return which runs are fitted: the corners and the first `FITTED_CENTRES` centres."""
+    """Return a mask of the fitted runs: the corners and the first `FITTED_CENTRES` centres."""
     is_corner = (np.abs(experiment.coded) == 1.0).all(axis=1)
     is_centre = (experiment.coded == 0.0).all(axis=1)
     fitted: NDArray[np.bool_] = is_corner | (is_centre & (np.cumsum(is_centre) <= FITTED_CENTRES))
@@ -77,12 +77,12 @@ def fitted_runs(experiment: Experiment) -> NDArray[np.bool_]:
 
 
 def rms(difference: Values) -> float:
-    """Return the root of the mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(difference))))
 
 
 def lodging_percent(tipping: Tipping, force_n: Values, constants: LodgingConstants, scatter: ScatterSpec) -> Values:
-    """Return the lodging of every run by the mechanics, %.
+    """Return the lodging of every run according to the mechanical model, %.
 
     Args:
         tipping: Simulated falls, one setting per run.
@@ -105,7 +105,7 @@ def fit_lodging(
         tipping: Simulated falls, one setting per run.
         force_n: Clamp force of every run, N.
         observed_percent: Observed lodging of every run, %.
-        fitted: Runs that are fitted.
+        fitted: Mask of the fitted runs.
         scatter: Scatter of the clearance, and the force to which the share of sticking blocks applies.
     """
 
@@ -119,7 +119,7 @@ def fit_lodging(
 
 
 def injury_percent(force_n: Values, constants: InjuryConstants) -> Values:
-    """Return the injury of every run by the law of strength, %."""
+    """Return the injury of every run for a normally distributed strength, %."""
     percent: Values = 100 * norm.cdf((force_n - constants.strength_n) / constants.strength_sd_n)
     return percent
 
@@ -130,7 +130,7 @@ def fit_injury(force_n: Values, observed_percent: Values, fitted: NDArray[np.boo
     Args:
         force_n: Clamp force of every run, N.
         observed_percent: Observed injury of every run, %.
-        fitted: Runs that are fitted.
+        fitted: Mask of the fitted runs.
     """
 
     def residuals(constants: Values) -> Values:
@@ -141,13 +141,13 @@ def fit_injury(force_n: Values, observed_percent: Values, fitted: NDArray[np.boo
 
 
 def comparisons(experiment: Experiment, response: str, fitted: NDArray[np.bool_], printed: Values) -> list[Predictor]:
-    """Return predictors that know nothing of the mechanics.
+    """Return predictors that do not use the mechanical model.
 
     Args:
         experiment: Experiment.
         response: Name of the response.
-        fitted: Runs that are fitted.
-        printed: Prediction of every run by the printed equation, %.
+        fitted: Mask of the fitted runs.
+        printed: Prediction of every run from the printed equation, %.
     """
     observed, coded = experiment.responses[response], experiment.coded
     linear = fit(coded[fitted], observed[fitted], terms(len(CABBAGE_FACTORS), "linear"))
@@ -167,7 +167,7 @@ def _best(
     *,
     scale: tuple[float, ...],
 ) -> list[float]:
-    """Return the constants with the smallest sum of squares from several starts."""
+    """Return the constants with the smallest sum of squares among the fits from several starting points."""
     results = [
         least_squares(residuals, start, bounds=(low, high), x_scale=scale, diff_step=1e-4, xtol=1e-12, ftol=1e-12)
         for start in starts

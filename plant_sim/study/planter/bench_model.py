@@ -1,4 +1,4 @@
-"""Mechanics of the bench fitted to one data set, beside other predictors."""
+"""Mechanical model of the bench fitted to one data set, and other predictors for comparison."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from plant_sim.study.planter.tipping import Tipping
 
 @dataclass(frozen=True)
 class BenchModel:
-    """Mechanics fitted to one data set.
+    """Mechanical model fitted to one data set.
 
     Attributes:
         experiment: Data set.
-        fitted: Runs that are fitted.
+        fitted: Mask of the fitted runs.
         natural: Speed, km/h, frequency, 1/min, and force, N, of every run.
         lodging: Constants of lodging.
         injury: Constants of injury.
-        lodging_by: Predictions of lodging, the mechanics first.
-        injury_by: Predictions of injury, the mechanics first.
-        tipped_percent: Share of every run that is tipped by the fall, %.
-        tipped_error: Standard error of this share due to the number of blocks, points.
+        lodging_by: Predictions of lodging, the mechanical model first.
+        injury_by: Predictions of injury, the mechanical model first.
+        tipped_percent: Share of the blocks tipped by the fall in every run, %.
+        tipped_error: Standard error of this share due to the number of blocks, percentage points.
     """
 
     experiment: Experiment
@@ -54,7 +54,7 @@ class BenchModel:
 
 
 def bench_model(planter: Planter, tipping: Tipping, experiment: Experiment, natural: Values) -> BenchModel:
-    """Fit the mechanics to a data set.
+    """Fit the mechanical model to a data set.
 
     Args:
         planter: Parameters of the planter.

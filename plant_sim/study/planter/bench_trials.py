@@ -1,4 +1,4 @@
-"""Trials at one setting of the bench: seedlings counted one by one, by the mechanics and by the equations."""
+"""Simulated trials at one setting of the bench, with the mechanical model and with the paper's equations."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class SeedlingCount(NamedTuple):
     """Counted seedlings.
 
     Attributes:
-        seedlings: All seedlings.
-        lodged: Lodged seedlings.
-        injured: Injured seedlings.
+        seedlings: Number of seedlings.
+        lodged: Number of lodged seedlings.
+        injured: Number of injured seedlings.
     """
 
     seedlings: int
@@ -48,7 +48,7 @@ class SeedlingCount(NamedTuple):
     injured: int
 
     def percent(self) -> tuple[float, float, float, float, float, float]:
-        """Return lodging with the ends of its exact 95 % interval, then injury likewise, %."""
+        """Return lodging and the limits of its exact 95 % interval, then the same for injury, %."""
         lodging, injury = (
             (hits / self.seedlings, *binomial_interval(hits, self.seedlings)) for hits in (self.lodged, self.injured)
         )
@@ -58,13 +58,13 @@ class SeedlingCount(NamedTuple):
 
 @dataclass(frozen=True)
 class BenchCheck:
-    """Trials at the setting that the paper claims to be the best.
+    """Trials at the setting that the paper claims to be optimal.
 
     Attributes:
         setting: The setting.
-        expected: Lodging and injury by the mechanics, by the constants in use, %.
-        mechanics: Trials by the mechanics: on the bench, then in the field.
-        equations: Trials by equations 10 and 11.
+        expected: Lodging and injury from the mechanical model with the constants in use, %.
+        mechanics: Trials with the mechanical model, first on the bench, then in the field.
+        equations: Trials with equations 10 and 11.
     """
 
     setting: BenchSetting
@@ -88,7 +88,7 @@ def simulate_trials(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[SeedlingCount]:
-    """Simulate trials by the mechanics, every fall with full contact.
+    """Simulate trials with the mechanical model, every fall with full contact.
 
     Args:
         planter: Parameters of the planter.
@@ -96,8 +96,8 @@ def simulate_trials(
         setting: Setting of all trials.
         seedlings: Number of seedlings of each trial.
         seed: Seed of the study.
-        workers: Number of processes; None = one per core.
-        progress: Callback after every completed trial.
+        workers: Number of processes; by default one per core.
+        progress: Callback after each completed trial.
     """
     jobs = [
         partial(_trial, planter, ranges, setting, number, trial_seed(seed, 0, trial))
@@ -107,7 +107,7 @@ def simulate_trials(
 
 
 def equation_trials(setting: BenchSetting, seedlings: Sequence[int], *, seed: int) -> list[SeedlingCount]:
-    """Draw trials with the shares of equations 10 and 11, for cabbage blocks.
+    """Return random trials of cabbage blocks with the shares from equations 10 and 11.
 
     Args:
         setting: Setting of all trials.

@@ -1,4 +1,4 @@
-"""Tables, pictures and remarks of the study ``planter-lodging``."""
+"""Parts of the report of the study ``planter-lodging``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.twin.report import binomial_interval
 
 RUN_SEEDLINGS: Final = (120, 360, 2200)
-"""Numbers of seedlings per run for which the effect is shown."""
+"""Numbers of seedlings per run for which the effect is reported."""
 
 _KM_H = 3.6
 
@@ -35,7 +35,7 @@ def lodging_parts(
     in_use_percent: Values,
     blocks: int,
 ) -> list[Part]:
-    """Return the part about the fit of lodging."""
+    """Return the report parts on the fit of lodging."""
     model = models["reconciled"]
     observed = model.experiment.responses["Y1"]
     rows: list[tuple[Cell, ...]] = [
@@ -73,7 +73,7 @@ def lodging_parts(
 
 
 def injury_parts(planter: Planter, models: Mapping[str, BenchModel]) -> list[Part]:
-    """Return the part about the fit of injury."""
+    """Return the report parts on the fit of injury."""
     model, grip, scatter = models["reconciled"], planter.grip, planter.scatter
     rows: list[tuple[Cell, ...]] = [
         (name, each.injury.strength_n, each.injury.strength_sd_n) for name, each in models.items()
@@ -100,7 +100,7 @@ def injury_parts(planter: Planter, models: Mapping[str, BenchModel]) -> list[Par
 
 
 def seedling_parts(model: BenchModel, run_seedlings: int) -> list[Part]:
-    """Return the part about the number of seedlings of a run, which is not published."""
+    """Return the report parts on the number of seedlings in a run, which is not published."""
     observed = model.experiment.responses["Y1"]
     centre = observed[(model.experiment.coded == 0).all(axis=1)] / 100
     mean, sd = float(centre.mean()), float(centre.std(ddof=1))
@@ -141,7 +141,7 @@ def seedling_parts(model: BenchModel, run_seedlings: int) -> list[Part]:
 
 
 def check_parts(check: BenchCheck, seedlings: int) -> list[Part]:
-    """Return the part about the check of the claimed setting on the bench and in the field."""
+    """Return the report parts on the check of the claimed optimum on the bench and in the field."""
     half = len(check.mechanics) // 2
     predicted, bench, field = (each.responses for each in cabbage_settings())
     shares = 100 * lodging_share(*check.setting).value, 100 * injury_share(*check.setting).value
@@ -179,7 +179,7 @@ def check_parts(check: BenchCheck, seedlings: int) -> list[Part]:
 
 
 def _ranking(model: BenchModel) -> str:
-    """Compare the mechanics with the linear polynomial on the held-back runs."""
+    """Return a comparison of the mechanical model with other predictors in the held-back runs."""
     observed, held = model.experiment.responses["Y1"], ~model.fitted
     mechanics, _, mean, linear, _ = (rms((each.percent - observed)[held]) for each in model.lodging_by)
     better = "better" if mechanics < linear else "worse"
@@ -232,7 +232,7 @@ def _run_table(planter: Planter, model: BenchModel) -> Table:
 
 
 def _effects(model: BenchModel, response: str, name: str, mechanics: Predictor) -> list[Part]:
-    """Compare the effects of the factors with those of the mechanics."""
+    """Return a comparison of the observed effects of the factors with those of the mechanical model."""
     coded = cabbage_experiment("reconciled").coded
     columns = [
         fit(coded, percent, terms(coded.shape[1], "linear")).values
@@ -256,7 +256,7 @@ def _effects(model: BenchModel, response: str, name: str, mechanics: Predictor) 
 
 
 def _chi_square(predictor: Predictor, model: BenchModel, seedlings: int, runs: NDArray[np.bool_]) -> float:
-    """Return the sum of squared differences over the binomial variance of the prediction."""
+    """Return the sum of the squared differences divided by the binomial variance of the prediction."""
     expected, observed = predictor.percent[runs] / 100, model.experiment.responses["Y1"][runs] / 100
     return float(np.sum((observed - expected) ** 2 / (expected * (1 - expected) / seedlings)))
 
@@ -292,7 +292,7 @@ def _trial_rows(check: BenchCheck, half: int) -> tuple[tuple[Cell, ...], ...]:
 
 
 def _overlap(check: BenchCheck, half: int, field: Mapping[str, float]) -> str:
-    """State whether the paper's field result is inside the interval of the simulated trials."""
+    """Return a sentence on whether the paper's field result is inside the interval of the simulated trials."""
     total = pooled(check.mechanics[half:])
     _, low, high, _, injury_low, injury_high = total.percent()
     inside = [

@@ -1,4 +1,4 @@
-"""Study ``planter-lodging``: mechanics of lodging and injury on the bench, fitted to part of the paper's Table 2."""
+"""Study ``planter-lodging``: mechanical model of lodging and injury, fitted to part of the paper's Table 2."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from plant_sim.study.report.study import Study
 from plant_sim.study.runner import OverallProgress, Progress, command_line
 
 TRIALS: Final = 3
-"""Trials of each run, of the bench check and of the field check. Source: cabbage paper, 3.1.2 and 4."""
+"""Number of trials of each run, of the bench check and of the field check. Source: cabbage paper, 3.1.2 and 4."""
 FIELD_SEEDLINGS: Final = 120
-"""Seedlings of each trial in the field. Source: cabbage paper, 4."""
+"""Number of seedlings in each trial in the field. Source: cabbage paper, 4."""
 
 
 def lodging_study(
@@ -38,13 +38,13 @@ def lodging_study(
     """Return the study ``planter-lodging``.
 
     Args:
-        planter: Parameters of the planter; the fitted constants are not used for the fit.
+        planter: Parameters of the planter; the fit does not use its values of the fitted constants.
         ranges: Plausible ranges of its parameters.
-        blocks: Random blocks at each setting.
-        seedlings: Assumed number of seedlings in each trial of a run of the bench.
+        blocks: Number of random blocks at each setting.
+        seedlings: Assumed number of seedlings in each trial on the bench.
         seed: Seed of the blocks and of the trials.
-        workers: Number of processes; None = one per core.
-        progress: Callback after every completed setting or trial.
+        workers: Number of processes; by default one per core.
+        progress: Callback after each completed setting or trial.
     """
     reconciled = cabbage_experiment("reconciled")
     natural = to_natural(CABBAGE_FACTORS, reconciled.coded)

@@ -1,4 +1,4 @@
-"""Study ``planter-release``: clean falls and lodging over the ratio lambda and the place of the opener."""
+"""Study ``planter-release``: clean falls and lodging over the ratio lambda and the position of the opener."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from plant_sim.study.runner import Progress, command_line
 
 LOWEST_RATIO: Final = 0.8
 HIGHEST_RATIO: Final = 1.6
-"""Range of the map."""
+"""Largest ratio of the map; `LOWEST_RATIO` is the smallest."""
 GOOD: Final = 0.9
-"""Share of clean and upright falls inside the window."""
+"""Smallest share of clean and upright falls inside the window."""
 SAMPLES: Final = 12
-"""Random points of the map at each ground that are compared with full contact."""
+"""Number of random points on each ground that are compared with falls simulated with full contact."""
 
 _NAMES: Final[Mapping[Ground, str]] = {Ground.RIGID: "rigid ground", Ground.SOIL: "bench soil"}
 _LODGED: Final = (FallVerdict.FORWARD, FallVerdict.BACKWARD)
@@ -38,15 +38,15 @@ _LOWEST_DEG = 90.0
 
 @dataclass(frozen=True)
 class ReleaseMap:
-    """Shares over the ratio and the place of the opener on one ground.
+    """Shares over the ratio and the position of the opener on one ground.
 
     Attributes:
         kind: Ground.
         ratios: Ratios, ascending.
-        openers_deg: Places of the opener, ascending, degrees.
+        openers_deg: Positions of the opener, ascending, degrees.
         clean: Share of clean and upright falls, of shape (ratios, openers).
         lodged: Share of lodged falls; blocks that stick to a plate are not included.
-        samples: Verdicts of full contact at random points.
+        samples: Verdicts of falls with full contact at random points.
         table: Table of the falls.
     """
 
@@ -59,12 +59,12 @@ class ReleaseMap:
     table: FallTable
 
     def expected(self, count: VerdictCount) -> tuple[float, float]:
-        """Return the shares of clean and of lodged falls at a sample by the table."""
+        """Return the shares of clean and of lodged falls at a sampled point, from the table."""
         shares, _ = self.table.verdict_shares_at(count.point.ratio, count.point.opener_deg)
         return shares[FallVerdict.CLEAN], sum(shares[verdict] for verdict in _LODGED)
 
     def windows_deg(self, row: int) -> list[tuple[float, float]]:
-        """Return the first and last opener of every uninterrupted range of good grid points at a ratio, degrees."""
+        """Return the first and last position of every uninterrupted range inside the window at a ratio, degrees."""
         windows: list[tuple[float, float]] = []
         before = False
         for opener_deg, share in zip(self.openers_deg.tolist(), self.clean[row].tolist(), strict=True):
@@ -89,11 +89,11 @@ def release_study(
     Args:
         planter: Parameters of the planter.
         ranges: Plausible ranges of its parameters.
-        tables: Tables of falls of this planter.
+        tables: Tables of falls of this planter, by ground.
         draws: Random falls with full contact at each sampled point.
         seed: Seed of the sampled points and of their falls.
-        workers: Number of processes; None = one per core.
-        progress: Callback after every completed point.
+        workers: Number of processes; by default one per core.
+        progress: Callback after each completed point.
     """
     rng = np.random.default_rng(seed)
     points = [_random_point(tables[kind], draws, rng) for kind in Ground for _ in range(SAMPLES)]
@@ -101,7 +101,7 @@ def release_study(
     maps = [_map(tables[kind], tuple(count for count in counts if count.point.kind is kind)) for kind in Ground]
     return Study(
         name="planter-release",
-        title="Chain planter: place of the release over λ",
+        title="Chain planter: position of the release over λ",
         command=command_line("planter-release", trials=draws, seed=seed),
         parts=(
             *_map_parts(planter, maps),
@@ -138,7 +138,7 @@ def _map_parts(planter: Planter, maps: list[ReleaseMap]) -> list[Part]:
         f"From the packaged tables of falls: {BLOCKS} random blocks with full contact at each grid point, "
         f"{FREQUENCY_PER_MIN:g} plants per minute. A fall is clean if the seedling is upright and the guide plate has "
         f"moved it by at most {1000 * PUSHED_M:g} mm on the ground. On bench soil, {stick:.1f} % of the blocks also "
-        "stick to a plate and lodge at every ratio and place; they are not part of the map.",
+        "stick to a plate and lodge at every ratio and position; they are not part of the map.",
         Picture(
             "release-map",
             "Share of clean and of lodged falls; black: points of zero horizontal speed, sin φ = 1/λ; dotted: lowest "
@@ -175,7 +175,7 @@ def _window_parts(planter: Planter, each: ReleaseMap) -> list[Part]:
 
 
 def _means(each: ReleaseMap, row: int, second_deg: float | None) -> tuple[float | None, float | None, float | None]:
-    """Return the mean share of clean falls before the lowest point, from there to the second point, and beyond."""
+    """Return the mean share of clean falls before the lowest point, from there to the second point, and beyond it."""
     openers_deg, clean = each.openers_deg, each.clean[row]
     end_deg = _LOWEST_DEG if second_deg is None else second_deg
     rising = (openers_deg >= _LOWEST_DEG) & (openers_deg <= end_deg)
@@ -185,7 +185,7 @@ def _means(each: ReleaseMap, row: int, second_deg: float | None) -> tuple[float 
 
 
 def _comparison(planter: Planter, each: ReleaseMap) -> str:
-    """Compare the rising part of the loop with the falling one over all ratios that have a loop."""
+    """Return a comparison of the rising and falling parts of the loop over all ratios that have a loop."""
     rising, falling = [], []
     for row, ratio in enumerate(each.ratios.tolist()):
         zero_deg = _zero_speed_deg(planter, ratio)
@@ -201,7 +201,7 @@ def _comparison(planter: Planter, each: ReleaseMap) -> str:
         f"Over all ratios with a loop, {up:.1f} % of the falls are clean for an opener on the rising part of the loop, "
         f"from 90° to the second point, and {down:.1f} % on the falling part. The paper recommends the rising part: "
         f"{better} on {_NAMES[each.kind]}. An opener {robust} gives {100 * GOOD:g} % clean falls or more at every "
-        "ratio of the map. The distance between the plants is not part of it. The place is that of the opener; the "
+        "ratio of the map. The distance between the plants is not considered. The angle is that of the opener; the "
         f"block is free {1000 * planter.grip.free_s:.0f} ms later."
     )
 
@@ -258,7 +258,7 @@ def _chart(planter: Planter, maps: list[ReleaseMap]) -> Figure:
 
 
 def _mark_phases(axes: Axes, release_deg: float) -> None:
-    """Draw the points of zero horizontal speed, the lowest point and the place of the opener."""
+    """Draw the points of zero horizontal speed, the lowest point and the position of the opener."""
     ratios = np.linspace(1.0, HIGHEST_RATIO, 241)
     phases_deg = np.degrees(np.arcsin(1 / ratios))
     for branch_deg in (phases_deg, 180.0 - phases_deg):
@@ -268,7 +268,7 @@ def _mark_phases(axes: Axes, release_deg: float) -> None:
 
 
 def _mark_window(axes: Axes, each: ReleaseMap) -> None:
-    """Draw the outline of the good grid points from the lowest point on."""
+    """Draw the outline of the cells inside the window, from the lowest point on."""
     x, y = _edges(each.ratios), _edges(each.openers_deg)
     good = np.pad((each.clean >= GOOD) & (each.openers_deg >= _LOWEST_DEG), 1)
     for row, column in np.argwhere(good[1:-1, 1:-1]).tolist():

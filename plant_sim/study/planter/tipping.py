@@ -1,4 +1,4 @@
-"""Blocks tipped in simulated falls on soil, as a function of the clearance between planter and furrow."""
+"""Simulated tipping of blocks on soil, as a function of the clearance between planter and furrow."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from plant_sim.study.runner import Progress, spread
 DEEPEST_M = 0.040
 """Largest simulated clearance between the tip of the planter and the bottom of the furrow, m."""
 LEAST_BLOCKS = 10
-"""Smallest number of blocks with which the clearances are dense enough for a standard deviation of a few mm."""
+"""Smallest number of blocks; fewer clearances would be too sparse for a standard deviation of a few mm."""
 
 _KM_H = 3.6
 
 
 @dataclass(frozen=True)
 class Tipping:
-    """Tipped blocks at several settings; every setting has the same random blocks.
+    """Tipped blocks at several settings, with the same random blocks at every setting.
 
     Attributes:
-        clearance_m: Clearance of each block, evenly spread from 0 to `DEEPEST_M`, m.
-        lodged: True if the block has lodged, of shape (settings, blocks).
+        clearance_m: Clearance of each block, evenly distributed from 0 to `DEEPEST_M`, m.
+        lodged: True if a block lodged, of shape (settings, blocks).
     """
 
     clearance_m: NDArray[np.float64]
@@ -42,7 +42,7 @@ class Tipping:
 
         Args:
             mean_m: Mean clearance, m.
-            sd_m: Standard deviation, m.
+            sd_m: Standard deviation of the clearance, m.
         """
         share: NDArray[np.float64] = self.lodged @ self._weights(mean_m, sd_m)
         return share
@@ -50,7 +50,7 @@ class Tipping:
     def standard_error(self, mean_m: float, sd_m: float) -> NDArray[np.float64]:
         """Return the standard error of `share` that is due to the number of blocks.
 
-        It is an upper limit: the even spread of the clearances is not taken into account.
+        This is an upper limit, because the even distribution of the clearances is not taken into account.
         """
         weights, share = self._weights(mean_m, sd_m), self.share(mean_m, sd_m)
         error: NDArray[np.float64] = np.sqrt((self.lodged - share[:, np.newaxis]) ** 2 @ weights**2)
@@ -72,7 +72,7 @@ def simulate_tipping(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Tipping:
-    """Simulate random blocks at several settings with full contact.
+    """Simulate the falls of random blocks at several settings with full contact.
 
     Args:
         planter: Parameters of the planter.
@@ -81,8 +81,8 @@ def simulate_tipping(
             settings are simulated once.
         blocks: Number of random blocks.
         seed: Seed of the blocks.
-        workers: Number of processes; None = one per core.
-        progress: Callback after every completed setting.
+        workers: Number of processes; by default one per core.
+        progress: Callback after each completed setting.
 
     Raises:
         StudyError: There are too few blocks.

@@ -1,4 +1,4 @@
-"""Study ``planter-verdicts``: verdicts of the paper's simulation over the ratio lambda, on rigid ground."""
+"""Study ``planter-verdicts``: verdicts on random falls over the ratio lambda, on rigid ground."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from plant_sim.study.report.study import Study
 from plant_sim.study.runner import Progress, command_line
 
 REQUIRED: Final = 0.9
-"""Share of the draws that must have the verdict of the paper."""
+"""Smallest share of falls with the paper's verdict at which a case is reproduced."""
 RATIOS: Final = tuple(round(0.80 + 0.05 * step, 2) for step in range(17))
 """Ratios of the sweep."""
 CASE_DRAWS: Final = 200
 OPENERS_DEG: Final = (45.0, 60.0, 75.0, 90.0, 105.0, 120.0, 135.0)
-"""Places of the opener in the check of the constants; the first three are before the lowest point."""
+"""Positions of the opener in the check of the constants, degrees; the first three are before the lowest point."""
 CHECK_DRAWS: Final = 10
-"""Draws at each point of the check."""
+"""Number of random falls at each point of the check."""
 
 _LATE_DEG = 120.0
 _KM_H = 3.6
@@ -42,8 +42,8 @@ class SimulatedCase(NamedTuple):
 
     Attributes:
         speed_km_h: Machine speed, km/h.
-        printed: Ratio as printed.
-        verdict: FallVerdict of the paper.
+        printed: Ratio printed in the paper.
+        verdict: Verdict stated in the paper.
     """
 
     speed_km_h: float
@@ -64,13 +64,13 @@ CASES: Final = (
 
 @dataclass(frozen=True)
 class VerdictSweep:
-    """Simulated verdicts.
+    """Verdicts on simulated falls.
 
     Attributes:
         planter: Parameters of the planter.
         cases: Verdicts at the paper's cases.
         sweep: Verdicts over the ratio.
-        check: Verdicts at the paper's cases with other places of the opener and other guide plates, in the order of
+        check: Verdicts at the paper's cases with other positions of the opener and other guide plates, in the order of
             `CASES`, guide plates and `OPENERS_DEG`.
     """
 
@@ -105,8 +105,8 @@ def verdict_study(
         ranges: Plausible ranges of its parameters.
         draws: Random falls at each ratio; the paper's cases have at least `CASE_DRAWS`.
         seed: Seed of the falls.
-        workers: Number of processes; None = one per core.
-        progress: Callback after every completed point.
+        workers: Number of processes; by default one per core.
+        progress: Callback after each completed point.
     """
     release_deg = planter.chain.release_deg
     ratios = [case.motion(planter).ratio for case in CASES]
@@ -203,11 +203,11 @@ def _check_parts(result: VerdictSweep) -> list[Part]:
     )
     return [
         Heading("Other openers and guide plates"),
-        "The constants are the same in all cases. With other places of the opener and other gaps between block and "
+        "The constants are the same in all cases. With other positions of the opener and other gaps between block and "
         f"guide plate, over the range in planter.yaml, {CHECK_DRAWS} falls at each point:",
         Table(
             "check",
-            "Share of the falls with the verdict of the paper, %, by place of the opener",
+            "Share of the falls with the verdict of the paper, %, by position of the opener",
             ("λ", "gap, mm", *(f"{each:g}°" for each in OPENERS_DEG)),
             tuple(rows),
             digits=1,
@@ -232,7 +232,7 @@ def _limit_parts(planter: Planter) -> list[Part]:
     return [
         Heading("Limits"),
         f"A block is pushed if it moves more than {1000 * PUSHED_M:g} mm on the ground; the limits of the verdicts "
-        "are assumptions, since the paper has words only. The guide plate is assumed to be a fork "
+        "are assumptions, since the paper states none. The guide plate is assumed to be a fork "
         f"{_gap_mm(planter, planter.chain.guide_behind_m):.0f} mm behind the block.",
         "The paper contradicts itself: its simulation always tips at 0.87, but on the bench, with ratios of "
         f"{ratios.min():.2f} to {ratios.max():.2f}, lodging is {lodging.min():g} to {lodging.max():g} % (Table 2, "

@@ -30,7 +30,7 @@ class FallPoint:
 
     Attributes:
         ratio: Ratio lambda.
-        opener_deg: Place of the opener, degrees.
+        opener_deg: Position of the opener, degrees.
         draws: Number of random falls.
         values: Parameters that differ from those of the planter, by dotted name.
         kind: Ground.
@@ -50,7 +50,7 @@ class VerdictCount:
     """Verdicts of the random falls at one point.
 
     Attributes:
-        point: The point.
+        point: Point of the sweep.
         counts: Number of falls by verdict.
     """
 
@@ -77,16 +77,15 @@ def count_verdicts(
 ) -> list[VerdictCount]:
     """Simulate random falls with full contact.
 
-    Every point has random falls of its own, which depend on the seed and on its index only. Sticking to a plate is not
-    part of them.
+    The falls at a point depend only on the seed and on the index of the point. Sticking to a plate is not simulated.
 
     Args:
         planter: Parameters of the planter.
         ranges: Plausible ranges of its parameters.
-        points: Points.
+        points: Points of the sweep.
         seed: Seed of the study.
-        workers: Number of processes; None = one per core.
-        progress: Callback after every completed point.
+        workers: Number of processes; by default one per core.
+        progress: Callback after each completed point.
     """
     jobs = [partial(_count, planter, ranges, point, trial_seed(seed, index, 0)) for index, point in enumerate(points)]
     return spread(jobs, workers, progress)

@@ -1,4 +1,4 @@
-"""Motions of the paper's chain, and random motions."""
+"""Motions of the paper's chain and random motions for tests."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def motion_of_ratio(ratio: float, model: MotionModel = MotionModel.RIGID, chain:
 
 @st.composite
 def motions(draw: st.DrawFn, models: tuple[MotionModel, ...] = tuple(MotionModel)) -> Motion:
-    """Draw R, H, l, h, the number of planters, machine speed, planting frequency and model."""
+    """Return a motion with random R, H, l, h, number of planters, machine speed, planting frequency and model."""
     chain = dataclasses.replace(
         CHAIN,
         sprocket_radius_m=draw(st.floats(0.03, 0.3)),

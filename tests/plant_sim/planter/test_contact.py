@@ -1,4 +1,4 @@
-"""Contact dynamics of the block: closed forms, invariances and the verdicts of the paper's three cases."""
+"""Tests of the contact dynamics of the block: closed forms, invariances and the paper's three cases."""
 
 import dataclasses
 import itertools
@@ -23,7 +23,7 @@ def planter() -> Planter:
 
 
 def standing(planter: Planter, space: pymunk.Space, *, above_mm: float = 0.0, slope_rad: float = 0.0) -> pymunk.Body:
-    """Return a block that stands on the floor, or above it, parallel to a slope."""
+    """Return a block that stands on the floor or is above it, parallel to its slope."""
     body = add_block(space, planter.block)
     up_mm = MM * planter.block.centre_m + above_mm
     body.angle = -slope_rad
@@ -43,7 +43,7 @@ def case(planter: Planter, speed_km_h: float, step_s: float = STEP_S) -> Fall:
 
 
 def test_free_fall_follows_gravity(planter: Planter) -> None:
-    """The height after a time is that of free fall, with the error of the first-order time step at most."""
+    """The height of a block agrees with free fall, within the error of a first-order time step."""
     space = new_space()
     body = standing(planter, space, above_mm=300.0)
     start_mm = body.position.y
@@ -82,7 +82,7 @@ def test_sliding_block_stops_after_the_distance_of_friction(planter: Planter, fr
 
 @pytest.mark.parametrize("friction", [0.3, 0.5])
 def test_block_on_a_slope_slides_above_the_angle_of_friction(planter: Planter, friction: float) -> None:
-    """Below the angle of friction the block stays; above it, gravity less friction accelerates it."""
+    """Below the angle of friction the block does not slide; above it, gravity less friction accelerates it."""
     for extra_deg in (-3.0, 3.0):
         angle = math.atan(friction) + math.radians(extra_deg)
         space = new_space()
@@ -106,7 +106,7 @@ def test_block_on_a_steep_rough_slope_tips_when_its_centre_is_outside_the_base(p
 
 @pytest.mark.parametrize(("share", "tips"), [(0.97, False), (1.03, True)])
 def test_block_tips_over_its_edge_with_enough_energy(planter: Planter, share: float, tips: bool) -> None:
-    """The rotation about the front edge must lift the centre of mass above that edge."""
+    """A block tips if its rotation about the front edge lifts the centre of mass above that edge."""
     block = planter.block
     space = new_space()
     add_floor(space, friction=5.0, restitution=0.0)
@@ -122,7 +122,7 @@ def test_block_tips_over_its_edge_with_enough_energy(planter: Planter, share: fl
 
 
 def test_loose_soil_stops_a_sliding_block_sooner(planter: Planter) -> None:
-    """The soil takes its constant resistance from the kinetic energy, in addition to friction."""
+    """The constant resistance of the soil dissipates kinetic energy in addition to friction."""
     friction, speed_m_s = 0.2, 0.6
     soil = dataclasses.replace(planter.bench_soil, friction=friction, cover_m=0.02, resistance_pa=500.0)
     space = new_space()
@@ -143,7 +143,7 @@ def test_equal_arguments_give_equal_falls(planter: Planter) -> None:
 
 
 def test_gripped_block_moves_with_the_planter(planter: Planter) -> None:
-    """Until the plates let go, the block keeps its place in the planter; afterwards it leaves it."""
+    """The block keeps its position in the planter until the plates release it."""
     frames: list[FallFrame] = []
     motion = Motion(planter.chain, speed_m_s=1.4 / 3.6, frequency_per_min=56)
     drop(planter, planter.rigid_ground, motion, opener_deg=75.0, frames=frames)
@@ -154,7 +154,7 @@ def test_gripped_block_moves_with_the_planter(planter: Planter) -> None:
 
 
 def test_flight_relative_to_the_planter_does_not_depend_on_the_ratio(planter: Planter) -> None:
-    """A constant machine speed cannot be felt in free flight; only the ground makes a difference."""
+    """In free flight, the path relative to the planter is the same at every constant machine speed."""
     paths = []
     for speed_km_h in (1.9, 1.4):
         frames: list[FallFrame] = []
@@ -190,7 +190,7 @@ def test_guide_plate_far_behind_the_block_never_touches_it(planter: Planter) -> 
 
 
 def test_deeper_furrow_takes_the_block_out_of_reach(planter: Planter) -> None:
-    """The guide plate pushes a block less the lower its base is below the tip."""
+    """The lower the base of the block is below the tip, the less the guide plate pushes the block."""
     motion = motion_at(planter, 0.87)
     pushes = []
     for clearance_m in (0.0, 0.01, 0.03):

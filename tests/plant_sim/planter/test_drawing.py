@@ -1,4 +1,4 @@
-"""Figures of the planter: contents, marks and identical files."""
+"""Tests of the figures of the planter: contents, marks and identical files."""
 
 from __future__ import annotations
 

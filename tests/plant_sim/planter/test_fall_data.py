@@ -1,4 +1,4 @@
-"""Packaged tables of falls: current, equal to fresh simulations, read and written; report of the falls."""
+"""Tests of the packaged tables of falls, their storage, and the report on the falls."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ def same_share(simulated: np.ndarray, stored: np.ndarray) -> float:
 
 
 def test_package_contains_one_current_table_for_each_ground() -> None:
-    """If this fails, run: python -m plant_sim planter --falls plant_sim/planter/data, and delete the old files."""
+    """The packaged tables match the default parameters.
+
+    If this test fails, run ``python -m plant_sim planter --falls plant_sim/planter/data`` and delete the old files.
+    """
     assert {path.name for path in PACKAGED.iterdir()} == {table_name(PLANTER, RANGES, kind) for kind in Ground}
 
 
@@ -124,7 +127,7 @@ def test_verdicts_of_arrays_are_those_of_numbers() -> None:
 
 
 def test_block_that_the_guide_plate_does_not_touch_is_not_pushed() -> None:
-    """With a late opener, the block lands with a forward speed, after the guide plate has left it."""
+    """With a late opener, the block lands with forward speed after the guide plate has moved away from it."""
     fall = drop(PLANTER, PLANTER.rigid_ground, motion_at(PLANTER, 0.87), opener_deg=135.0)
     assert fall.scrape_n_s == 0.0
     assert fall.pushed_m == 0.0

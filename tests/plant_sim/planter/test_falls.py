@@ -1,4 +1,4 @@
-"""Draws of falls: ranges, table, neighbours, sticking blocks, storage."""
+"""Tests of random falls: ranges, table, neighbouring cells, sticking blocks and storage."""
 
 import dataclasses
 from pathlib import Path
@@ -15,7 +15,7 @@ PLANTER, RANGES = load_planter(), load_ranges()
 
 
 def table(along_m: np.ndarray, *, kind: Ground = Ground.RIGID, stick_share: float = 0.0) -> FallTable:
-    """Return a table whose cells contain the given positions and stand upright."""
+    """Return a table of upright blocks at the given positions."""
     cells = np.zeros((len(RATIOS), len(OPENERS_DEG), 1, 4))
     cells[..., 0] = along_m
     planter = dataclasses.replace(PLANTER, scatter=dataclasses.replace(PLANTER.scatter, stick_share=stick_share))
@@ -76,7 +76,7 @@ def test_depth_is_that_of_the_furrow() -> None:
 
 
 def test_default_table_contains_the_paper_verdicts() -> None:
-    """On rigid ground, tipping at 0.85, no tipping at 1, nothing but upright blocks at 1.17."""
+    """On rigid ground, most blocks tip at a ratio of 0.85, few at 1 and none at 1.17."""
     lodged = default_table(Ground.RIGID).share(Stand.LODGED)[:, OPENERS_DEG.index(75.0)]
     by_ratio = dict(zip(RATIOS, lodged, strict=True))
     assert by_ratio[0.85] > 0.9

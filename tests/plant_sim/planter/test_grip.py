@@ -1,4 +1,4 @@
-"""Grip of the plates: force law, opening, crush range."""
+"""Tests of the grip of the plates: force law, opening and crush range."""
 
 import dataclasses
 
@@ -30,7 +30,7 @@ def test_open_plates_leave_the_clearance_of_the_paper() -> None:
 
 @pytest.mark.parametrize(("clamp_n", "share"), [(80.0, 0.0), (89.95, 0.0), (104.62, 0.5), (119.29, 1.0), (200.0, 1.0)])
 def test_crush_range_of_the_paper_taken_literally(clamp_n: float, share: float) -> None:
-    """At the centre of the test, half of the blocks would be crushed; the paper reports an injury of 4 %."""
+    """Half of the blocks would be crushed at the centre of the test, where the paper reports 4 % injury."""
     assert grip(clamp_n=clamp_n).crushed_share() == pytest.approx(share, abs=1e-3)
 
 
@@ -55,7 +55,7 @@ def test_invalid_values_are_rejected() -> None:
 
 
 def test_block_is_a_cube_with_a_stem() -> None:
-    """Mass, centre and inertia against the sums over both bodies."""
+    """Mass, centre of mass and inertia of a block agree with the sums over cube and stem."""
     block = dataclasses.replace(PLANTER.block, cube_kg=0.05, stem_kg=0.01)
     assert block.mass_kg == pytest.approx(0.06)
     assert block.centre_m == pytest.approx((0.05 * 0.02 + 0.01 * 0.0625) / 0.06)

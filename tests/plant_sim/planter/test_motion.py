@@ -1,4 +1,4 @@
-"""Motion of the planters: paths, velocities and joints of the three models."""
+"""Tests of the motion of the planters: paths, velocities and joints of the three models."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CONTINUOUS = (MotionModel.CORRECTED, MotionModel.RIGID)
 
 
 def velocity_errors_m_s(motion: Motion, segment: PathSegment, offset: tuple[float, float]) -> np.ndarray:
-    """Return the difference of velocity and central difference of the position of planter 0 inside a segment.
+    """Return the velocity of planter 0 inside a segment, less the central difference of its position.
 
     The step minimises the sum of the rounding and the truncation error of a central difference.
     """
@@ -68,7 +68,7 @@ def test_printed_equation_8_has_the_wrong_sign_of_the_horizontal_speed() -> None
 
 
 def test_printed_equation_1_begins_at_minus_the_centre_distance() -> None:
-    """The rise of the printed tip is shifted by h - H, which is its jump at A; it jumps back at B."""
+    """In the printed model, the path of the tip jumps by h - H at joint A and back at joint B."""
     jumps_m = {joint.name: joint.position_jump_m for joint in motion_at(1.4, MotionModel.PRINTED).joints()}
     shift_m = CHAIN.tip_height_m - CHAIN.centre_distance_m
     assert jumps_m["A"] == pytest.approx((0.0, shift_m), abs=1e-12)
@@ -119,7 +119,7 @@ def test_every_point_of_a_rigid_planter_moves_with_the_hinge(motion: Motion) -> 
 @settings(max_examples=60, deadline=None)
 @given(motions((MotionModel.RIGID, MotionModel.CORRECTED)))
 def test_the_hinge_moves_along_the_chain_at_constant_speed(motion: Motion) -> None:
-    """The distance from the line between the sprocket centres is R, and the speed is that of the chain."""
+    """The distance of the hinge from the line between the sprocket centres is R, and its speed is that of the chain."""
     times_s = np.linspace(0.0, motion.period_s, 101)
     on_machine_m = motion.position_m(times_s)[0] - np.outer(times_s, [motion.speed_m_s, 0.0])
     nearest_m = np.clip(on_machine_m[:, 1], 0.0, motion.chain.centre_distance_m)
@@ -130,7 +130,7 @@ def test_the_hinge_moves_along_the_chain_at_constant_speed(motion: Motion) -> No
 
 
 def test_the_planter_goes_up_behind_and_down_in_front() -> None:
-    """The bottom arc is backward, against the direction of travel, as zero speed at the soil requires."""
+    """On the bottom arc, a planter moves backward relative to the machine, as zero speed at the soil requires."""
     motion = Motion(CHAIN, speed_m_s=0.0, frequency_per_min=FREQUENCY_PER_MIN)
     middles_s = [(start + end) / 2 for start, end in zip(motion.starts_s[:-1], motion.starts_s[1:], strict=True)]
     radius_m, high_m = CHAIN.sprocket_radius_m, CHAIN.centre_distance_m
@@ -144,7 +144,7 @@ def test_the_planter_goes_up_behind_and_down_in_front() -> None:
 @settings(max_examples=60, deadline=None)
 @given(motions())
 def test_the_planters_follow_one_another_at_equal_spacing(motion: Motion) -> None:
-    """One spacing later and farther, planter k + 1 is where planter k was."""
+    """One planting interval later and one spacing farther, planter k + 1 is where planter k was."""
     times_s = np.linspace(0.0, motion.period_s, 37) + 1e-4 * motion.period_s
     step_s = motion.period_s / motion.chain.planters
     earlier_m = motion.position_m(times_s, motion.chain.tip)
@@ -171,7 +171,7 @@ def test_the_ratios_and_spacings_of_the_simulated_cases(speed_km_h: float, ratio
 
 
 def test_the_ends_of_the_centre_distance_reproduce_all_three_printed_ratios() -> None:
-    """The range of H in planter.yaml is that in which all three ratios round to the printed ones."""
+    """All three ratios round to the printed ones if and only if H is in its range in planter.yaml."""
     for high_m, fits in ((1.2160, False), (1.2161, True), (1.2174, True), (1.2175, False)):
         chain = dataclasses.replace(CHAIN, centre_distance_m=high_m)
         ratios = [motion_at(speed_km_h, chain=chain).ratio for speed_km_h in (1.9, 1.65, 1.4)]

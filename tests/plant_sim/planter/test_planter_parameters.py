@@ -1,4 +1,4 @@
-"""Contents of planter.yaml, its ranges, and rejection of invalid files."""
+"""Tests of the contents of planter.yaml, its ranges, and the rejection of invalid files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DEFINITIONS = {
     "rigid_ground.resistance_pa",
     "bench_soil.restitution",
 }
-"""Assumptions that define a ground, and therefore have no range."""
+"""Assumed values that define a ground and therefore have no range."""
 RANGE = "write the lowest and the highest plausible value: [0.01, 0.05]"
 
 

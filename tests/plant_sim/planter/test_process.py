@@ -1,4 +1,4 @@
-"""Figures of a fall: stages, places of the parts, animation."""
+"""Tests of the figures of a fall: stages, positions of the parts and animation."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ PLANTER = load_planter()
 TIPPING = [
     FallFrame(-0.04 + 0.001 * i, 0.0005 * i, 0.0004 * i, 0.01, 0.0, min(math.pi / 2, 0.005 * i)) for i in range(400)
 ]
-"""Frames of a block that turns about the middle of its base until it lies."""
+"""Frames of a block that rotates about the middle of its base until it lies on the ground."""
 
 
 def test_stages_show_the_start_the_end_and_the_tilt() -> None:

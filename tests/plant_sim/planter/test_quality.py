@@ -1,4 +1,4 @@
-"""Equations 10 and 11 of the cabbage paper: values, clipping, and extrapolation marked."""
+"""Tests of equations 10 and 11 of the cabbage paper: values, clipping and extrapolation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_the_constants_of_the_equations_are_the_shares_at_the_centre() -> None:
     ],
 )
 def test_shares_at_corners_of_the_stated_range(coded: tuple[float, ...], lodging: float, injury: float) -> None:
-    """The values were computed by hand from the printed coefficients."""
+    """The equations give the values computed manually from the printed coefficients."""
     assert lodging_share(*setting(*coded)).value == pytest.approx(lodging, abs=5e-5)
     assert injury_share(*setting(*coded)).value == pytest.approx(injury, abs=5e-5)
 

@@ -1,4 +1,4 @@
-"""Points of zero horizontal speed, depth, and separation of block and planter."""
+"""Tests of the points of zero horizontal speed, the depth, and the separation of block and planter."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TURN_S = 1e-6
 def test_the_simulated_cases_have_no_no_and_two_points_of_zero_speed(
     speed_km_h: float, regime: Regime, count: int
 ) -> None:
-    """The paper calls the second case a cycloid with one point; its ratio is 0.9964."""
+    """The second case, which the paper calls a cycloid with one point, is a shortened cycloid (ratio 0.9964)."""
     motion = motion_at(speed_km_h)
     assert regime_of(motion.ratio) is regime
     for offset in ((0.0, 0.0), CHAIN.tip, CHAIN.guide):
@@ -104,7 +104,7 @@ def test_the_depth_is_that_of_the_lowest_position_of_the_tip(model: MotionModel,
 
 
 def clearance_m(motion: Motion, release_s: float, after_s: float) -> float:
-    """Return the height of the tip above the top of a block that falls freely, from first principles, m."""
+    """Return the height of the tip above the top of a freely falling block, independently of the tested code, m."""
     start_m = motion.position_m(release_s, motion.chain.tip)[0, 0, 1]
     tip_m = motion.position_m(release_s + after_s, motion.chain.tip)[0, 0, 1]
     start_m_s = motion.velocity_m_s(release_s, motion.chain.tip)[0, 0, 1]
@@ -124,7 +124,7 @@ def test_the_block_is_free_after_the_separation_time_and_not_before(motion: Moti
 
 
 def test_on_a_straight_segment_the_time_is_that_of_a_fall_past_the_block() -> None:
-    """Block and planter part as from rest: sqrt(2 * 45 mm / g) = 95.8 ms."""
+    """Block and planter separate as if released from rest, in sqrt(2 * 45 mm / g) = 95.8 ms."""
     motion = motion_at(1.4)
     release_s = motion.starts_s[PathSegment.RISE] + 0.5
     expected_s = math.sqrt(2 * 0.045 / GRAVITY_M_S2)
@@ -151,10 +151,10 @@ def test_a_tip_that_passes_the_block_several_times_separates_at_the_first() -> N
 
 
 def test_the_arc_shortens_the_separation() -> None:
-    """The sprocket accelerates the planter upward by up to R omega^2 = 2.6 m/s2, symmetrically to the lowest point.
+    """The sprocket accelerates the planter upward by up to R omega^2 = 2.6 m/s2, symmetrically about the lowest point.
 
-    The way is the acceleration integrated twice, whose centre is at a third of the time. The time is therefore shortest
-    for a release a third of its length before the lowest point.
+    The distance is the acceleration integrated twice, which weights the acceleration at a third of the time on average.
+    The time is therefore shortest for a release at a third of the separation time before the lowest point.
     """
     motion = motion_at(1.4)
     phases_deg = np.linspace(0.0, 180.0, 361)

@@ -1,4 +1,4 @@
-"""Fit of the mechanics: runs held back, known constants recovered, weights of the clearances."""
+"""Tests of the fit of the mechanical model: held-back runs, known constants and weights of the clearances."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FITTED = fitted_runs(EXPERIMENT)
 
 
 def tipping(blocks: int = 400) -> Tipping:
-    """Return falls that tip below a clearance, which depends on the speed."""
+    """Return falls that tip below a limit of the clearance, which depends on the speed."""
     clearance_m = (np.arange(blocks) + 0.5) / blocks * DEEPEST_M
     limit_m = 0.012 + 0.003 * EXPERIMENT.coded[:, 0]
     return Tipping(clearance_m, clearance_m[np.newaxis, :] < limit_m[:, np.newaxis])
@@ -42,7 +42,7 @@ def test_corners_and_five_centres_are_fitted_and_the_axial_runs_are_held_back() 
 
 
 def test_weights_are_those_of_a_normal_distribution() -> None:
-    """The share below a limit is the normal distribution function; the limit of the centre is 12 mm."""
+    """The share below a limit is the normal distribution function; the limit at the centre is 12 mm."""
     share = tipping().share(0.017, 0.005)
     assert share[14] == pytest.approx(0.158_655, abs=0.003)
     assert share[9] > share[14] > share[8]
@@ -61,7 +61,7 @@ def test_known_constants_of_lodging_are_recovered_from_the_fitted_runs_alone() -
 
 
 def test_sticking_and_tipping_exclude_each_other() -> None:
-    """A block that sticks cannot be tipped by its fall: the shares are combined, not added."""
+    """The shares of sticking and tipping are combined, not added, because a block that sticks does not fall."""
     constants = LodgingConstants(0.5, 0.0, 0.017)
     tips = tipping().share(constants.clearance_m, PLANTER.scatter.clearance_sd_m)
     expected = 100 * (0.5 + 0.5 * tips)
@@ -85,7 +85,7 @@ def test_comparisons_use_the_fitted_runs_only() -> None:
 
 
 def test_constants_in_planter_yaml_are_those_of_the_injury_fit() -> None:
-    """Full precision is not needed: the fit has standard errors of several newtons."""
+    """The constants in the file agree with the fit to within rounding; its standard errors are several newtons."""
     found = fit_injury(FORCE_N, EXPERIMENT.responses["Y2"], FITTED)
     assert found.strength_n == pytest.approx(PLANTER.scatter.strength_n, abs=1.0)
     assert found.strength_sd_n == pytest.approx(PLANTER.scatter.strength_sd_n, abs=0.5)

@@ -1,4 +1,4 @@
-"""Studies of the planter with few draws: verdicts of the paper, switches, window, trials, determinism, files."""
+"""Tests of the studies of the planter with few random falls: contents, determinism and files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_verdicts_of_the_cases_of_the_paper_hold_in_most_draws() -> None:
 
 
 def test_verdicts_hold_with_another_opener_and_another_guide_plate() -> None:
-    """The constants were not chosen for one geometry; a gap of 4 mm is known to weaken the middle case."""
+    """The paper's verdicts also result with other openers and a smaller gap; with 4 mm, the middle case is weaker."""
     points = [
         FallPoint(case.motion(PLANTER).ratio, opener_deg, 6, (("chain.guide_behind_m", 0.0205),))
         for case in verdicts.CASES
