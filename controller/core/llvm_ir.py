@@ -83,6 +83,15 @@ def translate(program: Program, layout: MemoryLayout) -> LlvmProgram:
     return LlvmProgram(tuple(dict.fromkeys(modules)), entry)
 
 
+def translate_condition(expr: Expr, layout: MemoryLayout) -> LlvmProgram:
+    """Translate a condition to a function of the memory region that returns 1 if the condition is true, else 0."""
+    code = _FunctionBody(layout, iter(()))
+    result = code.value(f"zext i1 {code.condition(expr)} to i64")
+    code.add(f"ret i64 {result}")
+    entry = _name(code.text())
+    return LlvmProgram((f"define i64 @{entry}(ptr %m) {{\n{code.text()}\n}}\n",), entry)
+
+
 def _name(body: str) -> str:
     return f"f_{hashlib.sha256(body.encode()).hexdigest()[:24]}"
 

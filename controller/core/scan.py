@@ -150,6 +150,7 @@ class Plc:
         program: Program that is executed.
         memory: All devices.
         scans: Number of scans since start.
+        input_filter: Filter of the inputs.
         retentive_image: Function that copies the memory spans that contain all retentive devices, for comparison with
             later copies.
     """
@@ -166,7 +167,7 @@ class Plc:
         self._execution = execution or PythonExecution(program)
         self.memory = self._execution.memory
         self.scans = 0
-        self._filter = InputFilter(self.memory.X, input_filter_ms)
+        self.input_filter = InputFilter(self.memory.X, input_filter_ms)
         self._retentive = program.retentive
         self.retentive_image = self._execution.image_of(self._retentive_spans())
         for word, value in program.set_points:
@@ -182,7 +183,7 @@ class Plc:
         Returns:
             Copy of the Y image: raw levels indexed by the value of the octal address.
         """
-        self._filter.latch(now_ms, levels)
+        self.input_filter.latch(now_ms, levels)
         self._execution.run(now_ms, first=self.scans == 0)
         self.scans += 1
         return self.memory.Y.copy()

@@ -143,7 +143,47 @@ class Runtime:
         self.released = list(self._safe) if safe else self._release(now_ms, image)
         self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
-        self._notify_observers(now_ms)
+        self.notify_observers(now_ms)
+
+    @property
+    def is_steady(self) -> bool:
+        """True if the next scan only reads the inputs, executes the program and writes the outputs.
+
+        There is no fault, no held output, no forced input, no order, no output register, and no operator panel.
+        """
+        return (
+            self._open
+            and self._has_inputs
+            and not (any(self._status) or self.link_lost or self._failed or self._orders or self.forcing.levels)
+            and not (self._panel_alive or self._panel_limit_ms is not None or self.released_words)
+            and self._held_since_ms is None
+            and self._retentive_writer.error is None
+        )
+
+    def adopt(self, now_ms: int, levels: Sequence[bool]) -> None:
+        """Adopt the result of scans that were executed elsewhere on the memory of the PLC while `is_steady`.
+
+        Observers are not called.
+
+        Args:
+            now_ms: Time of the last of these scans, ms.
+            levels: Raw levels of the inputs in that scan.
+        """
+        self.now_ms = self._last_scan_ms = now_ms
+        self._inputs = list(levels)
+        self.released = self.plc.memory.Y[: len(self._safe)]
+        self._watchdog.reset()  # each of the scans has exchanged data
+        self._watchdog.feed(now_ms)
+        self._submit_retentive()
+
+    def notify_observers(self, now_ms: int) -> None:
+        """Call the observers; an observer that raises is logged and removed, and the machine continues."""
+        for observe in tuple(self.observers):
+            try:
+                observe(now_ms, self.plc)
+            except Exception:  # noqa: BLE001 - an error of an observer must not stop the machine
+                _log.exception("an observer failed at %d ms and has been removed", now_ms)
+                self.observers.remove(observe)
 
     def order(self, command: str) -> None:
         """Set a bit of the command table for the entire next scan; thread-safe.
@@ -213,15 +253,6 @@ class Runtime:
             _log.error("retentive memory cannot be stored: %s", self._retentive_writer.error)
         self._store_failed = self._retentive_writer.error is not None
         return overdue or self._store_failed
-
-    def _notify_observers(self, now_ms: int) -> None:
-        """Call the observers; an observer that raises is logged and removed, and the machine continues."""
-        for observe in tuple(self.observers):
-            try:
-                observe(now_ms, self.plc)
-            except Exception:  # noqa: BLE001 - an error of an observer must not stop the machine
-                _log.exception("an observer failed at %d ms and has been removed", now_ms)
-                self.observers.remove(observe)
 
     def _panel_silent(self, now_ms: int) -> bool:
         if self._panel_alive:

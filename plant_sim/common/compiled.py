@@ -20,7 +20,14 @@ _PREFIX = "kernel-"
 _RETAINED_VERSIONS = 4
 _UNUSED_S = 86_400.0
 
-CACHE_SOURCES = ("common/*.py", "pneumatics/*.py", "devices/*.py", "machine/kernel.py")
+CACHE_SOURCES = (
+    "common/*.py",
+    "pneumatics/*.py",
+    "devices/*.py",
+    "machine/kernel.py",
+    "crop/quiet.py",
+    "twin/kernel.py",
+)
 """Patterns, relative to the package, of the source files whose content identifies the cached machine code."""
 
 

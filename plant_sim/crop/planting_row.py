@@ -109,6 +109,16 @@ class PlantingRow:
         """True while a plug is in the air."""
         return bool(self._falls)
 
+    @property
+    def leaves_at_m(self) -> float:
+        """Chain travel at which the next cup passes the last claw, m."""
+        return self._leaves_at_m
+
+    @property
+    def lands_s(self) -> float:
+        """Plant time of the next landing, s; infinite if no plug is in the air."""
+        return min((fall.lands_s for fall in (*self._falls, *self._losses)), default=math.inf)
+
     def start_fall(
         self, seedling: Seedling, *, position_m: float, lands_s: float, drift_m: float = 0.0, across_m: float = 0.0
     ) -> None:

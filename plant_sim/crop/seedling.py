@@ -82,6 +82,7 @@ class Seedlings:
 
     Attributes:
         total: Number of seedlings.
+        move_count: Number of moves so far.
         moves: Moves recorded since the recorder last cleared the list; None if there is no recorder.
     """
 
@@ -94,6 +95,7 @@ class Seedlings:
         """
         self._seed = seed
         self.moves: list[tuple[Seedling, Location]] | None = None
+        self.move_count = 0
         self._trays = [_sow(tray, seed) for tray in range(trays)]
         self._at = [0] * len(Location)
         self._at[Location.STANDING] = self.total = trays * TRAY_CELLS
@@ -135,6 +137,7 @@ class Seedlings:
 
     def move(self, seedling: Seedling, location: Location) -> None:
         """Move a seedling to another location."""
+        self.move_count += 1
         self._at[seedling.location] -= 1
         self._at[location] += 1
         seedling.location = location

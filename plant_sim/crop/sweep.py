@@ -20,7 +20,9 @@ class Sweep:
 
     __slots__ = (
         "_bed",
+        "_gentle",
         "_gentle_x_m",
+        "_in_contact",
         "_passed",
         "_reach",
         "_report",
@@ -48,6 +50,7 @@ class Sweep:
         self._report = report
         self._passed = 0  # number of columns outward of the claw row
         self._gentle_x_m = 0.0  # last position with open, converged claws
+        self._gentle = self._in_contact = False
         self._trays_m = 0.0  # travel of the trays when the arm reached the tray
         self._tray_has_moved = False
         self.low = False
@@ -61,6 +64,7 @@ class Sweep:
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m
         self._passed = sum(pose.x_m > inward_m for inward_m in self._far_sides_m())
         self._gentle_x_m = pose.x_m
+        self._gentle = pose.free and pose.travel_m <= self._spec.pitch_tolerance_m
         self._trays_m = self._bed.trays_m
 
     def step(self, pose: Pose) -> None:
@@ -72,18 +76,48 @@ class Sweep:
         was_low = self.low
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m
         converged = pose.travel_m <= self._spec.pitch_tolerance_m
-        gentle = pose.free and converged
+        gentle = self._gentle = pose.free and converged
         self._pass_columns(pose.x_m, gentle)
         index = self._reach.index_at(pose.x_m) if self.low else None
+        self._in_contact = False
         if index is not None:
             came = abs(pose.x_m - self._gentle_x_m) > self._spec.grip_tolerance_m
             if not converged or (not gentle and (came or not was_low)):
+                self._in_contact = True
                 self._run_into(index, "swept through", damage=True)
             elif not was_low:
                 self._run_into(index, "moved down onto", damage=False)
         self._check_tray_motion(pose, index)
         if gentle:
             self._gentle_x_m = pose.x_m
+
+    def thresholds(self) -> tuple[list[float], list[float], list[float]]:
+        """Return the slide positions, heights of the arm and spreader travels at which `step` has an effect, m.
+
+        The claw opening at which the claws are free of the stems is not included.
+        """
+        reach, spec = self._reach, self._spec
+        sides_m = [column_m + side * reach.reach_m for column_m in reach.columns_m for side in (-1, 1)]
+        gentle_m = [self._gentle_x_m - spec.grip_tolerance_m, self._gentle_x_m + spec.grip_tolerance_m]
+        return (
+            [*sides_m, reach.tray_edge_m, *([] if self._gentle else gentle_m)],
+            [spec.stem_clearance_rise_m],
+            [spec.pitch_tolerance_m],
+        )
+
+    @property
+    def is_in_contact(self) -> bool:
+        """True while the arm touches a column that it damages as soon as a seedling stands in it."""
+        return self._in_contact
+
+    def follow_gently(self, x_m: float) -> None:
+        """Adopt a slide position that the arm has reached without any effect since the last step.
+
+        Args:
+            x_m: Slide position, m.
+        """
+        if self._gentle:
+            self._gentle_x_m = x_m
 
     def _far_sides_m(self) -> list[float]:
         return [column_m + self._reach.reach_m for column_m in self._reach.columns_m]

@@ -311,6 +311,11 @@ class Conveyor(View):
         return float(self.state["trays_m"])
 
     @property
+    def followed_m(self) -> float:
+        """Tray travel at the last call of `follow`, m."""
+        return self._known_m
+
+    @property
     def speed_m_s(self) -> float:
         """Belt speed, m/s."""
         return float(self.state["belt_m_s"])

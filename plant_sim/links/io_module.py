@@ -168,6 +168,18 @@ class IoModule:
         if self._planter is not None:
             self.plant.planter_speed_m_s = self._registers[self._planter.number] / 1_000
 
+    def adopt(self, outputs: Sequence[bool], *, writes: int, last_ms: int) -> None:
+        """Adopt block writes that were executed elsewhere on an armed module.
+
+        Args:
+            outputs: Raw levels of the last write.
+            writes: Number of writes.
+            last_ms: Plant time of the last write, ms.
+        """
+        self._outputs = list(outputs)
+        self.block_writes += writes
+        self.last_write_ms = last_ms
+
     def advance(self, for_ms: int) -> None:
         """Advance plant time; a trip occurs at its exact millisecond.
 

@@ -1,11 +1,14 @@
 """One arm with its drives, claws and cups, and the seedlings in them."""
 
+import math
+
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.grip import Grip
 from plant_sim.crop.incident import Report
 from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
+from plant_sim.crop.quiet import AXES, Quiet, between
 from plant_sim.crop.seedling import Seedlings
 from plant_sim.crop.sweep import Sweep
 from plant_sim.devices.claws import Claws
@@ -35,6 +38,9 @@ class ArmPlant:
         "_bed",
         "_down_m",
         "_force_n_pa",
+        "_frees_above_m",
+        "_grips_below_m",
+        "_holds_above_pa",
         "_pose",
         "_slips",
         "_state",
@@ -110,6 +116,8 @@ class ArmPlant:
         self._state = state
         self._stirred = self._slips = 0.0
         self._down_m = machine.lift.stroke_m
+        self._grips_below_m, self._frees_above_m = self.claws.grips_below_m, self.claws.frees_above_m
+        self._holds_above_pa = self.claws.holds_above_pa
         self._force_n_pa = machine.claws.moment_nm_pa / machine.claws.finger_m
         self.row = PlantingRow(
             side,
@@ -181,22 +189,69 @@ class ArmPlant:
         """
         x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, slips, clamp_pa = positions
         self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
-        grip, force_n = self.grip, self._force_n_pa * clamp_pa
+        grip, pose, rise_m = self.grip, self._pose, self._down_m - y_m
+        pose.update(x_m, rise_m, travel_m, freed_s=freed_s, now_s=now_s)
         if grip.held:
-            grip.record_force(force_n)
+            grip.record_force(self._force_n_pa * clamp_pa, rise_m)
             if slips != self._slips:
-                grip.drop_all(self._pose, now_s)
-        elif grip.slipped and clamp_pa >= self.claws.holds_above_pa:
-            grip.regrip(self._pose)
+                grip.drop_all(pose, now_s)
+        elif grip.slipped and clamp_pa >= self._holds_above_pa:
+            grip.regrip(pose)
         self._slips = slips
         if stirred != self._stirred or self._bed.trays_m != self._trays_m:
             self._stirred = stirred
             self._trays_m = self._bed.trays_m
-            self._pose.update(x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=force_n)
-            self._pose.gripping = claws_m <= self.claws.grips_below_m
-            self._pose.free = claws_m >= self.claws.frees_above_m
-            self.grip.step(self._pose)
-            self._sweep.step(self._pose)
+            pose.gripping = claws_m <= self._grips_below_m
+            pose.free = claws_m >= self._frees_above_m
+            grip.step(pose)
+            self._sweep.step(pose)
+
+    def catch_up(self, quiet: Quiet) -> None:
+        """Adopt the loads and positions of the looks at which nothing could happen to a seedling.
+
+        Args:
+            quiet: The limits since the last look.
+        """
+        grip = self.grip
+        if grip.held:
+            if quiet.peak_pa > -math.inf:
+                grip.record_force(self._force_n_pa * quiet.peak_pa, -math.inf)
+            if quiet.least_pa < math.inf:
+                grip.record_force(self._force_n_pa * quiet.least_pa, math.inf)
+        self._sweep.follow_gently(quiet.slide_m)
+
+    def limits(self, positions: list[float], meet_m: float) -> Quiet:
+        """Return the limits within which no motion can affect a seedling.
+
+        Args:
+            positions: Current positions of the arm in the order of `POSITIONS`.
+            meet_m: Slide position beyond which the arms can collide, m.
+        """
+        x_m, y_m, claws_m, travel_m = positions[: len(AXES)]
+        grip = self.grip
+        gripped, swept = grip.thresholds(), self._sweep.thresholds()
+        slides_m, rises_m, travels_m = ([*one, *other] for one, other in zip(gripped, swept, strict=True))
+        limits = [
+            between(x_m, [*slides_m, meet_m]),
+            between(y_m, [self._down_m - rise_m for rise_m in rises_m]),
+            between(claws_m, [self._grips_below_m, self._frees_above_m]),
+            between(travel_m, travels_m),
+        ]
+        low, high = zip(*limits, strict=True)
+        # an arm in contact with a column is evaluated at every look
+        until_s = -math.inf if self._sweep.is_in_contact else self.row.lands_s
+        clamp_below_pa = self._holds_above_pa if grip.slipped else math.inf
+        return Quiet(
+            low,
+            high,
+            chain_below_m=self.row.leaves_at_m,
+            until_s=until_s,
+            clamp_below_pa=clamp_below_pa,
+            slips=self._slips,
+            down_m=self._down_m,
+            gripped_rise_m=grip.pulled_above_m,
+            slide_m=x_m,
+        )
 
     def _sync(self) -> None:
         """Adopt the current state without evaluating the motion that led to it."""
@@ -207,7 +262,6 @@ class ArmPlant:
             self.spreader.travel_m,
             freed_s=freed_s,
             now_s=pose.now_s,
-            force_n=self.claws.clamp_n,
         )
         pose.gripping, pose.free = self.claws.gripping, self.claws.free
         self.grip.sync(pose)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
 
 from controller.core.clock import SimulatedClock
+from controller.core.expr import Bit, Expr, Word, any_of, evaluate
 from controller.core.machine_code import MachineExecution
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
@@ -24,6 +25,7 @@ from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.compiled_run import CompiledRun
 
 SCAN_MS = 10
 
@@ -53,6 +55,7 @@ class Twin:
         parameters: Machine | None = None,
         set_points: Mapping[str, int] | None = None,
         faults: Iterable[Fault] = (),
+        step_by_step: bool = False,
     ) -> None:
         """Power up a machine in its initial position, with the controller in Stopped.
 
@@ -63,6 +66,7 @@ class Twin:
             parameters: Machine parameters; None = the defaults.
             set_points: Initial values of set-points, by name of `SetPoints`.
             faults: Faults of the plant.
+            step_by_step: True to run every scan in Python; the results are the same.
 
         Raises:
             FaultError: A fault is not possible in this plant.
@@ -77,10 +81,12 @@ class Twin:
         self.clock = SimulatedClock()
         self.events: list[Event] = []
         self.store = MemoryStore()
+        self._step_by_step = step_by_step
         self._set_points = set_points_of(self.parameters) | dict(set_points or {})
         self.runtime: Runtime
         self._releases: dict[str, int] = {}
-        self._monitors: list[Callable[[Twin], None]] = []
+        self._monitors: list[tuple[Callable[[Twin], None], tuple[Bit | Word, ...] | None]] = []
+        self._compiled: CompiledRun
         self.power_on()
 
     @property
@@ -101,7 +107,8 @@ class Twin:
     def power_on(self) -> None:
         """Start the controller with its retentive memory."""
         program = self.machine.program
-        plc = Plc(program, execution=MachineExecution(program))
+        execution = MachineExecution(program)
+        plc = Plc(program, execution=execution)
         for name, value in self._set_points.items():
             plc.write(getattr(self.machine.tags.sp, name), value)
         retained = self.store.load()
@@ -110,7 +117,10 @@ class Twin:
         link = InProcessLink(self.module)
         link.open()
         self.runtime = Runtime(self.machine, plc, link, DirectRetentiveWriter(self.store))
-        self.runtime.observers.append(ProductionLog(self.machine, self.events.append))
+        self._log = ProductionLog(self.machine, self.events.append)
+        self.runtime.observers.append(self._log)
+        self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
+        self._watch_devices()
 
     def power_cycle(self, off_ms: int = 1_000) -> None:
         """Kill the controller between two scans, and restart it after `off_ms` of plant time."""
@@ -118,9 +128,17 @@ class Twin:
         self.clock.advance(off_ms)
         self.power_on()
 
-    def watch(self, monitor: Callable[[Twin], None]) -> None:
-        """Register a safety monitor that is called after every scan."""
-        self._monitors.append(monitor)
+    def watch(self, monitor: Callable[[Twin], None], devices: Iterable[Bit | Word] | None = None) -> None:
+        """Register a monitor that is called after scans.
+
+        Args:
+            monitor: Function to call.
+            devices: Devices of the program on which it depends. It is called at least after every scan in which one of
+                them has changed, and after every scan that follows a move of a seedling or an incident. None = it is
+                called after every scan, so that the twin cannot run in machine code.
+        """
+        self._monitors.append((monitor, None if devices is None else tuple(devices)))
+        self._watch_devices()
 
     def scan(self) -> None:
         """Run one scan, then advance the plant to the next scan."""
@@ -128,18 +146,22 @@ class Twin:
         if self._releases:
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
-        for monitor in self._monitors:
-            monitor(self)
+        self._call_monitors()
         self.module.advance(SCAN_MS)
         self.clock.advance(SCAN_MS)
 
     def run_for(self, ms: int) -> None:
         """Run for a time, rounded down to complete scans."""
-        for _ in range(ms // SCAN_MS):
-            self.scan()
+        self._run(self.now_ms + ms - ms % SCAN_MS, None)
 
-    def run_until(self, condition: Callable[[], bool], *, within_ms: int, what: str = "condition") -> int:
+    def run_until(self, condition: Expr | Callable[[], bool], *, within_ms: int, what: str = "condition") -> int:
         """Run until a condition is met after a scan.
+
+        Args:
+            condition: Condition over the devices of the program, or a function; a function is called after every scan,
+                so that the twin cannot run in machine code.
+            within_ms: Time limit, ms, rounded up to complete scans.
+            what: Description of the condition for the error.
 
         Returns:
             Elapsed simulated time, ms.
@@ -148,15 +170,69 @@ class Twin:
             NotReachedError: The condition was not met within the time limit.
         """
         since_ms = self.now_ms
-        while self.now_ms - since_ms < within_ms:
-            self.scan()
-            if condition():
-                return self.now_ms - since_ms
+        if self._run(since_ms - -within_ms // SCAN_MS * SCAN_MS, condition):
+            return self.now_ms - since_ms
         raise NotReachedError(f"{what} not reached within {within_ms} ms; {self.situation()}")
 
-    def run_until_state(self, state: State, *, within_ms: int) -> int:
-        """Run until the machine is in a PackML state; return the elapsed time, ms."""
-        return self.run_until(lambda: self.state == state, within_ms=within_ms, what=state.name)
+    def run_until_state(self, *states: State, within_ms: int) -> int:
+        """Run until the machine is in one of the PackML states; return the elapsed time, ms."""
+        word = self.machine.tags.machine.state
+        condition = any_of(*(word.equals(state) for state in states))
+        return self.run_until(condition, within_ms=within_ms, what=" or ".join(state.name for state in states))
+
+    def _run(self, until_ms: int, condition: Expr | Callable[[], bool] | None) -> bool:
+        """Run until a time; return True as soon as the condition is met after a scan."""
+        while self.now_ms < until_ms:
+            if not callable(condition) and self._run_compiled(until_ms, condition):
+                return True
+            if self.now_ms >= until_ms:
+                break
+            self.scan()
+            if self._is_met(condition):
+                return True
+        return False
+
+    def _run_compiled(self, until_ms: int, condition: Expr | None) -> bool:
+        """Run in machine code as far as possible; return True if the condition is met after a scan."""
+        if self._step_by_step or any(devices is None for _, devices in self._monitors):
+            return False
+        while self.now_ms < until_ms and self._compiled.is_possible and self.runtime.observers == [self._log]:
+            if self._releases:
+                self._release_buttons(self.now_ms)
+            stop_ms = min(until_ms, *self._releases.values()) if self._releases else until_ms
+            fault_ms = self.plant.faults.next_ms
+            if fault_ms is not None:
+                stop_ms = min(stop_ms, self.now_ms + fault_ms - self.plant.time_ms)
+            stop_ms = self.now_ms + max(stop_ms - self.now_ms, 0) // SCAN_MS * SCAN_MS
+            if stop_ms <= self.now_ms:
+                return False
+            now_ms, is_met = self._compiled.ticks(stop_ms, condition, now_ms=self.now_ms, on_change=self._report)
+            self.clock.advance(now_ms - self.now_ms)
+            if is_met:
+                return True
+        return False
+
+    def _report(self, now_ms: int) -> None:
+        """Call observers and monitors after a scan in machine code."""
+        self.clock.advance(now_ms - self.now_ms)
+        self.runtime.notify_observers(now_ms)
+        self._call_monitors()
+
+    def _call_monitors(self) -> None:
+        for monitor, _ in self._monitors:
+            monitor(self)
+
+    def _watch_devices(self) -> None:
+        """Adapt the devices that interrupt a run in machine code to the observers and monitors."""
+        devices = [*self._log.devices]
+        for _, watched in self._monitors:
+            devices += watched or ()
+        self._compiled.watch(devices)
+
+    def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
+        if condition is None or callable(condition):
+            return condition is not None and condition()
+        return evaluate(condition, self.plc.memory)
 
     def press(self, button: str, for_ms: int = 100) -> None:
         """Press a push button; it is released automatically after `for_ms`."""
