@@ -26,7 +26,7 @@ from controller.core.devices import (
     WORD_MIN,
     is_32_bit_counter,
 )
-from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.expr import And, Bit, Compare, CompiledCondition, Const, Counter, Expr, Not, Or, Timer, Word
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
 from controller.core.rungs import (
@@ -84,12 +84,16 @@ def translate(program: Program, layout: MemoryLayout) -> LlvmProgram:
 
 
 def translate_condition(expr: Expr, layout: MemoryLayout) -> LlvmProgram:
-    """Translate a condition to a function of the memory region that returns 1 if the condition is true, else 0."""
+    """Translate a condition to a function that returns 1 if the condition is true, else 0.
+
+    Its arguments are the addresses of the memory region, and of two regions for a `CompiledCondition`: outside data,
+    and cells that it may change.
+    """
     code = _FunctionBody(layout, iter(()))
     result = code.value(f"zext i1 {code.condition(expr)} to i64")
     code.add(f"ret i64 {result}")
     entry = _name(code.text())
-    return LlvmProgram((f"define i64 @{entry}(ptr %m) {{\n{code.text()}\n}}\n",), entry)
+    return LlvmProgram((f"define i64 @{entry}(ptr %m, ptr %s, ptr %c) {{\n{code.text()}\n}}\n",), entry)
 
 
 def _name(body: str) -> str:
@@ -156,8 +160,12 @@ class _FunctionBody:
 
     # memory
 
+    def pointer(self, region: str, position: int) -> str:
+        """Add the address of a byte of a memory region, which is a parameter of the function."""
+        return self.value(f"getelementptr i8, ptr %{region}, i64 {position}")
+
     def _pointer(self, position: int) -> str:
-        return self.value(f"getelementptr i8, ptr %m, i64 {position}")
+        return self.pointer("m", position)
 
     def bit(self, row: str, number: int) -> str:
         byte = self.value(f"load i8, ptr {self._pointer(self._layout.bit(row, number))}")
@@ -192,6 +200,8 @@ class _FunctionBody:
                 return "true" if value else "false"
             case Compare(relation, left, right):
                 return self.compare(relation, self.operand(left), self.operand(right))
+            case CompiledCondition():
+                return expr.emit(self)
         raise TypeError(f"not a condition: {expr!r}")
 
     def inverse(self, value: str) -> str:

@@ -77,13 +77,15 @@ class MachineCondition:
     """Machine code of a condition over the devices of a program.
 
     Attributes:
-        address: Address of a function of the memory region that returns 1 if the condition is true, else 0.
+        address: Address of the function; see `translate_condition`.
+        holds: The function.
     """
 
     def __init__(self, expr: Expr, layout: MemoryLayout) -> None:
         """Load the machine code of a condition, compiling it if it is not in the cache."""
         self._function = _Function(translate_condition(expr, layout))
         self.address = self._function.address
+        self.holds = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)(self.address)
 
 
 class _Function:
@@ -106,6 +108,12 @@ class _Function:
 def machine_code_of(program: Program) -> MachineCode:
     """Return the machine code of a program; all PLCs with the same program share it."""
     return MachineCode(program)
+
+
+@lru_cache(maxsize=256)
+def machine_condition_of(condition: Expr, layout: MemoryLayout) -> MachineCondition:
+    """Return the machine code of a condition; all PLCs with the same arrangement of their memory share it."""
+    return MachineCondition(condition, layout)
 
 
 class MachineExecution:

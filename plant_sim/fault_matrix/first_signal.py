@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from controller.core.expr import Bit
 from controller.core.sequence import Sequence
 from controller.events.production import AlarmEvent, Event, StateEvent
 from controller.program.states import Reason, State
@@ -63,7 +64,8 @@ class FirstSignal:
         self._entered_ms: dict[int, int] = {}
         self._event_count = len(twin.events)
         self._limits = _limits([*twin.machine.cycles.values(), *twin.machine.homings.values(), twin.machine.feeder])
-        twin.watch(self._update)
+        steps = (Bit("S", limit.number) for limits in self._limits.values() for limit in limits)
+        twin.watch(self._update, devices=steps)
 
     def _update(self, twin: Twin) -> None:
         states = twin.plc.memory.S

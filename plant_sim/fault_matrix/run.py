@@ -183,11 +183,7 @@ def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
         NotReachedError: Complete is not reached.
     """
     while True:
-        twin.run_until(
-            lambda: twin.state in RESTS or twin.state is State.COMPLETE,
-            within_ms=trays * TRAY_LIMIT_MS,
-            what="Complete or a stop",
-        )
+        twin.run_until_state(State.COMPLETE, *RESTS, within_ms=trays * TRAY_LIMIT_MS)
         if twin.state is State.COMPLETE:
             return
         outcome.state = outcome.state or twin.state.name
@@ -217,7 +213,8 @@ def _recover(twin: Twin, outcome: Outcome) -> None:
             twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS)
             return
         twin.press("start")
-        twin.run_until(lambda: twin.state is not State.SUSPENDED, within_ms=SUSPENDED_MS, what="resuming")
+        suspended = twin.machine.tags.machine.state.equals(State.SUSPENDED)
+        twin.run_until(~suspended, within_ms=SUSPENDED_MS, what="resuming")
         return
     if twin.state is State.ABORTED:
         clear(twin)

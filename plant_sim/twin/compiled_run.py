@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from controller.core.expr import Bit, Expr, Word
-from controller.core.machine_code import MachineCondition, MachineExecution
+from controller.core.machine_code import MachineCondition, MachineExecution, machine_condition_of
 from controller.core.memory_layout import WORD_BYTES, MemoryLayout
 from controller.io.runtime import Runtime
 from plant_sim.links.io_module import IoModule
-from plant_sim.twin.kernel import CHANGE, COIL, CONDITION, INPUT, LOOK, RUN, WATCHED, run
+from plant_sim.twin.conditions import CELLS
+from plant_sim.twin.kernel import CHANGE, COIL, CONDITION, INPUT, LOOK, RUN, TRIGGER, WATCHED, run
+from plant_sim.twin.triggers import Trigger
 
 _WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
 
@@ -44,9 +46,13 @@ class CompiledRun:
         control["look_ms"] = plant.look_ms
         control["steps_per_ms"] = plant.steps_per_ms
         control["memory"], control["program"] = execution.region_address, execution.scan_address
+        self._cells = np.zeros(CELLS)
+        control["state"], control["cells"] = plant.state.ctypes.data, self._cells.ctypes.data
         control["inputs_at"], control["outputs_at"] = layout.bit("X", 0), layout.bit("Y", 0)
         self._inputs = np.zeros(len(plant.levels), INPUT)
         self._watched = np.zeros(0, WATCHED)
+        self._triggers: list[Trigger] = []
+        self._trigger_records = np.zeros(0, TRIGGER)
         self._outputs = np.array(plant.coil_wires, COIL)
         self._arguments = (
             self._control,
@@ -67,11 +73,32 @@ class CompiledRun:
             and not self._plant.has_other_sensors
         )
 
-    def watch(self, devices: Iterable[Bit | Word]) -> None:
-        """Set the devices whose changes are reported."""
+    def watch(self, devices: Iterable[Bit | Word], triggers: Iterable[Trigger]) -> None:
+        """Set the devices whose changes, and the triggers whose beginnings are reported."""
         places = sorted({place for device in devices for place in _bytes_of(device, self._layout)})
         self._watched = np.zeros(len(places), WATCHED)
         self._watched["at"] = places
+        self._triggers = list(triggers)
+        self._trigger_records = np.zeros(len(self._triggers), TRIGGER)
+        for record, trigger in zip(self._trigger_records, self._triggers, strict=True):
+            record["condition"] = self._code_of(trigger.condition).address
+            record["cells"] = trigger.cells.ctypes.data
+
+    def begun(self) -> list[Trigger]:
+        """Return the triggers whose conditions have become true in a scan in machine code, each once."""
+        numbers = np.flatnonzero(self._trigger_records["begun"]).tolist() if self._triggers else []
+        self._trigger_records["begun"] = 0
+        return [self._triggers[number] for number in numbers]
+
+    def holds(self, condition: Expr, cells: np.ndarray) -> bool:
+        """Return True if a condition is true.
+
+        Args:
+            condition: The condition.
+            cells: Values stored from scan to scan.
+        """
+        code, state = self._code_of(condition), self._plant.state
+        return bool(code.holds(int(self._control[0]["memory"]), state.ctypes.data, cells.ctypes.data))
 
     def ticks(
         self, until_ms: int, condition: Expr | None, *, now_ms: int, on_change: Callable[[int], None]
@@ -92,10 +119,11 @@ class CompiledRun:
         control["time_ms"] = control["due_ms"] = begin_ms = plant.time_ms
         control["ahead_ms"] = ahead_ms = now_ms - begin_ms
         control["until_ms"] = until_ms - ahead_ms
-        control["condition"] = 0 if condition is None else self._address_of(condition)
+        control["condition"] = 0 if condition is None else self._code_of(condition).address
         control["fed"] = not plant.box.emergency_stop
         control["filter_ms"] = runtime.plc.input_filter.filter_ms
         control["report"], control["scans"] = True, 0
+        self._trigger_records["holds"] = [trigger.holds for trigger in self._triggers]
         self._inputs["fixed"] = plant.fixed_levels
         self._inputs["since_ms"] = -1
         for number, since_ms in runtime.plc.input_filter.since_ms.items():
@@ -105,6 +133,7 @@ class CompiledRun:
         arguments = (
             *self._arguments,
             self._watched,
+            self._trigger_records,
             self._inputs,
             *plant.terminals,
             self._outputs,
@@ -140,12 +169,14 @@ class CompiledRun:
         self._runtime.adopt(last_ms + int(control["ahead_ms"]), self._plant.levels.tolist())
         self._module.adopt(self._runtime.released, writes=scans, last_ms=last_ms)
         self._plant.adopt(time_ms, self._runtime.released)
+        for trigger, holds in zip(self._triggers, self._trigger_records["holds"].tolist(), strict=True):
+            trigger.holds = bool(holds)
 
-    def _address_of(self, condition: Expr) -> int:
+    def _code_of(self, condition: Expr) -> MachineCondition:
         code = self._conditions.get(condition)
         if code is None:
-            code = self._conditions[condition] = MachineCondition(condition, self._layout)
-        return code.address
+            code = self._conditions[condition] = machine_condition_of(condition, self._layout)
+        return code
 
 
 def _bytes_of(device: Bit | Word, layout: MemoryLayout) -> Iterator[int]:

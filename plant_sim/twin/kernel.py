@@ -21,8 +21,8 @@ FIXED_FILTER_MS: Final = 10
 """Filter time of all other terminals, ms."""
 
 UNTIL, CONDITION, CHANGE, LOOK = range(4)
-"""Reasons for the end of a run: time limit, condition met, a watched device has changed in the latest scan, or the
-latest motion may affect a seedling."""
+"""Reasons for the end of a run: time limit, condition met, a watched device has changed or a watched condition has
+become true in the latest scan, or the latest motion may affect a seedling."""
 
 RUN = np.dtype(
     [
@@ -41,6 +41,8 @@ RUN = np.dtype(
         ("memory", "i8"),
         ("program", "i8"),
         ("condition", "i8"),
+        ("state", "i8"),
+        ("cells", "i8"),
         ("inputs_at", "i8"),
         ("outputs_at", "i8"),
     ]
@@ -50,7 +52,8 @@ RUN = np.dtype(
 `time_ms` is the plant time, `due_ms` the plant time of the next scan, `ahead_ms` the time of the controller less the
 plant time, and `scans` the number of scans in this run. With `report`, the run ends after its next scan. `memory`,
 `program` and `condition` are the addresses of the device memory, the scan function and the condition function, 0 if
-there is none. `inputs_at` and `outputs_at` are the positions of X0 and Y0 in the device memory.
+there is none; `state` and `cells` those of its other arguments. `inputs_at` and `outputs_at` are the positions of X0
+and Y0 in the device memory.
 """
 
 
@@ -61,12 +64,18 @@ does not depend on motion, -1 if it does."""
 COIL = np.dtype([("number", "i8"), ("inverted", "?")])
 """Coil: Y number and polarity of its wire."""
 
+TRIGGER = np.dtype([("condition", "i8"), ("cells", "i8"), ("holds", "i8"), ("begun", "i8")])
+"""Condition that ends a run when it becomes true.
+
+`condition` and `cells` are the addresses of its function and its cells, `holds` is its latest value, and `begun` is 1
+if it has become true since the latest report.
+"""
+
 WATCHED = np.dtype([("at", "i8"), ("seen", "u1")])
 """Byte of the device memory that ends a run when it changes: its position, and its value at the latest report."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _scan(_typing: Any, address: Any, memory: Any, now_ms: Any, first: Any) -> Any:
+def _generate_scan(_typing: Any, address: Any, memory: Any, now_ms: Any, first: Any) -> Any:
     """Call the scan function at an address."""
 
     def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
@@ -78,16 +87,21 @@ def _scan(_typing: Any, address: Any, memory: Any, now_ms: Any, first: Any) -> A
     return types.int64(address, memory, now_ms, first), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _holds(_typing: Any, address: Any, memory: Any) -> Any:
+_scan: Any = intrinsic(_generate_scan)
+
+
+def _generate_holds(_typing: Any, address: Any, memory: Any, state: Any, cells: Any) -> Any:
     """Call the condition function at an address; its result is 0 or 1."""
 
     def generate(_context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         integer = ir.IntType(64)
-        kind = ir.FunctionType(integer, [integer])
+        kind = ir.FunctionType(integer, [integer] * 3)
         return builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
 
-    return types.int64(address, memory), generate
+    return types.int64(address, memory, state, cells), generate
+
+
+_holds: Any = intrinsic(_generate_holds)
 
 
 @compiled_and_cached
@@ -98,6 +112,7 @@ def run(
     quiet: Any,
     memory: Any,
     watched: Any,
+    triggers: Any,
     inputs: Any,
     terminals: Any,
     inverted: Any,
@@ -116,6 +131,7 @@ def run(
         quiet: Limits of both arms, `QUIET`.
         memory: Device memory of the program, bytes.
         watched: Watched bytes of the device memory, `WATCHED`.
+        triggers: Watched conditions, `TRIGGER`.
         inputs: Input terminals by X number, `INPUT`.
         terminals: X number of every sensor; see `read_sensors`.
         inverted: True for every sensor whose wire is inverted.
@@ -128,7 +144,7 @@ def run(
     r = control[0]
     while True:
         if r.time_ms == r.due_ms:
-            if r.scans > 0 and r.condition != 0 and _holds(r.condition, r.memory) != 0:
+            if r.scans > 0 and r.condition != 0 and _holds(r.condition, r.memory, r.state, r.cells) != 0:
                 return CONDITION
             if r.time_ms >= r.until_ms:
                 return UNTIL
@@ -141,7 +157,8 @@ def run(
                 coils[index] = (memory[r.outputs_at + wire.number] != 0) != wire.inverted
             r.scans += 1
             r.due_ms += r.scan_ms
-            if _has_changed(memory, watched) or r.report:
+            changed = _has_changed(memory, watched)
+            if _has_begun(r, triggers) or changed or r.report:
                 return CHANGE
         while r.time_ms < r.due_ms:
             for_ms = min(r.look_ms, r.due_ms - r.time_ms)
@@ -188,6 +205,20 @@ def _has_changed(memory: Any, watched: Any) -> bool:
             byte.seen = memory[byte.at]
             changed = True
     return changed
+
+
+@compiled
+def _has_begun(r: Any, triggers: Any) -> bool:
+    """Return True if a watched condition has become true."""
+    begun = False
+    for index in range(triggers.size):
+        trigger = triggers[index]
+        before = trigger.holds
+        trigger.holds = _holds(trigger.condition, r.memory, r.state, trigger.cells)
+        if trigger.holds > before:
+            trigger.begun = 1
+            begun = True
+    return begun
 
 
 @compiled

@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
 
+import numpy as np
+
 from controller.core.clock import SimulatedClock
-from controller.core.expr import Bit, Expr, Word, any_of, evaluate
+from controller.core.expr import Bit, Expr, Word, any_of
 from controller.core.machine_code import MachineExecution
 from controller.core.retentive_store import MemoryStore
-from controller.core.scan import Plc
+from controller.core.scan import Plc, PythonExecution
 from controller.events.production import AlarmEvent, CycleEvent, Event, ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
@@ -26,6 +28,8 @@ from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
+from plant_sim.twin.conditions import CELLS
+from plant_sim.twin.triggers import Interpreter, Trigger
 
 SCAN_MS = 10
 
@@ -66,7 +70,7 @@ class Twin:
             parameters: Machine parameters; None = the defaults.
             set_points: Initial values of set-points, by name of `SetPoints`.
             faults: Faults of the plant.
-            step_by_step: True to run every scan in Python; the results are the same.
+            step_by_step: True to execute the program and every tick in Python; the results are the same.
 
         Raises:
             FaultError: A fault is not possible in this plant.
@@ -86,7 +90,11 @@ class Twin:
         self.runtime: Runtime
         self._releases: dict[str, int] = {}
         self._monitors: list[tuple[Callable[[Twin], None], tuple[Bit | Word, ...] | None]] = []
-        self._compiled: CompiledRun
+        self._triggers: list[Trigger] = []
+        self._cells = np.zeros(CELLS)
+        self._periodic: list[tuple[int, Callable[[Twin], None]]] = []
+        self._compiled: CompiledRun | None = None
+        self._conditions: CompiledRun | Interpreter
         self.power_on()
 
     @property
@@ -107,7 +115,7 @@ class Twin:
     def power_on(self) -> None:
         """Start the controller with its retentive memory."""
         program = self.machine.program
-        execution = MachineExecution(program)
+        execution = PythonExecution(program) if self._step_by_step else MachineExecution(program)
         plc = Plc(program, execution=execution)
         for name, value in self._set_points.items():
             plc.write(getattr(self.machine.tags.sp, name), value)
@@ -119,8 +127,11 @@ class Twin:
         self.runtime = Runtime(self.machine, plc, link, DirectRetentiveWriter(self.store))
         self._log = ProductionLog(self.machine, self.events.append)
         self.runtime.observers.append(self._log)
-        self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
-        self._watch_devices()
+        if isinstance(execution, MachineExecution):
+            self._conditions = self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
+            self._watch_devices()
+        else:
+            self._conditions = Interpreter(execution.memory, self.plant.state)
 
     def power_cycle(self, off_ms: int = 1_000) -> None:
         """Kill the controller between two scans, and restart it after `off_ms` of plant time."""
@@ -140,13 +151,32 @@ class Twin:
         self._monitors.append((monitor, None if devices is None else tuple(devices)))
         self._watch_devices()
 
+    def every(self, period_ms: int, action: Callable[[Twin], None]) -> None:
+        """Register an action to be executed after the scans at multiples of a period.
+
+        Args:
+            period_ms: Period, ms, a multiple of the scan period.
+            action: The action.
+        """
+        self._periodic.append((period_ms, action))
+
+    def when(self, condition: Expr, action: Callable[[], None]) -> None:
+        """Register an action to be executed after every scan in which a condition has become true.
+
+        Args:
+            condition: Condition over the devices of the program and the state of the plant.
+            action: The action.
+        """
+        self._triggers.append(Trigger(condition, action))
+        self._watch_devices()
+
     def scan(self) -> None:
         """Run one scan, then advance the plant to the next scan."""
         now_ms = self.clock.now_ms()
         if self._releases:
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
-        self._call_monitors()
+        self._call_monitors(self._evaluate_triggers())
         self.module.advance(SCAN_MS)
         self.clock.advance(SCAN_MS)
 
@@ -158,8 +188,8 @@ class Twin:
         """Run until a condition is met after a scan.
 
         Args:
-            condition: Condition over the devices of the program, or a function; a function is called after every scan,
-                so that the twin cannot run in machine code.
+            condition: Condition over the devices of the program and the state of the plant; or a function, which is
+                called after every scan, so that the twin cannot run in machine code.
             within_ms: Time limit, ms, rounded up to complete scans.
             what: Description of the condition for the error.
 
@@ -194,19 +224,21 @@ class Twin:
 
     def _run_compiled(self, until_ms: int, condition: Expr | None) -> bool:
         """Run in machine code as far as possible; return True if the condition is met after a scan."""
-        if self._step_by_step or any(devices is None for _, devices in self._monitors):
+        run = self._compiled
+        if run is None or any(devices is None for _, devices in self._monitors):
             return False
-        while self.now_ms < until_ms and self._compiled.is_possible and self.runtime.observers == [self._log]:
+        while self.now_ms < until_ms and run.is_possible and self.runtime.observers == [self._log]:
             if self._releases:
                 self._release_buttons(self.now_ms)
-            stop_ms = min(until_ms, *self._releases.values()) if self._releases else until_ms
+            due_ms = (self.now_ms + -self.now_ms % period_ms for period_ms, _ in self._periodic)
+            stop_ms = min((until_ms, *self._releases.values(), *due_ms))
             fault_ms = self.plant.faults.next_ms
             if fault_ms is not None:
                 stop_ms = min(stop_ms, self.now_ms + fault_ms - self.plant.time_ms)
             stop_ms = self.now_ms + max(stop_ms - self.now_ms, 0) // SCAN_MS * SCAN_MS
             if stop_ms <= self.now_ms:
                 return False
-            now_ms, is_met = self._compiled.ticks(stop_ms, condition, now_ms=self.now_ms, on_change=self._report)
+            now_ms, is_met = run.ticks(stop_ms, condition, now_ms=self.now_ms, on_change=self._report)
             self.clock.advance(now_ms - self.now_ms)
             if is_met:
                 return True
@@ -216,23 +248,38 @@ class Twin:
         """Call observers and monitors after a scan in machine code."""
         self.clock.advance(now_ms - self.now_ms)
         self.runtime.notify_observers(now_ms)
-        self._call_monitors()
+        self._call_monitors(self._compiled.begun() if self._compiled else ())
 
-    def _call_monitors(self) -> None:
+    def _call_monitors(self, begun: Iterable[Trigger]) -> None:
+        for trigger in begun:
+            trigger.action()
         for monitor, _ in self._monitors:
             monitor(self)
+        for period_ms, act in self._periodic:
+            if self.now_ms % period_ms == 0:
+                act(self)
 
     def _watch_devices(self) -> None:
         """Adapt the devices that interrupt a run in machine code to the observers and monitors."""
         devices = [*self._log.devices]
         for _, watched in self._monitors:
             devices += watched or ()
-        self._compiled.watch(devices)
+        if self._compiled is not None:
+            self._compiled.watch(devices, self._triggers)
 
     def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
         if condition is None or callable(condition):
             return condition is not None and condition()
-        return evaluate(condition, self.plc.memory)
+        return self._conditions.holds(condition, self._cells)
+
+    def _evaluate_triggers(self) -> list[Trigger]:
+        """Return the triggers whose conditions have become true in a scan in Python."""
+        begun = []
+        for trigger in self._triggers:
+            held, trigger.holds = trigger.holds, self._conditions.holds(trigger.condition, trigger.cells)
+            if trigger.holds and not held:
+                begun.append(trigger)
+        return begun
 
     def press(self, button: str, for_ms: int = 100) -> None:
         """Press a push button; it is released automatically after `for_ms`."""
