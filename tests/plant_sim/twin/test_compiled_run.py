@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 
+from controller.core import input_filter
 from controller.program.states import State
 from plant_sim.fault_matrix.cases import Subject, subjects
 from plant_sim.faults import FaultError
 from plant_sim.machine.parameters import Machine, MachineError, load_machine
 from plant_sim.twin.conditions import Advances, Quantity
-from plant_sim.twin.kernel import FIXED_FILTER_MS
+from plant_sim.twin.kernel import ADJUSTABLE, FIXED_FILTER_MS
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from plant_sim.twin.monitors import collect_violations
 
 STORIES = 200
 NIGHTLY_STORIES = 1_000
 BATCH = 25
+LONG = 5
+"""One story in five is long and monitored."""
 MACHINE = load_machine()
 CASES: list[Subject] = subjects(Twin(trays=1).plant)
 COMMANDS = ("hold", "unhold", "complete", "abort", "left_loaded_no", "right_loaded_yes", "tray_none", "tray_full")
@@ -105,6 +109,7 @@ def story(twin: Twin, seed: int) -> Iterator[None]:
         twin.run_for(200)
         twin.press("start")
         yield from attempt(twin, State.EXECUTE, 1_000)
+    longest_ms = 25_000 if seed % LONG == 0 else 2_000
     for _ in range(draws.randrange(2, 6)):
         act = draws.random()
         if act < 0.15:
@@ -120,15 +125,13 @@ def story(twin: Twin, seed: int) -> Iterator[None]:
         elif act < 0.6:
             for _ in range(draws.randrange(1, 30)):
                 twin.scan()
-        twin.run_for(draws.choice([draws.randrange(10, 1_000), draws.randrange(1_000, 12_000)]))
+        twin.run_for(draws.randrange(10, longest_ms))
         yield
 
 
 def attempt(twin: Twin, state: State, within_ms: int) -> Iterator[None]:
-    try:
+    with suppress(NotReachedError):
         twin.run_until_state(state, within_ms=within_ms)
-    except NotReachedError:
-        pass
     yield
 
 
@@ -144,7 +147,7 @@ def test_stories_are_equal_in_machine_code_and_step_by_step(first: int) -> None:
     interrupted = 0
     for seed in range(first, first + BATCH):
         twins = [twin_of(seed, step_by_step=step_by_step) for step_by_step in (True, False)]
-        found = [collect_violations(twin) for twin in twins]
+        found = [collect_violations(twin) if seed % LONG == 0 else {} for twin in twins]
         for _ in zip(*(story(twin, seed) for twin in twins), strict=True):
             stepped, compiled = map(image, twins)
             differing = [name for name, value in stepped.items() if value != compiled[name]]
@@ -157,7 +160,7 @@ def test_stories_are_equal_in_machine_code_and_step_by_step(first: int) -> None:
 def test_the_stories_contain_losses_incidents_alarms_and_violations() -> None:
     """Otherwise their equality would say little."""
     counts = dict.fromkeys(("lost", "incidents", "alarms", "violations", "thrown"), 0)
-    for seed in range(40):
+    for seed in range(0, STORIES, LONG):
         twin = twin_of(seed, step_by_step=False)
         violations = collect_violations(twin)
         for _ in story(twin, seed):
@@ -169,12 +172,12 @@ def test_the_stories_contain_losses_incidents_alarms_and_violations() -> None:
         counts["alarms"] += len(twin.alarm_events())
         counts["violations"] += len(violations)
     assert min(counts.values()) > 0, counts
-    assert counts["thrown"] >= 100
+    assert counts["thrown"] >= 200
 
 
 def test_a_run_without_change_needs_few_calls_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tray is transplanted in machine code: less than one tick in ten is interrupted."""
-    twin = Twin(trays=1)
+    twin = Twin(trays=1, set_points={"trays_target": 1})
     twin.home()
     twin.start()
     scans: list[int] = []
@@ -183,33 +186,27 @@ def test_a_run_without_change_needs_few_calls_of_python(monkeypatch: pytest.Monk
     monkeypatch.setattr(twin.runtime, "tick", lambda now_ms: (scans.append(now_ms), scan(now_ms)))
     monkeypatch.setattr(twin.plant, "look", lambda: (looks.append(twin.now_ms), look())[1])
     before = twin.plc.scans
-    twin.run_until_state(State.SUSPENDED, within_ms=100_000)
+    twin.run_until_state(State.COMPLETE, within_ms=100_000)
     assert twin.plc.scans - before > 4_000
     assert not scans
     assert 50 < len(looks) < 0.1 * (twin.plc.scans - before)
 
 
-@pytest.mark.parametrize("step_by_step", [False, True])
-def test_a_condition_over_the_plant_ends_a_run(step_by_step: bool) -> None:
+def test_a_condition_over_the_plant_ends_a_run() -> None:
     """The run ends after the first tick at whose end the slide is beyond the limit."""
-    twin = Twin(trays=1, step_by_step=step_by_step)
-    twin.home()
-    twin.start()
-    twin.run_until(Quantity("arms.0.slide.position_m") > 0.05, within_ms=20_000)
-    assert 0.05 < twin.plant.left.slide.x_m < 0.06
-    assert (twin.now_ms, twin.plant.left.slide.x_m) == EXPECTED.setdefault(
-        "slide", (twin.now_ms, twin.plant.left.slide.x_m)
-    )
-
-
-EXPECTED: dict[str, tuple[int, float]] = {}
-"""Results of the first of two variants of a test."""
+    ends = set()
+    for step_by_step in (False, True):
+        twin = Twin(trays=1, step_by_step=step_by_step)
+        twin.home()
+        twin.start()
+        twin.run_until(Quantity("arms.0.slide.position_m") > 0.05, within_ms=20_000)
+        assert 0.05 < twin.plant.left.slide.x_m < 0.06
+        ends.add((twin.now_ms, twin.plant.left.slide.x_m))
+    assert len(ends) == 1
 
 
 def test_the_filter_of_machine_code_has_the_times_of_the_controller() -> None:
-    from controller.core import input_filter
-
-    assert FIXED_FILTER_MS == input_filter.FIXED_MS
+    assert (FIXED_FILTER_MS, ADJUSTABLE) == (input_filter.FIXED_MS, input_filter.ADJUSTABLE)
 
 
 def test_a_quantity_must_exist_and_be_a_number() -> None:
