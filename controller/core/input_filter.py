@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from controller.common.saved import Saved
+
 ADJUSTABLE = 16
 """Number of terminals with an adjustable filter, X0-X17."""
 FIXED_MS = 10
 """Filter time of all other terminals, ms."""
 
 
-class InputFilter:
+class InputFilter(Saved):
     """Digital filter in front of the X image, as in the FX2N: X0-X17 adjustable, X20 and up fixed at 10 ms.
 
     The FX2N samples its terminals continuously. Here they are sampled once per scan, so a level must be
@@ -20,6 +22,8 @@ class InputFilter:
         filter_ms: Filter time of X0-X17, ms; may be changed at any time.
         since_ms: Time since which a terminal has differed from the image, ms, by number.
     """
+
+    SAVED = ("_started", "filter_ms", "since_ms")
 
     def __init__(self, image: list[bool], filter_ms: int) -> None:
         """Create a filter for an image.

@@ -150,6 +150,14 @@ class MachineExecution:
         """Execute all blocks and the END processing with the latched inputs."""
         self._code.scan(self.region_address, now_ms, first)
 
+    def save(self) -> bytes:
+        """Return a copy of all devices."""
+        return bytes(self._region)
+
+    def restore(self, saved: bytes) -> None:
+        """Restore a copy returned by `save`."""
+        ctypes.memmove(self._region, saved, len(saved))
+
     def image_of(self, spans: Iterable[tuple[str, slice]]) -> Callable[[], object]:
         """Return a function that copies spans of the memory for comparison."""
         views: list[memoryview] = []

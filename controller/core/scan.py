@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Sequence as Rows
+from dataclasses import fields
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 from transitions import Machine
 
+from controller.common.saved import Saved
 from controller.core.compile import BlockFunction, Transfers, compile_program, trigger
 from controller.core.devices import (
     ANNUNCIATOR_ON,
@@ -101,6 +103,12 @@ class Execution(Protocol):
         The copies are equal if and only if the spans have equal values.
         """
 
+    def save(self) -> Any:
+        """Return a copy of all devices."""
+
+    def restore(self, saved: Any) -> None:
+        """Restore a copy returned by `save`."""
+
 
 class PythonExecution:
     """Execution of a program as Python functions, with a `transitions` machine for each sequence."""
@@ -135,6 +143,18 @@ class PythonExecution:
         rows = [(getattr(self.memory, row), span) for row, span in spans]
         return lambda: tuple(row[span] for row, span in rows)
 
+    def save(self) -> Any:
+        """Return a copy of all devices."""
+        return [row.copy() for row in self._rows()]
+
+    def restore(self, saved: Any) -> None:
+        """Restore a copy returned by `save`."""
+        for row, values in zip(self._rows(), saved, strict=True):
+            row[:] = values
+
+    def _rows(self) -> list[list[Any]]:
+        return [getattr(self.memory, row.name) for row in fields(Memory)]
+
     def _watch_annunciators(self) -> None:
         memory = self.memory
         active = True in memory.S[ANNUNCIATORS.start :]
@@ -143,7 +163,7 @@ class PythonExecution:
             memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if active else 0
 
 
-class Plc:
+class Plc(Saved):
     """PLC in RUN mode with one program: memory and scan.
 
     Attributes:
@@ -154,6 +174,8 @@ class Plc:
         retentive_image: Function that copies the memory spans that contain all retentive devices, for comparison with
             later copies.
     """
+
+    SAVED = ("scans",)
 
     def __init__(self, program: Program, *, input_filter_ms: int = 10, execution: Execution | None = None) -> None:
         """Start the PLC with cleared memory; M8002 is on in the first scan.
@@ -172,6 +194,17 @@ class Plc:
         self.retentive_image = self._execution.image_of(self._retentive_spans())
         for word, value in program.set_points:
             self.memory.set_word(word.kind, word.number, value)
+
+    def save(self) -> Any:
+        """Return all devices and the state of the input filter."""
+        return super().save(), self._execution.save(), self.input_filter.save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, execution, input_filter = saved
+        super().restore(own)
+        self._execution.restore(execution)
+        self.input_filter.restore(input_filter)
 
     def scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
         """Run one scan.
@@ -217,7 +250,7 @@ class Plc:
         """
         return {_retentive_name(device): self.read(device) for device in self._retentive}
 
-    def restore(self, values: Mapping[str, int]) -> None:
+    def restore_retained(self, values: Mapping[str, int]) -> None:
         """Restore the values returned by `retained`, before the first scan.
 
         Raises:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
+from controller.common.saved import Saved
 from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
@@ -119,8 +120,21 @@ def as_record(event: Event) -> dict[str, object]:
     return asdict(event)
 
 
-class _CycleTimer:
+class _CycleTimer(Saved):
     """Timer of the cycles of one arm, based on its S bits."""
+
+    SAVED = (
+        "_centre_ms",
+        "_has_tray",
+        "_is_at_feed",
+        "_is_waiting",
+        "_last_ms",
+        "_missed",
+        "_row",
+        "_since_ms",
+        "_tray_ms",
+        "_waited_ms",
+    )
 
     def __init__(self, machine: Transplanter, side: Side) -> None:
         cycle, self._arm = machine.cycles[side], machine.tags.arms[side]
@@ -185,8 +199,10 @@ class _CycleTimer:
         return "centre" if self._centre_ms > _MIN_WAIT_MS else "row"
 
 
-class ProductionLog:
+class ProductionLog(Saved):
     """Generator of events from the changes between scans; an observer of the runtime."""
+
+    SAVED = ("_alarms", "_mode", "_questions", "_refusals", "_state", "_trays")
 
     def __init__(self, machine: Transplanter, report: Callable[[Event], None], language: Language = "en") -> None:
         """Create the log for a machine.
@@ -212,6 +228,17 @@ class ProductionLog:
             *((f"{side}_cups", tags.arms[side].ask_cups.number) for side in SIDES),
             ("tray", tags.tray.ask.number),
         ]
+
+    def save(self) -> Any:
+        """Return the current state."""
+        return super().save(), [timer.save() for timer in self._cycles]
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, timers = saved
+        super().restore(own)
+        for timer, state in zip(self._cycles, timers, strict=True):
+            timer.restore(state)
 
     @property
     def devices(self) -> tuple[Bit | Word, ...]:

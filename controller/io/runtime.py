@@ -9,7 +9,9 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
+from controller.common.saved import Saved
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.io.forcing import Forcing
@@ -30,7 +32,7 @@ REOPEN_MS = 500
 """Interval between attempts to reopen a lost link, ms."""
 
 
-class Runtime:
+class Runtime(Saved):
     """Runtime of the machine's program on a field link; `tick` executes one scan.
 
     Attributes:
@@ -43,6 +45,27 @@ class Runtime:
         now_ms: Time of the last scan, ms.
         observers: Functions called at the end of every scan with the time of the scan and the PLC.
     """
+
+    SAVED = (
+        "_failed",
+        "_has_inputs",
+        "_held_since_ms",
+        "_inputs",
+        "_last_scan_ms",
+        "_open",
+        "_orders",
+        "_panel_alive",
+        "_panel_alive_ms",
+        "_reopen_at_ms",
+        "_status",
+        "_store_failed",
+        "_submitted_image",
+        "link_lost",
+        "now_ms",
+        "observers",
+        "released",
+        "released_words",
+    )
 
     def __init__(
         self,
@@ -110,6 +133,18 @@ class Runtime:
             system.panel_silent,
         )
         self._status: tuple[bool, ...] = ()
+
+    def save(self) -> Any:
+        """Return the current state, with that of the PLC, but without those of the link and the retentive writer."""
+        return super().save(), self.plc.save(), self.forcing.save(), self._watchdog.save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, plc, forcing, watchdog = saved
+        super().restore(own)
+        self.plc.restore(plc)
+        self.forcing.restore(forcing)
+        self._watchdog.restore(watchdog)
 
     def tick(self, now_ms: int, start_ms: int | None = None) -> None:
         """Execute one scan.

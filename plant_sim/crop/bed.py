@@ -2,16 +2,19 @@
 
 from collections.abc import Iterable, Mapping
 
+from controller.common.saved import Saved
 from plant_sim.crop.seedling import CELLS_ALONG, Location, Seedling, Seedlings
 
 
-class Bed:
+class Bed(Saved):
     """Trays within reach of the claws, with their offsets from the pick position.
 
     Attributes:
         trays_m: Travel of the trays, m.
         is_placed: True if a tray is at the pick position.
     """
+
+    SAVED = ("_trays", "_turned", "is_placed", "trays_m")
 
     __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "is_placed", "trays_m")
 

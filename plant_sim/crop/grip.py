@@ -2,7 +2,9 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
+from controller.common.saved import Saved
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident, Report
@@ -13,7 +15,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, Location, Seedling, Seedlings
 
 
 @dataclass(slots=True)
-class GripHistory:
+class GripHistory(Saved):
     """Loads on the gripped seedlings since the grip.
 
     Attributes:
@@ -27,6 +29,17 @@ class GripHistory:
         least_n: Minimum force during the pull, N.
     """
 
+    SAVED: ClassVar[tuple[str, ...]] = (
+        "since_s",
+        "x_m",
+        "rise_m",
+        "trays_m",
+        "along_m",
+        "across_m",
+        "peak_n",
+        "least_n",
+    )
+
     since_s: float = 0.0
     x_m: float = 0.0
     rise_m: float = 0.0
@@ -37,7 +50,7 @@ class GripHistory:
     least_n: float = math.inf
 
 
-class Grip:
+class Grip(Saved):
     """Gripped seedlings and their progress.
 
     Attributes:
@@ -47,6 +60,8 @@ class Grip:
         history: Loads on the gripped seedlings.
         slipped: True if closed fingers have dropped their seedlings and have not opened since.
     """
+
+    SAVED = ("_closed", "_loosened", "_taken", "delivered", "extracted", "held", "slipped")
 
     __slots__ = (
         "_bed",
@@ -103,6 +118,16 @@ class Grip:
         self.held: list[Seedling] = []
         self.extracted = False
         self.delivered = False
+
+    def save(self) -> Any:
+        """Return the current state."""
+        return super().save(), self.history.save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, history = saved
+        super().restore(own)
+        self.history.restore(history)
 
     def sync(self, pose: Pose) -> None:
         """Adopt an initial pose; gripped seedlings remain gripped.

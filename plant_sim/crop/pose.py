@@ -1,12 +1,14 @@
 """Pose and reach of an arm."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
+from controller.common.saved import Saved
 from plant_sim.crop.seedling import COLUMNS
 
 
 @dataclass(slots=True)
-class Pose:
+class Pose(Saved):
     """Position of an arm and its claws.
 
     Attributes:
@@ -18,6 +20,8 @@ class Pose:
         freed_s: Time at which the claws last became free, s.
         now_s: Plant time, s.
     """
+
+    SAVED: ClassVar[tuple[str, ...]] = ("x_m", "rise_m", "gripping", "free", "travel_m", "freed_s", "now_s")
 
     x_m: float
     rise_m: float

@@ -1,5 +1,6 @@
 """Collisions of a lowered arm with the seedlings in a tray."""
 
+from controller.common.saved import Saved
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident, Report
@@ -7,7 +8,7 @@ from plant_sim.crop.pose import Pose, Reach
 from plant_sim.crop.seedling import Location, Seedling, Seedlings
 
 
-class Sweep:
+class Sweep(Saved):
     """Columns passed by the claw row, and the direction of approach.
 
     Open, converged claws approach a column from its outer side until they straddle its stems, and retract the
@@ -17,6 +18,8 @@ class Sweep:
     Attributes:
         low: True if the arm is low enough to touch seedlings standing in a tray.
     """
+
+    SAVED = ("_gentle", "_gentle_x_m", "_in_contact", "_passed", "_tray_has_moved", "_trays_m", "low")
 
     __slots__ = (
         "_bed",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from controller.common.saved import Saved
 from plant_sim.common.compiled import compiled
 from plant_sim.common.limits import require, require_within
 from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, record_edge, update_output
@@ -224,7 +225,7 @@ def _update_beam(c: Any, params: Any, before_m: float, at_s: float, step_s: floa
         record_edge(c.beam, at_s + share * step_s)
 
 
-class Conveyor(View):
+class Conveyor(View, Saved):
     """View of the conveyor and its magazine.
 
     While the belt runs forward, the magazine places the next tray behind the last one as soon as there is room.
@@ -239,6 +240,8 @@ class Conveyor(View):
         skewed_m: Skew of the skewed trays on the belt by tray number, m.
         withheld: True while the magazine is prevented from placing a tray.
     """
+
+    SAVED = ("_known_m", "_next_number", "_seat_of", "front_m", "in_magazine", "skew_m", "skewed_m", "withheld")
 
     __slots__ = (
         "_known_m",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+from controller.common.saved import Saved
 from plant_sim.common.limits import require, require_within
 from plant_sim.devices.sensor import Sensor
 
@@ -29,7 +31,7 @@ class GroundWheelSpec:
         require_within(self, 0.05, 0.95, "pulse_share")
 
 
-class GroundWheel:
+class GroundWheel(Saved):
     """Travel of the tractor, derived from the position of the cup drive and the slip of the drive wheel.
 
     Attributes:
@@ -38,6 +40,8 @@ class GroundWheel:
         pulse: Sensor on the measuring wheel.
         slip: Slip of the drive wheel as a fraction of the travel, at least 0 and less than 1; may be set at any time.
     """
+
+    SAVED = ("_on", "_origin", "_plants", "_slip", "_travelled_m", "speed_m_s", "travel_m")
 
     def __init__(self, spec: GroundWheelSpec) -> None:
         """Initialise the tractor at the start of a pulse distance."""
@@ -49,6 +53,16 @@ class GroundWheel:
         self.speed_m_s = 0.0
         self.pulse = Sensor.alone()
         self._on = False
+
+    def save(self) -> Any:
+        """Return the current state."""
+        return super().save(), self.pulse.save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, pulse = saved
+        super().restore(own)
+        self.pulse.restore(pulse)
 
     @property
     def slip(self) -> float:

@@ -1,7 +1,9 @@
 """One arm with its drives, claws and cups, and the seedlings in them."""
 
 import math
+from typing import Any
 
+from controller.common.saved import Saved
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.grip import Grip
 from plant_sim.crop.incident import Report
@@ -21,7 +23,7 @@ from plant_sim.devices.spreader import Spreader
 from plant_sim.machine.parameters import Machine
 
 
-class ArmPlant:
+class ArmPlant(Saved):
     """One side of the machine, initially in the state after a normal stop: at feed, arm down, claws open.
 
     Attributes:
@@ -34,6 +36,8 @@ class ArmPlant:
         row: Seedlings in the cups.
     """
 
+    SAVED = ("_slips", "_stirred", "_trays_m")
+
     __slots__ = (
         "_bed",
         "_down_m",
@@ -41,6 +45,7 @@ class ArmPlant:
         "_frees_above_m",
         "_grips_below_m",
         "_holds_above_pa",
+        "_parts",
         "_pose",
         "_slips",
         "_state",
@@ -139,7 +144,19 @@ class ArmPlant:
         self._bed = bed
         self._trays_m = bed.trays_m
         self._pose = Pose(0.0, 0.0, gripping=False, free=False, travel_m=0.0, freed_s=0.0)
+        self._parts: tuple[Saved, ...] = (self.grip, self._sweep, self.row, self._pose, self.cups)
         self._sync()
+
+    def save(self) -> Any:
+        """Return the current state, except for that in the kernel memory."""
+        return super().save(), [part.save() for part in self._parts]
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, parts = saved
+        super().restore(own)
+        for part, state in zip(self._parts, parts, strict=True):
+            part.restore(state)
 
     @property
     def sensors(self) -> dict[str, Sensor]:

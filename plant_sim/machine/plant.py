@@ -1,10 +1,11 @@
 """Simulated machine, with coil levels as inputs, terminal levels as outputs, and the location of every seedling."""
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller.common.saved import Saved
 from controller.iomap.loader import IoMap
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.incident import Incident
@@ -45,7 +46,7 @@ class Event(NamedTuple):
     text: str
 
 
-class Plant:
+class Plant(Saved):
     """The simulated transplanter.
 
     The same seed and the same outputs at the same times give bit-identical results.
@@ -80,6 +81,8 @@ class Plant:
         broken_wires: Tags of the inputs whose terminals are off regardless of their sensors.
         faults: Fault schedule.
     """
+
+    SAVED = ("_arms_met", "_planter_m_s", "_y", "events", "indicators", "time_ms")
 
     def __init__(
         self, io_map: IoMap, machine: Machine, *, seed: int, trays: int = 2, faults: Iterable[Fault] = ()
@@ -140,6 +143,7 @@ class Plant:
         self.ground = GroundWheel(machine.ground)
         self.ground.place(self._plants)
         self._planter_m_s = 0.0
+        self._plain_sensors = [Sensor.alone(on=on) for on in _PLAIN_SENSORS.values()]
         self.sensors = self._all_sensors()
         self.indicators = {tag: False for tag in _INDICATOR_TAGS if tag in io_map}
         self._arms_meet_from_m = (machine.picks_m[1] + machine.picks_m[2]) / 2
@@ -150,7 +154,43 @@ class Plant:
         self.broken_wires: set[str] = set()
         self._wire(io_map)
         self.faults = FaultSchedule(self, faults)
+        arrays = (self.state, self.params, self.coils, self.positions, self.levels)
+        self._bytes = [array.view(np.uint8) for array in arrays]
+        self._parts = (
+            *self.arms.values(),
+            self.box,
+            self.conveyor,
+            self.ground,
+            self.seedlings,
+            self._bed,
+            self.faults,
+        )
         self._advance(0)  # triggers compilation now, before a client waits for a response
+
+    def save(self) -> Any:
+        """Return the complete state of the machine."""
+        return (
+            super().save(),
+            [array.copy() for array in self._bytes],
+            [part.save() for part in self._parts],
+            [sensor.save() for sensor in self._plain_sensors],
+            self.broken_wires.copy(),
+        )
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, arrays, parts, sensors, broken_wires = saved
+        events = self.events
+        super().restore(own)
+        events[:], self.events = self.events, events
+        for array, values in zip(self._bytes, arrays, strict=True):
+            array[:] = values
+        for part, state in zip(self._parts, parts, strict=True):
+            part.restore(state)
+        for sensor, state in zip(self._plain_sensors, sensors, strict=True):
+            sensor.restore(state)
+        self.broken_wires.clear()
+        self.broken_wires |= broken_wires
 
     @property
     def x(self) -> list[bool]:
@@ -345,7 +385,7 @@ class Plant:
             "air_pressure_ok": self.supply.pressure_ok,
             "magazine_empty": self.conveyor.magazine_empty,
             "ground_pulse": self.ground.pulse,
-            **{tag: Sensor.alone(on=on) for tag, on in _PLAIN_SENSORS.items()},
+            **dict(zip(_PLAIN_SENSORS, self._plain_sensors, strict=True)),
         }
 
     def _wire(self, io_map: IoMap) -> None:

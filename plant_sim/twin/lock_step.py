@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,26 @@ SCAN_MS = 10
 
 class NotReachedError(AssertionError):
     """Condition not met within its time limit; the message contains the state of the machine."""
+
+
+class Snapshot(NamedTuple):
+    """State of a twin at the end of a tick.
+
+    Attributes:
+        controller: Running controller and its parts.
+        states: States of these parts, of the plant, its I/O module and the clock.
+        events: Events so far.
+        retained: Contents of the retentive store.
+        releases: Times at which pressed buttons are released, ms.
+        watchers: Monitors, periodic actions, and triggers with their states.
+    """
+
+    controller: tuple[Any, ...]
+    states: tuple[Any, ...]
+    events: tuple[Event, ...]
+    retained: dict[str, int] | None
+    releases: dict[str, int]
+    watchers: tuple[Any, ...]
 
 
 class Twin:
@@ -121,10 +142,11 @@ class Twin:
             plc.write(getattr(self.machine.tags.sp, name), value)
         retained = self.store.load()
         if retained is not None:
-            plc.restore(retained)
-        link = InProcessLink(self.module)
-        link.open()
-        self.runtime = Runtime(self.machine, plc, link, DirectRetentiveWriter(self.store))
+            plc.restore_retained(retained)
+        self._link = InProcessLink(self.module)
+        self._link.open()
+        self._writer = DirectRetentiveWriter(self.store)
+        self.runtime = Runtime(self.machine, plc, self._link, self._writer)
         self._log = ProductionLog(self.machine, self.events.append)
         self.runtime.observers.append(self._log)
         if isinstance(execution, MachineExecution):
@@ -132,6 +154,39 @@ class Twin:
             self._watch_devices()
         else:
             self._conditions = Interpreter(execution.memory, self.plant.state)
+
+    def snapshot(self) -> Snapshot:
+        """Return the complete state of the machine and its controller, with the registered monitors.
+
+        The state of a monitor itself is not included.
+        """
+        controller = (self.runtime, self._log, self._link, self._writer, self._compiled, self._conditions)
+        return Snapshot(
+            controller,
+            tuple(part.save() for part in (*controller[:4], self.plant, self.module, self.clock)),
+            (*self.events,),
+            self.store.values,
+            dict(self._releases),
+            ((*self._monitors,), (*self._periodic,), [(trigger, trigger.save()) for trigger in self._triggers]),
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Restore a state of this twin; the same snapshot can be restored several times."""
+        watched = self._compiled, self._monitors, self._triggers
+        self.runtime, self._log, self._link, self._writer, self._compiled, self._conditions = snapshot.controller
+        parts = (*snapshot.controller[:4], self.plant, self.module, self.clock)
+        for part, state in zip(parts, snapshot.states, strict=True):
+            part.restore(state)
+        self.events[:] = snapshot.events
+        self.store.values = snapshot.retained
+        self._releases = dict(snapshot.releases)
+        monitors, periodic, triggers = snapshot.watchers
+        self._monitors, self._periodic = [*monitors], [*periodic]
+        self._triggers = [trigger for trigger, _ in triggers]
+        for trigger, state in triggers:
+            trigger.restore(state)
+        if watched != (self._compiled, self._monitors, self._triggers):
+            self._watch_devices()
 
     def power_cycle(self, off_ms: int = 1_000) -> None:
         """Kill the controller between two scans, and restart it after `off_ms` of plant time."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,14 @@ class Trigger:
     action: Callable[[], None]
     holds: bool = False
     cells: np.ndarray = field(default_factory=lambda: np.zeros(CELLS))
+
+    def save(self) -> Any:
+        """Return the current state."""
+        return self.holds, self.cells.copy()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        self.holds, self.cells[:] = saved
 
 
 class Interpreter:
