@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -14,12 +15,14 @@ from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
 from plant_sim.fault_matrix.first_signal import FirstSignal, Signal
 from plant_sim.faults import FAULTS, Fault
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
-from plant_sim.twin.lock_step import NotReachedError, Twin
+from plant_sim.twin.lock_step import NotReachedError, Snapshot, Twin
 from plant_sim.twin.monitors import collect_violations
 from plant_sim.twin.recovery import clear, home_again, questions, repair
 
 TRAY_LIMIT_MS = 300_000
 """Time limit for a tray if the machine does not stop, ms; at 45 cups/min a tray takes 50 s."""
+MARK_MS = 5_000
+"""Time between the instants from which a case can continue, ms."""
 OBSERVATION_MS = 6_000
 """Observation time of a stopped machine before the repair, ms; every alarm at standstill is raised by then."""
 SUSPENDED_MS = 10_000
@@ -119,31 +122,56 @@ def _machine(path: Path) -> Machine:
     return load_machine(path)
 
 
+class Mark(NamedTuple):
+    """Instant of a trial without a fault, from which a case can continue.
+
+    Attributes:
+        at_ms: Time, ms.
+        snapshot: State of the twin.
+        entered_ms: Time of entry into the active steps, ms; see `FirstSignal`.
+    """
+
+    at_ms: int
+    snapshot: Snapshot
+    entered_ms: Mapping[int, int]
+
+
 class Undisturbed(NamedTuple):
-    """Result of a trial without a fault.
+    """Trial without a fault.
 
     Attributes:
         begins_ms: Time of entering Execute, ms.
         ends_ms: Time of entering Complete, ms.
         counts: Final location of the seedlings.
         cycles: Rows thrown (released over the cups).
+        twin: The twin, which is reused by the cases.
+        marks: Instants of the trial in Execute, `MARK_MS` apart, up to the first violation, if any.
     """
 
     begins_ms: int
     ends_ms: int
     counts: SeedlingCounts
     cycles: int
+    twin: Twin
+    marks: tuple[Mark, ...]
 
 
 @cache
 def undisturbed(setting: MatrixSetup) -> Undisturbed:
     """Run a trial without a fault."""
     twin = setting.twin()
+    trips, signal = collect_violations(twin), FirstSignal(twin, from_ms=0)
     twin.home()
     twin.start()
     begins_ms = twin.now_ms
-    twin.run_until_state(State.COMPLETE, within_ms=setting.trays * TRAY_LIMIT_MS)
-    return Undisturbed(begins_ms, twin.now_ms, twin.plant.counts(), thrown(twin))
+    marks: list[Mark] = []
+    complete = twin.machine.tags.machine.state.equals(State.COMPLETE)
+    while not twin.runs_until(complete, for_ms=MARK_MS):
+        if twin.now_ms - begins_ms > setting.trays * TRAY_LIMIT_MS:
+            raise NotReachedError(f"the trial without a fault does not complete; {twin.situation()}")
+        if not trips:
+            marks.append(Mark(twin.now_ms, twin.snapshot(), dict(signal.entered_ms)))
+    return Undisturbed(begins_ms, twin.now_ms, twin.plant.counts(), thrown(twin), twin, tuple(marks))
 
 
 def thrown(twin: Twin) -> int:
@@ -158,21 +186,29 @@ def run_case(fault: Fault, setting: MatrixSetup) -> Outcome:
         fault: The fault; it lasts until the repair.
         setting: Machine and trial.
     """
+    reference = undisturbed(setting)
     lasts = FAULTS[fault.kind].permanent
-    twin = setting.twin(fault) if lasts else setting.twin()
+    mark = None if lasts else next((mark for mark in reversed(reference.marks) if mark.at_ms < fault.start_ms), None)
+    if mark is None:
+        twin = setting.twin(fault) if lasts else setting.twin()
+    else:
+        twin = reference.twin
+        twin.restore(mark.snapshot)
+        twin.unwatch()
     outcome = Outcome(fault, twin.plant.counts(), 0, trips=collect_violations(twin))
-    first_signal = FirstSignal(twin, fault.start_ms)
+    first_signal = FirstSignal(twin, fault.start_ms, entered_ms=mark.entered_ms if mark else {})
     if not lasts:
         twin.plant.faults.add(fault)
     try:
-        twin.home()
-        twin.start()
+        if mark is None:
+            twin.home()
+            twin.start()
         _work(twin, outcome, setting.trays)
     except NotReachedError as error:
         outcome.reason = str(error)
     outcome.signal = first_signal.signal
     outcome.state = outcome.state or twin.state.name
-    _account(twin, outcome, undisturbed(setting), setting.trays)
+    _account(twin, outcome, reference, setting.trays)
     return outcome
 
 

@@ -206,6 +206,13 @@ class Twin:
         self._monitors.append((monitor, None if devices is None else tuple(devices)))
         self._watch_devices()
 
+    def unwatch(self) -> None:
+        """Remove all monitors, triggers and periodic actions."""
+        self._monitors.clear()
+        self._triggers.clear()
+        self._periodic.clear()
+        self._watch_devices()
+
     def every(self, period_ms: int, action: Callable[[Twin], None]) -> None:
         """Register an action to be executed after the scans at multiples of a period.
 
@@ -255,9 +262,18 @@ class Twin:
             NotReachedError: The condition was not met within the time limit.
         """
         since_ms = self.now_ms
-        if self._run(since_ms - -within_ms // SCAN_MS * SCAN_MS, condition):
+        if self.runs_until(condition, for_ms=within_ms):
             return self.now_ms - since_ms
         raise NotReachedError(f"{what} not reached within {within_ms} ms; {self.situation()}")
+
+    def runs_until(self, condition: Expr | Callable[[], bool], *, for_ms: int) -> bool:
+        """Run for a time, or until a condition is met after a scan; return True if it is met.
+
+        Args:
+            condition: As for `run_until`.
+            for_ms: Time, ms, rounded up to complete scans.
+        """
+        return self._run(self.now_ms - -for_ms // SCAN_MS * SCAN_MS, condition)
 
     def run_until_state(self, *states: State, within_ms: int) -> int:
         """Run until the machine is in one of the PackML states; return the elapsed time, ms."""
