@@ -207,7 +207,7 @@ class Grip(Saved):
         if not self.held:
             return [], [], []
         if self.extracted:
-            return [self._reach.tray_edge_m, spec.feed_tolerance_m], [self._lowest_m], []
+            return [self._reach.tray_edge_m, spec.feed_tolerance_m], [self.lowest_m], []
         return (
             [history.x_m - spec.grip_tolerance_m, history.x_m + spec.grip_tolerance_m],
             [history.rise_m + spec.put_back_rise_m, history.rise_m + spec.extraction_rise_m],
@@ -273,7 +273,7 @@ class Grip(Saved):
     def _carry(self, pose: Pose) -> None:
         """Carry the plugs to the feed; they must be high enough to clear the tray."""
         spec = self._spec
-        if pose.rise_m < self._lowest_m and self._is_over_tray(pose):
+        if pose.rise_m < self.lowest_m and self._is_over_tray(pose):
             text = f"{len(self.held)} plugs hit the tray"
             self._report_incident(Incident.ARM_THROUGH_TRAY, text)
             self._lose_all(Location.LOST_CARRY)
@@ -282,7 +282,7 @@ class Grip(Saved):
             self._lose_broken(pose.now_s)
 
     @property
-    def _lowest_m(self) -> float:
+    def lowest_m(self) -> float:
         """Height of the arm below which carried plugs hit the tray, m."""
         return self.history.rise_m + self._spec.extraction_rise_m - self._spec.put_back_rise_m
 

@@ -31,6 +31,7 @@ class Quiet(NamedTuple):
         slide_m: Latest slide position, m.
         peak_pa: Highest clamping pressure, Pa.
         least_pa: Lowest clamping pressure while plugs are being pulled, Pa.
+        outside: 1 if a value was outside its limits at the latest look, else 0.
     """
 
     low: tuple[float, ...]
@@ -44,6 +45,7 @@ class Quiet(NamedTuple):
     slide_m: float
     peak_pa: float = -math.inf
     least_pa: float = math.inf
+    outside: float = 0.0
 
 
 QUIET = np.dtype([(name, "f8", (len(AXES),) if name in {"low", "high"} else ()) for name in Quiet._fields])

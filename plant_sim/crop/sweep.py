@@ -122,6 +122,11 @@ class Sweep(Saved):
         if self._gentle:
             self._gentle_x_m = x_m
 
+    def pass_trays(self) -> None:
+        """Adopt a motion of the trays while the arm is not lowered into one."""
+        self._trays_m = self._bed.trays_m
+        self._tray_has_moved = False
+
     def _far_sides_m(self) -> list[float]:
         return [column_m + self._reach.reach_m for column_m in self._reach.columns_m]
 
@@ -142,8 +147,7 @@ class Sweep(Saved):
         """Detect a tray that moves while the arm is lowered into it."""
         in_tray = self.low and pose.x_m > self._reach.tray_edge_m
         if not in_tray or self._bed.is_empty:
-            self._trays_m = self._bed.trays_m
-            self._tray_has_moved = False
+            self.pass_trays()
             return
         moved_m = abs(self._bed.trays_m - self._trays_m)
         if self._tray_has_moved or moved_m <= self._spec.grip_tolerance_m:

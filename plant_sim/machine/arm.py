@@ -223,6 +223,17 @@ class ArmPlant(Saved):
             grip.step(pose)
             self._sweep.step(pose)
 
+    @property
+    def is_clear_of_trays(self) -> bool:
+        """True if the motion of a tray cannot affect the arm and its seedlings, whatever the trays do."""
+        grip = self.grip
+        return not self._sweep.low and (not grip.held or (grip.extracted and self._pose.rise_m > grip.lowest_m))
+
+    def pass_trays(self) -> None:
+        """Adopt a motion of the trays while the arm is clear of them."""
+        self._trays_m = self._bed.trays_m
+        self._sweep.pass_trays()
+
     def catch_up(self, quiet: Quiet) -> None:
         """Adopt the loads and positions of the looks at which nothing could happen to a seedling.
 

@@ -315,10 +315,24 @@ class Plant(Saved):
             True if a seedling has been moved, or an incident reported.
         """
         moves, events = self.seedlings.move_count, len(self.events)
-        self._catch_up()
-        self._apply_motion()
-        self.limit()
+        now_s = self.time_ms / 1000
+        positions: list[float] = self.positions.tolist()
+        trays_move = self._follow_trays(positions[-1])
+        for number, arm in enumerate(self.arms.values()):
+            quiet = self.quiet[number]
+            if quiet["outside"] or (trays_move and not arm.is_clear_of_trays):
+                own = positions[len(POSITIONS) * number : len(POSITIONS) * (number + 1)]
+                arm.catch_up(Quiet._make(quiet.item()))
+                arm.follow(now_s, own)
+                self.quiet[number] = arm.limits(own, self._arms_meet_from_m)
+            elif trays_move:
+                arm.pass_trays()
+        self._check_meeting(positions[0], positions[len(POSITIONS)])
         return self.seedlings.move_count != moves or len(self.events) != events
+
+    def follow_drive(self) -> None:
+        """Update the travel of the tractor."""
+        self.ground.follow(self._plants, self._plants_per_s)
 
     def _catch_up(self) -> None:
         for arm, quiet in zip(self.arms.values(), self.quiet.tolist(), strict=True):
@@ -341,7 +355,7 @@ class Plant(Saved):
         self.time_ms = time_ms
         self._latch_outputs(y)
         self._catch_up()
-        self.ground.follow(self._plants, self._plants_per_s)
+        self.follow_drive()
         self.faults.advance(time_ms)
 
     def _latch_outputs(self, y: Sequence[bool]) -> None:
@@ -353,15 +367,25 @@ class Plant(Saved):
 
     def _apply_motion(self) -> None:
         """Apply the latest motion to tractor, trays and seedlings."""
-        self.ground.follow(self._plants, self._plants_per_s)
+        self.follow_drive()
         now_s = self.time_ms / 1000
         positions: list[float] = self.positions.tolist()
-        if self.conveyor.follow(positions[-1]):
-            self._update_bed()
+        self._follow_trays(positions[-1])
         left, right = positions[: len(POSITIONS)], positions[len(POSITIONS) : -1]
         self.left.follow(now_s, left)
         self.right.follow(now_s, right)
-        meet = left[0] > self._arms_meet_from_m and right[0] > self._arms_meet_from_m
+        self._check_meeting(left[0], right[0])
+
+    def _follow_trays(self, trays_m: float) -> bool:
+        """Update the trays to a new travel; return True if they have moved."""
+        moved = self.conveyor.follow(trays_m)
+        if moved:
+            self._update_bed()
+        return moved
+
+    def _check_meeting(self, left_m: float, right_m: float) -> None:
+        """Report an incident when both slides have come inward of pick 2."""
+        meet = left_m > self._arms_meet_from_m and right_m > self._arms_meet_from_m
         if meet and not self._arms_met and not self._arms_may_meet:
             self._report(Incident.ARMS_COLLIDE, "both arms are inward of pick 2")
         self._arms_met = meet

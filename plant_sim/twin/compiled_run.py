@@ -149,6 +149,7 @@ class CompiledRun:
                 control["trays_m"] = plant.conveyor.followed_m
             elif reason == CHANGE:
                 control["report"] = False
+                plant.follow_drive()
                 on_change(int(control["time_ms"]) + ahead_ms)
             else:
                 break

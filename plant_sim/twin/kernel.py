@@ -224,22 +224,27 @@ def _has_begun(r: Any, triggers: Any) -> bool:
 @compiled
 def _is_quiet(quiet: Any, positions: Any, now_s: float, trays_m: float) -> bool:
     """Return True if the latest motion cannot affect a seedling, and record the loads on the seedlings."""
-    if positions[2 * len(POSITIONS)] != trays_m:
-        return False
+    all_quiet = positions[2 * len(POSITIONS)] == trays_m
     for side in range(2):
         limits, first = quiet[side], len(POSITIONS) * side
-        for axis in range(len(AXES)):
-            if not limits.low[axis] < positions[first + axis] < limits.high[axis]:
-                return False
-        if positions[first + 4] >= limits.chain_below_m or now_s >= limits.until_s:
-            return False
-        if positions[first + 8] != limits.slips or positions[first + 9] >= limits.clamp_below_pa:
-            return False
-    for side in range(2):
-        limits, first = quiet[side], len(POSITIONS) * side
+        if _is_outside(limits, positions, first, now_s):
+            limits.outside = 1.0
+            all_quiet = False
+            continue
         clamp_pa = positions[first + 9]
         limits.slide_m = positions[first]
         limits.peak_pa = max(limits.peak_pa, clamp_pa)
         if limits.down_m - positions[first + 1] > limits.gripped_rise_m:
             limits.least_pa = min(limits.least_pa, clamp_pa)
-    return True
+    return all_quiet
+
+
+@compiled
+def _is_outside(limits: Any, positions: Any, first: int, now_s: float) -> bool:
+    """Return True if a value of an arm, whose positions begin at `first`, is outside its limits."""
+    for axis in range(len(AXES)):
+        if not limits.low[axis] < positions[first + axis] < limits.high[axis]:
+            return True
+    if positions[first + 4] >= limits.chain_below_m or now_s >= limits.until_s:
+        return True
+    return bool(positions[first + 8] != limits.slips or positions[first + 9] >= limits.clamp_below_pa)
