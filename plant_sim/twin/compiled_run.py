@@ -150,7 +150,9 @@ class CompiledRun:
             elif reason == CHANGE:
                 control["report"] = False
                 plant.follow_drive()
-                on_change(int(control["time_ms"]) + ahead_ms)
+                scanned_ms = int(control["time_ms"]) + ahead_ms
+                runtime.adopt(scanned_ms, plant.levels.tolist())
+                on_change(scanned_ms)
             else:
                 break
         self._leave(begin_ms)

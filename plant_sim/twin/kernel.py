@@ -240,11 +240,12 @@ def _is_quiet(quiet: Any, positions: Any, now_s: float, trays_m: float) -> bool:
 
 
 @compiled
-def _is_outside(limits: Any, positions: Any, first: int, now_s: float) -> bool:
+def _is_outside(limits: Any, positions: Any, first: int, now_s: float) -> Any:
     """Return True if a value of an arm, whose positions begin at `first`, is outside its limits."""
     for axis in range(len(AXES)):
         if not limits.low[axis] < positions[first + axis] < limits.high[axis]:
             return True
     if positions[first + 4] >= limits.chain_below_m or now_s >= limits.until_s:
         return True
-    return bool(positions[first + 8] != limits.slips or positions[first + 9] >= limits.clamp_below_pa)
+    slipped, regains = positions[first + 8] != limits.slips, positions[first + 9] >= limits.clamp_below_pa
+    return slipped or regains

@@ -378,9 +378,13 @@ class Twin:
         active = self.plc.memory.S
         return [name for name, number in self._steps if active[number]]
 
+    def step_of(self, sequence: str, step: str) -> Bit:
+        """Return the state that is on while a step is active."""
+        return self._sequences[sequence][step]
+
     def in_step(self, sequence: str, step: str) -> bool:
         """Return True if a step is active."""
-        return self.plc.memory.S[self._sequences[sequence][step].number]
+        return self.plc.memory.S[self.step_of(sequence, step).number]
 
     def outputs(self) -> set[str]:
         """Return the tags of the outputs that are on (logical state)."""
