@@ -50,6 +50,7 @@ _FIRST_RETENTIVE_TIMER: Final = 246
 _WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
 _PREDICATES: Final = {"==": "eq", "!=": "ne", "<": "slt", "<=": "sle", ">": "sgt", ">=": "sge"}
 _PARAMETERS: Final = "ptr %m, i64 %tick_100, i64 %tick_10, i64 %tick_1"
+_BIT_RANGE: Final = "!0 = !{i8 0, i8 2}"
 _MEMSET: Final = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
 
 
@@ -93,7 +94,7 @@ def translate_condition(expr: Expr, layout: MemoryLayout) -> LlvmProgram:
     result = code.value(f"zext i1 {code.condition(expr)} to i64")
     code.add(f"ret i64 {result}")
     entry = _name(code.text())
-    return LlvmProgram((f"define i64 @{entry}(ptr %m, ptr %s, ptr %c) {{\n{code.text()}\n}}\n",), entry)
+    return LlvmProgram((f"define i64 @{entry}(ptr %m, ptr %s, ptr %c) {{\n{code.text()}\n}}\n{_BIT_RANGE}\n",), entry)
 
 
 def _name(body: str) -> str:
@@ -101,7 +102,7 @@ def _name(body: str) -> str:
 
 
 def _module(name: str, parameters: str, body: str, declarations: Iterable[str] = ()) -> str:
-    return "\n".join([_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", ""])
+    return "\n".join([_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", _BIT_RANGE, ""])
 
 
 def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:
@@ -168,7 +169,7 @@ class _FunctionBody:
         return self.pointer("m", position)
 
     def bit(self, row: str, number: int) -> str:
-        byte = self.value(f"load i8, ptr {self._pointer(self._layout.bit(row, number))}")
+        byte = self.value(f"load i8, ptr {self._pointer(self._layout.bit(row, number))}, !range !0")
         return self.value(f"trunc i8 {byte} to i1")
 
     def set_bit(self, row: str, number: int, value: str) -> None:

@@ -224,7 +224,7 @@ def _has_begun(r: Any, triggers: Any) -> bool:
 @compiled
 def _is_quiet(quiet: Any, positions: Any, now_s: float, trays_m: float) -> bool:
     """Return True if the latest motion cannot affect a seedling, and record the loads on the seedlings."""
-    all_quiet = positions[2 * len(POSITIONS)] == trays_m
+    all_quiet = bool(positions[2 * len(POSITIONS)] == trays_m)
     for side in range(2):
         limits, first = quiet[side], len(POSITIONS) * side
         if _is_outside(limits, positions, first, now_s):
