@@ -102,7 +102,9 @@ def _name(body: str) -> str:
 
 
 def _module(name: str, parameters: str, body: str, declarations: Iterable[str] = ()) -> str:
-    return "\n".join([_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", _BIT_RANGE, ""])
+    return "\n".join(
+        [_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", _BIT_RANGE, ""]
+    )
 
 
 def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:

@@ -121,6 +121,7 @@ class MachineExecution:
 
     Attributes:
         memory: Device memory; its rows are views of one region.
+        code: Machine code of the program.
         layout: Arrangement of the region.
         region_address: Address of the region.
         scan_address: Address of the scan function.
@@ -128,8 +129,8 @@ class MachineExecution:
 
     def __init__(self, program: Program) -> None:
         """Create the memory of a PLC and load the machine code of its program."""
-        self._code = machine_code_of(program)
-        self.layout = layout = self._code.layout
+        self.code = machine_code_of(program)
+        self.layout = layout = self.code.layout
         self._region = (ctypes.c_char * layout.size)()
         rows: dict[str, Any] = {}
         for kind, table in ((_Bits, layout.bits), (_Words, layout.words)):
@@ -139,7 +140,7 @@ class MachineExecution:
         self.memory = Memory(**rows)
         self.memory.TS[:] = [-1] * len(self.memory.TS)
         self.region_address = ctypes.addressof(self._region)
-        self.scan_address = self._code.address
+        self.scan_address = self.code.address
 
     @property
     def region(self) -> memoryview:
@@ -148,7 +149,7 @@ class MachineExecution:
 
     def run(self, now_ms: int, *, first: bool) -> None:
         """Execute all blocks and the END processing with the latched inputs."""
-        self._code.scan(self.region_address, now_ms, first)
+        self.code.scan(self.region_address, now_ms, first)
 
     def save(self) -> bytes:
         """Return a copy of all devices."""

@@ -168,6 +168,7 @@ class Plc(Saved):
 
     Attributes:
         program: Program that is executed.
+        execution: Executor of the program.
         memory: All devices.
         scans: Number of scans since start.
         input_filter: Filter of the inputs.
@@ -186,24 +187,24 @@ class Plc(Saved):
             execution: Executor of the program with cleared memory; None = a `PythonExecution`.
         """
         self.program = program
-        self._execution = execution or PythonExecution(program)
-        self.memory = self._execution.memory
+        self.execution = execution or PythonExecution(program)
+        self.memory = self.execution.memory
         self.scans = 0
         self.input_filter = InputFilter(self.memory.X, input_filter_ms)
         self._retentive = program.retentive
-        self.retentive_image = self._execution.image_of(self._retentive_spans())
+        self.retentive_image = self.execution.image_of(self._retentive_spans())
         for word, value in program.set_points:
             self.memory.set_word(word.kind, word.number, value)
 
     def save(self) -> Any:
         """Return all devices and the state of the input filter."""
-        return super().save(), self._execution.save(), self.input_filter.save()
+        return super().save(), self.execution.save(), self.input_filter.save()
 
     def restore(self, saved: Any) -> None:
         """Restore a state returned by `save`."""
         own, execution, input_filter = saved
         super().restore(own)
-        self._execution.restore(execution)
+        self.execution.restore(execution)
         self.input_filter.restore(input_filter)
 
     def scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
@@ -217,7 +218,7 @@ class Plc(Saved):
             Copy of the Y image: raw levels indexed by the value of the octal address.
         """
         self.input_filter.latch(now_ms, levels)
-        self._execution.run(now_ms, first=self.scans == 0)
+        self.execution.run(now_ms, first=self.scans == 0)
         self.scans += 1
         return self.memory.Y.copy()
 
