@@ -181,6 +181,11 @@ class Runtime(Saved):
         self.notify_observers(now_ms)
 
     @property
+    def link(self) -> FieldLink:
+        """The field link."""
+        return self._link
+
+    @property
     def is_steady(self) -> bool:
         """True if the next scan only reads the inputs, executes the program and writes the outputs.
 

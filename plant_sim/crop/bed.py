@@ -54,6 +54,15 @@ class Bed(Saved):
         self.trays_m = trays_m
         self.is_placed = is_placed
 
+    def thresholds(self, trays: Iterable[tuple[int, float]]) -> list[float]:
+        """Return the travels of the trays at which a tray comes within reach of the claws or leaves it, m.
+
+        Args:
+            trays: Number of each tray and its offset past the pick position, m.
+        """
+        within_m = CELLS_ALONG * self._pitch_m
+        return [self.trays_m - offset_m + side * within_m for _, offset_m in trays for side in (-1, 1)]
+
     @property
     def is_empty(self) -> bool:
         """True if no tray is within reach of the claws."""

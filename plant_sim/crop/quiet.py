@@ -51,6 +51,13 @@ class Quiet(NamedTuple):
 QUIET = np.dtype([(name, "f8", (len(AXES),) if name in {"low", "high"} else ()) for name in Quiet._fields])
 """Record of `Quiet` for compiled functions."""
 
+TRAYS = np.dtype([("followed_m", "f8"), ("passed_m", "f8"), ("low_m", "f8"), ("high_m", "f8")])
+"""Limits of the tray travel.
+
+`followed_m` is the travel at the latest look at which the trays were evaluated, and `passed_m` at the latest look;
+`low_m` and `high_m` are exclusive limits.
+"""
+
 _MARGIN_M = 1e-9
 """Distance from a threshold within which a position counts as having reached it, m; covers rounding errors."""
 

@@ -10,7 +10,7 @@ from controller.iomap.loader import IoMap
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.mechanics import Mechanics
-from plant_sim.crop.quiet import QUIET, Quiet
+from plant_sim.crop.quiet import QUIET, TRAYS, Quiet, between
 from plant_sim.crop.seedling import SeedlingCounts, Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.ground_wheel import GroundWheel
@@ -68,6 +68,7 @@ class Plant(Saved):
         state: State of the machine, one `MACHINE` record.
         params: Parameters of the machine, one `MACHINE_PARAMS` record; faults change it.
         quiet: Limits of the motion of each arm within which no seedling can be affected, `QUIET`.
+        trays: Limits of the motion of the trays, `TRAYS`.
         positions: Latest positions of all moving parts, as `advance` returns them.
         levels: Raw levels of the inputs by X number, as last read.
         terminals: X numbers and polarities of all sensors in kernel order, and `levels`.
@@ -317,6 +318,7 @@ class Plant(Saved):
         moves, events = self.seedlings.move_count, len(self.events)
         now_s = self.time_ms / 1000
         positions: list[float] = self.positions.tolist()
+        self._pass_trays()
         trays_move = self._follow_trays(positions[-1])
         for number, arm in enumerate(self.arms.values()):
             quiet = self.quiet[number]
@@ -327,6 +329,10 @@ class Plant(Saved):
                 self.quiet[number] = arm.limits(own, self._arms_meet_from_m)
             elif trays_move:
                 arm.pass_trays()
+        if trays_move:
+            self._limit_trays()
+        else:
+            self._hold_trays()
         self._check_meeting(positions[0], positions[len(POSITIONS)])
         return self.seedlings.move_count != moves or len(self.events) != events
 
@@ -338,8 +344,33 @@ class Plant(Saved):
         for arm, quiet in zip(self.arms.values(), self.quiet.tolist(), strict=True):
             arm.catch_up(Quiet._make(quiet))
 
+    def _pass_trays(self) -> None:
+        """Adopt the motion of the trays within their limits."""
+        trays = self.trays[0]
+        if trays["passed_m"] != trays["followed_m"]:
+            self._follow_trays(float(trays["passed_m"]))
+            for arm in self.arms.values():
+                arm.pass_trays()
+
+    def _limit_trays(self) -> None:
+        """Set the limits of the tray travel within which no arm and no tray is affected."""
+        trays_m, conveyor = self.conveyor.followed_m, self.conveyor
+        low_m = high_m = trays_m
+        if all(arm.is_clear_of_trays for arm in self.arms.values()):
+            travels_m = conveyor.thresholds()
+            if travels_m is not None:
+                offsets = [(number, conveyor.offset_m(number)) for number in conveyor.front_m]
+                low_m, high_m = between(trays_m, [*travels_m, *self._bed.thresholds(offsets)])
+        self.trays[0] = (trays_m, trays_m, low_m, high_m)
+
+    def _hold_trays(self) -> None:
+        """Set the limits of trays at rest: their first motion is evaluated, whatever has changed in the meantime."""
+        trays_m = self.conveyor.followed_m
+        self.trays[0] = (trays_m, trays_m, trays_m, trays_m)
+
     def limit(self) -> None:
         """Set the limits within which no motion can affect a seedling."""
+        self._hold_trays()
         positions: list[float] = self.positions.tolist()
         left, right = positions[: len(POSITIONS)], positions[len(POSITIONS) : -1]
         self.quiet[0] = self.left.limits(left, self._arms_meet_from_m)
@@ -354,6 +385,7 @@ class Plant(Saved):
         """
         self.time_ms = time_ms
         self._latch_outputs(y)
+        self._pass_trays()
         self._catch_up()
         self.follow_drive()
         self.faults.advance(time_ms)
@@ -438,4 +470,5 @@ class Plant(Saved):
         self._output_count = io_map.output_count
         self.positions = np.zeros(2 * len(POSITIONS) + 1)
         self.quiet = np.zeros(len(_SIDES), QUIET)
+        self.trays = np.zeros(1, TRAYS)
         self._latch_outputs(io_map.safe_outputs())

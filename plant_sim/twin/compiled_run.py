@@ -10,6 +10,7 @@ import numpy as np
 from controller.core.expr import Bit, Expr, Word
 from controller.core.machine_code import MachineCondition, MachineExecution, machine_condition_of
 from controller.core.memory_layout import WORD_BYTES, MemoryLayout
+from controller.core.scan import Plc
 from controller.io.runtime import Runtime
 from plant_sim.links.io_module import IoModule
 from plant_sim.twin.conditions import CELLS
@@ -35,6 +36,7 @@ class CompiledRun:
             scan_ms: Scan period, ms.
         """
         self._runtime = runtime
+        self._plc, self._link = runtime.plc, runtime.link
         self._module = module
         self._plant = plant = module.plant
         self._layout = layout = execution.layout
@@ -59,15 +61,21 @@ class CompiledRun:
             plant.state,
             plant.params,
             plant.quiet,
+            plant.trays,
             self._memory,
         )
 
-    @property
-    def is_possible(self) -> bool:
-        """True if nothing but the program, the motion and the declared observers affects the next tick."""
+    def executes(self, runtime: Runtime) -> bool:
+        """Return True if a runtime executes this program; False if it or its PLC has been replaced."""
+        return runtime is self._runtime and runtime.plc is self._plc and type(runtime.plc) is Plc
+
+    def serves(self, runtime: Runtime) -> bool:
+        """Return True if nothing but the program, the motion and the declared observers affects the next tick."""
         return (
-            self._runtime.is_steady
-            and self._runtime.plc.scans > 0
+            self.executes(runtime)
+            and runtime.link is self._link
+            and runtime.is_steady
+            and self._plc.scans > 0
             and not self._module.tripped
             and not self._module.observers
             and not self._plant.has_other_sensors
@@ -129,7 +137,6 @@ class CompiledRun:
         for number, since_ms in runtime.plc.input_filter.since_ms.items():
             self._inputs["since_ms"][number] = since_ms
         plant.limit()
-        control["trays_m"] = plant.conveyor.followed_m
         arguments = (
             *self._arguments,
             self._watched,
@@ -146,7 +153,6 @@ class CompiledRun:
             if reason == LOOK:
                 plant.time_ms = int(control["time_ms"])
                 control["report"] |= plant.look()
-                control["trays_m"] = plant.conveyor.followed_m
             elif reason == CHANGE:
                 control["report"] = False
                 plant.follow_drive()

@@ -34,7 +34,6 @@ RUN = np.dtype(
         ("look_ms", "i8"),
         ("steps_per_ms", "i8"),
         ("filter_ms", "i8"),
-        ("trays_m", "f8"),
         ("scans", "i8"),
         ("report", "?"),
         ("fed", "?"),
@@ -110,6 +109,7 @@ def run(
     machine: Any,
     params: Any,
     quiet: Any,
+    trays: Any,
     memory: Any,
     watched: Any,
     triggers: Any,
@@ -129,6 +129,7 @@ def run(
         machine: One `MACHINE` record.
         params: One `MACHINE_PARAMS` record.
         quiet: Limits of both arms, `QUIET`.
+        trays: Limits of the trays, one `TRAYS` record.
         memory: Device memory of the program, bytes.
         watched: Watched bytes of the device memory, `WATCHED`.
         triggers: Watched conditions, `TRIGGER`.
@@ -172,7 +173,7 @@ def run(
                 positions,
             )
             r.time_ms += for_ms
-            if not _is_quiet(quiet, positions, r.time_ms / 1000, r.trays_m):
+            if not _is_quiet(quiet, trays[0], positions, r.time_ms / 1000):
                 return LOOK
 
 
@@ -222,9 +223,10 @@ def _has_begun(r: Any, triggers: Any) -> bool:
 
 
 @compiled
-def _is_quiet(quiet: Any, positions: Any, now_s: float, trays_m: float) -> bool:
+def _is_quiet(quiet: Any, trays: Any, positions: Any, now_s: float) -> bool:
     """Return True if the latest motion cannot affect a seedling, and record the loads on the seedlings."""
-    all_quiet = bool(positions[2 * len(POSITIONS)] == trays_m)
+    trays_m = positions[2 * len(POSITIONS)]
+    all_quiet = bool(trays_m == trays.followed_m or trays.low_m < trays_m < trays.high_m)
     for side in range(2):
         limits, first = quiet[side], len(POSITIONS) * side
         if _is_outside(limits, positions, first, now_s):
@@ -236,6 +238,8 @@ def _is_quiet(quiet: Any, positions: Any, now_s: float, trays_m: float) -> bool:
         limits.peak_pa = max(limits.peak_pa, clamp_pa)
         if limits.down_m - positions[first + 1] > limits.gripped_rise_m:
             limits.least_pa = min(limits.least_pa, clamp_pa)
+    if all_quiet:
+        trays.passed_m = trays_m
     return all_quiet
 
 

@@ -115,7 +115,6 @@ class Twin:
         self._cells = np.zeros(CELLS)
         self._periodic: list[tuple[int, Callable[[Twin], None]]] = []
         self._compiled: CompiledRun | None = None
-        self._conditions: CompiledRun | Interpreter
         self.power_on()
 
     @property
@@ -150,17 +149,15 @@ class Twin:
         self._log = ProductionLog(self.machine, self.events.append)
         self.runtime.observers.append(self._log)
         if isinstance(execution, MachineExecution):
-            self._conditions = self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
+            self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
             self._watch_devices()
-        else:
-            self._conditions = Interpreter(execution.memory, self.plant.state)
 
     def snapshot(self) -> Snapshot:
         """Return the complete state of the machine and its controller, with the registered monitors.
 
         The state of a monitor itself is not included.
         """
-        controller = (self.runtime, self._log, self._link, self._writer, self._compiled, self._conditions)
+        controller = (self.runtime, self._log, self._link, self._writer, self._compiled)
         return Snapshot(
             controller,
             tuple(part.save() for part in (*controller[:4], self.plant, self.module, self.clock)),
@@ -173,7 +170,7 @@ class Twin:
     def restore(self, snapshot: Snapshot) -> None:
         """Restore a state of this twin; the same snapshot can be restored several times."""
         watched = self._compiled, self._monitors, self._triggers
-        self.runtime, self._log, self._link, self._writer, self._compiled, self._conditions = snapshot.controller
+        self.runtime, self._log, self._link, self._writer, self._compiled = snapshot.controller
         parts = (*snapshot.controller[:4], self.plant, self.module, self.clock)
         for part, state in zip(parts, snapshot.states, strict=True):
             part.restore(state)
@@ -298,7 +295,7 @@ class Twin:
         run = self._compiled
         if run is None or any(devices is None for _, devices in self._monitors):
             return False
-        while self.now_ms < until_ms and run.is_possible and self.runtime.observers == [self._log]:
+        while self.now_ms < until_ms and run.serves(self.runtime) and self.runtime.observers == [self._log]:
             if self._releases:
                 self._release_buttons(self.now_ms)
             due_ms = (self.now_ms + -self.now_ms % period_ms for period_ms, _ in self._periodic)
@@ -341,13 +338,20 @@ class Twin:
     def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
         if condition is None or callable(condition):
             return condition is not None and condition()
-        return self._conditions.holds(condition, self._cells)
+        return self._holds(condition, self._cells)
+
+    def _holds(self, condition: Expr, cells: np.ndarray) -> bool:
+        """Return True if a condition is true, by machine code if the controller executes it, else by interpretation."""
+        run = self._compiled
+        if run is not None and run.executes(self.runtime):
+            return run.holds(condition, cells)
+        return Interpreter(self.plc.memory, self.plant.state).holds(condition, cells)
 
     def _evaluate_triggers(self) -> list[Trigger]:
         """Return the triggers whose conditions have become true in a scan in Python."""
         begun = []
         for trigger in self._triggers:
-            held, trigger.holds = trigger.holds, self._conditions.holds(trigger.condition, trigger.cells)
+            held, trigger.holds = trigger.holds, self._holds(trigger.condition, trigger.cells)
             if trigger.holds and not held:
                 begun.append(trigger)
         return begun

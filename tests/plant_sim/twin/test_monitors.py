@@ -79,13 +79,13 @@ class Check:
     def __init__(self, twin: Twin, monitor: Monitor) -> None:
         self._rules: list[Rule] = list(monitor(twin))
         self._cells = [np.zeros(CELLS) for _ in self._rules]
-        self._conditions = twin._conditions
+        self._holds = twin._holds
 
     def text(self) -> str | None:
         """Return the description of a violation; None if there is none."""
         for rule, cells in zip(self._rules, self._cells, strict=True):
             violated = rule.violated
-            if self._conditions.holds(violated, cells) if isinstance(violated, Expr) else violated():
+            if self._holds(violated, cells) if isinstance(violated, Expr) else violated():
                 return rule.text()
         return None
 

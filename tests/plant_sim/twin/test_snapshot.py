@@ -43,6 +43,7 @@ SCRATCH = {
     "_conditions",
     "_arguments",
     "quiet",
+    "trays",
     "levels",
     "_code",
 }
@@ -245,6 +246,7 @@ UNSAVED = {
         "coils",
         "levels",
         "quiet",
+        "trays",
         "positions",
     },  # restored apart, or written before they are read
     "Seedlings": {"moves", "_trays"},  # a recorder's list; restored apart
