@@ -15,13 +15,13 @@ from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
 from plant_sim.fault_matrix.first_signal import FirstSignal, Signal
 from plant_sim.faults import FAULTS, Fault
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
-from plant_sim.twin.lock_step import NotReachedError, Snapshot, Twin
+from plant_sim.twin.lock_step import NotReachedError, TwinSnapshot, Twin
 from plant_sim.twin.monitors import collect_violations
 from plant_sim.twin.recovery import clear, home_again, questions, repair
 
 TRAY_LIMIT_MS = 300_000
 """Time limit for a tray if the machine does not stop, ms; at 45 cups/min a tray takes 50 s."""
-MARK_MS = 5_000
+START_MS = 5_000
 """Time between the instants from which a case can continue, ms."""
 OBSERVATION_MS = 6_000
 """Observation time of a stopped machine before the repair, ms; every alarm at standstill is raised by then."""
@@ -122,7 +122,7 @@ def _machine(path: Path) -> Machine:
     return load_machine(path)
 
 
-class Mark(NamedTuple):
+class CaseStart(NamedTuple):
     """Instant of a trial without a fault, from which a case can continue.
 
     Attributes:
@@ -132,7 +132,7 @@ class Mark(NamedTuple):
     """
 
     at_ms: int
-    snapshot: Snapshot
+    snapshot: TwinSnapshot
     entered_ms: Mapping[int, int]
 
 
@@ -145,7 +145,7 @@ class Undisturbed(NamedTuple):
         counts: Final location of the seedlings.
         cycles: Rows thrown (released over the cups).
         twin: The twin, which is reused by the cases.
-        marks: Instants of the trial in Execute, `MARK_MS` apart, up to the first violation, if any.
+        starts: Instants of the trial in Execute, `START_MS` apart, up to the first violation, if any.
     """
 
     begins_ms: int
@@ -153,7 +153,7 @@ class Undisturbed(NamedTuple):
     counts: SeedlingCounts
     cycles: int
     twin: Twin
-    marks: tuple[Mark, ...]
+    starts: tuple[CaseStart, ...]
 
 
 @cache
@@ -164,14 +164,14 @@ def undisturbed(setting: MatrixSetup) -> Undisturbed:
     twin.home()
     twin.start()
     begins_ms = twin.now_ms
-    marks: list[Mark] = []
+    starts: list[CaseStart] = []
     complete = twin.machine.tags.machine.state.equals(State.COMPLETE)
-    while not twin.runs_until(complete, for_ms=MARK_MS):
+    while not twin.runs_until(complete, for_ms=START_MS):
         if twin.now_ms - begins_ms > setting.trays * TRAY_LIMIT_MS:
             raise NotReachedError(f"the trial without a fault does not complete; {twin.situation()}")
         if not trips:
-            marks.append(Mark(twin.now_ms, twin.snapshot(), dict(signal.entered_ms)))
-    return Undisturbed(begins_ms, twin.now_ms, twin.plant.counts(), thrown(twin), twin, tuple(marks))
+            starts.append(CaseStart(twin.now_ms, twin.snapshot(), dict(signal.entered_ms)))
+    return Undisturbed(begins_ms, twin.now_ms, twin.plant.counts(), thrown(twin), twin, tuple(starts))
 
 
 def thrown(twin: Twin) -> int:
@@ -188,19 +188,21 @@ def run_case(fault: Fault, setting: MatrixSetup) -> Outcome:
     """
     reference = undisturbed(setting)
     lasts = FAULTS[fault.kind].permanent
-    mark = None if lasts else next((mark for mark in reversed(reference.marks) if mark.at_ms < fault.start_ms), None)
-    if mark is None:
+    start = (
+        None if lasts else next((start for start in reversed(reference.starts) if start.at_ms < fault.start_ms), None)
+    )
+    if start is None:
         twin = setting.twin(fault) if lasts else setting.twin()
     else:
         twin = reference.twin
-        twin.restore(mark.snapshot)
+        twin.restore(start.snapshot)
         twin.unwatch()
     outcome = Outcome(fault, twin.plant.counts(), 0, trips=collect_violations(twin))
-    first_signal = FirstSignal(twin, fault.start_ms, entered_ms=mark.entered_ms if mark else {})
+    first_signal = FirstSignal(twin, fault.start_ms, entered_ms=start.entered_ms if start else {})
     if not lasts:
         twin.plant.faults.add(fault)
     try:
-        if mark is None:
+        if start is None:
             twin.home()
             twin.start()
         _work(twin, outcome, setting.trays)

@@ -39,7 +39,7 @@ class NotReachedError(AssertionError):
     """Condition not met within its time limit; the message contains the state of the machine."""
 
 
-class Snapshot(NamedTuple):
+class TwinSnapshot(NamedTuple):
     """State of a twin at the end of a tick.
 
     Attributes:
@@ -152,13 +152,13 @@ class Twin:
             self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
             self._watch_devices()
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> TwinSnapshot:
         """Return the complete state of the machine and its controller, with the registered monitors.
 
         The state of a monitor itself is not included.
         """
         controller = (self.runtime, self._log, self._link, self._writer, self._compiled)
-        return Snapshot(
+        return TwinSnapshot(
             controller,
             tuple(part.save() for part in (*controller[:4], self.plant, self.module, self.clock)),
             (*self.events,),
@@ -167,7 +167,7 @@ class Twin:
             ((*self._monitors,), (*self._periodic,), [(trigger, trigger.save()) for trigger in self._triggers]),
         )
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: TwinSnapshot) -> None:
         """Restore a state of this twin; the same snapshot can be restored several times."""
         watched = self._compiled, self._monitors, self._triggers
         self.runtime, self._log, self._link, self._writer, self._compiled = snapshot.controller

@@ -26,7 +26,7 @@ CREEP_M = 0.002
 """Permitted travel of a slide on trapped air before it stops, m."""
 
 
-class Rule(NamedTuple):
+class SafetyRule(NamedTuple):
     """Condition that must never become true, and the description of the violation.
 
     The condition is compiled. A rule about seedlings or incidents has a function instead, which is called after every
@@ -42,7 +42,7 @@ class Monitor(Protocol):
 
     __name__: str
 
-    def __call__(self, twin: Twin, /) -> Iterable[Rule]:
+    def __call__(self, twin: Twin, /) -> Iterable[SafetyRule]:
         """Resolve the terminals and positions and return the rules."""
 
 
@@ -50,15 +50,15 @@ class UnsafeError(AssertionError):
     """Violation found by a monitor; the message contains its description, the time and the state of the machine."""
 
 
-def opposite_coils(twin: Twin) -> Iterator[Rule]:
+def opposite_coils(twin: Twin) -> Iterator[SafetyRule]:
     """Require that the two coils of a valve or motor are never on together."""
     for side in SIDES:
         for pair in (SLIDE, LIFT, BELT, CLAWS):
             one, two = (twin.io_map[f"{side}.{tag}"] for tag in pair)
-            yield Rule(all_of(_on(one), _on(two)), partial("{} and {} are on together".format, one.tag, two.tag))
+            yield SafetyRule(all_of(_on(one), _on(two)), partial("{} and {} are on together".format, one.tag, two.tag))
 
 
-def dead_in_emergency_stop(twin: Twin) -> Iterator[Rule]:
+def dead_in_emergency_stop(twin: Twin) -> Iterator[SafetyRule]:
     """Require that no coil is on in any scan that reads the emergency stop as pressed."""
     button = twin.io_map["emergency_stop"]
     coils = [point for point in twin.io_map.outputs if point.tag not in INDICATORS]
@@ -66,10 +66,10 @@ def dead_in_emergency_stop(twin: Twin) -> Iterator[Rule]:
     def text() -> str:
         return f"{', '.join(point.tag for point in coils if is_on(twin, point))} on in emergency stop"
 
-    yield Rule(all_of(_active(Bit("X", button.number), button), any_of(*map(_on, coils))), text)
+    yield SafetyRule(all_of(_active(Bit("X", button.number), button), any_of(*map(_on, coils))), text)
 
 
-def gentle_inward(twin: Twin) -> Iterator[Rule]:
+def gentle_inward(twin: Twin) -> Iterator[SafetyRule]:
     """Require that a slide moves inward only while its arm is down and its claws are open and converged.
 
     The rules use actual positions, not sensors. Neither travel on trapped air before a slide stops nor a rebound
@@ -91,33 +91,33 @@ def gentle_inward(twin: Twin) -> Iterator[Rule]:
                 return f"{side} slide moves inward {arm.lift.rise_m * 1000:.1f} mm above the lower limit"
             return f"{side} slide moves inward with claws not open and converged"
 
-        yield Rule(moves, text)
+        yield SafetyRule(moves, text)
 
 
-def tray_between_arms_at_feed(twin: Twin) -> Iterator[Rule]:
+def tray_between_arms_at_feed(twin: Twin) -> Iterator[SafetyRule]:
     """Require that the tray moves only while both arms are at feed."""
     belt = Quantity("conveyor.belt_m_s")
     feed_m = twin.parameters.handling.feed_tolerance_m
     for number, side in enumerate(twin.plant.arms):
         away = Quantity(f"arms.{number}.slide.position_m") > feed_m
         moves = (belt > 0.0) | (belt < 0.0)
-        yield Rule(moves & away, partial("the tray moves while the {} arm is away from feed".format, side))
+        yield SafetyRule(moves & away, partial("the tray moves while the {} arm is away from feed".format, side))
 
 
-def one_in_the_centre(twin: Twin) -> Iterator[Rule]:
+def one_in_the_centre(twin: Twin) -> Iterator[SafetyRule]:
     """Require that the arms are never both inward of pick 2."""
     inward_m = centre_from_m(twin.parameters)
     inside = (Quantity(f"arms.{number}.slide.position_m") > inward_m for number in range(len(SIDES)))
-    yield Rule(all_of(*inside), lambda: "both arms are in the centre")
+    yield SafetyRule(all_of(*inside), lambda: "both arms are in the centre")
 
 
-def no_incident(twin: Twin) -> Iterator[Rule]:
+def no_incident(twin: Twin) -> Iterator[SafetyRule]:
     """Require that there is no collision, and that no seedling is dropped, torn, cut or released over a full cup."""
     events = twin.plant.events
-    yield Rule(lambda: bool(events), lambda: f"{events[0].kind}: {events[0].text}")
+    yield SafetyRule(lambda: bool(events), lambda: f"{events[0].kind}: {events[0].text}")
 
 
-def every_seedling_somewhere(twin: Twin) -> Iterator[Rule]:
+def every_seedling_somewhere(twin: Twin) -> Iterator[SafetyRule]:
     """Require that every seedling is at exactly one location."""
     total = twin.plant.counts().total
 
@@ -128,7 +128,7 @@ def every_seedling_somewhere(twin: Twin) -> Iterator[Rule]:
     def text() -> str:
         return f"{accounted()} of {total} seedlings accounted for: {twin.plant.counts()}"
 
-    yield Rule(lambda: not accounted() == twin.plant.counts().total == total, text)
+    yield SafetyRule(lambda: not accounted() == twin.plant.counts().total == total, text)
 
 
 MONITORS: tuple[Monitor, ...] = (
@@ -187,7 +187,7 @@ def collect_violations(twin: Twin) -> dict[str, str]:
     return trips
 
 
-def _attach(twin: Twin, rule: Rule, action: Callable[[], None]) -> None:
+def _attach(twin: Twin, rule: SafetyRule, action: Callable[[], None]) -> None:
     """Execute an action after every scan in which a rule begins to be violated."""
     violated = rule.violated
     if isinstance(violated, Expr):

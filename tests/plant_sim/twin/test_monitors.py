@@ -17,7 +17,7 @@ from plant_sim.scenario.run import run_scenario
 from plant_sim.twin import monitors
 from plant_sim.twin.conditions import CELLS
 from plant_sim.twin.lock_step import Twin
-from plant_sim.twin.monitors import CREEP_M, Monitor, Rule, UnsafeError, centre_from_m, collect_violations, guard
+from plant_sim.twin.monitors import CREEP_M, Monitor, SafetyRule, UnsafeError, centre_from_m, collect_violations, guard
 
 Manipulation = Callable[[Twin], None]
 
@@ -77,7 +77,7 @@ class Check:
     """Evaluation of the rules of a monitor without a scan."""
 
     def __init__(self, twin: Twin, monitor: Monitor) -> None:
-        self._rules: list[Rule] = list(monitor(twin))
+        self._rules: list[SafetyRule] = list(monitor(twin))
         self._cells = [np.zeros(CELLS) for _ in self._rules]
         self._holds = twin._holds
 
