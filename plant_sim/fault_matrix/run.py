@@ -15,7 +15,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
 from plant_sim.fault_matrix.first_signal import FirstSignal, Signal
 from plant_sim.faults import FAULTS, Fault
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
-from plant_sim.twin.lock_step import NotReachedError, TwinSnapshot, Twin
+from plant_sim.twin.lock_step import NotReachedError, Twin, TwinSnapshot
 from plant_sim.twin.monitors import collect_violations
 from plant_sim.twin.recovery import clear, home_again, questions, repair
 
