@@ -192,6 +192,7 @@ class Plc(Saved):
         self.scans = 0
         self.input_filter = InputFilter(self.memory.X, input_filter_ms)
         self._retentive = program.retentive
+        self._retentive_names = {_retentive_name(device): device for device in self._retentive}
         self.retentive_image = self.execution.image_of(self._retentive_spans())
         for word, value in program.set_points:
             self.memory.set_word(word.kind, word.number, value)
@@ -249,7 +250,7 @@ class Plc(Saved):
 
         T246 and C100 are contacts; the current values are TN246 and CN100, as in the FX protocols.
         """
-        return {_retentive_name(device): self.read(device) for device in self._retentive}
+        return {name: self.read(device) for name, device in self._retentive_names.items()}
 
     def restore_retained(self, values: Mapping[str, int]) -> None:
         """Restore the values returned by `retained`, before the first scan.
@@ -257,7 +258,7 @@ class Plc(Saved):
         Raises:
             ValueError: The names differ from those of this program's retentive devices.
         """
-        expected = {_retentive_name(device): device for device in self._retentive}
+        expected = self._retentive_names
         if expected.keys() != values.keys():
             differing = ", ".join(sorted(expected.keys() ^ values.keys()))
             raise ValueError(f"retentive devices of another program: {differing}")

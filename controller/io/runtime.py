@@ -203,7 +203,7 @@ class Runtime(Saved):
     def adopt(self, now_ms: int, levels: Sequence[bool]) -> None:
         """Adopt the result of scans that were executed elsewhere on the memory of the PLC while `is_steady`.
 
-        Observers are not called.
+        Neither observers nor the retentive writer are called.
 
         Args:
             now_ms: Time of the last of these scans, ms.
@@ -214,7 +214,13 @@ class Runtime(Saved):
         self.released = self.plc.memory.Y[: len(self._safe)]
         self._watchdog.reset()  # each of the scans has exchanged data
         self._watchdog.feed(now_ms)
-        self._submit_retentive()
+
+    def submit_retentive(self) -> None:
+        """Submit changed retentive values. After an error, submit them again even if no value changes."""
+        image = self.plc.retentive_image()
+        if image != self._submitted_image or self._retentive_writer.error is not None:
+            self._submitted_image = image
+            self._retentive_writer.submit(self.plc.retained())
 
     def notify_observers(self, now_ms: int) -> None:
         """Call the observers; an observer that raises is logged and removed, and the machine continues."""
@@ -278,7 +284,7 @@ class Runtime(Saved):
         """Scan the program and submit its retentive values; a failed scan sets safe outputs and latches a fault."""
         try:
             image = self.plc.scan(now_ms, levels)[: len(self._safe)]
-            self._submit_retentive()
+            self.submit_retentive()
         except Exception:  # noqa: BLE001 - after any error the outputs are set safe and the fault is latched
             if not self._failed:
                 _log.exception("scan failed at %d ms; outputs safe", now_ms)
@@ -355,13 +361,6 @@ class Runtime(Saved):
         self._open = False
         if self._watchdog.expired(now_ms):
             self.link_lost = True
-
-    def _submit_retentive(self) -> None:
-        """Submit changed retentive values. After an error, submit them again even if no value changes."""
-        image = self.plc.retentive_image()
-        if image != self._submitted_image or self._retentive_writer.error is not None:
-            self._submitted_image = image
-            self._retentive_writer.submit(self.plc.retained())
 
     def _release(self, now_ms: int, image: Sequence[bool]) -> list[bool]:
         """Return the outputs to write; until all values are stored, only changes to the safe level are permitted."""

@@ -40,6 +40,7 @@ class ArmPlant(Saved):
 
     __slots__ = (
         "_bed",
+        "_beside_below_m",
         "_down_m",
         "_force_n_pa",
         "_frees_above_m",
@@ -139,6 +140,7 @@ class ArmPlant(Saved):
             spread_m=machine.spreader.travel_m,
             reach_m=machine.handling.reach_m,
         )
+        self._beside_below_m = min(reach.tray_edge_m, reach.columns_m[0] - reach.reach_m)
         self.grip = Grip(machine.handling, mechanics, reach, seedlings, bed, row=self.row, report=report)
         self._sweep = Sweep(machine.handling, reach, seedlings, bed, report)
         self._bed = bed
@@ -227,7 +229,10 @@ class ArmPlant(Saved):
     def is_clear_of_trays(self) -> bool:
         """True if the motion of a tray cannot affect the arm and its seedlings, whatever the trays do."""
         grip = self.grip
-        return not self._sweep.low and (not grip.held or (grip.extracted and self._pose.rise_m > grip.lowest_m))
+        if grip.held and not grip.extracted:
+            return False
+        is_low = self._sweep.low or (grip.held and self._pose.rise_m <= grip.lowest_m)
+        return not is_low or self._pose.x_m < self._beside_below_m
 
     def pass_trays(self) -> None:
         """Adopt a motion of the trays while the arm is clear of them."""

@@ -176,6 +176,7 @@ class CompiledRun:
             number: since_ms for number, since_ms in enumerate(self._inputs["since_ms"].tolist()) if since_ms >= 0
         }
         self._runtime.adopt(last_ms + int(control["ahead_ms"]), self._plant.levels.tolist())
+        self._runtime.submit_retentive()
         self._module.adopt(self._runtime.released, writes=scans, last_ms=last_ms)
         self._plant.adopt(time_ms, self._runtime.released)
         for trigger, holds in zip(self._triggers, self._trigger_records["holds"].tolist(), strict=True):
