@@ -35,8 +35,7 @@ def run_trial(
     set_points: Mapping[str, int] | None = None,
     faults: Iterable[Fault] = (),
     record: Path | None = None,
-    progress: Callable[[Twin], None] | None = None,
-    monitor: Callable[[Twin], None] | None = None,
+    prepare: Callable[[Twin], None] | None = None,
 ) -> TrialReport:
     """Transplant complete trays in simulated time.
 
@@ -49,8 +48,7 @@ def run_trial(
         set_points: Initial values of set-points, by name of `SetPoints`.
         faults: Faults of the plant.
         record: Path of a recording of the run; None = no recording.
-        progress: Function called once per simulated second.
-        monitor: Function called after every scan.
+        prepare: Function that is called before the run, to register monitors.
 
     Returns:
         Report of the complete or incomplete trial.
@@ -72,10 +70,8 @@ def run_trial(
     )
     if seedlings is not None and seedlings < trays * TRAY_CELLS:
         twin.plant.seedlings.leave_out(trays - 1, trays * TRAY_CELLS - seedlings)
-    if progress is not None:
-        twin.every(PROGRESS_MS, progress)
-    if monitor is not None:
-        twin.watch(monitor)
+    if prepare is not None:
+        prepare(twin)
     reason = ""
     try:
         with recorded(twin, record, seed=seed):
@@ -97,7 +93,7 @@ def run_trial(
 
 
 def show_progress(view: ProgressView, trays: int, language: Language) -> Callable[[Twin], None]:
-    """Return a function that shows the progress of a trial."""
+    """Return a function that makes a twin show the progress of its trial once per simulated second."""
 
     def show(twin: Twin) -> None:
         counts = twin.plant.counts()
@@ -114,4 +110,4 @@ def show_progress(view: ProgressView, trays: int, language: Language) -> Callabl
             )
         )
 
-    return show
+    return lambda twin: twin.every(PROGRESS_MS, show)
