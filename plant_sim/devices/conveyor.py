@@ -1,20 +1,16 @@
 """Tray conveyor with its magazine: stepper motor and drive, trays on the belt, through-beam sensor."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from controller.common.saved import Saved
 from plant_sim.common.compiled import compiled
-from plant_sim.common.limits import require, require_within
+from plant_sim.devices.conveyor_spec import CAPACITY, ConveyorSpec
 from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, record_edge, update_output
 from plant_sim.devices.view import View
 from plant_sim.pneumatics.friction import FRICTION, speed_after_friction_m_s
-
-_CAPACITY = 8
-"""Capacity of the belt, trays."""
 
 _ABSENT_M = -1e9
 _AT_REST_M_S = 1e-9
@@ -27,7 +23,7 @@ CONVEYOR = np.dtype(
         ("belt_m", "f8"),
         ("belt_m_s", "f8"),
         ("trays_m", "f8"),
-        ("seats_m", "f8", (_CAPACITY,)),
+        ("seats_m", "f8", (CAPACITY,)),
         ("beam", SENSOR),
         ("magazine_empty", SENSOR),
     ]
@@ -60,98 +56,6 @@ CONVEYOR_PARAMS = np.dtype(
 `cycle_m` is the travel of four full steps, the period of the motor force; `holds_n` is halved at `half_m_s`.
 `stop_m` is the limit of backward motion.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class ConveyorSpec:
-    """Parameters of the conveyor. Positions are measured from the beam, forward positive.
-
-    Attributes:
-        speed_m_s: Belt speed, m/s.
-        acceleration_m_s2: Acceleration and deceleration of the drive, m/s2.
-        torque_nm: Torque at which the motor loses steps at standstill, N m.
-        half_torque_m_s: Belt speed at which this torque is halved, m/s.
-        step_deg: Full step of the motor, degrees.
-        gear_ratio: Motor turns per drum turn.
-        drum_m: Diameter of the drum, m.
-        rotor_kg_m2: Inertia of rotor and gear at the motor, kg m2.
-        load_kg: Mass of belt and trays, kg.
-        friction_n: Friction force of belt and trays, N.
-        damping: Damping of the rotor by drive and gear, as a fraction of critical damping.
-        pusher_play_m: Play of the pushers between the rows of cells, m.
-        tray_length_m: Length of a tray along the belt, m.
-        gap_m: Gap left by the magazine between two trays, m.
-        magazine_before_beam_m: Distance before the beam at which the magazine places the front edge of a tray, m.
-        stop_past_beam_m: Distance of the front edge past the beam at the pick position, m.
-        placed_tolerance_m: Largest distance of a tray from the pick position, in either direction, for picking, m.
-        outlet_past_beam_m: Distance of the rear edge past the beam at which a tray leaves the machine, m.
-    """
-
-    speed_m_s: float
-    acceleration_m_s2: float
-    torque_nm: float
-    half_torque_m_s: float
-    step_deg: float
-    gear_ratio: float
-    drum_m: float
-    rotor_kg_m2: float
-    load_kg: float
-    friction_n: float
-    damping: float
-    pusher_play_m: float
-    tray_length_m: float
-    gap_m: float
-    magazine_before_beam_m: float
-    stop_past_beam_m: float
-    placed_tolerance_m: float
-    outlet_past_beam_m: float
-
-    def __post_init__(self) -> None:
-        """Validate the parameters."""
-        require_within(self, 0.005, 2.0, "speed_m_s")
-        require_within(self, 0.05, 50.0, "acceleration_m_s2")
-        require_within(self, 0.01, 50.0, "torque_nm")
-        require_within(self, 0.01, 100.0, "half_torque_m_s")
-        require_within(self, 0.1, 15.0, "step_deg")
-        require_within(self, 0.1, 200.0, "gear_ratio")
-        require_within(self, 0.005, 0.5, "drum_m")
-        require_within(self, 1e-6, 0.1, "rotor_kg_m2")
-        require_within(self, 0.1, 500.0, "load_kg")
-        require_within(self, 0.0, 1000.0, "friction_n")
-        require_within(self, 0.01, 2.0, "damping")
-        require_within(self, 0.0, 0.02, "pusher_play_m")
-        require_within(self, 0.1, 2.0, "tray_length_m")
-        require_within(self, 0.04, 1.0, "gap_m")
-        require_within(self, 0.05, 5.0, "magazine_before_beam_m")
-        require_within(self, 0.0, 0.05, "stop_past_beam_m")
-        require_within(self, 0.0005, 0.02, "placed_tolerance_m")
-        require_within(self, 0.1, 10.0, "outlet_past_beam_m")
-        room = int((self.outlet_past_beam_m + self.magazine_before_beam_m) / (self.tray_length_m + self.gap_m)) + 2
-        require(
-            room <= _CAPACITY, "outlet_past_beam_m", f"allows {room} trays on the belt; must allow at most {_CAPACITY}"
-        )
-        needed_n = self.moved_kg * self.acceleration_m_s2 + self.friction_n
-        at_speed_n = self.holds_n / (1 + (self.speed_m_s / self.half_torque_m_s) ** 2)
-        require(
-            needed_n < at_speed_n,
-            "torque_nm",
-            f"gives {at_speed_n:.4g} N at full speed, but {needed_n:.4g} N are required to avoid lost steps",
-        )
-
-    @property
-    def holds_n(self) -> float:
-        """Force at the belt at which the motor loses steps at standstill, N."""
-        return self.torque_nm * self.gear_ratio / (self.drum_m / 2)
-
-    @property
-    def moved_kg(self) -> float:
-        """Inertia at the belt, kg."""
-        return self.load_kg + self.rotor_kg_m2 * (self.gear_ratio / (self.drum_m / 2)) ** 2
-
-    @property
-    def cycle_m(self) -> float:
-        """Belt travel of four full steps, m."""
-        return 4 * math.radians(self.step_deg) / self.gear_ratio * self.drum_m / 2
 
 
 @compiled
@@ -214,7 +118,7 @@ def _update_beam(c: Any, params: Any, before_m: float, at_s: float, step_s: floa
     way_m = c.trays_m - before_m
     on = False
     share = 1.0
-    for seat in range(_CAPACITY):
+    for seat in range(CAPACITY):
         front_m = c.trays_m + c.seats_m[seat]
         if 0.0 <= front_m < params.tray_m:
             on = True
@@ -412,7 +316,7 @@ class Conveyor(View, Saved):
                 return
             front_m = min(behind_last_m, front_m + way_m)
         number = self._next_number
-        seat = next(seat for seat in range(_CAPACITY) if seat not in self._seat_of.values())
+        seat = next(seat for seat in range(CAPACITY) if seat not in self._seat_of.values())
         self._seats_m[number] = front_m - self._known_m
         if self.skew_m:
             self.skewed_m[number] = self.skew_m

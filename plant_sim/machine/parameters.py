@@ -13,7 +13,7 @@ from plant_sim.crop.mechanics import SeedlingSpec
 from plant_sim.crop.response import CropSpec
 from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS
 from plant_sim.devices.claws import ClawsSpec
-from plant_sim.devices.conveyor import ConveyorSpec
+from plant_sim.devices.conveyor_spec import ConveyorSpec
 from plant_sim.devices.cups import CupsSpec
 from plant_sim.devices.ground_wheel import GroundWheelSpec
 from plant_sim.devices.lift import LiftSpec

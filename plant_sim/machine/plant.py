@@ -10,7 +10,6 @@ from controller.iomap.loader import IoMap
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.mechanics import Mechanics
-from plant_sim.crop.quiet import QUIET, TRAYS, Quiet, between
 from plant_sim.crop.seedling import SeedlingCounts, Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.ground_wheel import GroundWheel
@@ -20,6 +19,7 @@ from plant_sim.devices.sensor import Sensor
 from plant_sim.devices.supply import Supply
 from plant_sim.faults import Fault, FaultSchedule
 from plant_sim.machine.arm import ArmPlant
+from plant_sim.machine.crop_limits import CropLimits
 from plant_sim.machine.kernel import ARM_COILS, MACHINE, MACHINE_PARAMS, POSITIONS, SENSORS, advance, read_sensors
 from plant_sim.machine.parameters import Machine
 from plant_sim.pneumatics.flow import REFERENCE_KG_M3
@@ -67,8 +67,7 @@ class Plant(Saved):
         extrapolates: True if the crop settings are outside the range tested in the paper.
         state: State of the machine, one `MACHINE` record.
         params: Parameters of the machine, one `MACHINE_PARAMS` record; faults change it.
-        quiet: Limits of the motion of each arm within which no seedling can be affected, `QUIET`.
-        trays: Limits of the motion of the trays, `TRAYS`.
+        limits: Limits within which no motion can affect a seedling.
         positions: Latest positions of all moving parts, as `advance` returns them.
         levels: Raw levels of the inputs by X number, as last read.
         terminals: X numbers and polarities of all sensors in kernel order, and `levels`.
@@ -316,65 +315,18 @@ class Plant(Saved):
             True if a seedling has been moved, or an incident reported.
         """
         moves, events = self.seedlings.move_count, len(self.events)
-        now_s = self.time_ms / 1000
         positions: list[float] = self.positions.tolist()
-        self._pass_trays()
-        trays_move = self._follow_trays(positions[-1])
-        for number, arm in enumerate(self.arms.values()):
-            quiet = self.quiet[number]
-            if quiet["outside"] or (trays_move and not arm.is_clear_of_trays):
-                own = positions[len(POSITIONS) * number : len(POSITIONS) * (number + 1)]
-                arm.catch_up(Quiet._make(quiet.item()))
-                arm.follow(now_s, own)
-                self.quiet[number] = arm.limits(own, self._arms_meet_from_m)
-            elif trays_move:
-                arm.pass_trays()
-        if trays_move:
-            self._limit_trays()
-        else:
-            self._hold_trays()
+        self.limits.look(self.time_ms / 1000, positions)
         self._check_meeting(positions[0], positions[len(POSITIONS)])
         return self.seedlings.move_count != moves or len(self.events) != events
+
+    def limit(self) -> None:
+        """Set the limits within which no motion can affect a seedling."""
+        self.limits.set(self.positions.tolist())
 
     def follow_drive(self) -> None:
         """Update the travel of the tractor."""
         self.ground.follow(self._plants, self._plants_per_s)
-
-    def _catch_up(self) -> None:
-        for arm, quiet in zip(self.arms.values(), self.quiet.tolist(), strict=True):
-            arm.catch_up(Quiet._make(quiet))
-
-    def _pass_trays(self) -> None:
-        """Adopt the motion of the trays within their limits."""
-        trays = self.trays[0]
-        if trays["passed_m"] != trays["followed_m"]:
-            self._follow_trays(float(trays["passed_m"]))
-            for arm in self.arms.values():
-                arm.pass_trays()
-
-    def _limit_trays(self) -> None:
-        """Set the limits of the tray travel within which no arm and no tray is affected."""
-        trays_m, conveyor = self.conveyor.followed_m, self.conveyor
-        low_m = high_m = trays_m
-        if all(arm.is_clear_of_trays for arm in self.arms.values()):
-            travels_m = conveyor.thresholds()
-            if travels_m is not None:
-                offsets = [(number, conveyor.offset_m(number)) for number in conveyor.front_m]
-                low_m, high_m = between(trays_m, [*travels_m, *self._bed.thresholds(offsets)])
-        self.trays[0] = (trays_m, trays_m, low_m, high_m)
-
-    def _hold_trays(self) -> None:
-        """Set the limits of trays at rest: their first motion is evaluated, whatever has changed in the meantime."""
-        trays_m = self.conveyor.followed_m
-        self.trays[0] = (trays_m, trays_m, trays_m, trays_m)
-
-    def limit(self) -> None:
-        """Set the limits within which no motion can affect a seedling."""
-        self._hold_trays()
-        positions: list[float] = self.positions.tolist()
-        left, right = positions[: len(POSITIONS)], positions[len(POSITIONS) : -1]
-        self.quiet[0] = self.left.limits(left, self._arms_meet_from_m)
-        self.quiet[1] = self.right.limits(right, self._arms_meet_from_m)
 
     def adopt(self, time_ms: int, y: Sequence[bool]) -> None:
         """Adopt the time and the outputs of a run on the records of this plant.
@@ -385,8 +337,7 @@ class Plant(Saved):
         """
         self.time_ms = time_ms
         self._latch_outputs(y)
-        self._pass_trays()
-        self._catch_up()
+        self.limits.catch_up()
         self.follow_drive()
         self.faults.advance(time_ms)
 
@@ -469,6 +420,11 @@ class Plant(Saved):
         self._indicator_wires = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in self.indicators]
         self._output_count = io_map.output_count
         self.positions = np.zeros(2 * len(POSITIONS) + 1)
-        self.quiet = np.zeros(len(_SIDES), QUIET)
-        self.trays = np.zeros(1, TRAYS)
+        self.limits = CropLimits(
+            tuple(self.arms.values()),
+            self.conveyor,
+            self._bed,
+            follow_trays=self._follow_trays,
+            meet_m=self._arms_meet_from_m,
+        )
         self._latch_outputs(io_map.safe_outputs())

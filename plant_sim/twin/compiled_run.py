@@ -15,7 +15,7 @@ from controller.io.runtime import Runtime
 from plant_sim.links.io_module import IoModule
 from plant_sim.twin.conditions import CELLS
 from plant_sim.twin.kernel import CHANGE, COIL, CONDITION, INPUT, LOOK, RUN, TRIGGER, WATCHED, run
-from plant_sim.twin.triggers import Trigger
+from plant_sim.twin.watchers import Trigger
 
 _WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
 
@@ -60,8 +60,8 @@ class CompiledRun:
             self._control,
             plant.state,
             plant.params,
-            plant.quiet,
-            plant.trays,
+            plant.limits.quiet,
+            plant.limits.trays,
             self._memory,
         )
 

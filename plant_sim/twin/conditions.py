@@ -8,7 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from controller.core.expr import CompiledCondition, Expr
+from controller.core.devices import Memory
+from controller.core.expr import And, CompiledCondition, Expr, Not, Or, evaluate
 from plant_sim.machine.kernel import MACHINE
 
 CELLS: Final = 2
@@ -119,6 +120,46 @@ class Advances(CompiledCondition):
         limit = code.value(f"fadd double {lowest}, {_constant(self.tolerance)}")
         risen = code.value(f"fcmp ogt double {value}, {limit}")
         return str(code.all_of((active, risen)))
+
+
+class Interpreter:
+    """Evaluation of conditions by interpretation; the reference for machine code."""
+
+    def __init__(self, memory: Memory, state: np.ndarray) -> None:
+        """Create an interpreter.
+
+        Args:
+            memory: Devices of the program.
+            state: State of the plant, one `MACHINE` record.
+        """
+        self._memory = memory
+        self._state = state
+
+    def holds(self, condition: Expr, cells: np.ndarray) -> bool:
+        """Return True if a condition is true.
+
+        Args:
+            condition: The condition.
+            cells: Values stored from scan to scan.
+        """
+        match condition:
+            case Not(operand):
+                return not self.holds(operand, cells)
+            case And(operands):
+                values = [self.holds(operand, cells) for operand in operands]  # each of them may change its cells
+                return all(values)
+            case Or(operands):
+                values = [self.holds(operand, cells) for operand in operands]
+                return any(values)
+            case Exceeds(quantity, limit, below):
+                value = quantity.read(self._state)
+                return value < limit if below else value > limit
+            case Advances(quantity, tolerance, during):
+                active, value = self.holds(during, cells), quantity.read(self._state)
+                lowest = min(float(cells[0]), value) if cells[1] else value
+                cells[:] = lowest, active
+                return active and value > lowest + tolerance
+        return evaluate(condition, self._memory)
 
 
 def _constant(value: float) -> str:

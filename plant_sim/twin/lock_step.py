@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controller.core.clock import SimulatedClock
-from controller.core.expr import Bit, Expr, Word, any_of
+from controller.core.expr import Bit, Expr, any_of
 from controller.core.machine_code import MachineExecution
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc, PythonExecution
@@ -29,8 +29,8 @@ from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
-from plant_sim.twin.conditions import CELLS
-from plant_sim.twin.triggers import Interpreter, Trigger
+from plant_sim.twin.conditions import CELLS, Interpreter
+from plant_sim.twin.watchers import Watched
 
 SCAN_MS = 10
 
@@ -59,7 +59,7 @@ class TwinSnapshot(NamedTuple):
     watchers: tuple[Any, ...]
 
 
-class Twin:
+class Twin(Watched):
     """Machine program and simulated plant in simulated time.
 
     Attributes:
@@ -96,6 +96,7 @@ class Twin:
         Raises:
             FaultError: A fault is not possible in this plant.
         """
+        super().__init__()
         self.io_map = io_map or _default_io_map()
         self.parameters = parameters or _default_parameters()
         self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays, faults=faults)
@@ -110,10 +111,7 @@ class Twin:
         self._set_points = set_points_of(self.parameters) | dict(set_points or {})
         self.runtime: Runtime
         self._releases: dict[str, int] = {}
-        self._monitors: list[tuple[Callable[[Twin], None], tuple[Bit | Word, ...] | None]] = []
-        self._triggers: list[Trigger] = []
         self._cells = np.zeros(CELLS)
-        self._periodic: list[tuple[int, Callable[[Twin], None]]] = []
         self._compiled: CompiledRun | None = None
         self.power_on()
 
@@ -150,7 +148,7 @@ class Twin:
         self.runtime.observers.append(self._log)
         if isinstance(execution, MachineExecution):
             self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
-            self._watch_devices()
+            self._on_watchers_changed()
 
     def snapshot(self) -> TwinSnapshot:
         """Return the complete state of the machine and its controller, with the registered monitors.
@@ -164,12 +162,12 @@ class Twin:
             (*self.events,),
             self.store.values,
             dict(self._releases),
-            ((*self._monitors,), (*self._periodic,), [(trigger, trigger.save()) for trigger in self._triggers]),
+            self._save_watchers(),
         )
 
     def restore(self, snapshot: TwinSnapshot) -> None:
         """Restore a state of this twin; the same snapshot can be restored several times."""
-        watched = self._compiled, self._monitors, self._triggers
+        compiled = self._compiled
         self.runtime, self._log, self._link, self._writer, self._compiled = snapshot.controller
         parts = (*snapshot.controller[:4], self.plant, self.module, self.clock)
         for part, state in zip(parts, snapshot.states, strict=True):
@@ -177,13 +175,8 @@ class Twin:
         self.events[:] = snapshot.events
         self.store.values = snapshot.retained
         self._releases = dict(snapshot.releases)
-        monitors, periodic, triggers = snapshot.watchers
-        self._monitors, self._periodic = [*monitors], [*periodic]
-        self._triggers = [trigger for trigger, _ in triggers]
-        for trigger, state in triggers:
-            trigger.restore(state)
-        if watched != (self._compiled, self._monitors, self._triggers):
-            self._watch_devices()
+        if self._restore_watchers(snapshot.watchers) or self._compiled is not compiled:
+            self._on_watchers_changed()
 
     def power_cycle(self, off_ms: int = 1_000) -> None:
         """Kill the controller between two scans, and restart it after `off_ms` of plant time."""
@@ -191,51 +184,13 @@ class Twin:
         self.clock.advance(off_ms)
         self.power_on()
 
-    def watch(self, monitor: Callable[[Twin], None], devices: Iterable[Bit | Word] | None = None) -> None:
-        """Register a monitor that is called after scans.
-
-        Args:
-            monitor: Function to call.
-            devices: Devices of the program on which it depends. It is called at least after every scan in which one of
-                them has changed, and after every scan that follows a move of a seedling or an incident. None = it is
-                called after every scan, so that the twin cannot run in machine code.
-        """
-        self._monitors.append((monitor, None if devices is None else tuple(devices)))
-        self._watch_devices()
-
-    def unwatch(self) -> None:
-        """Remove all monitors, triggers and periodic actions."""
-        self._monitors.clear()
-        self._triggers.clear()
-        self._periodic.clear()
-        self._watch_devices()
-
-    def every(self, period_ms: int, action: Callable[[Twin], None]) -> None:
-        """Register an action to be executed after the scans at multiples of a period.
-
-        Args:
-            period_ms: Period, ms, a multiple of the scan period.
-            action: The action.
-        """
-        self._periodic.append((period_ms, action))
-
-    def when(self, condition: Expr, action: Callable[[], None]) -> None:
-        """Register an action to be executed after every scan in which a condition has become true.
-
-        Args:
-            condition: Condition over the devices of the program and the state of the plant.
-            action: The action.
-        """
-        self._triggers.append(Trigger(condition, action))
-        self._watch_devices()
-
     def scan(self) -> None:
         """Run one scan, then advance the plant to the next scan."""
         now_ms = self.clock.now_ms()
         if self._releases:
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
-        self._call_monitors(self._evaluate_triggers())
+        self._call_watchers(now_ms, self._begun(self._holds))
         self.module.advance(SCAN_MS)
         self.clock.advance(SCAN_MS)
 
@@ -293,13 +248,12 @@ class Twin:
     def _run_compiled(self, until_ms: int, condition: Expr | None) -> bool:
         """Run in machine code as far as possible; return True if the condition is met after a scan."""
         run = self._compiled
-        if run is None or any(devices is None for _, devices in self._monitors):
+        if run is None or self._watches_every_scan:
             return False
         while self.now_ms < until_ms and run.serves(self.runtime) and self.runtime.observers == [self._log]:
             if self._releases:
                 self._release_buttons(self.now_ms)
-            due_ms = (self.now_ms + -self.now_ms % period_ms for period_ms, _ in self._periodic)
-            stop_ms = min((until_ms, *self._releases.values(), *due_ms))
+            stop_ms = min((until_ms, *self._releases.values(), *self._next_action_ms(self.now_ms)))
             fault_ms = self.plant.faults.next_ms
             if fault_ms is not None:
                 stop_ms = min(stop_ms, self.now_ms + fault_ms - self.plant.time_ms)
@@ -316,24 +270,12 @@ class Twin:
         """Call observers and monitors after a scan in machine code."""
         self.clock.advance(now_ms - self.now_ms)
         self.runtime.notify_observers(now_ms)
-        self._call_monitors(self._compiled.begun() if self._compiled else ())
+        self._call_watchers(now_ms, self._compiled.begun() if self._compiled else ())
 
-    def _call_monitors(self, begun: Iterable[Trigger]) -> None:
-        for trigger in begun:
-            trigger.action()
-        for monitor, _ in self._monitors:
-            monitor(self)
-        for period_ms, act in self._periodic:
-            if self.now_ms % period_ms == 0:
-                act(self)
-
-    def _watch_devices(self) -> None:
+    def _on_watchers_changed(self) -> None:
         """Adapt the devices that interrupt a run in machine code to the observers and monitors."""
-        devices = [*self._log.devices]
-        for _, watched in self._monitors:
-            devices += watched or ()
         if self._compiled is not None:
-            self._compiled.watch(devices, self._triggers)
+            self._compiled.watch([*self._log.devices, *self._watched_devices], self._triggers)
 
     def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
         if condition is None or callable(condition):
@@ -346,15 +288,6 @@ class Twin:
         if run is not None and run.executes(self.runtime):
             return run.holds(condition, cells)
         return Interpreter(self.plc.memory, self.plant.state).holds(condition, cells)
-
-    def _evaluate_triggers(self) -> list[Trigger]:
-        """Return the triggers whose conditions have become true in a scan in Python."""
-        begun = []
-        for trigger in self._triggers:
-            held, trigger.holds = trigger.holds, self._holds(trigger.condition, trigger.cells)
-            if trigger.holds and not held:
-                begun.append(trigger)
-        return begun
 
     def press(self, button: str, for_ms: int = 100) -> None:
         """Press a push button; it is released automatically after `for_ms`."""

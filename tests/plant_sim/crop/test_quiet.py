@@ -68,11 +68,11 @@ class AnyMotion:
 
 def is_quiet(plant: Plant) -> bool:
     """Apply the limits as the kernel of the twin does."""
-    trays, trays_m, quiet = plant.trays[0], plant.positions[-1], True
+    trays, trays_m, quiet = plant.limits.trays[0], plant.positions[-1], True
     if trays_m != trays["followed_m"] and not trays["low_m"] < trays_m < trays["high_m"]:
         quiet = False
     for side in range(2):
-        limits, own = plant.quiet[side], plant.positions[ARM * side : ARM * (side + 1)]
+        limits, own = plant.limits.quiet[side], plant.positions[ARM * side : ARM * (side + 1)]
         inside = bool(np.all(limits["low"] < own[:CHAIN]) and np.all(own[:CHAIN] < limits["high"]))
         inside &= own[CHAIN] < limits["chain_below_m"] and plant.time_ms / 1000 < limits["until_s"]
         inside &= own[SLIPS] == limits["slips"] and own[CLAMP] < limits["clamp_below_pa"]
