@@ -223,7 +223,8 @@ class DesignReader:
 
     def _check(self, design: FactorDesign) -> None:
         """Check that every setting is valid for the machine."""
-        for number, setting in enumerate(design.settings):
+        for number, point in enumerate(design.points):
+            setting = design.setting(point)
             try:
                 setting.machine(self.machine)
                 setting.set_points()

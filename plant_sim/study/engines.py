@@ -38,7 +38,8 @@ class Engine(Protocol):
         """Yield the results of jobs as soon as they are available; close the generator to cancel the remaining jobs.
 
         Args:
-            jobs: The jobs; they must be picklable. They are taken from the iterable as they are dispatched.
+            jobs: The jobs; they must be picklable and hashable. They are taken from the iterable when they
+                are dispatched.
             ordered: True to yield the results in the order of the jobs.
 
         Raises:
@@ -105,9 +106,13 @@ class DaskEngine:
         with closing(self._client()) as client:
             self._check_versions(client)
             try:
-                with joblib.parallel_config(backend="dask", client=client, wait_for_workers_timeout=self.timeout_s):
-                    results = _parallel(jobs, ordered=ordered, timeout=self.timeout_s, pre_dispatch=_DISPATCHED)
-                yield from results
+                yield from _parallel(
+                    jobs,
+                    ordered=ordered,
+                    backend=_dask_backend(client, self.timeout_s),
+                    timeout=self.timeout_s,
+                    pre_dispatch=_DISPATCHED,
+                )
             except (TimeoutError, multiprocessing.TimeoutError):
                 raise self._error(
                     f"no result for {self.timeout_s:g} s from {len(client.ncores())} workers; start workers, or "
@@ -120,9 +125,9 @@ class DaskEngine:
         """Return a client of the scheduler that prints no log messages."""
         from distributed import Client  # noqa: PLC0415 - an optional dependency
 
-        for name in logging.root.manager.loggerDict:
+        for name in ("distributed", *logging.getLogger("distributed").manager.loggerDict):
             if name.partition(".")[0] == "distributed":
-                logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+                logging.getLogger(name).disabled = True
         connect: Any = Client  # without type annotations
         try:
             return connect(self.scheduler, timeout=CONNECT_LIMIT_S, set_as_default=False)
@@ -142,6 +147,21 @@ class DaskEngine:
 
     def _error(self, complaint: str) -> StudyError:
         return StudyError(f"--scheduler {self.scheduler}: {complaint}")
+
+
+def _dask_backend(client: Any, timeout_s: float) -> Any:
+    """Return joblib's backend of a Dask cluster.
+
+    joblib executes all jobs in this process if a backend has a single worker at the start, even if more workers join
+    later. The backend therefore reports at least two.
+    """
+    from joblib._dask import DaskDistributedBackend  # noqa: PLC0415 - imports Dask
+
+    class Backend(DaskDistributedBackend):  # type: ignore[misc]
+        def effective_n_jobs(self, n_jobs: int) -> int:
+            return max(2, int(super().effective_n_jobs(n_jobs)))
+
+    return Backend(client=client, wait_for_workers_timeout=timeout_s)
 
 
 def _parallel(jobs: Iterable[Callable[[], Result]], *, ordered: bool, **options: Any) -> Generator[Result, None, None]:

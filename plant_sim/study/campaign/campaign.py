@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -16,7 +17,7 @@ from controller.iomap.loader import IoMap
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.campaign.file import Campaign
 from plant_sim.study.campaign.record import Record
-from plant_sim.study.campaign.run import CampaignPlan
+from plant_sim.study.campaign.run import CampaignPlan, execute
 from plant_sim.study.campaign.shards import Notice, ShardFolder, shard_schema
 from plant_sim.study.campaign.version import code_version
 from plant_sim.study.engines import Engine, WorkerLostError
@@ -134,7 +135,7 @@ class _Computation:
                 raise self._interrupted(error) from None
 
     def _run(self) -> None:
-        missing = (run for run in self._plan.runs() if run.key not in self._done)
+        missing = (partial(execute, run) for run in self._plan.runs() if run.key not in self._done)
         with self._buffer, closing(self._options.engine.results(missing, ordered=False)) as records:
             for record in records:
                 self._done.add(record["key"])

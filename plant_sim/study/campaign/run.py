@@ -52,27 +52,28 @@ class CampaignRun:
     io_map: IoMap
     version: str
 
-    def __call__(self) -> Record:
-        """Execute the run and return its record.
 
-        Raises:
-            StudyError: The program in this process has another version.
-        """
-        if code_version() != self.version:
-            raise StudyError(
-                f"worker on {platform.node()}: has version {code_version()} instead of {self.version}; install the "
-                "same version on every computer"
-            )
-        report = run_trial(
-            seed=self.seed,
-            seedlings=self.seedlings,
-            parameters=self.parameters,
-            set_points=self.set_points,
-            io_map=self.io_map,
-            faults=self.faults,
+def execute(run: CampaignRun) -> Record:
+    """Execute a run and return its record.
+
+    Raises:
+        StudyError: The program in this process has another version.
+    """
+    if code_version() != run.version:
+        raise StudyError(
+            f"worker on {platform.node()}: has version {code_version()} instead of {run.version}; install the same "
+            "version on every computer"
         )
-        identity = {"key": self.key, "version": self.version, "trial": self.trial, "seed": self.seed}
-        return {**identity, **self.levels, "faults": "; ".join(map(str, self.faults)), **report_record(report)}
+    report = run_trial(
+        seed=run.seed,
+        seedlings=run.seedlings,
+        parameters=run.parameters,
+        set_points=run.set_points,
+        io_map=run.io_map,
+        faults=run.faults,
+    )
+    identity = {"key": run.key, "version": run.version, "trial": run.trial, "seed": run.seed}
+    return {**identity, **run.levels, "faults": "; ".join(map(str, run.faults)), **report_record(report)}
 
 
 @dataclass(frozen=True, slots=True)
