@@ -9,7 +9,6 @@ DISTRIBUTION: Final = "seedling-transplanter"
 """Name of the installed package."""
 
 EXTRAS: Final[Mapping[str, str]] = {
-    "dask": "cluster",
     "distributed": "cluster",
     "joblib": "studies",
     "llvmlite": "plant",

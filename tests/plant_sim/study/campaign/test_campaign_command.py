@@ -22,7 +22,7 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.study.campaign import version
 from plant_sim.study.campaign.record import report_record
 from plant_sim.twin.trial import run_trial
-from tests.paths import ROOT
+from tests.paths import DOCS, ROOT
 from tests.plant_sim.study.campaign.folders import (
     SMALL,
     SMALL_RUNS,
@@ -94,6 +94,17 @@ def test_duckdb_and_pandas_read_the_folder(undisturbed: Path) -> None:
     expected = [[pressure, len(group), int(group.sum())] for pressure, group in groups]
     assert json.loads(done.stdout) == expected
     assert sum(count for _, count, _ in expected) == SMALL_RUNS
+
+
+def test_the_program_of_the_guide_reads_the_folder(undisturbed: Path, tmp_path: Path) -> None:
+    page = (DOCS / "campaigns.md").read_text(encoding="utf-8")
+    program = page.partition("```python\n")[2].partition("```")[0]
+    (tmp_path / "var").mkdir()
+    (tmp_path / "var/campaign").symlink_to(undisturbed)
+    arguments = [sys.executable, "-c", program]
+    done = subprocess.run(arguments, check=True, capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert "stuck_off:left.lift_up@12000ms..20000ms" in done.stdout
+    assert "crop.claw_pressure_mpa" in done.stdout
 
 
 def test_kill_9_loses_no_run_and_repeats_none(undisturbed: Path, tmp_path: Path) -> None:
