@@ -17,6 +17,7 @@ import psutil
 import pytest
 from filelock import FileLock
 
+from plant_sim.cli.main import main
 from plant_sim.faults import parse_fault
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.campaign import version
@@ -334,3 +335,25 @@ def test_the_version_covers_every_source_that_a_trial_loads() -> None:
     assert ROOT / "plant_sim/machine/kernel.py" in loaded
     packages = {path for path in loaded if path.name == "__init__.py"}
     assert loaded - packages <= set(version.version_sources())
+
+
+def test_a_folder_that_is_not_a_campaign_is_not_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, notes = written(tmp_path), tmp_path / "results"
+    notes.mkdir()
+    (notes / "notes.txt").write_text("mine")
+    assert campaign(file, notes) == 2
+    assert campaign(file, notes / "notes.txt") == 2
+    assert main(["study", "campaign", str(file)]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"--out {notes}: contains other files; specify a new folder or that of the campaign",
+        f"--out {notes / 'notes.txt'}: is not a folder; specify a new folder or that of the campaign",
+        "--out: is missing; specify the folder of the campaign",
+    ]
+    assert [path.name for path in notes.iterdir()] == ["notes.txt"]
+
+
+def test_a_file_is_written_when_its_oldest_run_is_due(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("plant_sim.study.campaign.campaign.SHARD_S", 0.0)
+    out = tmp_path / "out"
+    assert campaign(written(tmp_path, "replicates: 3\nseedlings: 1\n"), out) == 0
+    assert len(shards(out)) == 3
