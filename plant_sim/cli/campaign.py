@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from plant_sim.study.engines import Engine
 
 _TIMEOUT_S = 600.0
-_SCHEMES = ("tcp://", "tls://")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -93,7 +92,7 @@ def _engine(options: argparse.Namespace) -> Engine:
         return ProcessEngine(options.workers)
     if options.workers is not None:
         raise StudyError("--workers: has no effect with --engine dask, whose workers are started separately; omit it")
-    if options.scheduler is None or not options.scheduler.startswith(_SCHEMES):
+    if options.scheduler is None or not options.scheduler.startswith("tcp://"):
         given = "is missing" if options.scheduler is None else f"{options.scheduler}: is not an address"
         raise StudyError(f"--scheduler {given}; write tcp://HOST:PORT, as the scheduler prints it")
     return DaskEngine(options.scheduler, options.timeout or _TIMEOUT_S, code_version)

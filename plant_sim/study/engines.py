@@ -136,14 +136,12 @@ class DaskEngine:
             raise self._error(f"no scheduler ({str(error).splitlines()[0]}); {remedy}") from None
 
     def _check_versions(self, client: Any) -> None:
-        try:
-            versions: dict[str, str] = client.run(self.version)
-        except ModuleNotFoundError as error:
-            raise self._error(f"a worker has no module {error.name}; install the program on its computer") from None
         expected = self.version()
-        for worker, version in versions.items():
+        found: dict[str, object] = client.run(self.version, on_error="return")
+        for worker, version in found.items():
             if version != expected:
-                raise self._error(f"worker {worker} has version {version} instead of {expected}; install the same one")
+                text = f"version {version}" if isinstance(version, str) else f"no version of the program ({version})"
+                raise self._error(f"worker {worker} has {text} instead of {expected}; install the same one")
 
     def _error(self, complaint: str) -> StudyError:
         return StudyError(f"--scheduler {self.scheduler}: {complaint}")

@@ -7,7 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -152,13 +152,32 @@ def test_the_loss_of_the_scheduler_is_reported_in_one_line(tmp_path: Path) -> No
     )
 
 
-def test_a_worker_with_another_version_is_rejected_before_the_first_run(tmp_path: Path) -> None:
-    """The sources of the worker differ in one line."""
-    file, out = written(tmp_path), tmp_path / "out"
+def changed(folder: Path) -> None:
+    """Copy the sources, with one more line."""
     for package in ("controller", "plant_sim"):
-        shutil.copytree(ROOT / package, tmp_path / "other" / package)
-    with (tmp_path / "other/plant_sim/twin/trial.py").open("a") as source:
+        shutil.copytree(ROOT / package, folder / package)
+    with (folder / "plant_sim/twin/trial.py").open("a") as source:
         source.write("# changed\n")
+
+
+def without_campaigns(folder: Path) -> None:
+    """Write a program that has no campaigns."""
+    (folder / "plant_sim").mkdir(parents=True)
+    (folder / "plant_sim/__init__.py").write_text('"""Another program."""\n')
+
+
+@pytest.mark.parametrize(
+    ("other", "found"),
+    [
+        (changed, r"version 0\.\S+"),
+        (without_campaigns, r"no version of the program \(.*No module named 'plant_sim.study'.*\)"),
+    ],
+)
+def test_a_worker_with_another_version_is_rejected_before_the_first_run(
+    other: Callable[[Path], None], found: str, tmp_path: Path
+) -> None:
+    file, out = written(tmp_path), tmp_path / "out"
+    other(tmp_path / "other")
     with (
         scheduler() as (_, address),
         worker(address, tmp_path),
@@ -167,8 +186,10 @@ def test_a_worker_with_another_version_is_rejected_before_the_first_run(tmp_path
     ):
         code, errors = finished(process)
     assert code == 2
-    pattern = rf"--scheduler {address}: worker tcp://\S+ has version 0\.\S+ instead of {code_version()}; install the "
-    assert re.match(pattern, errors), errors
+    complaint = (
+        rf"--scheduler {address}: worker tcp://\S+ has {found} instead of {code_version()}; install the same one; "
+    )
+    assert re.match(complaint, errors), errors
     assert errors.count("\n") == 0
     assert keys(out) == []
 
