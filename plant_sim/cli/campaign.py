@@ -105,10 +105,11 @@ def _notice(text: str) -> None:
 
 def _text(options: argparse.Namespace, result: CampaignResult) -> str:
     stored = result.runs - result.computed
+    incomplete = f"{result.incomplete} trials did not complete and have no rates"
     return (
         f"{result.runs} runs in {result.files} files in {options.out / 'runs'}: {result.computed} computed now, "
         f"{stored} stored before\n"
-        f"{result.incomplete} trials did not complete and have no rates\n"
+        f"{incomplete if result.incomplete else 'all trials completed'}\n"
         f"version {result.version}\n"
     )
 

@@ -27,6 +27,9 @@ faults:
 """
 """Campaign of 16 runs."""
 SMALL_RUNS = 16
+LONG = ("--trials", "4")
+LONG_RUNS = 32
+"""Campaign that takes long enough for a process to be killed before its end."""
 
 
 def written(folder: Path, text: str = SMALL) -> Path:

@@ -10,7 +10,10 @@ import signal
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import psutil
@@ -25,6 +28,8 @@ from plant_sim.study.campaign.record import report_record
 from plant_sim.twin.trial import run_trial
 from tests.paths import DOCS, ROOT
 from tests.plant_sim.study.campaign.folders import (
+    LONG,
+    LONG_RUNS,
     SMALL,
     SMALL_RUNS,
     campaign,
@@ -108,28 +113,44 @@ def test_the_program_of_the_guide_reads_the_folder(undisturbed: Path, tmp_path: 
     assert "crop.claw_pressure_mpa" in done.stdout
 
 
-def test_kill_9_loses_no_run_and_repeats_none(undisturbed: Path, tmp_path: Path) -> None:
-    """The process is killed when some files exist; its worker processes end, and the same command completes it."""
-    file, out = written(tmp_path), tmp_path / "out"
+@pytest.fixture(scope="module")
+def long_table(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+    """Return the table of the long campaign."""
+    folder = tmp_path_factory.mktemp("long")
+    assert campaign(written(folder), folder / "out", *LONG) == 0
+    return table(folder / "out")
+
+
+@contextmanager
+def interrupted(file: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run the long campaign with two processes; yield it when some files are written."""
     with subprocess.Popen(
-        command(file, out, "--shard", "2", "--workers", "2"),
+        command(file, out, "--shard", "2", "--workers", "2", *LONG),
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
         env=environment(),
     ) as process:
         assert process.stderr is not None
-        line = next(line for line in process.stderr if int(line.split()[0]) >= 6)
+        line = next(line for line in process.stderr if int(line.split()[0]) >= 4)
+        assert line.endswith(" left\n")
+        yield process
+
+
+def test_kill_9_loses_no_run_and_repeats_none(long_table: list[dict[str, Any]], tmp_path: Path) -> None:
+    """The process is killed when some files exist; its worker processes end, and the same command completes it."""
+    file, out = written(tmp_path), tmp_path / "out"
+    with interrupted(file, out) as process:
         workers = psutil.Process(process.pid).children(recursive=True)
         os.kill(process.pid, signal.SIGKILL)
-        before = keys(out)
-    assert line.endswith(" left\n")
-    assert 4 <= len(before) < SMALL_RUNS
+    before = keys(out)
+    assert 2 <= len(before) < LONG_RUNS
     assert len(workers) >= 2
     assert psutil.wait_procs(workers, timeout=30)[1] == []
 
-    assert campaign(file, out, "--shard", "2", workers=2) == 0
-    assert table(out) == table(undisturbed)
+    assert campaign(file, out, "--shard", "2", *LONG, workers=2) == 0
+    assert table(out) == long_table
+    assert len(set(keys(out))) == len(keys(out)) == LONG_RUNS
     assert set(before) < set(keys(out))
 
 
@@ -289,27 +310,18 @@ def test_a_folder_is_used_by_one_process_at_a_time(
     assert capsys.readouterr().err == f"--out {out}: in use by another process; wait for it, or use another folder\n"
 
 
-def test_a_killed_worker_process_does_not_end_the_campaign(undisturbed: Path, tmp_path: Path) -> None:
+def test_a_killed_worker_process_does_not_end_the_campaign(long_table: list[dict[str, Any]], tmp_path: Path) -> None:
     file, out = written(tmp_path), tmp_path / "out"
-    with subprocess.Popen(
-        command(file, out, "--shard", "2", "--workers", "2"),
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        env=environment(),
-    ) as process:
+    with interrupted(file, out) as process:
+        children = psutil.Process(process.pid).children()
+        next(each for each in children if "popen_loky_posix" in " ".join(each.cmdline())).kill()
         assert process.stderr is not None
-        next(line for line in process.stderr if int(line.split()[0]) >= 4)
-        worker = next(
-            each for each in psutil.Process(process.pid).children() if "popen_loky_posix" in " ".join(each.cmdline())
-        )
-        worker.kill()
         rest = process.stderr.read()
     assert process.returncode == 0, rest
     (line,) = (line for line in rest.splitlines() if not line[0].isdigit())
     assert line.startswith("--workers: a process was killed, ")
     assert line.endswith("; its runs are computed again")
-    assert table(out) == table(undisturbed)
+    assert table(out) == long_table
 
 
 def test_the_version_covers_every_source_that_a_trial_loads() -> None:

@@ -24,7 +24,7 @@ from plant_sim.study.campaign.version import code_version
 from plant_sim.study.design_file import FactorDesign
 from plant_sim.study.errors import StudyError
 from tests.paths import ROOT
-from tests.plant_sim.study.campaign.folders import SMALL_RUNS, campaign, command, environment, keys, table, written
+from tests.plant_sim.study.campaign.folders import LONG, LONG_RUNS, campaign, command, environment, keys, table, written
 
 
 @contextmanager
@@ -69,7 +69,7 @@ def worker(address: str, folder: Path, path: Path = ROOT) -> Iterator[subprocess
 def started(file: Path, out: Path, address: str, *options: str) -> Iterator[subprocess.Popen[str]]:
     """Run the command in a process during the block."""
     arguments = command(
-        file, out, "--shard", "2", "--engine", "dask", "--scheduler", address, "--timeout", "60", *options
+        file, out, *LONG, "--shard", "2", "--engine", "dask", "--scheduler", address, "--timeout", "60", *options
     )
     with subprocess.Popen(
         arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment()
@@ -109,30 +109,30 @@ def test_a_killed_worker_does_not_change_the_results(tmp_path: Path) -> None:
         wait_for(process, 4)
         victim.send_signal(signal.SIGKILL)
         assert finished(process) == (0, "")
-    assert len(set(keys(out))) == SMALL_RUNS
-    assert campaign(file, tmp_path / "here") == 0
+    assert len(set(keys(out))) == LONG_RUNS
+    assert campaign(file, tmp_path / "here", *LONG) == 0
     assert table(out) == table(tmp_path / "here")
 
 
 def test_the_loss_of_all_workers_is_reported_in_one_line_and_the_campaign_can_be_continued(tmp_path: Path) -> None:
+    """The first run of a worker takes several seconds, so a complete short campaign precedes."""
     file, out = written(tmp_path), tmp_path / "out"
-    with (
-        scheduler() as (_, address),
-        worker(address, tmp_path) as one,
-        started(file, out, address, "--timeout", "20") as process,
-    ):
-        wait_for(process, 4)
-        one.send_signal(signal.SIGKILL)
-        code, errors = finished(process)
+    with scheduler() as (_, address), worker(address, tmp_path) as one:
+        with started(file, out, address, "--trials", "1") as process:
+            assert finished(process) == (0, "")
+        with started(file, out, address, "--timeout", "8") as process:
+            wait_for(process, 9)
+            one.send_signal(signal.SIGKILL)
+            code, errors = finished(process)
     stored = len(keys(out))
-    assert 4 <= stored < SMALL_RUNS
+    assert 8 < stored < LONG_RUNS
     assert (code, errors) == (
         2,
-        f"--scheduler {address}: no result for 20 s from 0 workers; start workers, or increase --timeout; {stored} of "
-        f"{SMALL_RUNS} runs are stored, the same command computes the others",
+        f"--scheduler {address}: no result for 8 s from 0 workers; start workers, or increase --timeout; {stored} of "
+        f"{LONG_RUNS} runs are stored, the same command computes the others",
     )
-    assert campaign(file, out) == 0
-    assert len(set(keys(out))) == len(keys(out)) == SMALL_RUNS
+    assert campaign(file, out, *LONG) == 0
+    assert len(set(keys(out))) == len(keys(out)) == LONG_RUNS
 
 
 def test_the_loss_of_the_scheduler_is_reported_in_one_line(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_the_loss_of_the_scheduler_is_reported_in_one_line(tmp_path: Path) -> No
     assert code == 2
     assert errors == (
         f"--scheduler {address}: the connection was lost; start the scheduler and its workers again; {len(keys(out))} "
-        f"of {SMALL_RUNS} runs are stored, the same command computes the others"
+        f"of {LONG_RUNS} runs are stored, the same command computes the others"
     )
 
 
@@ -220,12 +220,12 @@ def test_a_scheduler_that_does_not_answer_is_reported_in_one_line(
 ) -> None:
     monkeypatch.setattr(engines, "CONNECT_LIMIT_S", 0.5)
     address = "tcp://127.0.0.1:1"
-    options = ("--out", str(tmp_path / "out"), "--engine", "dask", "--scheduler", address)
+    options = ("--out", str(tmp_path / "out"), *LONG, "--engine", "dask", "--scheduler", address)
     assert main(["study", "campaign", str(written(tmp_path)), *options]) == 2
     error = capsys.readouterr().err
     assert re.fullmatch(
         rf"--scheduler {address}: no scheduler \(.*\); start one with dask scheduler, or correct the address; 0 of "
-        rf"{SMALL_RUNS} runs are stored, the same command computes the others\n",
+        rf"{LONG_RUNS} runs are stored, the same command computes the others\n",
         error,
     )
 
