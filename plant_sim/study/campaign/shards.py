@@ -45,12 +45,14 @@ def shard_schema(campaign: Campaign, version: str) -> pa.Schema:
         version: Version of the program.
     """
     design = campaign.design
+    # in the order of their names, so that a level that becomes a fixed value does not change the columns
+    varied = sorted((*design.fixed, *design.parameters), key=lambda each: each.name)
     fields = [
         pa.field("key", pa.string()),
         pa.field("version", pa.string()),
         pa.field("trial", pa.int32()),
         pa.field("seed", pa.int64()),
-        *(_field(each.name, pa.float64(), each.unit) for each in (*design.fixed, *design.parameters)),
+        *(_field(each.name, pa.float64(), each.unit) for each in varied),
         pa.field("faults", pa.string()),
         *(_field(name, _TYPES[kind], unit) for name, (kind, unit) in COLUMNS.items()),
     ]

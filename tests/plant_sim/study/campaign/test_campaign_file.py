@@ -11,6 +11,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study.campaign.file import Campaign, load_campaign
 from plant_sim.study.campaign.run import CampaignPlan, CampaignRun
+from plant_sim.study.campaign.shards import shard_schema
 from plant_sim.study.errors import StudyError
 from tests.paths import DOCS
 from tests.plant_sim.study.campaign.folders import SMALL, written
@@ -152,3 +153,12 @@ def test_an_invalid_list_of_points_is_reported_at_its_point(old: str, new: str, 
     with pytest.raises(StudyError) as raised:
         loaded(tmp_path, LIST.replace(old, new))
     assert str(raised.value).startswith(f"{tmp_path / 'campaign.yaml'}{complaint}")
+
+
+def test_a_level_that_becomes_fixed_changes_neither_keys_nor_columns(tmp_path: Path) -> None:
+    varied = loaded(
+        tmp_path, "design: list\npoints:\n  - {program.pause_at_feed: 200 ms, crop.claw_pressure_mpa: 0.3}\n"
+    )
+    fixed = loaded(tmp_path, "fixed: {crop.claw_pressure_mpa: 3 bar, program.pause_at_feed: 0.2 s}\n")
+    assert keys(varied) == keys(fixed)
+    assert shard_schema(varied, "1").equals(shard_schema(fixed, "1"), check_metadata=True)
