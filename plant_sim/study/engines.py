@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import multiprocessing
 import os
@@ -89,11 +90,18 @@ class DaskEngine:
         scheduler: Address of the scheduler, such as ``tcp://192.168.3.20:8786``.
         timeout_s: Longest wait for workers or for the next result, s.
         version: Function that returns the version of the program; every worker must have that of this process.
+
+    Raises:
+        ModuleNotFoundError: Dask is not installed.
     """
 
     scheduler: str
     timeout_s: float
     version: Callable[[], str]
+
+    def __post_init__(self) -> None:
+        """Check that Dask is installed."""
+        importlib.import_module("distributed")
 
     def results(self, jobs: Iterable[Callable[[], Result]], *, ordered: bool) -> Generator[Result, None, None]:
         """Yield the results of jobs; see `Engine.results`. The scheduler repeats the jobs of a lost worker.
@@ -101,7 +109,6 @@ class DaskEngine:
         Raises:
             StudyError: The scheduler is not available, a worker has another version, or there is no result within the
                 time limit.
-            ModuleNotFoundError: Dask is not installed.
         """
         with closing(self._client()) as client:
             self._check_versions(client)
