@@ -26,7 +26,7 @@ from controller.core.devices import (
     WORD_MIN,
     is_32_bit_counter,
 )
-from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.expr import And, Bit, Compare, CompiledCondition, Const, Counter, Expr, Not, Or, Timer, Word
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
 from controller.core.rungs import (
@@ -50,6 +50,7 @@ _FIRST_RETENTIVE_TIMER: Final = 246
 _WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
 _PREDICATES: Final = {"==": "eq", "!=": "ne", "<": "slt", "<=": "sle", ">": "sgt", ">=": "sge"}
 _PARAMETERS: Final = "ptr %m, i64 %tick_100, i64 %tick_10, i64 %tick_1"
+_BIT_RANGE: Final = "!0 = !{i8 0, i8 2}"
 _MEMSET: Final = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
 
 
@@ -83,12 +84,27 @@ def translate(program: Program, layout: MemoryLayout) -> LlvmProgram:
     return LlvmProgram(tuple(dict.fromkeys(modules)), entry)
 
 
+def translate_condition(expr: Expr, layout: MemoryLayout) -> LlvmProgram:
+    """Translate a condition to a function that returns 1 if the condition is true, else 0.
+
+    Its arguments are the addresses of the memory region, and of two regions for a `CompiledCondition`: outside data,
+    and cells that it may change.
+    """
+    code = _FunctionBody(layout, iter(()))
+    result = code.value(f"zext i1 {code.condition(expr)} to i64")
+    code.add(f"ret i64 {result}")
+    entry = _name(code.text())
+    return LlvmProgram((f"define i64 @{entry}(ptr %m, ptr %s, ptr %c) {{\n{code.text()}\n}}\n{_BIT_RANGE}\n",), entry)
+
+
 def _name(body: str) -> str:
     return f"f_{hashlib.sha256(body.encode()).hexdigest()[:24]}"
 
 
 def _module(name: str, parameters: str, body: str, declarations: Iterable[str] = ()) -> str:
-    return "\n".join([_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", ""])
+    return "\n".join(
+        [_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", _BIT_RANGE, ""]
+    )
 
 
 def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:
@@ -147,11 +163,15 @@ class _FunctionBody:
 
     # memory
 
+    def pointer(self, region: str, position: int) -> str:
+        """Add the address of a byte of a memory region, which is a parameter of the function."""
+        return self.value(f"getelementptr i8, ptr %{region}, i64 {position}")
+
     def _pointer(self, position: int) -> str:
-        return self.value(f"getelementptr i8, ptr %m, i64 {position}")
+        return self.pointer("m", position)
 
     def bit(self, row: str, number: int) -> str:
-        byte = self.value(f"load i8, ptr {self._pointer(self._layout.bit(row, number))}")
+        byte = self.value(f"load i8, ptr {self._pointer(self._layout.bit(row, number))}, !range !0")
         return self.value(f"trunc i8 {byte} to i1")
 
     def set_bit(self, row: str, number: int, value: str) -> None:
@@ -183,6 +203,8 @@ class _FunctionBody:
                 return "true" if value else "false"
             case Compare(relation, left, right):
                 return self.compare(relation, self.operand(left), self.operand(right))
+            case CompiledCondition():
+                return expr.emit(self)
         raise TypeError(f"not a condition: {expr!r}")
 
     def inverse(self, value: str) -> str:

@@ -21,7 +21,8 @@ from llvmlite import binding as llvm
 
 from controller.common.cache_folder import user_cache_folder
 from controller.core.devices import Memory
-from controller.core.llvm_ir import translate
+from controller.core.expr import Expr
+from controller.core.llvm_ir import LlvmProgram, translate, translate_condition
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Program
 from controller.core.rungs import Pulse, PulseFalling
@@ -59,20 +60,48 @@ class MachineCode:
     Attributes:
         program: Program that was compiled.
         layout: Arrangement of its device memory.
+        address: Address of the scan function.
+        scan: The scan function.
     """
 
     def __init__(self, program: Program) -> None:
         """Load the machine code of a program, compiling the blocks that are not in the cache."""
         self.program = program
         self.layout = MemoryLayout(sum(isinstance(rung, Pulse | PulseFalling) for rung in program.rungs()))
-        translation = translate(program, self.layout)
+        self._function = _Function(translate(program, self.layout))
+        self.address = self._function.address
+        self.scan = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)(self.address)
+
+
+class MachineCondition:
+    """Machine code of a condition over the devices of a program.
+
+    Attributes:
+        address: Address of the function; see `translate_condition`.
+        holds: The function.
+    """
+
+    def __init__(self, expr: Expr, layout: MemoryLayout) -> None:
+        """Load the machine code of a condition, compiling it if it is not in the cache."""
+        self._function = _Function(translate_condition(expr, layout))
+        self.address = self._function.address
+        self.holds = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)(self.address)
+
+
+class _Function:
+    """Loaded machine code of translated modules; it is unloaded with this object.
+
+    Attributes:
+        address: Address of the entry function.
+    """
+
+    def __init__(self, translation: LlvmProgram) -> None:
         # An engine requires an initial module and owns its target machine. The functions are loaded from object files.
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
         for text in translation.modules:
             self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object_code(text)))
         self._engine.finalize_object()
-        address = self._engine.get_function_address(translation.entry)
-        self.scan = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)(address)
+        self.address: int = self._engine.get_function_address(translation.entry)
 
 
 @lru_cache(maxsize=16)
@@ -81,17 +110,27 @@ def machine_code_of(program: Program) -> MachineCode:
     return MachineCode(program)
 
 
+@lru_cache(maxsize=256)
+def machine_condition_of(condition: Expr, layout: MemoryLayout) -> MachineCondition:
+    """Return the machine code of a condition; all PLCs with the same arrangement of their memory share it."""
+    return MachineCondition(condition, layout)
+
+
 class MachineExecution:
     """Execution of a program as machine code on its own device memory.
 
     Attributes:
         memory: Device memory; its rows are views of one region.
+        code: Machine code of the program.
+        layout: Arrangement of the region.
+        region_address: Address of the region.
+        scan_address: Address of the scan function.
     """
 
     def __init__(self, program: Program) -> None:
         """Create the memory of a PLC and load the machine code of its program."""
-        self._code = machine_code_of(program)
-        layout = self._code.layout
+        self.code = machine_code_of(program)
+        self.layout = layout = self.code.layout
         self._region = (ctypes.c_char * layout.size)()
         rows: dict[str, Any] = {}
         for kind, table in ((_Bits, layout.bits), (_Words, layout.words)):
@@ -100,11 +139,25 @@ class MachineExecution:
         del rows["L"]
         self.memory = Memory(**rows)
         self.memory.TS[:] = [-1] * len(self.memory.TS)
-        self._address = ctypes.addressof(self._region)
+        self.region_address = ctypes.addressof(self._region)
+        self.scan_address = self.code.address
+
+    @property
+    def region(self) -> memoryview:
+        """Device memory as bytes, arranged as in `layout`; writable."""
+        return memoryview(self._region).cast("B")
 
     def run(self, now_ms: int, *, first: bool) -> None:
         """Execute all blocks and the END processing with the latched inputs."""
-        self._code.scan(self._address, now_ms, first)
+        self.code.scan(self.region_address, now_ms, first)
+
+    def save(self) -> bytes:
+        """Return a copy of all devices."""
+        return bytes(self._region)
+
+    def restore(self, saved: bytes) -> None:
+        """Restore a copy returned by `save`."""
+        ctypes.memmove(self._region, saved, len(saved))
 
     def image_of(self, spans: Iterable[tuple[str, slice]]) -> Callable[[], object]:
         """Return a function that copies spans of the memory for comparison."""

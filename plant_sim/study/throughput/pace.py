@@ -203,7 +203,7 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
         io_map=io_map,
         parameters=setting.machine(machine),
         set_points=setting.set_points(),
-        progress=on_scan,
+        monitor=on_scan,
     )
     landings_m = tuple(row.throw_along_m for row in watch.rows)
     return Observed(setting, seed, recorder.timeline(), landings_m, report.reason)
