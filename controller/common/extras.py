@@ -9,6 +9,7 @@ DISTRIBUTION: Final = "seedling-transplanter"
 """Name of the installed package."""
 
 EXTRAS: Final[Mapping[str, str]] = {
+    "distributed": "cluster",
     "joblib": "studies",
     "llvmlite": "plant",
     "matplotlib": "plant",

@@ -11,7 +11,7 @@ import yaml
 
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
-from controller.common.yaml_lines import dotted, line_of, read_yaml, shown, unfold
+from controller.common.yaml_lines import dotted, line_of, read_yaml, shown, unfold, value_of
 
 _Value = TypeVar("_Value")
 _Name = TypeVar("_Name", bound=str)
@@ -109,8 +109,13 @@ class Section:
             return None
         return Section(self.path, self._dotted(key), self._node(key), known, self._error_type)
 
-    def sections(self, key: str, known: Iterable[str]) -> list[Section]:
-        """Return the mappings in the list of a key; an empty list if the key is missing."""
+    def sections(self, key: str, known: Iterable[str] | None) -> list[Section]:
+        """Return the mappings in the list of a key; an empty list if the key is missing.
+
+        Args:
+            key: The key.
+            known: Permitted keys of a mapping; None = any.
+        """
         return [
             Section(self.path, self._dotted(f"{key}[{number}]"), node, known, self._error_type)
             for number, node in enumerate(self._list(key), 1)
@@ -128,15 +133,14 @@ class Section:
         """
         entries: list[Section | str] = []
         for number, node in enumerate(self._list(key), 1):
-            name = f"{key}[{number}]"
             if isinstance(node, yaml.ScalarNode):
                 entries.append(str(node.value))
             elif known and isinstance(node, yaml.MappingNode):
-                entries.append(Section(self.path, self._dotted(name), node, known, self._error_type))
+                name = self._dotted(f"{key}[{number}]")
+                entries.append(Section(self.path, name, node, known, self._error_type))
             else:
                 wanted = "a word or a mapping" if known else "a word or a number"
-                complaint = f"{self._dotted(name)}: must be {wanted}, not {shown(node)}"
-                raise self._error_type(f"{self.path}:{line_of(node)}: {complaint}")
+                raise self._entry_error(key, number, node, f"must be {wanted}, not {shown(node)}")
         return entries
 
     def words(self, key: str) -> list[str]:
@@ -149,6 +153,34 @@ class Section:
             InputError: The value is not a list, or an entry is not a word or a number.
         """
         return [entry for entry in self.entries(key, ()) if isinstance(entry, str)]
+
+    def word_lists(self, key: str, reader: Callable[[str], _Value]) -> list[list[_Value]]:
+        """Return the lists of words in the list of a key; an empty list if the key is missing.
+
+        Args:
+            key: The key.
+            reader: Converts the text of each word; a ValueError is reported with file and line.
+
+        Raises:
+            InputError: The value is not a list of lists, or an entry of them is not a word or a number.
+        """
+        lists: list[list[_Value]] = []
+        for number, node in enumerate(self._list(key), 1):
+            if not isinstance(node, yaml.SequenceNode):
+                complaint = f"must be a list, not {shown(value_of(node))}; write it in brackets, [] for none"
+                raise self._entry_error(key, number, node, complaint)
+            for entry in node.value:
+                if not isinstance(entry, yaml.ScalarNode):
+                    raise self._entry_error(key, number, entry, f"must be a list of words, not of {shown(entry)}")
+            try:
+                lists.append([reader(str(entry.value)) for entry in node.value])
+            except ValueError as error:
+                raise self._entry_error(key, number, node, str(error)) from None
+        return lists
+
+    def _entry_error(self, key: str, number: int, node: yaml.Node, complaint: str) -> InputError:
+        """Return an error at an entry of a list."""
+        return self._error_type(f"{self.path}:{line_of(node)}: {self._dotted(f'{key}[{number}]')}: {complaint}")
 
     def _dotted(self, key: str | None) -> str:
         """Return the dotted name of a key; empty for the complete file."""

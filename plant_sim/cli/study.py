@@ -9,14 +9,12 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.cli import campaign
+from plant_sim.cli.study_progress import busy, study_progress
 from plant_sim.common.units import QuantityError, parse_quantity
 from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
 from plant_sim.study.errors import StudyError
@@ -30,8 +28,8 @@ if TYPE_CHECKING:
 _RUN = ("trials", "seed", "seedlings", "workers", "machine", "io_map")
 _PACE = ("spacing", "frequencies")
 _DRAWS = ("trials", "seed", "workers")
-_LEAST = {"trials": 1, "seed": 0, "seedlings": 1, "workers": 1}
-_LINES = 10
+_CLUSTER = ("engine", "scheduler", "timeout", "shard")
+_LEAST = {"trials": 1, "seed": 0, "seedlings": 1, "workers": 1, "timeout": 1, "shard": 1}
 _RANGE = re.compile(r"(\d+)\.\.(\d+)/(\d+)")
 
 
@@ -41,13 +39,13 @@ class _StudyEntry:
 
     Attributes:
         about: One-line description.
-        make: Function that runs the study.
+        make: Function that runs the study; None for a campaign, which has no report.
         options: Options that apply to the study.
         data: Data sets accepted by `--data`.
     """
 
     about: str
-    make: Callable[[argparse.Namespace], Study]
+    make: Callable[[argparse.Namespace], Study] | None
     options: tuple[str, ...]
     data: tuple[str, ...] = ()
 
@@ -56,14 +54,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``study``."""
     names = "; ".join(f"{name}: {entry.about}" for name, entry in _STUDIES.items())
     parser.add_argument("name", choices=_STUDIES, metavar="NAME", help=names)
-    parser.add_argument("file", nargs="?", type=Path, metavar="FILE", help="with own: the YAML file of the study")
+    parser.add_argument(
+        "file", nargs="?", type=Path, metavar="FILE", help="with own and campaign: the YAML file of the study"
+    )
     parser.add_argument(
         "--data",
         metavar="SET",
         help="published data set to use instead of the twin: paper (pepper-rsm), printed or reconciled (cabbage-rsm)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="new folder for report, tables and pictures")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="new folder for report, tables and pictures; with campaign: folder of the results, which may exist",
+    )
     parser.add_argument(
         "--trials", type=int, metavar="N", help="trials per design point; random blocks per point with planter-..."
     )
@@ -78,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with throughput: planting frequencies, plants per minute per row, e.g. 20..90/10 or 20,30,45",
     )
     parser.add_argument("--workers", type=int, metavar="N", help="parallel processes (default: one per core)")
+    campaign.add_arguments(parser)
     parser.add_argument("--machine", type=Path, metavar="FILE", help="parameters of the machine")
     parser.add_argument("--io-map", type=Path, metavar="FILE", help="I/O map of the machine")
 
@@ -92,6 +98,8 @@ def run(options: argparse.Namespace) -> int:
     """
     entry: _StudyEntry = _STUDIES[options.name]
     _check(options, entry)
+    if entry.make is None:
+        return campaign.run(options)
     from plant_sim.study.report.study import check_folder, write  # noqa: PLC0415
 
     if options.out is not None:
@@ -109,12 +117,12 @@ def _check(options: argparse.Namespace, entry: _StudyEntry) -> None:
     name = options.name
     if (options.file is None) == ("file" in entry.options):
         missing = options.file is None
-        remedy = "specify the YAML file of the study" if missing else "omit it, or use the study own"
+        remedy = "specify the YAML file of the study" if missing else "omit it, or use the study own or campaign"
         raise StudyError(f"FILE: {'is missing' if missing else f'has no effect with {name}'}; {remedy}")
     if options.data is not None and options.data not in entry.data:
         there = f"use {' or '.join(entry.data)}" if entry.data else "omit it"
         raise StudyError(f"--data {options.data}: is not a data set of {name}; {there}")
-    for option in (*_RUN, *_PACE):
+    for option in (*_RUN, *_PACE, *_CLUSTER):
         if getattr(options, option) is None:
             continue
         flag = f"--{option.replace('_', '-')}"
@@ -163,7 +171,7 @@ def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> 
     from plant_sim.study.runner import SEEDLINGS, RunOptions  # noqa: PLC0415
 
     machine, io_map = load_machine(options.machine or DEFAULT_MACHINE), load_io_map(options.io_map or DEFAULT_IO_MAP)
-    with _progress() as progress:
+    with study_progress() as progress:
         yield RunOptions(
             trials=trials if options.trials is None else options.trials,
             seed=seed if options.seed is None else options.seed,
@@ -177,40 +185,6 @@ def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> 
         )
 
 
-@contextmanager
-def _progress(counted: str = "trials") -> Iterator[Callable[[int, int], None]]:
-    """Show the number of completed trials: a bar on a terminal, otherwise one line for each tenth of the trials.
-
-    Args:
-        counted: Noun in the plural, if other than trials are counted.
-    """
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield partial(_print_tenths, counted)
-        return
-    columns = (TextColumn(counted), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-@contextmanager
-def _busy(activity: str) -> Iterator[None]:
-    """Show the current activity of a study that runs no trials; no effect unless stderr is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield
-        return
-    with console.status(activity):
-        yield
-
-
-def _print_tenths(counted: str, done: int, total: int) -> None:
-    if done * _LINES // total > (done - 1) * _LINES // total:
-        sys.stderr.write(f"{done} of {total} {counted}\n")
-        sys.stderr.flush()
-
-
 def _pepper_single(options: argparse.Namespace) -> Study:
     from plant_sim.study.pepper.single_factor import single_study  # noqa: PLC0415
 
@@ -222,7 +196,7 @@ def _pepper_rsm(options: argparse.Namespace) -> Study:
     if options.data is not None:
         from plant_sim.study.pepper.paper import paper_study  # noqa: PLC0415
 
-        with _busy("analysing the paper's table"):
+        with busy("analysing the paper's table"):
             return paper_study()
     from plant_sim.study.pepper.response_surface import rsm_study  # noqa: PLC0415
 
@@ -235,7 +209,7 @@ def _cabbage_rsm(options: argparse.Namespace) -> Study:
         raise StudyError("--data: cabbage-rsm has two data sets; specify printed or reconciled")
     from plant_sim.study.cabbage.study import cabbage_study  # noqa: PLC0415
 
-    with _busy("analysing the paper's table"):
+    with busy("analysing the paper's table"):
         return cabbage_study(options.data)
 
 
@@ -245,7 +219,7 @@ def _calibration(options: argparse.Namespace) -> Study:
 
     machine, seed = load_machine(options.machine or DEFAULT_MACHINE), 1 if options.seed is None else options.seed
     command = command_line("calibration", seed=seed, machine=options.machine)
-    with _busy("fitting the constants of the seedling"):
+    with busy("fitting the constants of the seedling"):
         return dataclasses.replace(calibration_study(machine, seed=seed), command=command)
 
 
@@ -263,7 +237,7 @@ def _throughput(options: argparse.Namespace) -> Study:
 def _line_slip(options: argparse.Namespace) -> Study:
     from plant_sim.study.slip import slip_study  # noqa: PLC0415
 
-    with _busy("planting rows"):
+    with busy("planting rows"):
         return slip_study(load_machine(), seed=_or(options.seed, 1))
 
 
@@ -271,7 +245,7 @@ def _planter_verdicts(options: argparse.Namespace) -> Study:
     from plant_sim.planter.parameters import load_planter, load_ranges  # noqa: PLC0415
     from plant_sim.study.planter.verdict_study import verdict_study  # noqa: PLC0415
 
-    with _progress("points") as progress:
+    with study_progress("points") as progress:
         return verdict_study(
             load_planter(), load_ranges(), draws=_or(options.trials, 60), progress=progress, **_draw_options(options)
         )
@@ -284,7 +258,7 @@ def _planter_release(options: argparse.Namespace) -> Study:
     from plant_sim.study.planter.release_study import release_study  # noqa: PLC0415
 
     tables = {kind: default_table(kind) for kind in Ground}
-    with _progress("points") as progress:
+    with study_progress("points") as progress:
         return release_study(
             load_planter(),
             load_ranges(),
@@ -299,7 +273,7 @@ def _planter_lodging(options: argparse.Namespace) -> Study:
     from plant_sim.planter.parameters import load_planter, load_ranges  # noqa: PLC0415
     from plant_sim.study.planter.lodging_study import FIELD_SEEDLINGS, lodging_study  # noqa: PLC0415
 
-    with _progress("settings and trials") as progress:
+    with study_progress("settings and trials") as progress:
         return lodging_study(
             load_planter(),
             load_ranges(),
@@ -346,4 +320,7 @@ _STUDIES: Mapping[str, _StudyEntry] = {
     ),
     "line-slip": _StudyEntry("spacing of the plants over the slip of the ground wheel", _line_slip, ("seed",)),
     "own": _StudyEntry("a custom study", _custom, (*_RUN, "file")),
+    "campaign": _StudyEntry(
+        "runs over factors, faults and seeds, stored in --out and resumed there", None, (*_RUN, *_CLUSTER, "file")
+    ),
 }

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import shlex
-import signal
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
-import joblib
 import numpy as np
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from controller.iomap.loader import IoMap
 from plant_sim.machine.parameters import Machine
+from plant_sim.study.engines import ProcessEngine, Result
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
 from plant_sim.twin.report import TrialReport
@@ -31,7 +28,6 @@ _MOST_REASONS = 5
 
 Progress = Callable[[int, int], None]
 """Callback with the number of completed trials and their total."""
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,17 +184,17 @@ def spread(
     Raises:
         StudyError: The number of processes is invalid, or a process was killed.
     """
-    if workers is not None and workers < 1:
-        raise StudyError(f"--workers {workers}: must be 1 or more; omit it for one per core")
+    engine = ProcessEngine(workers)
+    if len(jobs) <= 1:
+        engine = ProcessEngine(1)
+    elif workers is not None:
+        engine = ProcessEngine(min(workers, len(jobs)))
     collected: list[Result] = []
-    try:
-        with closing(_results(jobs, workers)) as results:
-            for result in results:
-                collected.append(result)
-                if progress is not None:
-                    progress(len(collected), len(jobs))
-    except TerminatedWorkerError:
-        raise StudyError("--workers: a process was killed, possibly for lack of memory; use a smaller number") from None
+    with closing(engine.results(jobs, ordered=True)) as results:
+        for result in results:
+            collected.append(result)
+            if progress is not None:
+                progress(len(collected), len(jobs))
     return collected
 
 
@@ -229,17 +225,3 @@ def _check_numbers(settings: int, trials: int, seedlings: int) -> None:
             f"--trials {trials}: {settings} settings result in {settings * trials} trials, more than "
             f"{MOST_TRIALS}; reduce the trials or the levels"
         )
-
-
-def _results(jobs: Sequence[Callable[[], Result]], workers: int | None) -> Generator[Result, None, None]:
-    """Yield the results in the order of the jobs, as soon as they are available."""
-    is_local = workers == 1 or len(jobs) <= 1
-    pool = {} if is_local else {"backend": "loky", "initializer": _ignore_interrupts}
-    processes = -1 if workers is None else min(workers, len(jobs))
-    parallel = joblib.Parallel(n_jobs=1 if is_local else processes, return_as="generator", **pool)
-    results: Generator[Result, None, None] = parallel(joblib.delayed(job)() for job in jobs)
-    return results
-
-
-def _ignore_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -98,6 +98,12 @@ def test_the_program_name_is_that_of_the_console_command(monkeypatch: pytest.Mon
         ("plant_sim", ("trial", "--record", "run.parquet"), "pyarrow"),
         ("plant_sim", ("serve", "--record", "run.parquet", "--port", "0"), "pyarrow"),
         ("plant_sim", ("study", "throughput"), "joblib"),
+        ("plant_sim", ("study", "campaign", "x.yaml", "--out", "x"), "pyarrow"),
+        (
+            "plant_sim",
+            ("study", "campaign", "x.yaml", "--out", "x", "--engine", "dask", "--scheduler", "tcp://127.0.0.1:1"),
+            "distributed",
+        ),
         ("plant_sim", ("trial",), "numpy"),
     ],
 )

@@ -215,6 +215,7 @@ EXTRA_COMMANDS: Mapping[str, tuple[str, ...]] = {
     "panel": (SCRIPTS[0], "panel", "--help"),
     "parquet": ("python", "-c", "import pyarrow.parquet"),
     "serial": ("python", "-c", "import serial"),
+    "cluster": ("python", "-c", "import distributed, plant_sim.study.campaign.campaign"),
 }
 """Command that needs an extra, by extra."""
 MISSING_COMMANDS: Mapping[str, tuple[str, ...]] = {

@@ -14,6 +14,7 @@ import pytest
 from rich.console import Console
 
 from plant_sim.cli import study as cli
+from plant_sim.cli import study_progress
 from plant_sim.cli.main import main
 from plant_sim.machine.parameters import DEFAULT_MACHINE
 from plant_sim.study import runner
@@ -267,7 +268,7 @@ def test_a_study_without_trials_shows_its_activity_on_a_terminal(
     assert study("cabbage-rsm", "--data", "printed") == 0
     quiet = capsys.readouterr()
     assert quiet.err == ""
-    monkeypatch.setattr(cli, "Console", lambda *, stderr: Console(stderr=stderr, force_terminal=True))
+    monkeypatch.setattr(study_progress, "Console", lambda *, stderr: Console(stderr=stderr, force_terminal=True))
     assert study("cabbage-rsm", "--data", "printed") == 0
     shown = capsys.readouterr()
     assert "analysing the paper's table" in shown.err

@@ -1,0 +1,127 @@
+"""Study ``campaign``: options, execution and summary."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING
+
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.cli.study_progress import study_progress
+from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
+from plant_sim.study.errors import StudyError
+
+if TYPE_CHECKING:
+    from plant_sim.study.campaign.campaign import CampaignResult
+    from plant_sim.study.engines import Engine
+
+_TIMEOUT_S = 600.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that only a campaign has."""
+    parser.add_argument(
+        "--engine",
+        choices=("processes", "dask"),
+        help="with campaign: processes of this computer (default), or the workers of a Dask cluster",
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="with --engine dask: address of the scheduler, e.g. tcp://127.0.0.1:8786"
+    )
+    parser.add_argument(
+        "--timeout",
+        type=float,
+        metavar="SECONDS",
+        help=f"with --engine dask: longest wait for workers or for the next result (default: {_TIMEOUT_S:g})",
+    )
+    parser.add_argument(
+        "--shard", type=int, metavar="N", help="with campaign: maximum number of runs per Parquet file (default: 200)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run a campaign and print its summary.
+
+    Raises:
+        InputError: An option or a file is invalid, or the campaign was interrupted.
+    """
+    from plant_sim.study.campaign.campaign import SHARD_RUNS, CampaignOptions, run_campaign  # noqa: PLC0415
+    from plant_sim.study.campaign.file import load_campaign  # noqa: PLC0415
+    from plant_sim.study.factors import ratings_exceeded  # noqa: PLC0415
+
+    if options.out is None:
+        raise StudyError("--out: is missing; specify the folder of the campaign")
+    engine = _engine(options)
+    machine, io_map = load_machine(options.machine or DEFAULT_MACHINE), load_io_map(options.io_map or DEFAULT_IO_MAP)
+    campaign = load_campaign(
+        options.file, machine, io_map, trials=options.trials, seed=options.seed, seedlings=options.seedlings
+    )
+    for warning in ratings_exceeded(campaign.design.settings, machine):
+        _notice(f"warning: {warning}")
+    with study_progress("runs") as progress:
+        result = run_campaign(
+            campaign,
+            CampaignOptions(
+                folder=options.out,
+                machine=machine,
+                io_map=io_map,
+                engine=engine,
+                shard_runs=options.shard or SHARD_RUNS,
+                progress=progress,
+                notice=_notice,
+            ),
+        )
+    sys.stdout.write(_json(options, result) if options.json else _text(options, result))
+    return 0
+
+
+def _engine(options: argparse.Namespace) -> Engine:
+    """Return the engine.
+
+    Raises:
+        StudyError: An option is missing, invalid or without effect.
+    """
+    from plant_sim.study.campaign.version import code_version  # noqa: PLC0415
+    from plant_sim.study.engines import DaskEngine, ProcessEngine  # noqa: PLC0415
+
+    if options.engine != "dask":
+        for name in ("scheduler", "timeout"):
+            if getattr(options, name) is not None:
+                raise StudyError(f"--{name}: has no effect without --engine dask; omit it, or add --engine dask")
+        return ProcessEngine(options.workers)
+    if options.workers is not None:
+        raise StudyError("--workers: has no effect with --engine dask, whose workers are started separately; omit it")
+    if options.scheduler is None or not options.scheduler.startswith("tcp://"):
+        given = "is missing" if options.scheduler is None else f"{options.scheduler}: is not an address"
+        raise StudyError(f"--scheduler {given}; write tcp://HOST:PORT, as the scheduler prints it")
+    return DaskEngine(options.scheduler, options.timeout or _TIMEOUT_S, code_version)
+
+
+def _notice(text: str) -> None:
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
+
+
+def _text(options: argparse.Namespace, result: CampaignResult) -> str:
+    stored = result.runs - result.computed
+    incomplete = f"{result.incomplete} trials did not complete and have no rates"
+    return (
+        f"{result.runs} runs in {result.files} files in {options.out / 'runs'}: {result.computed} computed now, "
+        f"{stored} stored before\n"
+        f"{incomplete if result.incomplete else 'all trials completed'}\n"
+        f"version {result.version}\n"
+    )
+
+
+def _json(options: argparse.Namespace, result: CampaignResult) -> str:
+    record = {
+        "campaign": str(options.file),
+        "folder": str(options.out / "runs"),
+        "version": result.version,
+        "runs": result.runs,
+        "computed": result.computed,
+        "incomplete": result.incomplete,
+        "files": result.files,
+    }
+    return json.dumps(record, indent=2, ensure_ascii=False) + "\n"
