@@ -377,7 +377,7 @@ class Plant(Saved):
         conveyor = self.conveyor
         self._bed.lay(
             [(number, conveyor.offset_m(number)) for number in conveyor.front_m],
-            trays_m=conveyor.trays_m,
+            trays_m=conveyor.followed_m,
             is_placed=conveyor.placed_tray is not None,
             turned={number: lead_m / self._half_tray_m for number, lead_m in conveyor.skewed_m.items()},
         )
