@@ -8,7 +8,8 @@ import pytest
 
 from controller.cli.main import main as controller
 from controller.fx.drawing.ladder import draw
-from controller.fx.engine.plc import WATCHDOG_ERROR, FxPlc
+from controller.fx.engine.cpu import WATCHDOG_ERROR
+from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.running import run
 from controller.fx.engine.stimulus import load_stimulus
 from controller.fx.language.il import read_il

@@ -1,0 +1,214 @@
+"""Translation of output instructions: coils, transfers and applied instructions, with and without power."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from controller.core.devices import ANNUNCIATORS, WORD_MAX, WORD_MIN
+from controller.fx.engine.applied.table import LEVELS
+from controller.fx.engine.code import (
+    DEPTH,
+    GATES,
+    TRANSFERRED,
+    Arithmetic,
+    Branch,
+    Cell,
+    ClearBits,
+    Comparison,
+    Condition,
+    Inverse,
+    Jump,
+    Leave,
+    Let,
+    Parallel,
+    RunSubroutine,
+    Selection,
+    Series,
+    Spend,
+    Statement,
+    StopTooDeep,
+    Store,
+)
+from controller.fx.engine.coils import (
+    NOW,
+    annunciator,
+    contact,
+    counter,
+    drive,
+    driven_off,
+    plain_word,
+    set_to,
+    timer,
+    timer_off,
+)
+from controller.fx.engine.conditions import Numbering, edge_pulse
+from controller.fx.engine.cpu import CALL_DEPTH
+from controller.fx.engine.parts import END_POINTER, LadderStep, Parts, number_of, steps_of
+from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Operand
+from controller.fx.language.instruction_set import FORMS, Form, steps
+
+TRANSFER_DISABLE: Final = 8040
+_EVERY_SCAN: Final = ("ANS", "STMR")
+"""Instructions that also act in scans without drive after which their state has not changed: their timer is a device."""
+
+
+class Outputs:
+    """Translator of output instructions."""
+
+    def __init__(self, instructions: tuple[Instruction, ...], parts: Parts, numbering: Numbering) -> None:
+        self._list = instructions
+        self._parts = parts
+        self._numbering = numbering
+        self._drivers = _drivers(instructions, parts)
+
+    def with_power(self, i: int, power: Condition, step: LadderStep | None) -> tuple[Statement, ...]:
+        """Return the statements for an output instruction, outside steps or in an active step."""
+        instruction = self._list[i]
+        name, operands, form = instruction.name, instruction.operands, FORMS.get(instruction.name)
+        match name:
+            case "OUT":
+                return self._out(operands, power, step)
+            case "SET" | "RST":
+                if name == "SET" and step is not None and _is_step(operands[0]):
+                    return self._transfer(number_of(instruction), power, step)
+                return (Branch(power, set_to(operands[0], on=name == "SET")),)
+            case "PLS" | "PLF":
+                edge = self._numbering.edge(i)
+                pulse = edge_pulse(edge, falling=name == "PLF")
+                return Let(NOW, power), drive(operands[0], pulse), Store(edge, NOW)
+            case "MC":
+                relay = contact(operands[1])
+                return drive(operands[1], power), Store(Cell(GATES, number_of(instruction)), relay)
+        return () if form is None else self._applied(i, form, power)
+
+    def left(self, i: int, step: LadderStep) -> tuple[Statement, ...]:
+        """Return the statements for an instruction after its step has turned off."""
+        instruction = self._list[i]
+        name, operands, form = instruction.name, instruction.operands, FORMS.get(instruction.name)
+        device = operands[0] if operands else None
+        if name == "OUT" and device is not None and not _is_step(device):
+            others: Condition | None = None
+            for other in self._drivers[device]:
+                if other is not step:
+                    others = active(other) if others is None else Parallel(others, active(other))
+            return driven_off(device) if others is None else (Branch(Inverse(others), driven_off(device)),)
+        if name in ("PLS", "PLF") and device is not None:
+            return drive(device, power=False), Store(self._numbering.edge(i), value=False)
+        if form is not None and form.kind.name in LEVELS:
+            return self._level(i, form, power=False)
+        if form is not None and form.pulsed:
+            return (Store(self._numbering.edge(i), value=False),)
+        return ()
+
+    def _out(self, operands: tuple[Operand, ...], power: Condition, step: LadderStep | None) -> tuple[Statement, ...]:
+        match operands[0]:
+            case DeviceOperand("T", number):
+                return (timer(number, operands[1], power),)
+            case DeviceOperand("C", number):
+                return counter(number, operands[1], power)
+            case DeviceOperand("S", number) as state if step is not None and _is_step(state):
+                return self._transfer(number, power, step)
+        return (drive(operands[0], power),)
+
+    def _transfer(self, target: int, power: Condition, step: LadderStep) -> tuple[Statement, ...]:
+        """Return the statements that set the target state immediately; the source states are reset at END."""
+        self._numbering.sources |= set(step.states)
+        transfer = (
+            Store(Cell("S", target), value=True),
+            *(Store(Cell("L", source), value=True) for source in step.states),
+            Store(Cell("L", target), value=False),
+            Store(Cell("W", TRANSFERRED), 1),
+        )
+        return (Branch(Series(power, Inverse(Cell("M", TRANSFER_DISABLE))), transfer),)
+
+    # applied instructions
+
+    def _applied(self, i: int, form: Form, power: Condition) -> tuple[Statement, ...]:
+        if form.kind.name in LEVELS:
+            return self._level(i, form, power)
+        action = self._action(i, form)
+        if not form.pulsed:
+            return (Branch(power, action),)
+        edge = self._numbering.edge(i)
+        off = Branch(Inverse(NOW), (Store(edge, value=False),))
+        rising = Branch(edge_pulse(edge, falling=False), (Store(edge, value=True), *action), (off,))
+        return Let(NOW, power), rising
+
+    def _level(self, i: int, form: Form, power: Condition) -> tuple[Statement, ...]:
+        """Return the statements for an instruction that also acts when its drive input turns off."""
+        match form.kind.name, self._list[i].operands:
+            case "ANS", (
+                DeviceOperand("T", n, ""),
+                Constant(preset, _, "") as constant,
+                DeviceOperand("S", _, "") as s,
+            ) if 0 <= preset <= WORD_MAX:
+                return (timer_off(n),) if power is False else annunciator(n, constant, s, power)
+        if form.kind.name in _EVERY_SCAN:
+            return (self._numbering.operation(i, power),)
+        level = self._numbering.level(i)
+        execution = Store(level, self._numbering.operation(i, NOW))
+        return Let(NOW, power), Branch(Parallel(NOW, level), (execution,))
+
+    def _action(self, i: int, form: Form) -> tuple[Statement, ...]:
+        """Return the statements for an applied instruction; the most common instructions need no Python function."""
+        name, operands = form.kind.name, self._list[i].operands
+        words = [None if form.wide else plain_word(operand) for operand in operands]
+        match name, operands:
+            case "CJ", _:
+                return self._jump(i, number_of(self._list[i]))
+            case "CALL", _:
+                return self._call(number_of(self._list[i]))
+            case "MOV", (_, DeviceOperand("D")) if isinstance(words[1], Cell) and words[0] is not None:
+                return (Store(words[1], words[0]),)
+            case "INC", (DeviceOperand("D"),) if isinstance(words[0], Cell):
+                count, below = words[0], Comparison("<", words[0], WORD_MAX)
+                return (Store(count, Selection(below, Arithmetic("+", count, 1), WORD_MIN)),)
+            case "ZRST", (DeviceOperand("Y" | "M" | "S" as kind, first, ""), DeviceOperand(_, last, "")) if (
+                first <= last
+            ):
+                return (ClearBits(kind, first, last),)
+        return (self._numbering.operation(i),)
+
+    def _jump(self, i: int, label: int) -> tuple[Statement, ...]:
+        """Return the statements of CJ; a jump backwards uses watchdog time."""
+        if label == END_POINTER:
+            return (Leave(),)
+        at = next(k for k, x in enumerate(self._list) if x.name == "P" and number_of(x) == label)
+        if at >= i:
+            return (Jump(label),)
+        return Spend(sum(map(steps, self._list[at : i + 1]))), Jump(label)
+
+    def _call(self, label: int) -> tuple[Statement, ...]:
+        depth = Cell("W", DEPTH)
+        return (
+            Spend(steps_of(self._list, self._parts.subroutines[label])),
+            Branch(Comparison("==", depth, CALL_DEPTH), (StopTooDeep(),)),
+            Store(depth, Arithmetic("+", depth, 1)),
+            RunSubroutine(label),
+            Store(depth, Arithmetic("-", depth, 1)),
+        )
+
+
+def active(step: LadderStep) -> Condition:
+    """Return the condition that all states of a step are on."""
+    first, *others = step.states
+    condition: Condition = Cell("S", first)
+    for state in others:
+        condition = Series(condition, Cell("S", state))
+    return condition
+
+
+def _is_step(operand: Operand) -> bool:
+    return isinstance(operand, DeviceOperand) and operand.kind == "S" and operand.number < ANNUNCIATORS.start
+
+
+def _drivers(instructions: tuple[Instruction, ...], parts: Parts) -> dict[Operand, list[LadderStep]]:
+    """Return, for each coil, the steps that drive it."""
+    drivers: dict[Operand, list[LadderStep]] = {}
+    for body in (parts.main, *parts.subroutines.values()):
+        for step in body:
+            if isinstance(step, LadderStep):
+                for i in step.body:
+                    if instructions[i].name == "OUT":
+                        drivers.setdefault(instructions[i].operands[0], []).append(step)
+    return drivers
