@@ -33,11 +33,15 @@ class FunctionBody:
     """Builder of the body of one function. Conditions are values of type i1, and words are values of type i64.
 
     The parameter `%m` of the function is the address of the memory region.
+
+    Attributes:
+        block: Label of the basic block to which operations are added.
     """
 
     def __init__(self, layout: MemoryLayout) -> None:
         self._layout = layout
-        self._lines = ["entry:"]
+        self.block = "entry"
+        self._lines = [f"{self.block}:"]
         self._values = 0
         self._labels = 0
 
@@ -131,4 +135,5 @@ class FunctionBody:
 
     def _begin(self, label: str) -> None:
         """Begin a basic block; the lines added next belong to it."""
+        self.block = label
         self._lines.append(f"{label}:")

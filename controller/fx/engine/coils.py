@@ -48,7 +48,8 @@ def plain_word(operand: Operand) -> Value | None:
     """Return a 16-bit word, or None if it needs more than one element of the memory.
 
     Examples:
-        >>> plain_word(DeviceOperand("D", 5)), plain_word(Constant(0xFFFF, "H")), plain_word(DeviceOperand("D", 5, "Z0"))
+        >>> device = DeviceOperand("D", 5)
+        >>> plain_word(device), plain_word(Constant(0xFFFF, "H")), plain_word(DeviceOperand("D", 5, "Z0"))
         (Cell(row='D', number=5), -1, None)
     """
     match operand:

@@ -10,7 +10,7 @@ from controller.core.devices import Memory
 from controller.fx.engine.code import TranslatedProgram
 
 Functions = Mapping[int, Callable[..., int | None]]
-"""Functions of the instructions that Python executes, by index of the instruction; those of a drive state receive it."""
+"""Functions of the instructions that Python executes, by index of the instruction."""
 
 
 class FxExecution(Protocol):

@@ -49,7 +49,7 @@ from controller.fx.language.instruction_set import FORMS, Form, steps
 
 TRANSFER_DISABLE: Final = 8040
 _EVERY_SCAN: Final = ("ANS", "STMR")
-"""Instructions that also act in scans without drive after which their state has not changed: their timer is a device."""
+"""Instructions executed in every scan: without drive, their timer can still run or be started by another coil."""
 
 
 class Outputs:

@@ -1,0 +1,174 @@
+"""Translation of an FX program to LLVM IR.
+
+The program is divided into parts of some rungs and steps. Each part is a function in a module of its own; its text does
+not depend on the parts before it, so a changed rung changes only its part. The routines (main program and subroutines)
+execute the parts, jumps and loops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+from zlib import crc32
+
+from controller.core.llvm_function import function, module, name_of
+from controller.fx.engine.code import (
+    Body,
+    Label,
+    Network,
+    Repetition,
+    Routine,
+    TranslatedProgram,
+    subroutine_name,
+)
+from controller.fx.engine.llvm_part import (
+    END,
+    FIRST_LABEL,
+    GATE_LEVELS,
+    LEFT,
+    MOVED_ROWS,
+    NO_DRIVE,
+    PART_PARAMETERS,
+    TICK_REGISTERS,
+    FxLayout,
+    OperationBody,
+    PartBases,
+    PartBody,
+)
+
+_FEWEST, _MOST = 40, 400
+"""Sizes of a part, in instructions."""
+_DIVISION: Final = 16
+"""A part ends, on average, after this number of rungs without a title."""
+
+
+def llvm_modules(program: TranslatedProgram, layout: FxLayout) -> tuple[str, ...]:
+    """Return the modules of a program: one for each distinct part, and one for the routines.
+
+    The function `scan` of the last module executes the program, given the address of the memory and the time in ms. Its
+    result is `END`, `STOPPED`, `OVERDUE` or `TOO_DEEP`.
+    """
+    writer = _ModuleWriter(layout)
+    routines = [writer.routine(routine) for routine in (program.main, *program.subroutines)]
+    declarations = [f"declare i64 @{name}({PART_PARAMETERS})" for name in writer.parts]
+    return (*writer.parts.values(), module(routines, declarations))
+
+
+class _ModuleWriter:
+    """Writer of the functions of a program.
+
+    Attributes:
+        parts: Modules of the parts, by name of the function.
+    """
+
+    def __init__(self, layout: FxLayout) -> None:
+        self._layout = layout
+        self.parts: dict[str, str] = {}
+
+    def routine(self, routine: Routine) -> str:
+        """Return the function of a routine, and add the modules of its parts."""
+        body = _RoutineBody(self._layout)
+        main = not routine.name.startswith("sub_")
+        if main:
+            body.store_ticks()
+        body.begin_gates()
+        self._body(body, routine.body)
+        body.add(f"ret i64 {END}")
+        return function("i64", routine.name, "ptr %m, i64 %now_ms" if main else "ptr %m", body.text())
+
+    def _body(self, routine: _RoutineBody, body: Body) -> None:
+        labels = tuple(part.number for part in body if isinstance(part, Label))
+        for part in _divided(body):
+            match part:
+                case Label(number):
+                    routine.begin_label(number)
+                case Repetition(index, repeated):
+                    with routine.repeated(index):
+                        self._body(routine, repeated)
+                case _:
+                    code = PartBody(self._layout)
+                    code.statements(statement for network in part for statement in network.statements)
+                    routine.call_part(self._part(code), code.bases, labels)
+
+    def _part(self, code: PartBody) -> str:
+        """Add the module of a part and return the name of its function."""
+        code.add(f"ret i64 {END}")
+        name = name_of(code.text())
+        declarations = [f"declare i64 @{subroutine_name(label)}(ptr)" for label in sorted(code.called)]
+        self.parts[name] = module([function("i64", name, PART_PARAMETERS, code.text())], declarations)
+        return name
+
+
+def _divided(body: Body) -> Iterator[Label | Repetition | tuple[Network, ...]]:
+    """Yield labels, loops and parts of several networks.
+
+    The places of division depend on the networks themselves, not on their position in the program.
+    """
+    part: list[Network] = []
+    for element in body:
+        if part and (not isinstance(element, Network) or _is_divided(part, element)):
+            yield tuple(part)
+            part = []
+        if isinstance(element, Network):
+            part.append(element)
+        else:
+            yield element
+    if part:
+        yield tuple(part)
+
+
+def _is_divided(part: list[Network], following: Network) -> bool:
+    size = sum(network.instructions for network in part)
+    place = following.begins_block or crc32(following.source.encode()) % _DIVISION == 0
+    return size + following.instructions > _MOST or (place and size >= _FEWEST)
+
+
+class _RoutineBody(OperationBody):
+    """Builder of the function of a routine."""
+
+    def store_ticks(self) -> None:
+        """Store the scan time in units of the time bases."""
+        for base_ms, register in TICK_REGISTERS.items():
+            self.set_word("W", register, self.value(f"sdiv i64 %now_ms, {base_ms}"))
+
+    def begin_gates(self) -> None:
+        """Turn on all levels of master control."""
+        self.add(f"%gates = alloca [{GATE_LEVELS} x i8]")
+        self.add(f"call void @llvm.memset.p0.i64(ptr %gates, i8 1, i64 {GATE_LEVELS}, i1 false)")
+
+    def begin_label(self, number: int) -> None:
+        """Begin the code that follows a label."""
+        self.add(f"br label %P{number}")
+        self._begin(f"P{number}")
+
+    def call_part(self, name: str, bases: PartBases, labels: tuple[int, ...]) -> None:
+        """Execute a part, and continue at the label to which it jumps."""
+        rows = ", ".join(f"ptr {self._pointer(self._layout.bit(row, bases.rows.get(row, 0)))}" for row in MOVED_ROWS)
+        result = self.value(f"call i64 @{name}(ptr %m, ptr %gates, {rows}, i64 {bases.operation})")
+        following, left, stopped = self._label(), self._label(), self._label()
+        cases = [f"i64 {END}, label %{following}", f"i64 {LEFT}, label %{left}"]
+        cases += [f"i64 {FIRST_LABEL + label}, label %P{label}" for label in labels]
+        self.add(f"switch i64 {result}, label %{stopped} [{' '.join(cases)}]")
+        self._begin(left)
+        self.add(f"ret i64 {END}")
+        self._begin(stopped)
+        self.add(f"ret i64 {result}")
+        self._begin(following)
+
+    @contextmanager
+    def repeated(self, index: int) -> Iterator[None]:
+        """Execute the operations added in the `with` block as often as an operation returns."""
+        times = self.operation(str(index), str(NO_DRIVE))
+        before, head, inside, again, after = self.block, *(self._label() for _ in range(4))
+        self.add(f"br label %{head}")
+        self._begin(head)
+        self.add(f"%{head}.n = phi i64 [0, %{before}], [%{head}.next, %{again}]")
+        self.add(f"br i1 {self.compare('<', f'%{head}.n', times)}, label %{inside}, label %{after}")
+        self._begin(inside)
+        yield
+        self.add(f"br label %{again}")
+        self._begin(again)
+        self.add(f"%{head}.next = add i64 %{head}.n, 1")
+        self.add(f"br label %{head}")
+        self._begin(after)
