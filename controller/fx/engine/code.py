@@ -22,7 +22,7 @@ EXECUTION_REGISTERS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class RowElement:
     """Bit or word in a row of the memory.
 
     Attributes:
@@ -35,7 +35,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Variable:
+class LocalVariable:
     """Intermediate result that is used only in its own rung."""
 
     name: str
@@ -49,7 +49,7 @@ class Inverse:
 
 
 @dataclass(frozen=True, slots=True)
-class Series:
+class Conjunction:
     """Condition that is true while both operands are true."""
 
     left: Condition
@@ -57,7 +57,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Parallel:
+class Disjunction:
     """Condition that is true while at least one operand is true."""
 
     left: Condition
@@ -86,7 +86,7 @@ class Operation:
     drive: Condition | None = None
 
 
-Condition = bool | Cell | Variable | Inverse | Series | Parallel | Comparison | Operation
+Condition = bool | RowElement | LocalVariable | Inverse | Conjunction | Disjunction | Comparison | Operation
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,14 +114,14 @@ class Selection:
     other: Value
 
 
-Value = int | Cell | Variable | Tick | Arithmetic | Selection
+Value = int | RowElement | LocalVariable | Tick | Arithmetic | Selection
 
 
 @dataclass(frozen=True, slots=True)
 class Store:
     """Assignment to a bit or a word."""
 
-    target: Cell
+    target: RowElement
     value: Condition | Value
 
 
@@ -129,7 +129,7 @@ class Store:
 class Let:
     """Assignment to a variable."""
 
-    variable: Variable
+    variable: LocalVariable
     value: Condition | Value
 
 
@@ -268,7 +268,7 @@ def is_word(value: Condition | Value) -> bool:
     match value:
         case bool():
             return False
-        case Cell(row, _):
+        case RowElement(row, _):
             return row in WORD_ROWS
     return isinstance(value, int | Tick | Arithmetic | Selection)
 

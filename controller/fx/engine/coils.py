@@ -9,39 +9,39 @@ from controller.fx.engine.access import signed
 from controller.fx.engine.code import (
     Arithmetic,
     Branch,
-    Cell,
     Comparison,
     Condition,
+    Conjunction,
     Inverse,
     Let,
+    LocalVariable,
+    RowElement,
     Selection,
-    Series,
     Statement,
     Store,
     Tick,
     Value,
-    Variable,
 )
 from controller.fx.engine.cpu import RETENTIVE_TIMERS, index_register
 from controller.fx.language.instruction import Constant, DeviceOperand, Operand, WordBit
 
-NOW: Final = Variable("now")
+NOW: Final = LocalVariable("now")
 """Power of the coil under translation."""
-_ELAPSED: Final = Variable("v")
+_ELAPSED: Final = LocalVariable("v")
 _SIGN_BIT: Final = 15
 
 
 def contact(operand: Operand) -> Condition:
     """Return a contact: a bit device or a bit of a register."""
     if isinstance(operand, WordBit):
-        bit = Arithmetic("&", Arithmetic(">>", Cell("D", operand.number), operand.bit), 1)
+        bit = Arithmetic("&", Arithmetic(">>", RowElement("D", operand.number), operand.bit), 1)
         return Comparison("==", bit, 1)
     return _cell(operand)
 
 
-def _cell(operand: Operand) -> Cell:
+def _cell(operand: Operand) -> RowElement:
     assert isinstance(operand, DeviceOperand)  # noqa: S101 - operands are checked by the parser
-    return Cell(operand.kind, operand.number)
+    return RowElement(operand.kind, operand.number)
 
 
 def plain_word(operand: Operand) -> Value | None:
@@ -50,19 +50,19 @@ def plain_word(operand: Operand) -> Value | None:
     Examples:
         >>> device = DeviceOperand("D", 5)
         >>> plain_word(device), plain_word(Constant(0xFFFF, "H")), plain_word(DeviceOperand("D", 5, "Z0"))
-        (Cell(row='D', number=5), -1, None)
+        (RowElement(row='D', number=5), -1, None)
     """
     match operand:
         case Constant(value, _, ""):
             return value - 0x10000 if value > WORD_MAX else value
         case DeviceOperand("D", number, ""):
-            return Cell("D", number)
+            return RowElement("D", number)
         case DeviceOperand("T", number, ""):
-            return Cell("TV", number)
+            return RowElement("TV", number)
         case DeviceOperand("C", number, "") if not is_32_bit_counter(number):
-            return Cell("CV", number)
+            return RowElement("CV", number)
         case DeviceOperand("V" | "Z" as kind, number, ""):
-            return Cell("D", index_register(f"{kind}{number}"))
+            return RowElement("D", index_register(f"{kind}{number}"))
     return None
 
 
@@ -72,17 +72,17 @@ def plain_long_word(operand: Operand) -> Value | None:
         case Constant(value, _, ""):
             return signed(value, 32)
         case DeviceOperand("D", number, ""):
-            low = Arithmetic("&", Cell("D", number), 0xFFFF)
-            return Arithmetic("|", Arithmetic("<<", Cell("D", number + 1), 16), low)
+            low = Arithmetic("&", RowElement("D", number), 0xFFFF)
+            return Arithmetic("|", Arithmetic("<<", RowElement("D", number + 1), 16), low)
         case DeviceOperand("C", number, "") if is_32_bit_counter(number):
-            return Cell("CV", number)
+            return RowElement("CV", number)
     return None
 
 
 def drive(operand: Operand, power: Condition) -> Statement:
     """Return the statement that sets a bit to the power of its coil."""
     if isinstance(operand, WordBit):
-        register = Cell("D", operand.number)
+        register = RowElement("D", operand.number)
         mask = -1 << operand.bit if operand.bit == _SIGN_BIT else 1 << operand.bit
         return Store(register, Selection(power, Arithmetic("|", register, mask), Arithmetic("&", register, ~mask)))
     return Store(_cell(operand), power)
@@ -94,10 +94,10 @@ def set_to(operand: Operand, *, on: bool) -> tuple[Statement, ...]:
         case DeviceOperand("T", n):
             return _stopped(n)
         case DeviceOperand("C", n):
-            return Store(Cell("CV", n), 0), Store(Cell("C", n), value=False)
+            return Store(RowElement("CV", n), 0), Store(RowElement("C", n), value=False)
         case DeviceOperand("D" | "V" | "Z"):
             register = plain_word(operand)
-            assert isinstance(register, Cell)  # noqa: S101 - RST of an indexed register is rejected by the parser
+            assert isinstance(register, RowElement)  # noqa: S101 - RST of an indexed register is rejected by the parser
             return (Store(register, 0),)
     return (drive(operand, on),)
 
@@ -106,27 +106,27 @@ def driven_off(operand: Operand) -> tuple[Statement, ...]:
     """Return the statements for a coil that is executed without power."""
     match operand:
         case DeviceOperand("C", n):
-            return (Store(Cell("CE", n), value=False),)
+            return (Store(RowElement("CE", n), value=False),)
         case DeviceOperand("T", n):
-            return _stopped(n) if n < RETENTIVE_TIMERS else (Store(Cell("TS", n), -1),)
+            return _stopped(n) if n < RETENTIVE_TIMERS else (Store(RowElement("TS", n), -1),)
     return (drive(operand, power=False),)
 
 
 def _stopped(n: int) -> tuple[Statement, ...]:
     """Return the statements that stop a timer and clear its value."""
-    return Store(Cell("TS", n), -1), Store(Cell("TV", n), 0), Store(Cell("T", n), value=False)
+    return Store(RowElement("TS", n), -1), Store(RowElement("TV", n), 0), Store(RowElement("T", n), value=False)
 
 
 def timer_off(n: int) -> Statement:
     """Return the statement for a timer that is not retentive and has no power."""
-    return Branch(Comparison(">=", Cell("TS", n), 0), _stopped(n))
+    return Branch(Comparison(">=", RowElement("TS", n), 0), _stopped(n))
 
 
 def timer(n: int, preset: Operand, power: Condition) -> Statement:
     """Return the statement for OUT T: an on-delay timer, or a retentive timer from T246 on."""
     tick, counts = Tick(timer_base_ms(n)), plain_word(preset)
     assert counts is not None  # noqa: S101 - a preset is a constant or a register without index
-    start, value, done = Cell("TS", n), Cell("TV", n), Cell("T", n)
+    start, value, done = RowElement("TS", n), RowElement("TV", n), RowElement("T", n)
     if n >= RETENTIVE_TIMERS:
         total = Arithmetic("+", value, Arithmetic("-", tick, start))
         limited = Selection(Comparison("<", total, WORD_MAX), total, WORD_MAX)
@@ -148,13 +148,13 @@ def timer(n: int, preset: Operand, power: Condition) -> Statement:
 
 def annunciator(n: int, preset: Operand, state: Operand, power: Condition) -> tuple[Statement, ...]:
     """Return the statements for ANS with a constant preset: a timer that sets an annunciator."""
-    set_state = Branch(Series(NOW, Cell("T", n)), (drive(state, power=True),))
+    set_state = Branch(Conjunction(NOW, RowElement("T", n)), (drive(state, power=True),))
     return Let(NOW, power), timer(n, preset, NOW), set_state
 
 
 def counter(n: int, preset: Operand, power: Condition) -> tuple[Statement, ...]:
     """Return the statements for OUT C: count up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
-    value, done, before = Cell("CV", n), Cell("C", n), Cell("CE", n)
+    value, done, before = RowElement("CV", n), RowElement("C", n), RowElement("CE", n)
     if is_32_bit_counter(n):
         counts = plain_long_word(preset)
         assert counts is not None  # noqa: S101 - a preset is a constant or a pair of registers without index
@@ -166,18 +166,18 @@ def counter(n: int, preset: Operand, power: Condition) -> tuple[Statement, ...]:
             Branch(Comparison("<", value, limit), (Store(value, Arithmetic("+", value, 1)),)),
             Branch(Comparison(">=", value, limit), (Store(done, value=True),)),
         )
-    return Let(NOW, power), Branch(Series(NOW, Inverse(before)), count), Store(before, NOW)
+    return Let(NOW, power), Branch(Conjunction(NOW, Inverse(before)), count), Store(before, NOW)
 
 
 def _count_both_ways(n: int, counts: Value) -> tuple[Statement, ...]:
     """Return the statements for one pulse: the contact turns on or off when the value passes the preset."""
-    value, done, down = Cell("CV", n), Cell("C", n), Cell("M", 8000 + n)
-    old, limit = Variable("v"), Variable("limit")
+    value, done, down = RowElement("CV", n), RowElement("C", n), RowElement("M", 8000 + n)
+    old, limit = LocalVariable("v"), LocalVariable("limit")
     # the sum of value, direction and 2**31 is reduced to 32 bits; subtracting 2**31 then gives a signed number
     shifted = Arithmetic("+", old, Selection(down, 2**31 - 1, 2**31 + 1))
     below = Arithmetic("-", limit, 1)
-    reached = Series(Comparison("==", old, below), Comparison("==", value, limit))
-    left = Series(Comparison("==", old, limit), Comparison("==", value, below))
+    reached = Conjunction(Comparison("==", old, below), Comparison("==", value, limit))
+    left = Conjunction(Comparison("==", old, limit), Comparison("==", value, below))
     return (
         Let(old, value),
         Let(limit, counts),

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from controller.fx.engine.code import (
-    Cell,
     Comparison,
     Condition,
+    Conjunction,
+    Disjunction,
     Inverse,
     Let,
+    LocalVariable,
     Operation,
-    Parallel,
-    Series,
+    RowElement,
     Statement,
     Store,
-    Variable,
 )
 from controller.fx.engine.coils import NOW, contact, plain_long_word, plain_word
 from controller.fx.language.instruction import Instruction
@@ -40,18 +40,18 @@ class Numbering:
     """
 
     def __init__(self) -> None:
-        self.edges: dict[int, Cell] = {}
-        self.levels: dict[int, Cell] = {}
+        self.edges: dict[int, RowElement] = {}
+        self.levels: dict[int, RowElement] = {}
         self.operations: set[int] = set()
         self.sources: set[int] = set()
 
-    def edge(self, i: int) -> Cell:
+    def edge(self, i: int) -> RowElement:
         """Return the stored level of an edge instruction."""
-        return self.edges.setdefault(i, Cell("E", len(self.edges)))
+        return self.edges.setdefault(i, RowElement("E", len(self.edges)))
 
-    def level(self, i: int) -> Cell:
+    def level(self, i: int) -> RowElement:
         """Return the activity of an operation with a drive state."""
-        return self.levels.setdefault(i, Cell("B", len(self.levels)))
+        return self.levels.setdefault(i, RowElement("B", len(self.levels)))
 
     def operation(self, i: int, drive: Condition | None = None) -> Operation:
         """Return the execution of an instruction by a Python function."""
@@ -66,8 +66,8 @@ class _Nested(NamedTuple):
     depth: int = 1
 
 
-class Rung:
-    """Rung under translation.
+class RungBuilder:
+    """Builder of the conditions of one rung.
 
     Attributes:
         statements: Statements of the rung.
@@ -78,7 +78,7 @@ class Rung:
         self.statements = statements
         self._numbering = numbering
         self._blocks: list[_Nested] = []
-        self._branches: list[Variable] = []
+        self._branches: list[LocalVariable] = []
         self._named = 0
 
     @property
@@ -121,12 +121,12 @@ class Rung:
         if not self._branches:
             self._named = 0
 
-    def named(self) -> Variable:
+    def named(self) -> LocalVariable:
         """Assign the pending condition to a variable, so that later statements cannot change it, and return it."""
         condition = self.condition
-        if isinstance(condition, Variable):
+        if isinstance(condition, LocalVariable):
             return condition
-        variable = Variable(f"t{self._named}")
+        variable = LocalVariable(f"t{self._named}")
         self._named += 1
         self.statements.append(Let(variable, True if condition is None else condition))
         self._blocks[-1:] = [_Nested(variable)]
@@ -135,7 +135,7 @@ class Rung:
     def _contact(self, i: int, instruction: Instruction, join: str, end: str) -> None:
         level = contact(instruction.operands[0])
         if end in ("P", "F"):
-            edge, pulse = self._numbering.edge(i), Variable(f"p{i}")
+            edge, pulse = self._numbering.edge(i), LocalVariable(f"p{i}")
             self.statements += [Let(NOW, level), Let(pulse, edge_pulse(edge, falling=end == "F")), Store(edge, NOW)]
             level = pulse
         self._join(_Nested(Inverse(level)) if end == "I" else _Nested(level), join)
@@ -156,7 +156,7 @@ class Rung:
             self._push(block)
             return
         last = self._blocks.pop()
-        connect = Series if join == "AND" else Parallel
+        connect = Conjunction if join == "AND" else Disjunction
         self._push(_Nested(connect(last.condition, block.condition), max(last.depth, block.depth) + 1))
 
     def _push(self, block: _Nested) -> None:
@@ -165,6 +165,6 @@ class Rung:
             self.named()
 
 
-def edge_pulse(edge: Cell, *, falling: bool) -> Condition:
+def edge_pulse(edge: RowElement, *, falling: bool) -> Condition:
     """Return the condition that the level `NOW` has risen or fallen since it was stored."""
-    return Series(Inverse(NOW), edge) if falling else Series(NOW, Inverse(edge))
+    return Conjunction(Inverse(NOW), edge) if falling else Conjunction(NOW, Inverse(edge))

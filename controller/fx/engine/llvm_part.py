@@ -16,19 +16,20 @@ from controller.fx.engine.code import (
     WORD_ROWS,
     Arithmetic,
     Branch,
-    Cell,
     ClearBits,
     Comparison,
     Condition,
+    Conjunction,
+    Disjunction,
     Inverse,
     Jump,
     Leave,
     Let,
+    LocalVariable,
     Operation,
-    Parallel,
+    RowElement,
     RunSubroutine,
     Selection,
-    Series,
     Spend,
     Statement,
     StopTooDeep,
@@ -36,7 +37,6 @@ from controller.fx.engine.code import (
     Tick,
     TranslatedProgram,
     Value,
-    Variable,
     is_word,
     subroutine_name,
 )
@@ -121,7 +121,7 @@ class PartBody(OperationBody):
 
     # memory
 
-    def _bit_pointer(self, cell: Cell) -> str:
+    def _bit_pointer(self, cell: RowElement) -> str:
         row, number = cell.row, cell.number
         if row == GATES:
             return self.value(f"getelementptr i8, ptr %gates, i64 {number}")
@@ -145,15 +145,15 @@ class PartBody(OperationBody):
         match condition:
             case bool():
                 return "true" if condition else "false"
-            case Cell():
+            case RowElement():
                 return self._loaded_bit(self._bit_pointer(condition))
-            case Variable(name):
+            case LocalVariable(name):
                 return self._variables[name]
             case Inverse(operand):
                 return self.inverse(self._condition(operand))
-            case Series(left, right):
+            case Conjunction(left, right):
                 return self._joined(left, right, series=True)
-            case Parallel(left, right):
+            case Disjunction(left, right):
                 return self._joined(left, right, series=False)
             case Comparison(relation, one, other):
                 return self.compare(relation, self._word(one), self._word(other))
@@ -177,9 +177,9 @@ class PartBody(OperationBody):
         match value:
             case int():
                 return str(value)
-            case Cell(row, number):
+            case RowElement(row, number):
                 return self.word(row, number)
-            case Variable(name):
+            case LocalVariable(name):
                 return self._variables[name]
             case Tick(base_ms):
                 return self.word("W", TICK_REGISTERS[base_ms])
@@ -197,12 +197,12 @@ class PartBody(OperationBody):
 
     def _statement(self, statement: Statement) -> None:
         match statement:
-            case Store(Cell(row, number), value) if row in WORD_ROWS:
+            case Store(RowElement(row, number), value) if row in WORD_ROWS:
                 self.set_word(row, number, self._value(value))
             case Store(target, value):
                 power = self._value(value)
                 self._store_bit(self._bit_pointer(target), power)
-            case Let(Variable(name), value):
+            case Let(LocalVariable(name), value):
                 self._variables[name] = self._value(value)
             case Branch(condition, then, otherwise):
                 self._branch(self._condition(condition), then, otherwise)
@@ -253,6 +253,6 @@ def _has_operation(condition: Condition) -> bool:
             return True
         case Inverse(operand):
             return _has_operation(operand)
-        case Series(left, right) | Parallel(left, right):
+        case Conjunction(left, right) | Disjunction(left, right):
             return _has_operation(left) or _has_operation(right)
     return False

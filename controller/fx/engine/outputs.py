@@ -12,18 +12,18 @@ from controller.fx.engine.code import (
     TRANSFERRED,
     Arithmetic,
     Branch,
-    Cell,
     ClearBits,
     Comparison,
     Condition,
+    Conjunction,
+    Disjunction,
     Inverse,
     Jump,
     Leave,
     Let,
-    Parallel,
+    RowElement,
     RunSubroutine,
     Selection,
-    Series,
     Spend,
     Statement,
     StopTooDeep,
@@ -78,7 +78,7 @@ class Outputs:
                 return Let(NOW, power), drive(operands[0], pulse), Store(edge, NOW)
             case "MC":
                 relay = contact(operands[1])
-                return drive(operands[1], power), Store(Cell(GATES, number_of(instruction)), relay)
+                return drive(operands[1], power), Store(RowElement(GATES, number_of(instruction)), relay)
         return () if form is None else self._applied(i, form, power)
 
     def left(self, i: int, step: LadderStep) -> tuple[Statement, ...]:
@@ -90,7 +90,7 @@ class Outputs:
             others: Condition | None = None
             for other in self._drivers[device]:
                 if other is not step:
-                    others = active(other) if others is None else Parallel(others, active(other))
+                    others = active(other) if others is None else Disjunction(others, active(other))
             return driven_off(device) if others is None else (Branch(Inverse(others), driven_off(device)),)
         if name in ("PLS", "PLF") and device is not None:
             return drive(device, power=False), Store(self._numbering.edge(i), value=False)
@@ -114,12 +114,12 @@ class Outputs:
         """Return the statements that set the target state immediately; the source states are reset at END."""
         self._numbering.sources |= set(step.states)
         transfer = (
-            Store(Cell("S", target), value=True),
-            *(Store(Cell("L", source), value=True) for source in step.states),
-            Store(Cell("L", target), value=False),
-            Store(Cell("W", TRANSFERRED), 1),
+            Store(RowElement("S", target), value=True),
+            *(Store(RowElement("L", source), value=True) for source in step.states),
+            Store(RowElement("L", target), value=False),
+            Store(RowElement("W", TRANSFERRED), 1),
         )
-        return (Branch(Series(power, Inverse(Cell("M", TRANSFER_DISABLE))), transfer),)
+        return (Branch(Conjunction(power, Inverse(RowElement("M", TRANSFER_DISABLE))), transfer),)
 
     # applied instructions
 
@@ -147,7 +147,7 @@ class Outputs:
             return (self._numbering.operation(i, power),)
         level = self._numbering.level(i)
         execution = Store(level, self._numbering.operation(i, NOW))
-        return Let(NOW, power), Branch(Parallel(NOW, level), (execution,))
+        return Let(NOW, power), Branch(Disjunction(NOW, level), (execution,))
 
     def _action(self, i: int, form: Form) -> tuple[Statement, ...]:
         """Return the statements for an applied instruction; the most common instructions need no Python function."""
@@ -158,9 +158,9 @@ class Outputs:
                 return self._jump(i, number_of(self._list[i]))
             case "CALL", _:
                 return self._call(number_of(self._list[i]))
-            case "MOV", (_, DeviceOperand("D")) if isinstance(words[1], Cell) and words[0] is not None:
+            case "MOV", (_, DeviceOperand("D")) if isinstance(words[1], RowElement) and words[0] is not None:
                 return (Store(words[1], words[0]),)
-            case "INC", (DeviceOperand("D"),) if isinstance(words[0], Cell):
+            case "INC", (DeviceOperand("D"),) if isinstance(words[0], RowElement):
                 count, below = words[0], Comparison("<", words[0], WORD_MAX)
                 return (Store(count, Selection(below, Arithmetic("+", count, 1), WORD_MIN)),)
             case "ZRST", (DeviceOperand("Y" | "M" | "S" as kind, first, ""), DeviceOperand(_, last, "")) if (
@@ -179,7 +179,7 @@ class Outputs:
         return Spend(sum(map(steps, self._list[at : i + 1]))), Jump(label)
 
     def _call(self, label: int) -> tuple[Statement, ...]:
-        depth = Cell("W", DEPTH)
+        depth = RowElement("W", DEPTH)
         return (
             Spend(steps_of(self._list, self._parts.subroutines[label])),
             Branch(Comparison("==", depth, CALL_DEPTH), (StopTooDeep(),)),
@@ -192,9 +192,9 @@ class Outputs:
 def active(step: LadderStep) -> Condition:
     """Return the condition that all states of a step are on."""
     first, *others = step.states
-    condition: Condition = Cell("S", first)
+    condition: Condition = RowElement("S", first)
     for state in others:
-        condition = Series(condition, Cell("S", state))
+        condition = Conjunction(condition, RowElement("S", state))
     return condition
 
 

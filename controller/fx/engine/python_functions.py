@@ -16,23 +16,24 @@ from controller.fx.engine.code import (
     Arithmetic,
     Body,
     Branch,
-    Cell,
     ClearBits,
     Comparison,
     Condition,
+    Conjunction,
+    Disjunction,
     Inverse,
     Jump,
     Label,
     Leave,
     Let,
+    LocalVariable,
     Network,
     Operation,
-    Parallel,
     Repetition,
     Routine,
+    RowElement,
     RunSubroutine,
     Selection,
-    Series,
     Spend,
     Statement,
     StopTooDeep,
@@ -40,7 +41,6 @@ from controller.fx.engine.code import (
     Tick,
     TranslatedProgram,
     Value,
-    Variable,
     subroutine_name,
 )
 from controller.fx.engine.cpu import call_error, watchdog_error
@@ -212,18 +212,18 @@ def _text(operand: Condition | Value) -> str:
     match operand:
         case bool() | int():
             return str(operand)
-        case Cell(row, number):
+        case RowElement(row, number):
             return _gate(number) if row == GATES else f"{row}[{number}]"
-        case Variable(name):
+        case LocalVariable(name):
             return name
         case Tick(base_ms):
             return _TICKS.get(base_ms, "tick_1")
         case Inverse(condition):
             text = _text(condition)
-            return f"not ({text})" if isinstance(condition, Series | Parallel) else f"not {text}"
-        case Series(left, right):
+            return f"not ({text})" if isinstance(condition, Conjunction | Disjunction) else f"not {text}"
+        case Conjunction(left, right):
             return f"{_in_series(left)} and {_in_series(right)}"
-        case Parallel(left, right):
+        case Disjunction(left, right):
             return f"{_text(left)} or {_text(right)}"
         case Comparison(relation, one, other):
             return f"{_text(one)} {relation} {_text(other)}"
@@ -238,4 +238,4 @@ def _text(operand: Condition | Value) -> str:
 def _in_series(condition: Condition) -> str:
     """Return a condition as Python text that can be an operand of `and`."""
     text = _text(condition)
-    return f"({text})" if isinstance(condition, Parallel) else text
+    return f"({text})" if isinstance(condition, Disjunction) else text

@@ -19,21 +19,21 @@ from typing import Final
 from controller.fx.engine.code import (
     GATES,
     Branch,
-    Cell,
     Condition,
+    Conjunction,
     Label,
     Leave,
     Network,
     Repetition,
     Routine,
-    Series,
+    RowElement,
     Spend,
     Statement,
     Store,
     TranslatedProgram,
     subroutine_name,
 )
-from controller.fx.engine.conditions import Numbering, Rung
+from controller.fx.engine.conditions import Numbering, RungBuilder
 from controller.fx.engine.outputs import Outputs, active
 from controller.fx.engine.parts import LadderStep, Loop, Part, number_of, parts_of, steps_of
 from controller.fx.language.instruction import Ladder
@@ -81,7 +81,7 @@ class _Translator:
         self._parts = parts_of(ladder)
         self._numbering = Numbering()
         self._outputs = Outputs(self._list, self._parts, self._numbering)
-        self._gates: dict[int, Cell] = {}
+        self._gates: dict[int, RowElement] = {}
 
     def program(self) -> TranslatedProgram:
         main = self._routine("scan", self._parts.main)
@@ -140,7 +140,7 @@ class _Translator:
 
     def _step(self, step: LadderStep) -> Network:
         """Return a step: one branch that runs while its states are on, and one, without power, for the scan after."""
-        was_active = Cell("A", step.number)
+        was_active = RowElement("A", step.number)
         rung = self._rung([Store(was_active, value=True)])
         for i in step.body:
             self._instruction(i, rung, step)
@@ -152,10 +152,10 @@ class _Translator:
 
     # rungs
 
-    def _rung(self, statements: list[Statement]) -> Rung:
-        return Rung(statements, self._numbering)
+    def _rung(self, statements: list[Statement]) -> RungBuilder:
+        return RungBuilder(statements, self._numbering)
 
-    def _instruction(self, i: int, rung: Rung, step: LadderStep | None) -> None:
+    def _instruction(self, i: int, rung: RungBuilder, step: LadderStep | None) -> None:
         instruction = self._list[i]
         match instruction.name:
             case "RET":
@@ -170,17 +170,17 @@ class _Translator:
             case _ if not rung.add(i, instruction):
                 self._output(i, rung, step)
 
-    def _output(self, i: int, rung: Rung, step: LadderStep | None) -> None:
+    def _output(self, i: int, rung: RungBuilder, step: LadderStep | None) -> None:
         instruction, last = self._list[i], self._is_last_output(i)
         power = self._power(rung, last=last)
         rung.statements += self._outputs.with_power(i, power, step)
         if instruction.name == "MC":
             level = number_of(instruction)
-            self._gates[level] = Cell(GATES, level)
+            self._gates[level] = RowElement(GATES, level)
         if last:
             rung.end_output()
 
-    def _power(self, rung: Rung, *, last: bool) -> Condition:
+    def _power(self, rung: RungBuilder, *, last: bool) -> Condition:
         """Return the condition of an output, including master control."""
         condition = rung.condition
         if condition is not None and not last:
@@ -188,7 +188,7 @@ class _Translator:
         power: Condition | None = None
         for part in (*self._gates.values(), condition):
             if part is not None:
-                power = part if power is None else Series(power, part)
+                power = part if power is None else Conjunction(power, part)
         return True if power is None else power
 
     def _is_last_output(self, i: int) -> bool:

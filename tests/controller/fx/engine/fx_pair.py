@@ -46,7 +46,7 @@ class PairedPlc(FxPlc):
         machine: PLC that executes machine code; before every scan it receives the devices that a test has changed.
     """
 
-    def __init__(self, ladder: Ladder, **options: Any) -> None:
+    def __init__(self, ladder: Ladder, *, execution: object = None, **options: Any) -> None:
         self._scanning = True
         super().__init__(ladder, **options, execution=PythonFunctions)
         self.machine = FxPlc(ladder, **options, execution=MachineFunctions)

@@ -1,0 +1,223 @@
+"""Both executions: arbitrary programs, compared after every scan; exceptions in operations; choice of the execution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import count
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller.core.devices import WORD_MAX, WORD_MIN
+from controller.fx.engine.cpu import index_register
+from controller.fx.language.il import read_il
+from tests.controller.fx.engine.fx_pair import PairedPlc
+
+# ---- arbitrary programs -----------------------------------------------------------------------------------------
+
+BITS = (
+    *(f"X{n}" for n in range(4)),
+    *(f"Y{n}" for n in range(3)),
+    *(f"M{n}" for n in range(6)),
+    *("S20", "S21", "S22", "T0", "T200", "T246", "T250", "C0", "C200", "M8000", "M8013", "M8067", "D3.5", "D3.F"),
+)
+COMPARED = (
+    "= D0 K3",
+    "> D0V0 K0",
+    "< D1 D0",
+    ">= T0 K2",
+    "<> C0 D1",
+    "<= Z0 K1",
+    "D= D2 K70000",
+    "D> C200 K0",
+    "D< D0Z0 D2",
+)
+"""Relation and operands of contact comparisons; those with an index can be out of range."""
+OUTPUTS = (
+    *("OUT Y0", "OUT Y1", "OUT M0", "OUT M1", "OUT S25", "OUT D3.5", "OUT D3.F", "OUT M8200", "OUT M8034", "OUT M8040"),
+    *("OUT T0 K3", "OUT T0 D0", "OUT T200 K7", "OUT T200 D1", "OUT T246 K120", "OUT T250 K4", "OUT T250 D0"),
+    *("OUT C0 K2", "OUT C0 D1", "OUT C200 K-2", "OUT C200 D2", "OUT C200 K2"),
+    *("SET Y2", "RST Y2", "SET M2", "RST M2", "SET S21", "RST S20", "SET D3.5", "RST D3.F", "SET S900"),
+    *("RST T0", "RST T250", "RST C0", "RST C200", "RST D0", "RST Z0", "RST V0"),
+    *("PLS M3", "PLF M4", "PLS Y1"),
+    *("MOV K3 D0", "MOV D1 D0", "MOVP H8001 D1", "MOV C0 D1", "MOV D0V0 D4", "MOV D0 T0", "MOV K5 Z0", "MOVP D0 V0"),
+    *("DMOV K70000 D2", "MOV K2M0 D1", "MOV D0 K1Y0", "INC D0", "INCP D1", "INC D4Z0", "DINC D2", "DEC D0", "DECP Z0"),
+    *("ADD D0 K1 D1", "SUBP D1 D0 D0", "MUL D0 D1 D10", "DIV D0 D1 D4", "CMP D0 K2 M10", "ZCPP K0 K3 D1 M13"),
+    *(
+        "ZRST M0 M5",
+        "ZRST S20 S22",
+        "ZRST T0 T3",
+        "ZRST D0 D1",
+        "ALT M5",
+        "ALTP Y2",
+        "BMOV D0 D1 K3",
+        "SFTLP X0 M0 K4 K1",
+    ),
+    *("ANS T10 K1 S900", "ANS T11 D0 S901", "ANR", "STMR T12 K2 M20", "TTMR D6 K1", "RAMP D0 D1 D20 K3"),
+    *("PLSY K200 K5 Y0", "PWM K20 K50 Y1", "INCD D0 C10 M30 K2", "ABSD D0 C0 M34 K2", "REF Y0 K8", "REFF K5", "WDT"),
+)
+IN_STEPS = ("SET S20", "SET S21", "SET S22", "OUT S20", "OUT S22", "SET S21", "OUT Y0", "OUT Y1")
+
+
+@dataclass
+class ProgramText:
+    """Instruction list under construction.
+
+    Attributes:
+        lines: Main program.
+        subroutines: Code after FEND.
+        called: Number of each subroutine that the program may call.
+    """
+
+    draw: st.DrawFn
+    lines: list[str] = field(default_factory=list)
+    subroutines: list[str] = field(default_factory=list)
+    labels: count[int] = field(default_factory=count)
+
+    def pick(self, *choices: str) -> str:
+        return self.draw(st.sampled_from(choices))
+
+    def number(self, low: int, high: int) -> int:
+        return self.draw(st.integers(low, high))
+
+    def block(self, lines: list[str], depth: int = 1) -> None:
+        """Add a load instruction and what is connected to it."""
+        lines.append(self.contact("LD"))
+        for _ in range(self.number(0, 3)):
+            kind = self.number(0, 6)
+            if kind == 6 and depth:
+                self.block(lines, depth - 1)
+                lines.append(self.pick("ANB", "ORB"))
+            else:
+                lines.append("INV" if kind == 5 else self.contact(self.pick("AND", "OR")))
+
+    def contact(self, join: str) -> str:
+        if self.number(0, 3) == 0:
+            return join + self.pick(*COMPARED)
+        inverse = {"LD": "LDI", "AND": "ANI", "OR": "ORI"}[join]
+        return f"{self.pick(join, inverse, f'{join}P', f'{join}F')} {self.pick(*BITS)}"
+
+    def rung(self, lines: list[str], outputs: tuple[str, ...] = OUTPUTS) -> None:
+        self.block(lines)
+        if self.number(0, 3):
+            for _ in range(self.number(1, 2)):
+                lines.append(self.pick(*outputs))
+            return
+        for name in ("MPS", *["MRD"] * self.number(0, 1), "MPP"):
+            lines.append(name)
+            if self.number(0, 1):
+                lines.append(self.contact("AND"))
+            lines.append(self.pick(*outputs))
+
+    def section(self, lines: list[str], depth: int, level: int = 0, *, steps: bool = True) -> None:
+        """Add rungs, steps, loops, jumps, calls and master control; `level` is the number of open levels of control."""
+        nested = ("loop", "jump", "back", "call", "control") if depth else ()
+        for _ in range(self.number(1, 3)):
+            part = self.pick("rung", "rung", *(["steps"] if steps else []), *nested)
+            getattr(self, f"_{part}")(lines, depth - 1, level, steps)
+
+    def _rung(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
+        self.rung(lines)
+
+    def _steps(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
+        for _ in range(self.number(1, 3)):
+            for _ in range(self.number(1, 10) // 9 + 1):
+                lines.append(f"STL S{self.number(20, 22)}")
+            for _ in range(self.number(1, 3)):
+                self.rung(lines, (*IN_STEPS, *IN_STEPS, *OUTPUTS))
+        lines.append("RET")
+
+    def _loop(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
+        lines.append(self.pick("FOR K2", "FOR D0", "FOR K3", "FOR D0V0"))
+        self.section(lines, depth, level, steps=False)
+        lines.append("NEXT")
+
+    def _jump(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
+        label = f"P{next(self.labels)}"
+        self.block(lines)
+        lines.append(self.pick(f"CJ {label}", f"CJP {label}"))
+        self.section(lines, depth, level, steps=steps)
+        lines.append(label)
+
+    def _back(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
+        label = f"P{next(self.labels)}"
+        lines.append(label)
+        self.section(lines, depth, level, steps=steps)
+        lines += ["LD M8000", "INC D9", "LD< D9 K5", f"CJ {label}", "LD M8000", "MOV K0 D9"]
+
+    def _call(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
+        label = f"P{next(self.labels)}"
+        body: list[str] = []
+        self.section(body, depth)
+        if self.number(0, 9) == 0:
+            body += ["LD X3", f"CALL {label}"]
+        self.subroutines += [label, *body, "SRET"]
+        self.block(lines)
+        lines.append(self.pick(f"CALL {label}", f"CALLP {label}"))
+
+    def _control(self, lines: list[str], depth: int, level: int, steps: bool) -> None:
+        self.block(lines)
+        lines.append(f"MC N{level} M{50 + level}")
+        self.section(lines, depth, level + 1, steps=False)
+        lines.append(f"MCR N{level}")
+
+
+@st.composite
+def programs(draw: st.DrawFn) -> str:
+    text = ProgramText(draw)
+    text.section(text.lines, 3)
+    if draw(st.booleans()):
+        text.lines += ["LD X2", "CJ P63"]
+        text.section(text.lines, 1)
+    return "\n".join([*text.lines, *(["FEND", *text.subroutines] if text.subroutines else []), "END"])
+
+
+@dataclass(frozen=True)
+class FxScan:
+    """One scan and what precedes it."""
+
+    levels: tuple[bool, ...]
+    pause_ms: int
+    register: tuple[str, int] | None
+    command: str
+
+
+WORDS = st.integers(-3, 8) | st.sampled_from((WORD_MIN, WORD_MAX, 8000, 255))
+REGISTERS = st.tuples(st.sampled_from(("D0", "D1", "D2", "D3", "V0", "Z0")), WORDS)
+PAUSES = st.sampled_from((0, 1, 7, 10, 10, 10, 37, 100, 250, 1_000, 4_000_000))
+COMMANDS = st.sampled_from(("", "", "", "", "", "", "", "", "", "stop", "run", "power_cycle"))
+STORIES = st.lists(
+    st.builds(FxScan, st.tuples(*[st.booleans()] * 4), PAUSES, st.none() | REGISTERS, COMMANDS),
+    min_size=6,
+    max_size=20,
+)
+
+
+def check_program(text: str, story: list[FxScan]) -> None:
+    """Run a program in both executions; `PairedPlc` compares all devices after every scan."""
+    plc = PairedPlc(read_il(text), input_filter_ms=0)
+    now_ms = 0
+    for scanned in story:
+        now_ms += scanned.pause_ms
+        if scanned.command:
+            getattr(plc, scanned.command)()
+        plc.memory.D[8000] = 2  # the watchdog ends a scan after 25,000 steps
+        if scanned.register is not None:
+            name, value = scanned.register
+            plc.memory.D[int(name[1:]) if name[0] == "D" else index_register(name)] = value
+        plc.scan(now_ms, scanned.levels)
+
+
+@settings(max_examples=150, deadline=None)
+@given(programs(), STORIES)
+def test_arbitrary_programs_have_equal_devices_after_every_scan(text: str, story: list[FxScan]) -> None:
+    check_program(text, story)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(3_600)
+@settings(max_examples=5_000, deadline=None)
+@given(programs(), STORIES)
+def test_thousands_of_arbitrary_programs(text: str, story: list[FxScan]) -> None:
+    check_program(text, story)
