@@ -1,19 +1,112 @@
-"""Speed of the FX2N engine for an instruction list, compared with an interpreter of the same list."""
+"""Speed of the FX2N engine: execution of an instruction list in different ways, and compilation to machine code."""
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isnan, nan
+from tempfile import TemporaryDirectory
 from typing import Final
 
+from controller.core.machine_code import MachineCode
+from controller.core.program import Program
+from controller.export.instruction_list import acting, export
+from controller.fx.engine.machine_functions import FxMachineCode, MachineFunctions
 from controller.fx.engine.plc import FxPlc
+from controller.fx.engine.translate import translate
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import DeviceOperand, Ladder
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from plant_sim.benchmark.c_program import compiled_c
 
 RUNGS: Final = 200
 ROUNDS: Final = 30
 FX2N_NS: Final = 80.0
 """Execution time of a contact or coil on the FX2N, ns (docs/sources/fx2n.md 1.3, not verified)."""
+INSTRUCTION_GOAL_NS: Final = 8.0
+INTERPRETER_GOAL: Final = 10.0
+C_GOAL: Final = 3.0
+COMPILE_GOAL_S: Final = 5.0
+_COMPILE: Final = """
+import json
+from plant_sim.benchmark.fx_engine import first_compilations_s
+print(json.dumps(first_compilations_s()))
+"""
+
+
+@dataclass(frozen=True)
+class FxFigures:
+    """Figures of the FX2N engine; a scan of 200 seal-in rungs has 800 instructions.
+
+    Attributes:
+        machine_ns: CPU time per instruction as machine code, including the call of the scan from Python, ns.
+        c_ns: CPU time per instruction of a C program with the same rungs, including the call from Python, ns. The
+            figures of C are NaN if gcc is not installed.
+        scalar_c_ns: The same for the C program compiled without vector instructions, ns.
+        call_ns: CPU time of a call from Python to a C function that does nothing, divided by the number of
+            instructions, ns.
+        instruction_ns: CPU time per instruction as Python functions, ns.
+        interpreted_ns: CPU time per instruction with an interpreter of the same list, ns.
+        compile_program_s: Time to compile the program of the machine in a new process with an empty cache folder, s.
+        compile_export_s: Time to compile the export of this program for an FX2N, s.
+        compile_rung_s: Time to compile the export again after a change to one rung, s.
+    """
+
+    machine_ns: float
+    c_ns: float
+    scalar_c_ns: float
+    call_ns: float
+    instruction_ns: float
+    interpreted_ns: float
+    compile_program_s: float
+    compile_export_s: float
+    compile_rung_s: float
+
+    def fx_text(self) -> str:
+        """Return the figures with their goals as text."""
+        slower = self.interpreted_ns / self.instruction_ns
+        return "\n".join(
+            [
+                f"instruction of an FX list  {self.machine_ns:7.2f} ns CPU{self._c_text()}",
+                f"  Python functions         {self.instruction_ns:7.2f} ns CPU "
+                f"(goal: at most {INSTRUCTION_GOAL_NS:.0f})",
+                f"  interpreted              {self.interpreted_ns:7.2f} ns CPU, ratio {slower:.1f} to Python functions "
+                f"(goal: at least {INTERPRETER_GOAL:.0f})",
+                f"compilation, FX export     {self.compile_export_s:7.2f} s (goal: at most {COMPILE_GOAL_S:.0f}), "
+                f"{self.compile_rung_s:.2f} s after a changed rung",
+                f"  program of the machine   {self.compile_program_s:7.2f} s (goal: at most {COMPILE_GOAL_S:.0f})",
+            ]
+        )
+
+    def _c_text(self) -> str:
+        if isnan(self.c_ns):
+            return "; C not measured, because gcc is not installed"
+        times_ns = (self.machine_ns, self.c_ns, self.scalar_c_ns)
+        machine, c, scalar = (max(0.0, time_ns - self.call_ns) for time_ns in times_ns)
+        return (
+            f", C {self.c_ns:.2f} ns, ratio {self.machine_ns / self.c_ns:.2f} (goal: at most {C_GOAL:.0f})\n"
+            f"  without the call         {machine:7.2f} ns CPU, C {c:.2f} ns, without vector instructions {scalar:.2f} ns"
+        )
+
+
+def measure_fx() -> FxFigures:
+    """Measure the execution of the seal-in rungs, and the compilation in a new process."""
+    times_ns = instruction_ns()
+    with TemporaryDirectory() as folder:
+        printed = subprocess.run(  # noqa: S603 - our own code
+            [sys.executable, "-c", _COMPILE],
+            env=os.environ | {"XDG_CACHE_HOME": folder, "LOCALAPPDATA": folder},
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+    return FxFigures(*(round(figure, 3) for figure in (*times_ns, *json.loads(printed.stdout))))
 
 
 def seal_ins() -> Ladder:
@@ -22,22 +115,91 @@ def seal_ins() -> Ladder:
     return read_il("".join(rungs) + "END\n")
 
 
-def instruction_ns() -> tuple[float, float]:
-    """Return the CPU time per instruction of the seal-in rungs for the engine and for an interpreter, ns.
+def instruction_ns() -> tuple[float, ...]:
+    """Return the CPU times per instruction of the seal-in rungs, ns, in the order of `FxFigures`.
 
-    Each time is the minimum of thirty rounds, in which the engine and the interpreter alternate. The program runs from
-    step 0 to END; the fixed overhead of a scan, a few microseconds, is excluded from both.
+    Each is the minimum of thirty alternating rounds. The program runs from step 0 to END; the processing before and
+    after it, some microseconds, is excluded. Machine code and C are called in the same way.
     """
     ladder = seal_ins()
-    plc, image = FxPlc(ladder, input_filter_ms=0), [n % 3 == 0 for n in range(256)]
-    plc.scan(0, image)
+    image = [n % 3 == 0 for n in range(256)]
+    plc, machine_plc = (FxPlc(ladder, input_filter_ms=0, execution=each) for each in (None, MachineFunctions))
+    for each in (plc, machine_plc):
+        each.scan(0, image)
     program = [(each.name, each.operands[0]) for each in ladder.instructions if each.operands]
     steps = [(name, device.kind, device.number) for name, device in program if isinstance(device, DeviceOperand)]
-    engine = interpreter = float("inf")
+    machine = machine_plc.execution
+    assert isinstance(machine, MachineFunctions)  # noqa: S101 - narrows
+    best_ns = _fastest_ns(
+        {
+            "machine": (lambda: machine.scan(machine.address, 0), 1000),
+            **_c_works(ladder, image),
+            "python": (lambda: plc.execution.run(0), 100),
+            "interpreter": (lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10),
+        }
+    )
+    names = ("machine", "c", "scalar c", "call", "python", "interpreter")
+    return tuple(best_ns.get(name, nan) / len(steps) for name in names)
+
+
+_Works = dict[str, tuple[Callable[[], object], int]]
+"""Function to measure and its number of calls in a round, by name."""
+
+
+def _c_works(ladder: Ladder, image: list[bool]) -> _Works:
+    c, scalar = compiled_c(ladder), compiled_c(ladder, ("-O2", "-fno-tree-vectorize"))
+    if c is None or scalar is None:
+        return {}
+    for program in (c, scalar):
+        program.bits("X")[:] = bytes(image)
+    return {
+        "c": (lambda: c.scan(0, 0), 1000),
+        "scalar c": (lambda: scalar.scan(0, 0), 1000),
+        "call": (lambda: c.call(0, 0), 1000),
+    }
+
+
+def _fastest_ns(works: _Works) -> dict[str, float]:
+    """Return the shortest time of each function in alternating rounds, ns."""
+    best = dict.fromkeys(works, float("inf"))
     for _ in range(ROUNDS):
-        engine = min(engine, _ns(lambda: plc.program(0, 0, 0), 100))
-        interpreter = min(interpreter, _ns(lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10))
-    return engine / len(steps), interpreter / len(steps)
+        best = {name: min(best[name], _ns(*work)) for name, work in works.items()}
+    return best
+
+
+def first_compilations_s() -> tuple[float, float, float]:
+    """Return the times to compile the machine's program, its export, and the export after a change to one rung, s."""
+    program = build(load_io_map(DEFAULT_IO_MAP)).program
+    ladder = exported(program)
+    return tuple(  # type: ignore[return-value]
+        _seconds(work)
+        for work in (
+            lambda: MachineCode(program),
+            lambda: FxMachineCode(translate(ladder)),
+            lambda: FxMachineCode(translate(with_changed_rung(ladder))),
+        )
+    )
+
+
+def exported(program: Program) -> Ladder:
+    """Return the program of the machine as an instruction list."""
+    return export(acting(program))
+
+
+def with_changed_rung(ladder: Ladder) -> Ladder:
+    """Return the list with one more contact in a rung halfway through the program."""
+    at = next(
+        i for i, each in enumerate(ladder.instructions) if i > len(ladder.instructions) // 2 and each.name == "AND"
+    )
+    titles = {index + (index > at): title for index, title in ladder.titles.items()}
+    instructions = (*ladder.instructions[: at + 1], *ladder.instructions[at:])
+    return replace(ladder, instructions=instructions, titles=titles)
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began_s = time.perf_counter()
+    work()
+    return time.perf_counter() - began_s
 
 
 def _ns(work: Callable[[], object], times: int) -> float:
