@@ -91,7 +91,8 @@ class FxFigures:
         machine, c, scalar = (max(0.0, time_ns - self.call_ns) for time_ns in times_ns)
         return (
             f", C {self.c_ns:.2f} ns, ratio {self.machine_ns / self.c_ns:.2f} (goal: at most {C_GOAL:.0f})\n"
-            f"  without the call         {machine:7.2f} ns CPU, C {c:.2f} ns, without vector instructions {scalar:.2f} ns"
+            f"  without the call         {machine:7.2f} ns CPU, C {c:.2f} ns, "
+            f"without vector instructions {scalar:.2f} ns"
         )
 
 

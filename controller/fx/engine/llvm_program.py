@@ -37,8 +37,8 @@ from controller.fx.engine.llvm_part import (
     PartBody,
 )
 
-_FEWEST, _MOST = 40, 400
-"""Sizes of a part, in instructions."""
+FEWEST, MOST = 40, 400
+"""Smallest and largest size of a part, in instructions; a single step can be larger."""
 _DIVISION: Final = 16
 """A part ends, on average, after this number of rungs without a title."""
 
@@ -121,7 +121,7 @@ def _divided(body: Body) -> Iterator[Label | Repetition | tuple[Network, ...]]:
 def _is_divided(part: list[Network], following: Network) -> bool:
     size = sum(network.instructions for network in part)
     place = following.begins_block or crc32(following.source.encode()) % _DIVISION == 0
-    return size + following.instructions > _MOST or (place and size >= _FEWEST)
+    return size + following.instructions > MOST or (place and size >= FEWEST)
 
 
 class _RoutineBody(OperationBody):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import fields
 from math import nan
 from pathlib import Path
@@ -13,8 +14,7 @@ from controller.fx.engine.machine_functions import FxMachineCode, MachineFunctio
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.translate import translate
 from controller.fx.language.il import read_il
-from plant_sim.benchmark import c_program
-from plant_sim.benchmark.c_program import compiled_c
+from plant_sim.benchmark.c_program import c_text, compiled_c
 from plant_sim.benchmark.fx_engine import FxFigures, seal_ins, with_changed_rung
 from tests.controller.export.fx_equality import EXPORTED
 
@@ -38,12 +38,12 @@ def test_the_c_program_has_the_same_relays_as_the_engine() -> None:
 
 
 def test_contacts_and_coils_in_c() -> None:
-    text = c_program.c_text(read_il("LDI X10\nAND M3\nORI Y1\nOUT Y2\nEND\n"))
+    text = c_text(read_il("LDI X10\nAND M3\nORI Y1\nOUT Y2\nEND\n"))
     assert "    p = !X[8];\n    p &= M[3];\n    p |= !Y[1];\n    Y[2] = p;\n" in text
 
 
 def test_without_gcc_the_figures_state_that_c_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(c_program.shutil, "which", lambda _: None)
+    monkeypatch.setattr(shutil, "which", lambda _: None)
     assert compiled_c(seal_ins()) is None
     values = {field.name: 1.0 for field in fields(FxFigures)} | {"c_ns": nan, "scalar_c_ns": nan, "call_ns": nan}
     assert "1.00 ns CPU; C not measured, because gcc is not installed" in FxFigures(**values).fx_text()

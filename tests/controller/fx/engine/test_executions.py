@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -10,9 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.core.devices import WORD_MAX, WORD_MIN
+from controller.fx.engine import execution
 from controller.fx.engine.cpu import index_register
+from controller.fx.engine.execution import FxExecutionFactory, fastest_execution
+from controller.fx.engine.llvm_part import FxLayout
+from controller.fx.engine.llvm_program import llvm_modules
+from controller.fx.engine.machine_functions import MachineFunctions
+from controller.fx.engine.plc import FxPlc
+from controller.fx.engine.python_functions import PythonFunctions
+from controller.fx.engine.translate import translate
 from controller.fx.language.il import read_il
 from tests.controller.fx.engine.fx_pair import PairedPlc
+from tests.paths import ROOT
 
 # ---- arbitrary programs -----------------------------------------------------------------------------------------
 
@@ -221,3 +232,133 @@ def test_arbitrary_programs_have_equal_devices_after_every_scan(text: str, story
 @given(programs(), STORIES)
 def test_thousands_of_arbitrary_programs(text: str, story: list[FxScan]) -> None:
     check_program(text, story)
+
+
+# ---- operations by Python functions -----------------------------------------------------------------------------
+
+UnpairedPlc = FxPlc
+"""PLC with one execution; the fixture of this folder replaces the name `FxPlc`."""
+EXECUTIONS = pytest.mark.parametrize("factory", [PythonFunctions, MachineFunctions])
+ON, OFF = (True,), (False,)
+
+
+def plc_of(text: str, factory: FxExecutionFactory) -> FxPlc:
+    """Return a PLC that runs a program given as instructions separated by slashes; END is appended."""
+    return UnpairedPlc(read_il("\n".join([*text.split(" / "), "END"])), input_filter_ms=0, execution=factory)
+
+
+class Operation:
+    """Function of an instruction that records its calls.
+
+    Attributes:
+        drives: Arguments of the calls.
+    """
+
+    def __init__(self, result: int | type[BaseException] = 0) -> None:
+        self.drives: list[tuple[bool, ...]] = []
+        self._result = result
+
+    def __call__(self, *drive: bool) -> int:
+        self.drives.append(drive)
+        if isinstance(self._result, int):
+            return self._result
+        raise self._result("raised by an operation")
+
+
+@EXECUTIONS
+@pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
+@pytest.mark.parametrize(
+    ("text", "index"),
+    [
+        ("LD M8000 / INC D0 / CML D1 D2 / INC D3", 2),
+        ("LD M8000 / INC D0 / LD= D0V0 K0 / OUT Y0 / LD M8000 / INC D3", 2),
+        ("LD M8000 / INC D0 / FOR D0V0 / LD M8000 / INC D3 / NEXT", 2),
+        ("LD M8000 / INC D0 / CALL P1 / INC D3 / FEND / P1 / LD M8000 / CML D1 D2 / INC D3 / SRET", 7),
+    ],
+    ids=["instruction", "comparison", "loop count", "subroutine"],
+)
+def test_an_exception_in_an_operation_ends_the_scan(
+    text: str, index: int, error: type[BaseException], factory: FxExecutionFactory
+) -> None:
+    """The exception reaches the caller, and nothing after the operation is executed, in this scan only."""
+    plc = plc_of(text, factory)
+    plc.execution.link({index: Operation(error)})
+    with pytest.raises(error, match="raised by an operation"):
+        plc.scan(0, OFF)
+    assert (plc.memory.D[0], plc.memory.D[3]) == (1, 0)
+    plc.execution.link({index: Operation(1)})
+    plc.scan(10, OFF)
+    assert plc.memory.D[0] == 2
+    assert plc.memory.D[3] > 0
+
+
+@EXECUTIONS
+def test_an_operation_without_drive_is_executed_once_after_its_drive(factory: FxExecutionFactory) -> None:
+    plc = plc_of("LD X0 / PWM K20 K50 Y1", factory)
+    operation = Operation()
+    plc.execution.link({1: operation})
+    for now_ms, levels in enumerate((OFF, OFF, ON, ON, OFF, OFF, OFF)):
+        plc.scan(now_ms, levels)
+    # the result 0 of this operation states that it need not be executed without drive
+    assert operation.drives == [(True,), (True,)]
+    again = Operation(1)
+    plc.execution.link({1: again})
+    for now_ms, levels in enumerate((OFF, ON, OFF, OFF)):
+        plc.scan(10 + now_ms, levels)
+    assert again.drives == [(True,), (False,), (False,)]
+
+
+@EXECUTIONS
+def test_a_comparison_is_executed_only_if_its_result_is_required(factory: FxExecutionFactory) -> None:
+    plc = plc_of("LD X0 / AND= D0V0 K0 / OUT Y0 / LD X0 / OR= D0V0 K0 / OUT Y1", factory)
+    series, parallel = Operation(1), Operation(1)
+    plc.execution.link({1: series, 4: parallel})
+    assert plc.scan(0, OFF)[:2] == [False, True]
+    assert [len(series.drives), len(parallel.drives)] == [0, 1]
+    assert plc.scan(10, ON)[:2] == [True, True]
+    assert [len(series.drives), len(parallel.drives)] == [1, 1]
+
+
+@EXECUTIONS
+@pytest.mark.parametrize("instruction", ["MOV K7 D0", "INC D0", "ZRST M0 M9", "ANS T0 K5 S900", "OUT T0 K5"])
+def test_frequent_instructions_need_no_python_function(instruction: str, factory: FxExecutionFactory) -> None:
+    plc = plc_of(f"LD X0 / {instruction} / LDD> D0 K70000 / OUT Y0", factory)
+    plc.execution.link({})
+    plc.scan(0, ON)
+
+
+# ---- machine code -----------------------------------------------------------------------------------------------
+
+
+def test_two_plcs_with_the_same_machine_code_share_no_state() -> None:
+    text = "LD X0 / OUT T200 K1 / PLS M0 / CML K0 D0 / LD T200 / OUT Y0"
+    one, other = plc_of(text, MachineFunctions), plc_of(text, MachineFunctions)
+    one.scan(0, ON)
+    assert one.scan(10, ON)[0]
+    assert not other.scan(10, OFF)[0]
+    assert (one.memory.D[0], other.memory.D[0]) == (-1, 0)
+
+
+def test_equal_rungs_have_one_module_wherever_they_are() -> None:
+    """A part does not depend on the parts before it, although its edges, steps and operations have other numbers."""
+    block = "; title / LDP X0 / CML D0 D1 / PLSY K10 K3 Y0 / PLS M0 / STL S20 / OUT Y1 / LDF X1 / SET S21 / RET"
+    before = "LDP X2 / PLS M5 / STL S40 / PWM K1 K2 Y1 / BMOV D0 D9 K2 / RET"
+    modules = []
+    for text in (block, f"{before} / {block}"):
+        program = translate(read_il("\n".join([*text.split(" / "), "END"])))
+        modules.append(llvm_modules(program, FxLayout(program))[:-1])
+    assert set(modules[0]) < set(modules[1])
+
+
+def test_machine_code_is_used_if_llvmlite_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = translate(read_il("LD X0\nOUT Y0\nEND\n"))
+    assert isinstance(fastest_execution(program), MachineFunctions)
+    monkeypatch.setattr(execution, "find_spec", lambda _: None)
+    assert isinstance(fastest_execution(program), PythonFunctions)
+
+
+def test_python_functions_do_not_import_llvmlite() -> None:
+    code = "import sys, controller.cli.ladder, controller.fx.engine.plc as p, controller.fx.language.il as il\n"
+    code += "p.FxPlc(il.read_il('LD X0\\nOUT Y0\\nEND\\n')).scan(0, [True])\nprint('llvmlite' in sys.modules)"
+    printed = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
+    assert printed.stdout == "False\n"
