@@ -100,7 +100,7 @@ class Tick:
 class Arithmetic:
     """Result of an operator on integers; >> keeps the sign."""
 
-    operator: Literal["+", "-", "&", "|", "<<", ">>"]
+    operator: Literal["+", "-", "*", "&", "|", "^", "<<", ">>"]
     left: Value
     right: Value
 

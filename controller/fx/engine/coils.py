@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from controller.core.devices import WORD_MAX, is_32_bit_counter, timer_base_ms
-from controller.fx.engine.access import signed
+from controller.fx.engine.access import signed, width_of
 from controller.fx.engine.code import (
     Arithmetic,
     Branch,
@@ -23,7 +23,7 @@ from controller.fx.engine.code import (
     Value,
 )
 from controller.fx.engine.cpu import RETENTIVE_TIMERS, index_register
-from controller.fx.language.instruction import Constant, DeviceOperand, Operand, WordBit
+from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand, WordBit
 
 NOW: Final = LocalVariable("now")
 """Power of the coil under translation."""
@@ -44,8 +44,8 @@ def _cell(operand: Operand) -> RowElement:
     return RowElement(operand.kind, operand.number)
 
 
-def plain_word(operand: Operand) -> Value | None:
-    """Return a 16-bit word, or None if it needs more than one element of the memory.
+def plain_word(operand: Operand, *, wide: bool = False) -> Value | None:
+    """Return a word of 16 or 32 bits, or None if it is indexed or not supported in statements.
 
     Examples:
         >>> device = DeviceOperand("D", 5)
@@ -54,29 +54,30 @@ def plain_word(operand: Operand) -> Value | None:
     """
     match operand:
         case Constant(value, _, ""):
-            return value - 0x10000 if value > WORD_MAX else value
+            return signed(value, width_of(wide))
+        case Digits(digits, DeviceOperand(kind, number, "")):
+            return _group(kind, number, 4 * digits, wide)
+        case DeviceOperand("D", number, "") if wide:
+            low = Arithmetic("&", RowElement("D", number), 0xFFFF)
+            return Arithmetic("|", Arithmetic("<<", RowElement("D", number + 1), 16), low)
+        case DeviceOperand("C", number, "") if wide == is_32_bit_counter(number):
+            return RowElement("CV", number)
         case DeviceOperand("D", number, ""):
             return RowElement("D", number)
-        case DeviceOperand("T", number, ""):
+        case DeviceOperand("T", number, "") if not wide:
             return RowElement("TV", number)
-        case DeviceOperand("C", number, "") if not is_32_bit_counter(number):
-            return RowElement("CV", number)
-        case DeviceOperand("V" | "Z" as kind, number, ""):
+        case DeviceOperand("V" | "Z" as kind, number, "") if not wide:
             return RowElement("D", index_register(f"{kind}{number}"))
     return None
 
 
-def plain_long_word(operand: Operand) -> Value | None:
-    """Return a 32-bit word, or None if it is neither a constant, nor a pair of registers, nor a 32-bit counter."""
-    match operand:
-        case Constant(value, _, ""):
-            return signed(value, 32)
-        case DeviceOperand("D", number, ""):
-            low = Arithmetic("&", RowElement("D", number), 0xFFFF)
-            return Arithmetic("|", Arithmetic("<<", RowElement("D", number + 1), 16), low)
-        case DeviceOperand("C", number, "") if is_32_bit_counter(number):
-            return RowElement("CV", number)
-    return None
+def _group(kind: str, first: int, size: int, wide: bool) -> Value:
+    """Return the word of a bit group, low bit first; the highest bit is the sign only if the group fills the word."""
+    group: Value = Selection(RowElement(kind, first), 1, 0)
+    for n in range(1, size):
+        weight = signed(1 << n, width_of(wide))
+        group = Arithmetic("|", group, Selection(RowElement(kind, first + n), weight, 0))
+    return group
 
 
 def drive(operand: Operand, power: Condition) -> Statement:
@@ -156,7 +157,7 @@ def counter(n: int, preset: Operand, power: Condition) -> tuple[Statement, ...]:
     """Return the statements for OUT C: count up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
     value, done, before = RowElement("CV", n), RowElement("C", n), RowElement("CE", n)
     if is_32_bit_counter(n):
-        counts = plain_long_word(preset)
+        counts = plain_word(preset, wide=True)
         assert counts is not None  # noqa: S101 - a preset is a constant or a pair of registers without index
         count = _count_both_ways(n, counts)
     else:

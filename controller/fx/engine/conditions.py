@@ -17,7 +17,7 @@ from controller.fx.engine.code import (
     Statement,
     Store,
 )
-from controller.fx.engine.coils import NOW, contact, plain_long_word, plain_word
+from controller.fx.engine.coils import NOW, contact, plain_word
 from controller.fx.language.instruction import Instruction
 from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS
 
@@ -143,8 +143,7 @@ class RungBuilder:
     def _compare(self, i: int, instruction: Instruction) -> None:
         form = FORMS[instruction.name]
         join = next(join for join in JOINS if form.kind.name.startswith(join))
-        word = plain_long_word if form.wide else plain_word
-        left, right = map(word, instruction.operands)
+        left, right = (plain_word(operand, wide=form.wide) for operand in instruction.operands)
         if left is None or right is None:
             self._join(_Nested(self._numbering.operation(i)), join)
         else:

@@ -52,7 +52,16 @@ TICK_REGISTERS: Final = {MS_100: CALLBACK + 1, MS_10: CALLBACK + 2, 1: CALLBACK 
 _REGISTERS: Final = CALLBACK + 4
 GATE_LEVELS: Final = 8
 NO_DRIVE: Final = -1
-_OPERATORS: Final = {"+": "add", "-": "sub", "&": "and", "|": "or", "<<": "shl", ">>": "ashr"}
+_OPERATORS: Final = {
+    "+": "add",
+    "-": "sub",
+    "*": "mul",
+    "&": "and",
+    "|": "or",
+    "^": "xor",
+    "<<": "shl",
+    ">>": "ashr",
+}
 MOVED_ROWS: Final = ("E", "A", "B")
 """Rows whose elements are numbered in program order; a part receives the address of its first element in each."""
 PART_PARAMETERS: Final = "ptr %m, ptr %gates, ptr %E, ptr %A, ptr %B, i64 %operations"

@@ -92,4 +92,4 @@ class MachineFunctions:
         except BaseException as exception:  # noqa: BLE001 - raised again by `run`
             self._exception = exception
             return -1
-        return int(result or 0)
+        return result or 0

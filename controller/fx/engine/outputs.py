@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from controller.core.devices import ANNUNCIATORS, WORD_MAX, WORD_MIN
+from controller.core.devices import ANNUNCIATORS, WORD_MAX
 from controller.fx.engine.applied.table import LEVELS
 from controller.fx.engine.code import (
     DEPTH,
@@ -12,7 +12,6 @@ from controller.fx.engine.code import (
     TRANSFERRED,
     Arithmetic,
     Branch,
-    ClearBits,
     Comparison,
     Condition,
     Conjunction,
@@ -23,7 +22,6 @@ from controller.fx.engine.code import (
     Let,
     RowElement,
     RunSubroutine,
-    Selection,
     Spend,
     Statement,
     StopTooDeep,
@@ -36,7 +34,6 @@ from controller.fx.engine.coils import (
     counter,
     drive,
     driven_off,
-    plain_word,
     set_to,
     timer,
     timer_off,
@@ -44,6 +41,7 @@ from controller.fx.engine.coils import (
 from controller.fx.engine.conditions import Numbering, edge_pulse
 from controller.fx.engine.cpu import CALL_DEPTH
 from controller.fx.engine.parts import END_POINTER, LadderStep, Parts, number_of, steps_of
+from controller.fx.engine.plain_actions import plain_action
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Operand
 from controller.fx.language.instruction_set import FORMS, Form, steps
 
@@ -150,24 +148,14 @@ class Outputs:
         return Let(NOW, power), Branch(Disjunction(NOW, level), (execution,))
 
     def _action(self, i: int, form: Form) -> tuple[Statement, ...]:
-        """Return the statements for an applied instruction; the most common instructions need no Python function."""
-        name, operands = form.kind.name, self._list[i].operands
-        words = [None if form.wide else plain_word(operand) for operand in operands]
-        match name, operands:
-            case "CJ", _:
+        """Return the statements for an applied instruction that acts while it is driven."""
+        match form.kind.name:
+            case "CJ":
                 return self._jump(i, number_of(self._list[i]))
-            case "CALL", _:
+            case "CALL":
                 return self._call(number_of(self._list[i]))
-            case "MOV", (_, DeviceOperand("D")) if isinstance(words[1], RowElement) and words[0] is not None:
-                return (Store(words[1], words[0]),)
-            case "INC", (DeviceOperand("D"),) if isinstance(words[0], RowElement):
-                count, below = words[0], Comparison("<", words[0], WORD_MAX)
-                return (Store(count, Selection(below, Arithmetic("+", count, 1), WORD_MIN)),)
-            case "ZRST", (DeviceOperand("Y" | "M" | "S" as kind, first, ""), DeviceOperand(_, last, "")) if (
-                first <= last
-            ):
-                return (ClearBits(kind, first, last),)
-        return (self._numbering.operation(i),)
+        statements = plain_action(form, self._list[i].operands)
+        return (self._numbering.operation(i),) if statements is None else statements
 
     def _jump(self, i: int, label: int) -> tuple[Statement, ...]:
         """Return the statements of CJ; a jump backwards uses watchdog time."""

@@ -319,14 +319,6 @@ def test_a_comparison_is_executed_only_if_its_result_is_required(factory: FxExec
     assert [len(series.drives), len(parallel.drives)] == [1, 1]
 
 
-@EXECUTIONS
-@pytest.mark.parametrize("instruction", ["MOV K7 D0", "INC D0", "ZRST M0 M9", "ANS T0 K5 S900", "OUT T0 K5"])
-def test_frequent_instructions_need_no_python_function(instruction: str, factory: FxExecutionFactory) -> None:
-    plc = plc_of(f"LD X0 / {instruction} / LDD> D0 K70000 / OUT Y0", factory)
-    plc.execution.link({})
-    plc.scan(0, ON)
-
-
 # ---- machine code -----------------------------------------------------------------------------------------------
 
 
