@@ -142,7 +142,7 @@ def _stores(target: Operand, wide: bool) -> tuple[Statement, ...] | None:
     """Return the statements that write the variable `_RESULT` to a word; None if it is not supported."""
     match target:
         case DeviceOperand("D", number, "") if wide:
-            high = Store(RowElement("D", number + 1), _wrapped(Arithmetic(">>", _RESULT, 16), 16))
+            high = Store(RowElement("D", number + 1), Arithmetic(">>", _RESULT, 16))
             return Store(RowElement("D", number), _wrapped(_RESULT, 16)), high
         case Digits(digits, DeviceOperand(kind, number, "")):
             return tuple(Store(RowElement(kind, number + n), _bit(_RESULT, n)) for n in range(4 * digits))

@@ -309,6 +309,18 @@ def test_an_operation_without_drive_is_executed_once_after_its_drive(factory: Fx
 
 
 @EXECUTIONS
+def test_an_operation_that_fails_without_drive_is_repeated(factory: FxExecutionFactory) -> None:
+    """INCD cannot clear its bits while the index of its table is invalid, so it tries again in the next scan."""
+    plc = plc_of("LD X0 / INCD D7990Z0 C10 M30 K2", factory)
+    memory, failed = plc.memory, []
+    for now_ms, (levels, index) in enumerate([(ON, 0), (OFF, 300), (OFF, 300), (OFF, 0), (OFF, 300)]):
+        memory.D[index_register("Z0")], memory.M[8067] = index, False
+        plc.scan(now_ms, levels)
+        failed.append(memory.M[8067])
+    assert failed == [False, True, True, False, False]
+
+
+@EXECUTIONS
 def test_a_comparison_is_executed_only_if_its_result_is_required(factory: FxExecutionFactory) -> None:
     plc = plc_of("LD X0 / AND= D0V0 K0 / OUT Y0 / LD X0 / OR= D0V0 K0 / OUT Y1", factory)
     series, parallel = Operation(1), Operation(1)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from unittest.mock import patch
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from controller.core.devices import Memory
+from controller.core.devices import SIZES, Memory
 from controller.fx.engine import outputs
 from controller.fx.engine.machine_functions import MachineFunctions
 from controller.fx.engine.plc import FxPlc
@@ -41,13 +41,18 @@ def operands(draw: st.DrawFn, kinds: frozenset[str]) -> Operand:
     return DeviceOperand(kind, number)
 
 
+def always(instruction: str) -> Ladder:
+    """Return a program with one instruction that is always driven."""
+    return read_il(f"LD {ALWAYS_ON}\n{instruction}\nEND\n")
+
+
 @st.composite
 def ladders(draw: st.DrawFn) -> Ladder:
     """Draw a valid instruction, always driven."""
     name = draw(st.sampled_from(INSTRUCTIONS))
     drawn = [draw(operands(OPERAND_KINDS[place])) for place in FORMS[name].kind.operands]
     try:
-        return read_il(f"LD {ALWAYS_ON}\n{name} {' '.join(map(str, drawn))}\nEND\n")
+        return always(f"{name} {' '.join(map(str, drawn))}")
     except LadderError:
         assume(False)
         raise
@@ -63,6 +68,9 @@ def executed(plc: FxPlc, before: Memory) -> Memory:
 
 @settings(max_examples=300, deadline=None)
 @given(ladders(), memories())
+@example(always("MUL D0 D1 D7999"), Memory())
+@example(always("MUL D0 D1 D8255"), Memory())
+@example(always("DMOV D1 D2"), Memory(D=list(range(SIZES["D"]))))
 def test_statements_have_the_result_of_the_python_function(ladder: Ladder, before: Memory) -> None:
     with patch.object(outputs, "plain_action", lambda *_: None):
         expected = executed(UnpairedPlc(ladder), before)
