@@ -130,8 +130,8 @@ class PartBody(OperationBody):
 
     # memory
 
-    def _bit_pointer(self, cell: RowElement) -> str:
-        row, number = cell.row, cell.number
+    def _bit_pointer(self, element: RowElement) -> str:
+        row, number = element.row, element.number
         if row == GATES:
             return self.value(f"getelementptr i8, ptr %gates, i64 {number}")
         if row in MOVED_ROWS:

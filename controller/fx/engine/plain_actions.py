@@ -6,6 +6,7 @@ operands.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Final, Literal
 
 from controller.core.devices import WORD_MAX, WORD_MIN
@@ -14,6 +15,7 @@ from controller.fx.engine.code import (
     Arithmetic,
     ClearBits,
     Comparison,
+    Condition,
     Conjunction,
     Let,
     LocalVariable,
@@ -40,10 +42,12 @@ def plain_action(form: Form, operands: tuple[Operand, ...]) -> tuple[Statement, 
     match form.kind.name:
         case "ZRST":
             return _zone_reset(operands)
-        case "CMP" | "ZCP":
+        case "CMP":
             return _compare(form, operands)
+        case "ZCP":
+            return _compare_zone(form, operands)
         case "INC" | "DEC" if not form.wide:
-            return _step(form.kind.name, operands[0])
+            return _next_number(form.kind.name, operands[0])
         case "MOV":
             return _assigned(plain_word(operands[0], wide=form.wide), operands[1], form.wide)
         case "INC" | "DEC":
@@ -69,27 +73,38 @@ def _zone_reset(operands: tuple[Operand, ...]) -> tuple[Statement, ...] | None:
 
 
 def _compare(form: Form, operands: tuple[Operand, ...]) -> tuple[Statement, ...] | None:
-    """Return the statements for CMP and ZCP: three bits for below, within and above, or the reverse for CMP."""
-    *limits, value = (plain_word(operand, wide=form.wide) for operand in operands[:-1])
-    match operands[-1]:
-        case DeviceOperand(kind, number, ""):
-            bits = [RowElement(kind, number + n) for n in range(3)]
-        case _:
-            return None
-    if value is None or None in limits:
+    """Return the statements for CMP: three bits for the first value above, equal to and below the second."""
+    left, right = (plain_word(operand, wide=form.wide) for operand in operands[:2])
+    target = operands[2]
+    if left is None or right is None or not isinstance(target, DeviceOperand) or target.index:
         return None
-    low, high = LocalVariable("low"), LocalVariable("high")
-    lets: list[Statement] = [Let(_RESULT, value), Let(low, limits[0] or 0)]
-    if form.kind.name == "CMP":
-        relations = (Comparison(">", low, _RESULT), Comparison("==", low, _RESULT), Comparison("<", low, _RESULT))
-        return (*lets, *(Store(bit, each) for bit, each in zip(bits, relations, strict=True)))
-    lets += [Let(high, limits[1] or 0), Let(high, Selection(Comparison("<", high, low), low, high))]
-    within = Conjunction(Comparison("<=", low, _RESULT), Comparison("<=", _RESULT, high))
-    below, above = Comparison("<", _RESULT, low), Comparison(">", _RESULT, high)
-    return *lets, Store(bits[0], below), Store(bits[1], within), Store(bits[2], above)
+    one, other = LocalVariable("one"), LocalVariable("other")
+    bits = (Comparison(">", one, other), Comparison("==", one, other), Comparison("<", one, other))
+    return Let(one, left), Let(other, right), *_three_bits(target, bits)
 
 
-def _step(name: str, operand: Operand) -> tuple[Statement, ...] | None:
+def _compare_zone(form: Form, operands: tuple[Operand, ...]) -> tuple[Statement, ...] | None:
+    """Return the statements for ZCP: three bits for the value below, within and above the limits."""
+    low, high, value = (plain_word(operand, wide=form.wide) for operand in operands[:3])
+    target = operands[3]
+    if low is None or high is None or value is None or not isinstance(target, DeviceOperand) or target.index:
+        return None
+    first, last = LocalVariable("first"), LocalVariable("last")
+    highest = Selection(Comparison("<", last, first), first, last)
+    bits = (
+        Comparison("<", _RESULT, first),
+        Conjunction(Comparison("<=", first, _RESULT), Comparison("<=", _RESULT, last)),
+        Comparison(">", _RESULT, last),
+    )
+    return Let(first, low), Let(last, high), Let(_RESULT, value), Let(last, highest), *_three_bits(target, bits)
+
+
+def _three_bits(target: DeviceOperand, conditions: Iterable[Condition]) -> Iterator[Store]:
+    for number, condition in enumerate(conditions, target.number):
+        yield Store(RowElement(target.kind, number), condition)
+
+
+def _next_number(name: str, operand: Operand) -> tuple[Statement, ...] | None:
     """Return the statement for INC or DEC of a register."""
     count = plain_word(operand)
     if not isinstance(count, RowElement) or count.row != "D":

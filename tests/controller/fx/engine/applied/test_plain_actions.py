@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from unittest.mock import patch
-
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
@@ -72,7 +70,8 @@ def executed(plc: FxPlc, before: Memory) -> Memory:
 @example(always("MUL D0 D1 D8255"), Memory())
 @example(always("DMOV D1 D2"), Memory(D=list(range(SIZES["D"]))))
 def test_statements_have_the_result_of_the_python_function(ladder: Ladder, before: Memory) -> None:
-    with patch.object(outputs, "plain_action", lambda *_: None):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(outputs, "plain_action", lambda *_: None)
         expected = executed(UnpairedPlc(ladder), before)
     assert_same(executed(UnpairedPlc(ladder), before), expected)
     assert_same(executed(UnpairedPlc(ladder, execution=MachineFunctions), before), expected)
