@@ -11,6 +11,8 @@ from typing import Final
 from controller.core.memory_layout import MemoryLayout
 
 _PREDICATES: Final = {"==": "eq", "!=": "ne", "<": "slt", "<=": "sle", ">": "sgt", ">=": "sge"}
+_BIT_RANGE: Final = "!0 = !{i8 0, i8 2}"
+"""Values of the byte of a bit: 0 and 1."""
 _MEMSET: Final = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
 
 
@@ -26,7 +28,7 @@ def function(result: str, name: str, parameters: str, body: str) -> str:
 
 def module(definitions: Iterable[str], declarations: Iterable[str] = ()) -> str:
     """Return the text of a module with these functions."""
-    return "\n".join([_MEMSET, *declarations, *definitions])
+    return "\n".join([_MEMSET, _BIT_RANGE, *declarations, *definitions])
 
 
 class FunctionBody:
@@ -73,7 +75,7 @@ class FunctionBody:
         self._store_bit(self._pointer(self._layout.bit(row, number)), value)
 
     def _loaded_bit(self, pointer: str) -> str:
-        return self.value(f"trunc i8 {self.value(f'load i8, ptr {pointer}')} to i1")
+        return self.value(f"trunc i8 {self.value(f'load i8, ptr {pointer}, !range !0')} to i1")
 
     def _store_bit(self, pointer: str, value: str) -> None:
         self.add(f"store i8 {self.value(f'zext i1 {value} to i8')}, ptr {pointer}")

@@ -22,8 +22,6 @@ from llvmlite import binding as llvm
 from controller.common.cache_folder import user_cache_folder
 
 OPTIMISATION_LEVEL: Final = 2
-VECTORISATION: Final = True
-"""Whether similar operations on adjacent devices are executed together."""
 _UNUSED_S: Final = 30 * 86_400.0
 
 
@@ -91,7 +89,6 @@ def _compile(text: str) -> bytes:
     module = llvm.parse_assembly(text)
     module.triple = target.triple
     options = llvm.create_pipeline_tuning_options(speed_level=OPTIMISATION_LEVEL)
-    options.slp_vectorization = VECTORISATION
     builder = llvm.create_pass_builder(target, options)
     builder.getModulePassManager().run(module, builder)
     return cast("bytes", target.emit_object(module))
@@ -107,7 +104,7 @@ def _cached(text: str) -> Path | None:
 def _folder() -> Path | None:
     """Return the writable cache folder for this processor and this LLVM version, or None."""
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {llvm.get_host_cpu_name()} {_features()}"
-    version += f" {OPTIMISATION_LEVEL} {VECTORISATION}"
+    version += f" {OPTIMISATION_LEVEL}"
     try:
         folder = user_cache_folder() / f"program-{hashlib.sha256(version.encode()).hexdigest()[:16]}"
         folder.mkdir(parents=True, exist_ok=True)

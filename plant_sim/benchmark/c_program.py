@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -61,13 +61,13 @@ def _statement(instruction: Instruction) -> str:
     return _STATEMENTS[instruction.name].format(f"{device.kind}[{device.number}]")
 
 
-def compiled_c(ladder: Ladder, options: Sequence[str] = ("-O2",)) -> CProgram | None:
-    """Return the C program of a list compiled with gcc, or None if gcc is not installed."""
+def compiled_c(ladder: Ladder) -> CProgram | None:
+    """Return the C program of a list compiled with ``gcc -O2``, or None if gcc is not installed."""
     gcc = shutil.which("gcc")
     if gcc is None:
         return None
     with TemporaryDirectory() as folder:
         source, library = Path(folder, "program.c"), Path(folder, "program.so")
         source.write_text(c_text(ladder), encoding="utf-8")
-        subprocess.run([gcc, *options, "-shared", "-fPIC", "-o", library, source], check=True)  # noqa: S603 - our text
+        subprocess.run([gcc, "-O2", "-shared", "-fPIC", "-o", library, source], check=True)  # noqa: S603 - our text
         return CProgram(ctypes.CDLL(str(library)))

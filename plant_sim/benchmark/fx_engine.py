@@ -7,9 +7,10 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import isnan, nan
+from random import Random
 from tempfile import TemporaryDirectory
 from typing import Final
 
@@ -23,9 +24,10 @@ from controller.fx.language.il import read_il
 from controller.fx.language.instruction import DeviceOperand, Ladder
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
-from plant_sim.benchmark.c_program import compiled_c
+from plant_sim.benchmark.c_program import CProgram, compiled_c
 
 RUNGS: Final = 200
+INPUTS: Final = 256
 ROUNDS: Final = 30
 FX2N_NS: Final = 80.0
 """Execution time of a contact or coil on the FX2N, ns (docs/sources/fx2n.md 1.3, not verified)."""
@@ -48,9 +50,11 @@ class FxFigures:
         machine_ns: CPU time per instruction as machine code, including the call of the scan from Python, ns.
         c_ns: CPU time per instruction of a C program with the same rungs, including the call from Python, ns. The
             figures of C are NaN if gcc is not installed.
-        scalar_c_ns: The same for the C program compiled without vector instructions, ns.
+        shuffled_ns: CPU time per instruction as machine code for the same number of rungs with random contacts, in
+            random order, ns.
+        shuffled_c_ns: CPU time per instruction of a C program with these rungs, ns.
         call_ns: CPU time of a call from Python to a C function that does nothing, divided by the number of
-            instructions, ns.
+            instructions, ns; it is included in the times above.
         instruction_ns: CPU time per instruction as Python functions, ns.
         interpreted_ns: CPU time per instruction with an interpreter of the same list, ns.
         compile_program_s: Time to compile the program of the machine in a new process with an empty cache folder, s.
@@ -60,7 +64,8 @@ class FxFigures:
 
     machine_ns: float
     c_ns: float
-    scalar_c_ns: float
+    shuffled_ns: float
+    shuffled_c_ns: float
     call_ns: float
     instruction_ns: float
     interpreted_ns: float
@@ -73,7 +78,8 @@ class FxFigures:
         slower = self.interpreted_ns / self.instruction_ns
         return "\n".join(
             [
-                f"instruction of an FX list  {self.machine_ns:7.2f} ns CPU{self._c_text()}",
+                f"instruction of an FX list  {self._with_c(self.machine_ns, self.c_ns)}",
+                f"  random rungs             {self._with_c(self.shuffled_ns, self.shuffled_c_ns)}",
                 f"  Python functions         {self.instruction_ns:7.2f} ns CPU "
                 f"(goal: at most {INSTRUCTION_GOAL_NS:.0f})",
                 f"  interpreted              {self.interpreted_ns:7.2f} ns CPU, ratio {slower:.1f} to Python functions "
@@ -84,15 +90,12 @@ class FxFigures:
             ]
         )
 
-    def _c_text(self) -> str:
-        if isnan(self.c_ns):
-            return "; C not measured, because gcc is not installed"
-        times_ns = (self.machine_ns, self.c_ns, self.scalar_c_ns)
-        machine, c, scalar = (max(0.0, time_ns - self.call_ns) for time_ns in times_ns)
+    def _with_c(self, machine_ns: float, c_ns: float) -> str:
+        if isnan(c_ns):
+            return f"{machine_ns:7.2f} ns CPU; C not measured, because gcc is not installed"
         return (
-            f", C {self.c_ns:.2f} ns, ratio {self.machine_ns / self.c_ns:.2f} (goal: at most {C_GOAL:.0f})\n"
-            f"  without the call         {machine:7.2f} ns CPU, C {c:.2f} ns, "
-            f"without vector instructions {scalar:.2f} ns"
+            f"{machine_ns:7.2f} ns CPU, C {c_ns:.2f} ns, ratio {machine_ns / c_ns:.2f} (goal: at most {C_GOAL:.0f}); "
+            f"call {self.call_ns:.2f} ns"
         )
 
 
@@ -112,8 +115,17 @@ def measure_fx() -> FxFigures:
 
 def seal_ins() -> Ladder:
     """Return 200 seal-in rungs: LD X, OR M, ANI X, OUT M."""
-    rungs = (f"LD X{2 * n % 256:o}\nOR M{n}\nANI X{(2 * n + 1) % 256:o}\nOUT M{n}\n" for n in range(RUNGS))
-    return read_il("".join(rungs) + "END\n")
+    return _ladder((2 * n % INPUTS, n, (2 * n + 1) % INPUTS) for n in range(RUNGS))
+
+
+def shuffled_seal_ins() -> Ladder:
+    """Return 200 seal-in rungs with random inputs, in random order of the coils."""
+    chance = Random(1)
+    return _ladder((chance.randrange(INPUTS), n, chance.randrange(INPUTS)) for n in chance.sample(range(RUNGS), RUNGS))
+
+
+def _ladder(rungs: Iterable[tuple[int, int, int]]) -> Ladder:
+    return read_il("".join(f"LD X{on:o}\nOR M{m}\nANI X{off:o}\nOUT M{m}\n" for on, m, off in rungs) + "END\n")
 
 
 def instruction_ns() -> tuple[float, ...]:
@@ -122,24 +134,24 @@ def instruction_ns() -> tuple[float, ...]:
     Each is the minimum of thirty alternating rounds. The program runs from step 0 to END; the processing before and
     after it, some microseconds, is excluded. Machine code and C are called in the same way.
     """
-    ladder = seal_ins()
-    image = [n % 3 == 0 for n in range(256)]
-    plc, machine_plc = (FxPlc(ladder, input_filter_ms=0, execution=each) for each in (None, MachineFunctions))
-    for each in (plc, machine_plc):
-        each.scan(0, image)
+    ladder, shuffled = seal_ins(), shuffled_seal_ins()
+    image = [n % 3 == 0 for n in range(INPUTS)]
+    plc = FxPlc(ladder, input_filter_ms=0)
+    plc.scan(0, image)
     program = [(each.name, each.operands[0]) for each in ladder.instructions if each.operands]
     steps = [(name, device.kind, device.number) for name, device in program if isinstance(device, DeviceOperand)]
-    machine = machine_plc.execution
-    assert isinstance(machine, MachineFunctions)  # noqa: S101 - narrows
-    best_ns = _fastest_ns(
-        {
-            "machine": (lambda: machine.scan(machine.address, 0), 1000),
-            **_c_works(ladder, image),
-            "python": (lambda: plc.execution.run(0), 100),
-            "interpreter": (lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10),
-        }
-    )
-    names = ("machine", "c", "scalar c", "call", "python", "interpreter")
+    works: _Works = {
+        "machine": (_machine_scan(ladder, image), 1000),
+        "shuffled": (_machine_scan(shuffled, image), 1000),
+        "python": (lambda: plc.execution.run(0), 100),
+        "interpreter": (lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10),
+    }
+    c, shuffled_c = compiled_c(ladder), compiled_c(shuffled)
+    if c is not None and shuffled_c is not None:
+        works |= {"c": (_c_scan(c, image), 1000), "shuffled c": (_c_scan(shuffled_c, image), 1000)}
+        works["call"] = (lambda: c.call(0, 0), 1000)
+    best_ns = _fastest_ns(works)
+    names = ("machine", "c", "shuffled", "shuffled c", "call", "python", "interpreter")
     return tuple(best_ns.get(name, nan) / len(steps) for name in names)
 
 
@@ -147,17 +159,17 @@ _Works = dict[str, tuple[Callable[[], object], int]]
 """Function to measure and its number of calls in a round, by name."""
 
 
-def _c_works(ladder: Ladder, image: list[bool]) -> _Works:
-    c, scalar = compiled_c(ladder), compiled_c(ladder, ("-O2", "-fno-tree-vectorize"))
-    if c is None or scalar is None:
-        return {}
-    for program in (c, scalar):
-        program.bits("X")[:] = bytes(image)
-    return {
-        "c": (lambda: c.scan(0, 0), 1000),
-        "scalar c": (lambda: scalar.scan(0, 0), 1000),
-        "call": (lambda: c.call(0, 0), 1000),
-    }
+def _machine_scan(ladder: Ladder, image: list[bool]) -> Callable[[], int]:
+    plc = FxPlc(ladder, input_filter_ms=0, execution=MachineFunctions)
+    plc.scan(0, image)
+    execution = plc.execution
+    assert isinstance(execution, MachineFunctions)  # noqa: S101 - narrows
+    return lambda: execution.scan(execution.address, 0)
+
+
+def _c_scan(program: CProgram, image: list[bool]) -> Callable[[], int]:
+    program.bits("X")[:] = bytes(image)
+    return lambda: program.scan(0, 0)
 
 
 def _fastest_ns(works: _Works) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from dataclasses import fields
 from math import nan
 from pathlib import Path
@@ -14,19 +15,22 @@ from controller.fx.engine.machine_functions import FxMachineCode, MachineFunctio
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.translate import translate
 from controller.fx.language.il import read_il
+from controller.fx.language.instruction import Ladder
 from plant_sim.benchmark.c_program import c_text, compiled_c
-from plant_sim.benchmark.fx_engine import FxFigures, seal_ins, with_changed_rung
+from plant_sim.benchmark.fx_engine import FxFigures, seal_ins, shuffled_seal_ins, with_changed_rung
 from tests.controller.export.fx_equality import EXPORTED
 
 MOST_RECOMPILED = 4
 """The changed part, the routine, and at most two parts whose division has changed."""
 
 
-def test_the_c_program_has_the_same_relays_as_the_engine() -> None:
-    program = compiled_c(seal_ins())
+@pytest.mark.parametrize("rungs", [seal_ins, shuffled_seal_ins])
+def test_the_c_program_has_the_same_relays_as_the_engine(rungs: Callable[[], Ladder]) -> None:
+    ladder = rungs()
+    program = compiled_c(ladder)
     if program is None:
         pytest.skip("gcc is not installed")
-    plc = FxPlc(seal_ins(), input_filter_ms=0, execution=MachineFunctions)
+    plc = FxPlc(ladder, input_filter_ms=0, execution=MachineFunctions)
     for number in range(4):
         image = [(n * 7 + number) % 3 == 0 for n in range(256)]
         plc.scan(10 * number, image)
@@ -45,7 +49,7 @@ def test_contacts_and_coils_in_c() -> None:
 def test_without_gcc_the_figures_state_that_c_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
     assert compiled_c(seal_ins()) is None
-    values = {field.name: 1.0 for field in fields(FxFigures)} | {"c_ns": nan, "scalar_c_ns": nan, "call_ns": nan}
+    values = {field.name: 1.0 for field in fields(FxFigures)} | {"c_ns": nan, "shuffled_c_ns": nan, "call_ns": nan}
     assert "1.00 ns CPU; C not measured, because gcc is not installed" in FxFigures(**values).fx_text()
 
 
