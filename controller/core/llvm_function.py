@@ -47,6 +47,11 @@ class FunctionBody:
         self._values = 0
         self._labels = 0
 
+    @property
+    def size(self) -> int:
+        """Number of lines."""
+        return len(self._lines)
+
     def text(self) -> str:
         """Return the text of the body."""
         return "\n".join(self._lines)

@@ -6,6 +6,7 @@ the left part does not determine the result, so an operation in it is executed o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -192,13 +193,11 @@ class Network:
     Attributes:
         statements: Statements in order.
         source: Instructions as text.
-        instructions: Number of instructions.
         begins_block: Whether a title precedes the network.
     """
 
     statements: tuple[Statement, ...]
     source: str
-    instructions: int
     begins_block: bool
 
 
@@ -261,6 +260,14 @@ class TranslatedProgram:
     edges: int
     steps: int
     levels: int
+
+
+def any_of(conditions: Sequence[Condition]) -> Condition:
+    """Return a condition that is true while at least one is true; the nesting depth is logarithmic in their number."""
+    if len(conditions) == 1:
+        return conditions[0]
+    half = len(conditions) // 2
+    return Disjunction(any_of(conditions[:half]), any_of(conditions[half:]))
 
 
 def is_word(value: Condition | Value) -> bool:

@@ -128,6 +128,11 @@ class PartBody(OperationBody):
         """Elements to which the positions in the text refer."""
         return PartBases(self._rows, self._operation or 0)
 
+    @property
+    def used(self) -> bool:
+        """True if the part contains statements."""
+        return self.size > 1
+
     # memory
 
     def _bit_pointer(self, element: RowElement) -> str:

@@ -37,8 +37,8 @@ from controller.fx.engine.llvm_part import (
     PartBody,
 )
 
-FEWEST, MOST = 40, 400
-"""Smallest and largest size of a part, in instructions; a single step can be larger."""
+FEWEST, MOST = 200, 2_000
+"""Size of a part at which it ends at the next suitable rung and at any rung, in lines; an instruction takes about 5."""
 _DIVISION: Final = 16
 """A part ends, on average, after this number of rungs without a title."""
 
@@ -79,17 +79,21 @@ class _ModuleWriter:
 
     def _body(self, routine: _RoutineBody, body: Body) -> None:
         labels = tuple(part.number for part in body if isinstance(part, Label))
-        for part in _divided(body):
-            match part:
+        code = PartBody(self._layout)
+        for element in body:
+            if code.used and (not isinstance(element, Network) or _is_divided(code, element)):
+                routine.call_part(self._part(code), code.bases, labels)
+                code = PartBody(self._layout)
+            match element:
+                case Network():
+                    code.statements(element.statements)
                 case Label(number):
                     routine.begin_label(number)
                 case Repetition(index, repeated):
                     with routine.repeated(index):
                         self._body(routine, repeated)
-                case _:
-                    code = PartBody(self._layout)
-                    code.statements(statement for network in part for statement in network.statements)
-                    routine.call_part(self._part(code), code.bases, labels)
+        if code.used:
+            routine.call_part(self._part(code), code.bases, labels)
 
     def _part(self, code: PartBody) -> str:
         """Add the module of a part and return the name of its function."""
@@ -100,28 +104,13 @@ class _ModuleWriter:
         return name
 
 
-def _divided(body: Body) -> Iterator[Label | Repetition | tuple[Network, ...]]:
-    """Yield labels, loops and parts of several networks.
+def _is_divided(code: PartBody, following: Network) -> bool:
+    """Return whether a part ends before a network.
 
-    The places of division depend on the networks themselves, not on their position in the program.
+    The places depend on the networks themselves, not on their position in the program.
     """
-    part: list[Network] = []
-    for element in body:
-        if part and (not isinstance(element, Network) or _is_divided(part, element)):
-            yield tuple(part)
-            part = []
-        if isinstance(element, Network):
-            part.append(element)
-        else:
-            yield element
-    if part:
-        yield tuple(part)
-
-
-def _is_divided(part: list[Network], following: Network) -> bool:
-    size = sum(network.instructions for network in part)
     place = following.begins_block or crc32(following.source.encode()) % _DIVISION == 0
-    return size + following.instructions > MOST or (place and size >= FEWEST)
+    return code.size > MOST or (place and code.size >= FEWEST)
 
 
 class _RoutineBody(OperationBody):

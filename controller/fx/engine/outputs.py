@@ -26,6 +26,7 @@ from controller.fx.engine.code import (
     Statement,
     StopTooDeep,
     Store,
+    any_of,
 )
 from controller.fx.engine.coils import (
     NOW,
@@ -85,11 +86,8 @@ class Outputs:
         name, operands, form = instruction.name, instruction.operands, FORMS.get(instruction.name)
         device = operands[0] if operands else None
         if name == "OUT" and device is not None and not _is_step(device):
-            others: Condition | None = None
-            for other in self._drivers[device]:
-                if other is not step:
-                    others = active(other) if others is None else Disjunction(others, active(other))
-            return driven_off(device) if others is None else (Branch(Inverse(others), driven_off(device)),)
+            others = [active(other) for other in self._drivers[device] if other is not step]
+            return (Branch(Inverse(any_of(others)), driven_off(device)),) if others else driven_off(device)
         if name in ("PLS", "PLF") and device is not None:
             return drive(device, power=False), Store(self._numbering.edge(i), value=False)
         if form is not None and form.kind.name in LEVELS:

@@ -130,13 +130,13 @@ class _Translator:
             yield self._network(indexes, rung.statements)
 
     def _network(self, indexes: Sequence[int], statements: Iterable[Statement]) -> Network:
-        names = [str(self._list[i]) for i in indexes]
-        return Network(tuple(statements), " ".join(names), len(names), not self._block_starts.isdisjoint(indexes))
+        source = " ".join(str(self._list[i]) for i in indexes)
+        return Network(tuple(statements), source, not self._block_starts.isdisjoint(indexes))
 
     def _loop(self, loop: Loop) -> Repetition:
         self._numbering.operations.add(loop.at)
         spend = Spend(steps_of(self._list, loop.body))
-        return Repetition(loop.at, (Network((spend,), "", 0, begins_block=False), *self._body(loop.body)))
+        return Repetition(loop.at, (Network((spend,), "", begins_block=False), *self._body(loop.body)))
 
     def _step(self, step: LadderStep) -> Network:
         """Return a step: one branch that runs while its states are on, and one, without power, for the scan after."""

@@ -17,8 +17,8 @@ def _both_executions(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyP
     folder, because it would fill the user's cache.
     """
     monkeypatch.setattr(object_code, "_folder", lambda: None)
-    monkeypatch.setattr(llvm_program, "FEWEST", 2)
-    monkeypatch.setattr(llvm_program, "MOST", 8)
+    monkeypatch.setattr(llvm_program, "FEWEST", 10)
+    monkeypatch.setattr(llvm_program, "MOST", 40)
     for module in (request.module, running):
         if hasattr(module, "FxPlc"):
             monkeypatch.setattr(module, "FxPlc", PairedPlc)
