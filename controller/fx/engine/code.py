@@ -87,7 +87,20 @@ class Operation:
     drive: Condition | None = None
 
 
-Condition = bool | RowElement | LocalVariable | Inverse | Conjunction | Disjunction | Comparison | Operation
+@dataclass(frozen=True, slots=True)
+class SharedCondition:
+    """Condition that occurs in many places and has a function of its own.
+
+    Attributes:
+        number: Position in `TranslatedProgram.shared`.
+    """
+
+    number: int
+
+
+Condition = (
+    bool | SharedCondition | RowElement | LocalVariable | Inverse | Conjunction | Disjunction | Comparison | Operation
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,6 +259,7 @@ class TranslatedProgram:
     Attributes:
         main: Main program.
         subroutines: Subroutines.
+        shared: Conditions that occur in many places.
         operations: Indexes of the instructions that Python functions execute, ascending.
         sources: States that a transfer can leave, ascending.
         edges: Number of bits in row E, which store levels for edge detection.
@@ -255,6 +269,7 @@ class TranslatedProgram:
 
     main: Routine
     subroutines: tuple[Routine, ...]
+    shared: tuple[Condition, ...]
     operations: tuple[int, ...]
     sources: tuple[int, ...]
     edges: int

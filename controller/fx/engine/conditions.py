@@ -14,6 +14,7 @@ from controller.fx.engine.code import (
     LocalVariable,
     Operation,
     RowElement,
+    SharedCondition,
     Statement,
     Store,
 )
@@ -37,6 +38,7 @@ class Numbering:
         levels: Activity of each operation with a drive state, by index of the instruction.
         operations: Indexes of the instructions that Python functions execute.
         sources: States that a transfer can leave.
+        shared: Conditions that occur in many places, with their numbers.
     """
 
     def __init__(self) -> None:
@@ -44,6 +46,7 @@ class Numbering:
         self.levels: dict[int, RowElement] = {}
         self.operations: set[int] = set()
         self.sources: set[int] = set()
+        self.shared: dict[Condition, SharedCondition] = {}
 
     def edge(self, i: int) -> RowElement:
         """Return the stored level of an edge instruction."""
@@ -57,6 +60,10 @@ class Numbering:
         """Return the execution of an instruction by a Python function."""
         self.operations.add(i)
         return Operation(i, drive)
+
+    def shared_condition(self, condition: Condition) -> SharedCondition:
+        """Return a reference to a condition that occurs in many places."""
+        return self.shared.setdefault(condition, SharedCondition(len(self.shared)))
 
 
 class _Nested(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, cast
 
@@ -30,6 +30,7 @@ from controller.fx.engine.code import (
     RowElement,
     RunSubroutine,
     Selection,
+    SharedCondition,
     Spend,
     Statement,
     StopTooDeep,
@@ -113,12 +114,19 @@ class PartBody(OperationBody):
     """Builder of the function of a part.
 
     Attributes:
-        called: Labels of the subroutines that the part calls.
+        declarations: Declarations of the functions that the part calls.
     """
 
-    def __init__(self, layout: MemoryLayout) -> None:
+    def __init__(self, layout: MemoryLayout, shared: Sequence[str]) -> None:
+        """Begin a part.
+
+        Args:
+            layout: Arrangement of the memory.
+            shared: Names of the functions of the shared conditions.
+        """
         super().__init__(layout)
-        self.called: set[int] = set()
+        self.declarations: dict[str, None] = {}
+        self._shared = shared
         self._variables: dict[str, str] = {}
         self._rows: dict[str, int] = {}
         self._operation: int | None = None
@@ -163,6 +171,8 @@ class PartBody(OperationBody):
                 return self._loaded_bit(self._bit_pointer(condition))
             case LocalVariable(name):
                 return self._variables[name]
+            case SharedCondition(number):
+                return self._call("i1", self._shared[number])
             case Inverse(operand):
                 return self.inverse(self._condition(operand))
             case Conjunction(left, right):
@@ -254,10 +264,19 @@ class PartBody(OperationBody):
             self.leave(OVERDUE)
 
     def _run_subroutine(self, label: int) -> None:
-        self.called.add(label)
-        result = self.value(f"call i64 @{subroutine_name(label)}(ptr %m)")
+        result = self._call("i64", subroutine_name(label))
         with self.on(self.compare("!=", result, END)):
             self.leave(result)
+
+    def _call(self, result: str, name: str) -> str:
+        """Call a function with the address of the memory and return its result."""
+        self.declarations[f"declare {result} @{name}(ptr)"] = None
+        return self.value(f"call {result} @{name}(ptr %m)")
+
+    def condition_text(self, condition: Condition) -> str:
+        """Return the body of a function that returns a condition."""
+        self.add(f"ret i1 {self._condition(condition)}")
+        return self.text()
 
 
 def _has_operation(condition: Condition) -> bool:

@@ -7,7 +7,7 @@ execute the parts, jumps and loops.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
 from zlib import crc32
@@ -15,12 +15,12 @@ from zlib import crc32
 from controller.core.llvm_function import function, module, name_of
 from controller.fx.engine.code import (
     Body,
+    Condition,
     Label,
     Network,
     Repetition,
     Routine,
     TranslatedProgram,
-    subroutine_name,
 )
 from controller.fx.engine.llvm_part import (
     END,
@@ -49,21 +49,24 @@ def llvm_modules(program: TranslatedProgram, layout: FxLayout) -> tuple[str, ...
     The function `scan` of the last module executes the program, given the address of the memory and the time in ms. Its
     result is `END`, `STOPPED`, `OVERDUE` or `TOO_DEEP`.
     """
-    writer = _ModuleWriter(layout)
+    writer = _ModuleWriter(layout, program.shared)
     routines = [writer.routine(routine) for routine in (program.main, *program.subroutines)]
     declarations = [f"declare i64 @{name}({PART_PARAMETERS})" for name in writer.parts]
-    return (*writer.parts.values(), module(routines, declarations))
+    return (*writer.shared.values(), *writer.parts.values(), module(routines, declarations))
 
 
 class _ModuleWriter:
     """Writer of the functions of a program.
 
     Attributes:
+        shared: Modules of the shared conditions, by name of the function.
         parts: Modules of the parts, by name of the function.
     """
 
-    def __init__(self, layout: FxLayout) -> None:
+    def __init__(self, layout: FxLayout, shared: Iterable[Condition]) -> None:
         self._layout = layout
+        bodies = [PartBody(layout, ()).condition_text(condition) for condition in shared]
+        self.shared = {name_of(body): module([function("i1", name_of(body), "ptr %m", body)]) for body in bodies}
         self.parts: dict[str, str] = {}
 
     def routine(self, routine: Routine) -> str:
@@ -79,11 +82,11 @@ class _ModuleWriter:
 
     def _body(self, routine: _RoutineBody, body: Body) -> None:
         labels = tuple(part.number for part in body if isinstance(part, Label))
-        code = PartBody(self._layout)
+        code = PartBody(self._layout, tuple(self.shared))
         for element in body:
             if code.used and (not isinstance(element, Network) or _is_divided(code, element)):
                 routine.call_part(self._part(code), code.bases, labels)
-                code = PartBody(self._layout)
+                code = PartBody(self._layout, tuple(self.shared))
             match element:
                 case Network():
                     code.statements(element.statements)
@@ -99,8 +102,7 @@ class _ModuleWriter:
         """Add the module of a part and return the name of its function."""
         code.add(f"ret i64 {END}")
         name = name_of(code.text())
-        declarations = [f"declare i64 @{subroutine_name(label)}(ptr)" for label in sorted(code.called)]
-        self.parts[name] = module([function("i64", name, PART_PARAMETERS, code.text())], declarations)
+        self.parts[name] = module([function("i64", name, PART_PARAMETERS, code.text())], code.declarations)
         return name
 
 

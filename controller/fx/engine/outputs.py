@@ -47,6 +47,8 @@ from controller.fx.language.instruction import Constant, DeviceOperand, Instruct
 from controller.fx.language.instruction_set import FORMS, Form, steps
 
 TRANSFER_DISABLE: Final = 8040
+MOST_DRIVERS: Final = 8
+"""Number of steps that drive the same coil above which they share the condition that one of them is active."""
 _EVERY_SCAN: Final = ("ANS", "STMR")
 """Instructions executed in every scan: without drive, their timer can still run or be started by another coil."""
 
@@ -86,8 +88,8 @@ class Outputs:
         name, operands, form = instruction.name, instruction.operands, FORMS.get(instruction.name)
         device = operands[0] if operands else None
         if name == "OUT" and device is not None and not _is_step(device):
-            others = [active(other) for other in self._drivers[device] if other is not step]
-            return (Branch(Inverse(any_of(others)), driven_off(device)),) if others else driven_off(device)
+            driven = self._driven_by_others(device, step)
+            return driven_off(device) if driven is None else (Branch(Inverse(driven), driven_off(device)),)
         if name in ("PLS", "PLF") and device is not None:
             return drive(device, power=False), Store(self._numbering.edge(i), value=False)
         if form is not None and form.kind.name in LEVELS:
@@ -95,6 +97,17 @@ class Outputs:
         if form is not None and form.pulsed:
             return (Store(self._numbering.edge(i), value=False),)
         return ()
+
+    def _driven_by_others(self, coil: Operand, step: LadderStep) -> Condition | None:
+        """Return the condition that another step that drives a coil is active; None if there is no other step.
+
+        If there are many, the condition is the same for all of them, because the step itself is not active.
+        """
+        drivers = self._drivers[coil]
+        if len(drivers) > MOST_DRIVERS:
+            return self._numbering.shared_condition(any_of([active(each) for each in drivers]))
+        others = [active(each) for each in drivers if each is not step]
+        return any_of(others) if others else None
 
     def _out(self, operands: tuple[Operand, ...], power: Condition, step: LadderStep | None) -> tuple[Statement, ...]:
         match operands[0]:

@@ -34,6 +34,7 @@ from controller.fx.engine.code import (
     RowElement,
     RunSubroutine,
     Selection,
+    SharedCondition,
     Spend,
     Statement,
     StopTooDeep,
@@ -74,6 +75,8 @@ class PythonFunctions:
             **{name: rows[name] if name in rows else getattr(self.memory, name) for name in _ROWS},
         }
         text = "".join(_FunctionText(routine).text() for routine in (program.main, *program.subroutines))
+        for number, condition in enumerate(program.shared):
+            text += f"def {_shared_name(number)}():\n{INDENT}return {_text(condition)}\n"
         exec(compile(text, "<program>", "exec"), self._space)  # noqa: S102 - text of checked instructions
         self._scan = self._space[program.main.name]
 
@@ -96,6 +99,10 @@ def _raise_call_error() -> NoReturn:
 
 def _function_name(index: int) -> str:
     return f"i{index}"
+
+
+def _shared_name(number: int) -> str:
+    return f"c{number}"
 
 
 class _FunctionText:
@@ -216,6 +223,8 @@ def _text(operand: Condition | Value) -> str:
             return _gate(number) if row == GATES else f"{row}[{number}]"
         case LocalVariable(name):
             return name
+        case SharedCondition(number):
+            return f"{_shared_name(number)}()"
         case Tick(base_ms):
             return _TICKS.get(base_ms, "tick_1")
         case Inverse(condition):

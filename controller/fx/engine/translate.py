@@ -90,6 +90,7 @@ class _Translator:
         return TranslatedProgram(
             main,
             tuple(subroutines),
+            tuple(used.shared),
             tuple(sorted(used.operations)),
             tuple(sorted(used.sources)),
             len(used.edges),
