@@ -66,6 +66,7 @@ class _ModuleWriter:
     def __init__(self, layout: FxLayout, shared: Iterable[Condition]) -> None:
         self._layout = layout
         bodies = [PartBody(layout, ()).condition_text(condition) for condition in shared]
+        self._shared_names = [name_of(body) for body in bodies]
         self.shared = {name_of(body): module([function("i1", name_of(body), "ptr %m", body)]) for body in bodies}
         self.parts: dict[str, str] = {}
 
@@ -82,11 +83,11 @@ class _ModuleWriter:
 
     def _body(self, routine: _RoutineBody, body: Body) -> None:
         labels = tuple(part.number for part in body if isinstance(part, Label))
-        code = PartBody(self._layout, tuple(self.shared))
+        code = PartBody(self._layout, self._shared_names)
         for element in body:
             if code.used and (not isinstance(element, Network) or _is_divided(code, element)):
                 routine.call_part(self._part(code), code.bases, labels)
-                code = PartBody(self._layout, tuple(self.shared))
+                code = PartBody(self._layout, self._shared_names)
             match element:
                 case Network():
                     code.statements(element.statements)

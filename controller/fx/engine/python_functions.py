@@ -217,16 +217,10 @@ def _gate(level: int) -> str:
 def _text(operand: Condition | Value) -> str:
     """Return a condition or value as Python text."""
     match operand:
-        case bool() | int():
-            return str(operand)
         case RowElement(row, number):
             return _gate(number) if row == GATES else f"{row}[{number}]"
         case LocalVariable(name):
             return name
-        case SharedCondition(number):
-            return f"{_shared_name(number)}()"
-        case Tick(base_ms):
-            return _TICKS.get(base_ms, "tick_1")
         case Inverse(condition):
             text = _text(condition)
             return f"not ({text})" if isinstance(condition, Conjunction | Disjunction) else f"not {text}"
@@ -238,6 +232,18 @@ def _text(operand: Condition | Value) -> str:
             return f"{_text(one)} {relation} {_text(other)}"
         case Operation(index, drive):
             return f"{_function_name(index)}({'' if drive is None else _text(drive)})"
+        case SharedCondition(number):
+            return f"{_shared_name(number)}()"
+        case _:
+            return _value_text(operand)
+
+
+def _value_text(value: int | Tick | Arithmetic | Selection) -> str:
+    match value:
+        case int():
+            return str(value)
+        case Tick(base_ms):
+            return _TICKS.get(base_ms, "tick_1")
         case Arithmetic(operator, one, other):
             return f"({_text(one)} {operator} {_text(other)})"
         case Selection(condition, one, other):
