@@ -57,9 +57,10 @@ class FxFigures:
             instructions, ns; it is included in the times above.
         instruction_ns: CPU time per instruction as Python functions, ns.
         interpreted_ns: CPU time per instruction with an interpreter of the same list, ns.
-        compile_program_s: Time to compile the program of the machine in a new process with an empty cache folder, s.
-        compile_export_s: Time to compile the export of this program for an FX2N, s.
-        compile_rung_s: Time to compile the export again after a change to one rung, s.
+        compile_program_s: CPU time to compile the program of the machine in a new process with an empty cache folder,
+            s.
+        compile_export_s: CPU time to compile the export of this program for an FX2N, s.
+        compile_rung_s: CPU time to compile the export again after a change to one rung, s.
     """
 
     machine_ns: float
@@ -84,9 +85,9 @@ class FxFigures:
                 f"(goal: at most {INSTRUCTION_GOAL_NS:.0f})",
                 f"  interpreted              {self.interpreted_ns:7.2f} ns CPU, ratio {slower:.1f} to Python functions "
                 f"(goal: at least {INTERPRETER_GOAL:.0f})",
-                f"compilation, FX export     {self.compile_export_s:7.2f} s (goal: at most {COMPILE_GOAL_S:.0f}), "
+                f"compilation, FX export     {self.compile_export_s:7.2f} s CPU (goal: at most {COMPILE_GOAL_S:.0f}), "
                 f"{self.compile_rung_s:.2f} s after a changed rung",
-                f"  program of the machine   {self.compile_program_s:7.2f} s (goal: at most {COMPILE_GOAL_S:.0f})",
+                f"  program of the machine   {self.compile_program_s:7.2f} s CPU (goal: at most {COMPILE_GOAL_S:.0f})",
             ]
         )
 
@@ -181,7 +182,7 @@ def _fastest_ns(works: _Works) -> dict[str, float]:
 
 
 def first_compilations_s() -> tuple[float, float, float]:
-    """Return the times to compile the machine's program, its export, and the export after a change to one rung, s."""
+    """Return the CPU times to compile the program of the machine, its export, and the export with a changed rung, s."""
     program = build(load_io_map(DEFAULT_IO_MAP)).program
     ladder = exported(program)
     return tuple(  # type: ignore[return-value]
@@ -210,9 +211,9 @@ def with_changed_rung(ladder: Ladder) -> Ladder:
 
 
 def _seconds(work: Callable[[], object]) -> float:
-    began_s = time.perf_counter()
+    began_s = time.process_time()
     work()
-    return time.perf_counter() - began_s
+    return time.process_time() - began_s
 
 
 def _ns(work: Callable[[], object], times: int) -> float:
