@@ -315,7 +315,7 @@ def _restore(machine: Transplanter, plc: Plc, store: FileStore) -> None:
     try:
         values = store.load()
         if values is not None:
-            plc.restore(values)
+            plc.restore_retained(values)
     except (DamagedStoreError, ValueError) as error:
         prefix = "" if isinstance(error, DamagedStoreError) else f"{store.path}: "
         try:

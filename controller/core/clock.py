@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
+from controller.common.saved import Saved
+
 
 class Clock(Protocol):
     """Monotonic clock: time elapsed since a fixed instant."""
@@ -30,8 +32,10 @@ def utc_ms() -> int:
     return time.time_ns() // 1_000_000
 
 
-class SimulatedClock:
+class SimulatedClock(Saved):
     """Clock that changes only when it is advanced."""
+
+    SAVED = ("_now_ms",)
 
     def __init__(self) -> None:
         self._now_ms = 0

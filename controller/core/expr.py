@@ -9,7 +9,7 @@ import operator
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Final, NoReturn
+from typing import Any, Final, NoReturn
 
 from controller.core.devices import Memory, check_device, device_name, timer_base_ms
 
@@ -61,6 +61,16 @@ class Bit(Expr):
 
     def __str__(self) -> str:
         return device_name(self.kind, self.number)
+
+
+class CompiledCondition(Expr):
+    """Condition over data outside the PLC, which exists only as machine code; a program cannot contain it."""
+
+    __slots__ = ()
+
+    def emit(self, code: Any) -> str:
+        """Add the evaluation to an LLVM function and return the name of the result, of type i1."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from controller.common.saved import Saved
+
 ADJUSTABLE = 16
 """Number of terminals with an adjustable filter, X0-X17."""
 FIXED_MS = 10
 """Filter time of all other terminals, ms."""
 
 
-class InputFilter:
+class InputFilter(Saved):
     """Digital filter in front of the X image, as in the FX2N: X0-X17 adjustable, X20 and up fixed at 10 ms.
 
     The FX2N samples its terminals continuously. Here they are sampled once per scan, so a level must be
@@ -18,7 +20,10 @@ class InputFilter:
 
     Attributes:
         filter_ms: Filter time of X0-X17, ms; may be changed at any time.
+        since_ms: Time since which a terminal has differed from the image, ms, by number.
     """
+
+    SAVED = ("_started", "filter_ms", "since_ms")
 
     def __init__(self, image: list[bool], filter_ms: int) -> None:
         """Create a filter for an image.
@@ -34,14 +39,14 @@ class InputFilter:
             raise ValueError(f"input filter {filter_ms} ms: must be 0 to 60 ms, the range of an FX2N")
         self._image = image
         self.filter_ms = filter_ms
-        self._since_ms: dict[int, int] = {}
+        self.since_ms: dict[int, int] = {}
         self._started = False
 
     def latch(self, now_ms: int, levels: Sequence[bool]) -> None:
         """Update the image with the filtered terminal levels of this scan; the first scan copies them unfiltered."""
         image = self._image
         count = len(levels)
-        if image[:count] == levels and not self._since_ms:
+        if image[:count] == levels and not self.since_ms:
             self._started = True
             return
         if not self._started or self.filter_ms == 0:
@@ -50,9 +55,9 @@ class InputFilter:
             return
         for number, level in enumerate(levels):
             if level == image[number]:
-                self._since_ms.pop(number, None)
+                self.since_ms.pop(number, None)
                 continue
-            since_ms = self._since_ms.setdefault(number, now_ms)
+            since_ms = self.since_ms.setdefault(number, now_ms)
             if now_ms - since_ms >= (self.filter_ms if number < ADJUSTABLE else FIXED_MS):
                 image[number] = level
-                del self._since_ms[number]
+                del self.since_ms[number]

@@ -68,8 +68,12 @@ class FunctionBody:
 
     # memory
 
+    def pointer(self, region: str, position: int) -> str:
+        """Add the address of a byte of a memory region, which is a parameter of the function."""
+        return self.value(f"getelementptr i8, ptr %{region}, i64 {position}")
+
     def _pointer(self, position: int) -> str:
-        return self.value(f"getelementptr i8, ptr %m, i64 {position}")
+        return self.pointer("m", position)
 
     def bit(self, row: str, number: int) -> str:
         """Return the value of a bit."""

@@ -23,7 +23,7 @@ from controller.core.devices import (
     WORD_MIN,
     is_32_bit_counter,
 )
-from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.expr import And, Bit, Compare, CompiledCondition, Const, Counter, Expr, Not, Or, Timer, Word
 from controller.core.llvm_function import FunctionBody, function, module, name_of
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
@@ -77,6 +77,19 @@ def translate(program: Program, layout: MemoryLayout) -> LlvmProgram:
     declarations = [f"declare void @{name}({_PARAMETERS})" for name in dict.fromkeys(names)]
     modules.append(module([_function(entry, "ptr %m, i64 %now_ms, i64 %first", body)], declarations))
     return LlvmProgram(tuple(dict.fromkeys(modules)), entry)
+
+
+def translate_condition(expr: Expr, layout: MemoryLayout) -> LlvmProgram:
+    """Translate a condition to a function that returns 1 if the condition is true, else 0.
+
+    Its arguments are the addresses of the memory region, and of two regions for a `CompiledCondition`: outside data,
+    and cells that it may change.
+    """
+    code = _ProgramBody(layout, iter(()))
+    result = code.value(f"zext i1 {code.condition(expr)} to i64")
+    code.add(f"ret i64 {result}")
+    entry = name_of(code.text())
+    return LlvmProgram((module([function("i64", entry, "ptr %m, ptr %s, ptr %c", code.text())]),), entry)
 
 
 def _function(name: str, parameters: str, body: str) -> str:
@@ -141,6 +154,8 @@ class _ProgramBody(FunctionBody):
                 return "true" if value else "false"
             case Compare(relation, left, right):
                 return self.compare(relation, self.operand(left), self.operand(right))
+            case CompiledCondition():
+                return expr.emit(self)
         raise TypeError(f"not a condition: {expr!r}")
 
     # rungs

@@ -6,7 +6,8 @@ import ctypes
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 
-from controller.core.llvm_ir import translate
+from controller.core.expr import Expr
+from controller.core.llvm_ir import translate, translate_condition
 from controller.core.memory_layout import MemoryLayout
 from controller.core.memory_region import MemoryRegion
 from controller.core.object_code import LoadedModules
@@ -20,6 +21,7 @@ class MachineCode:
     Attributes:
         program: Program that was compiled.
         layout: Arrangement of its device memory.
+        address: Address of the scan function.
         scan: Function that executes one scan, given the address of the memory region, the time in ms, and 1 in the
             first scan or 0 in all others.
     """
@@ -30,7 +32,24 @@ class MachineCode:
         self.layout = MemoryLayout(sum(isinstance(rung, Pulse | PulseFalling) for rung in program.rungs()))
         translation = translate(program, self.layout)
         self._modules = LoadedModules(translation.modules)
+        self.address = self._modules.address(translation.entry)
         self.scan = self._modules.function(translation.entry, None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
+
+
+class MachineCondition:
+    """Machine code of a condition over the devices of a program.
+
+    Attributes:
+        address: Address of the function; see `translate_condition`.
+        holds: The function.
+    """
+
+    def __init__(self, expr: Expr, layout: MemoryLayout) -> None:
+        """Load the machine code of a condition, compiling it if it is not in the cache."""
+        translation = translate_condition(expr, layout)
+        self._modules = LoadedModules(translation.modules)
+        self.address = self._modules.address(translation.entry)
+        self.holds = self._modules.function(translation.entry, ctypes.c_int64, *[ctypes.c_void_p] * 3)
 
 
 @lru_cache(maxsize=16)
@@ -39,22 +58,48 @@ def machine_code_of(program: Program) -> MachineCode:
     return MachineCode(program)
 
 
+@lru_cache(maxsize=256)
+def machine_condition_of(condition: Expr, layout: MemoryLayout) -> MachineCondition:
+    """Return the machine code of a condition; all PLCs with the same arrangement of their memory share it."""
+    return MachineCondition(condition, layout)
+
+
 class MachineExecution:
     """Execution of a program as machine code on its own device memory.
 
     Attributes:
         memory: Device memory; its rows are views of one region.
+        code: Machine code of the program.
+        layout: Arrangement of the region.
+        region_address: Address of the region.
+        scan_address: Address of the scan function.
     """
 
     def __init__(self, program: Program) -> None:
         """Create the memory of a PLC and load the machine code of its program."""
-        self._code = machine_code_of(program)
-        self._region = MemoryRegion(self._code.layout)
+        self.code = machine_code_of(program)
+        self.layout = self.code.layout
+        self._region = MemoryRegion(self.layout)
         self.memory = self._region.memory
+        self.region_address = self._region.address
+        self.scan_address = self.code.address
+
+    @property
+    def region(self) -> memoryview:
+        """Device memory as bytes, arranged as in `layout`; writable."""
+        return memoryview(self._region.data).cast("B")
 
     def run(self, now_ms: int, *, first: bool) -> None:
         """Execute all blocks and the END processing with the latched inputs."""
-        self._code.scan(self._region.address, now_ms, first)
+        self.code.scan(self.region_address, now_ms, first)
+
+    def save(self) -> bytes:
+        """Return a copy of all devices."""
+        return bytes(self._region.data)
+
+    def restore(self, saved: bytes) -> None:
+        """Restore a copy returned by `save`."""
+        ctypes.memmove(self._region.data, saved, len(saved))
 
     def image_of(self, spans: Iterable[tuple[str, slice]]) -> Callable[[], object]:
         """Return a function that copies spans of the memory for comparison."""

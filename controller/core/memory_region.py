@@ -38,20 +38,21 @@ class MemoryRegion:
     """Region with the device memory of one PLC.
 
     Attributes:
+        data: The region.
         rows: Rows of the layout as views of the region, by name.
         memory: Device memory of the rows; all timers are stopped.
         address: Address of the region.
     """
 
     def __init__(self, layout: MemoryLayout) -> None:
-        self._region = (ctypes.c_char * layout.size)()
+        self.data = (ctypes.c_char * layout.size)()
         self.rows: dict[str, Any] = {}
         for kind, table in ((_Bits, layout.bits), (_Words, layout.words)):
             for name, (offset, length) in table.items():
-                self.rows[name] = _row_type(kind, length).from_buffer(self._region, offset)
+                self.rows[name] = _row_type(kind, length).from_buffer(self.data, offset)
         self.memory = Memory(**{field.name: self.rows[field.name] for field in fields(Memory)})
         self.memory.TS[:] = [-1] * len(self.memory.TS)
-        self.address = ctypes.addressof(self._region)
+        self.address = ctypes.addressof(self.data)
 
 
 @cache

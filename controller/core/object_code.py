@@ -36,12 +36,13 @@ class LoadedModules:
             self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object_code(text)))
         self._engine.finalize_object()
 
-    def function(self, name: str, result: Any, *arguments: Any) -> Any:
-        """Return a function of the modules, given its result type and argument types.
+    def address(self, name: str) -> int:
+        """Return the address of a function, which is valid as long as this object exists."""
+        return int(self._engine.get_function_address(name))
 
-        The function is valid as long as this object exists.
-        """
-        return ctypes.CFUNCTYPE(result, *arguments)(self._engine.get_function_address(name))
+    def function(self, name: str, result: Any, *arguments: Any) -> Any:
+        """Return a function, given its result type and argument types; it is valid as long as this object exists."""
+        return ctypes.CFUNCTYPE(result, *arguments)(self.address(name))
 
 
 def _target_machine() -> llvm.TargetMachine:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Sequence as Rows
+from dataclasses import fields
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 from transitions import Machine
 
+from controller.common.saved import Saved
 from controller.core.compile import BlockFunction, Transfers, compile_program, trigger
 from controller.core.devices import (
     ANNUNCIATOR_ON,
@@ -101,6 +103,12 @@ class Execution(Protocol):
         The copies are equal if and only if the spans have equal values.
         """
 
+    def save(self) -> Any:
+        """Return a copy of all devices."""
+
+    def restore(self, saved: Any) -> None:
+        """Restore a copy returned by `save`."""
+
 
 class PythonExecution:
     """Execution of a program as Python functions, with a `transitions` machine for each sequence."""
@@ -135,6 +143,18 @@ class PythonExecution:
         rows = [(getattr(self.memory, row), span) for row, span in spans]
         return lambda: tuple(row[span] for row, span in rows)
 
+    def save(self) -> Any:
+        """Return a copy of all devices."""
+        return [row.copy() for row in self._rows()]
+
+    def restore(self, saved: Any) -> None:
+        """Restore a copy returned by `save`."""
+        for row, values in zip(self._rows(), saved, strict=True):
+            row[:] = values
+
+    def _rows(self) -> list[list[Any]]:
+        return [getattr(self.memory, row.name) for row in fields(Memory)]
+
     def _watch_annunciators(self) -> None:
         memory = self.memory
         active = True in memory.S[ANNUNCIATORS.start :]
@@ -143,16 +163,20 @@ class PythonExecution:
             memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if active else 0
 
 
-class Plc:
+class Plc(Saved):
     """PLC in RUN mode with one program: memory and scan.
 
     Attributes:
         program: Program that is executed.
+        execution: Executor of the program.
         memory: All devices.
         scans: Number of scans since start.
+        input_filter: Filter of the inputs.
         retentive_image: Function that copies the memory spans that contain all retentive devices, for comparison with
             later copies.
     """
+
+    SAVED = ("scans",)
 
     def __init__(self, program: Program, *, input_filter_ms: int = 10, execution: Execution | None = None) -> None:
         """Start the PLC with cleared memory; M8002 is on in the first scan.
@@ -163,14 +187,26 @@ class Plc:
             execution: Executor of the program with cleared memory; None = a `PythonExecution`.
         """
         self.program = program
-        self._execution = execution or PythonExecution(program)
-        self.memory = self._execution.memory
+        self.execution = execution or PythonExecution(program)
+        self.memory = self.execution.memory
         self.scans = 0
-        self._filter = InputFilter(self.memory.X, input_filter_ms)
+        self.input_filter = InputFilter(self.memory.X, input_filter_ms)
         self._retentive = program.retentive
-        self.retentive_image = self._execution.image_of(self._retentive_spans())
+        self._retentive_names = {_retentive_name(device): device for device in self._retentive}
+        self.retentive_image = self.execution.image_of(self._retentive_spans())
         for word, value in program.set_points:
             self.memory.set_word(word.kind, word.number, value)
+
+    def save(self) -> Any:
+        """Return all devices and the state of the input filter."""
+        return super().save(), self.execution.save(), self.input_filter.save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, execution, input_filter = saved
+        super().restore(own)
+        self.execution.restore(execution)
+        self.input_filter.restore(input_filter)
 
     def scan(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
         """Run one scan.
@@ -182,8 +218,8 @@ class Plc:
         Returns:
             Copy of the Y image: raw levels indexed by the value of the octal address.
         """
-        self._filter.latch(now_ms, levels)
-        self._execution.run(now_ms, first=self.scans == 0)
+        self.input_filter.latch(now_ms, levels)
+        self.execution.run(now_ms, first=self.scans == 0)
         self.scans += 1
         return self.memory.Y.copy()
 
@@ -214,15 +250,15 @@ class Plc:
 
         T246 and C100 are contacts; the current values are TN246 and CN100, as in the FX protocols.
         """
-        return {_retentive_name(device): self.read(device) for device in self._retentive}
+        return {name: self.read(device) for name, device in self._retentive_names.items()}
 
-    def restore(self, values: Mapping[str, int]) -> None:
+    def restore_retained(self, values: Mapping[str, int]) -> None:
         """Restore the values returned by `retained`, before the first scan.
 
         Raises:
             ValueError: The names differ from those of this program's retentive devices.
         """
-        expected = {_retentive_name(device): device for device in self._retentive}
+        expected = self._retentive_names
         if expected.keys() != values.keys():
             differing = ", ".join(sorted(expected.keys() ^ values.keys()))
             raise ValueError(f"retentive devices of another program: {differing}")

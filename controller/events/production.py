@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
+from controller.common.saved import Saved
+from controller.core.devices import ANNUNCIATORS
+from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
 from controller.program.refusals import Refusal, refusal_text
@@ -117,8 +120,21 @@ def as_record(event: Event) -> dict[str, object]:
     return asdict(event)
 
 
-class _CycleTimer:
+class _CycleTimer(Saved):
     """Timer of the cycles of one arm, based on its S bits."""
+
+    SAVED = (
+        "_centre_ms",
+        "_has_tray",
+        "_is_at_feed",
+        "_is_waiting",
+        "_last_ms",
+        "_missed",
+        "_row",
+        "_since_ms",
+        "_tray_ms",
+        "_waited_ms",
+    )
 
     def __init__(self, machine: Transplanter, side: Side) -> None:
         cycle, self._arm = machine.cycles[side], machine.tags.arms[side]
@@ -132,20 +148,27 @@ class _CycleTimer:
         self._tray_ms = self._centre_ms = 0
         self._missed = 0
         self._last_ms = 0
+        self._is_waiting = self._is_at_feed = self._has_tray = False
+
+    @property
+    def devices(self) -> tuple[Bit | Word, ...]:
+        """Devices whose changes affect the timing."""
+        waiting = (Bit("S", number) for number in self._waiting)
+        return (self._start, self._end, *waiting, self._tray.phase)
 
     def update(self, now_ms: int, plc: Plc) -> CycleEvent | None:
         """Return the cycle that ended in this scan; None if none ended."""
         states = plc.memory.S
-        passed_ms, self._last_ms = now_ms - self._last_ms, now_ms
+        self._add_waits(now_ms - self._last_ms)
+        self._last_ms = now_ms
+        self._is_waiting = any(states[number] for number in self._waiting)
+        self._is_at_feed = states[self._end.number]
+        self._has_tray = plc.read(self._tray.phase) == IN_PLACE
         if self._row is None:
-            if states[self._end.number]:
-                self._add_wait_at_feed(passed_ms, plc)
             if states[self._start.number]:
                 self._row = next(row for row in ROWS if plc.read(self._arm.row_is[row]))
                 self._since_ms, self._waited_ms = now_ms, 0
             return None
-        if any(states[number] for number in self._waiting):
-            self._waited_ms += passed_ms
         if not states[self._end.number] or states[self._start.number]:
             return None
         row, self._row = self._row, None
@@ -160,11 +183,14 @@ class _CycleTimer:
         self._row = None
         self._tray_ms = self._centre_ms = 0
 
-    def _add_wait_at_feed(self, passed_ms: int, plc: Plc) -> None:
-        """Add the time since the last scan to the waiting time for the tray or for the centre."""
-        if plc.read(self._tray.phase) == IN_PLACE:
+    def _add_waits(self, passed_ms: int) -> None:
+        """Add the time since the last update to the waiting time for cups, for the tray or for the centre."""
+        if self._row is not None:
+            if self._is_waiting:
+                self._waited_ms += passed_ms
+        elif self._is_at_feed and self._has_tray:
             self._centre_ms += passed_ms
-        else:
+        elif self._is_at_feed:
             self._tray_ms += passed_ms
 
     def _cause(self) -> GapCause:
@@ -173,8 +199,10 @@ class _CycleTimer:
         return "centre" if self._centre_ms > _MIN_WAIT_MS else "row"
 
 
-class ProductionLog:
+class ProductionLog(Saved):
     """Generator of events from the changes between scans; an observer of the runtime."""
+
+    SAVED = ("_alarms", "_mode", "_questions", "_refusals", "_state", "_trays")
 
     def __init__(self, machine: Transplanter, report: Callable[[Event], None], language: Language = "en") -> None:
         """Create the log for a machine.
@@ -200,6 +228,31 @@ class ProductionLog:
             *((f"{side}_cups", tags.arms[side].ask_cups.number) for side in SIDES),
             ("tray", tags.tray.ask.number),
         ]
+
+    def save(self) -> Any:
+        """Return the current state."""
+        return super().save(), [timer.save() for timer in self._cycles]
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, timers = saved
+        super().restore(own)
+        for timer, state in zip(self._cycles, timers, strict=True):
+            timer.restore(state)
+
+    @property
+    def devices(self) -> tuple[Bit | Word, ...]:
+        """Devices that a call depends on; a call after a scan in which none of them has changed has no effect."""
+        tags = self._machine.tags
+        return (
+            *(Bit("S", number) for number in ANNUNCIATORS),
+            *(Bit("M", number) for _, number in self._asking),
+            *(device for timer in self._cycles for device in timer.devices),
+            tags.machine.state,
+            tags.machine.mode,
+            tags.machine.refusals,
+            tags.machine.trays_done,
+        )
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
         """Evaluate the memory after a scan."""

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Sequence
 from typing import Final
 
+from controller.common.saved import Saved
 from controller.core.expr import all_of, evaluate
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
@@ -24,12 +25,14 @@ class ForcingError(ValueError):
     """Raised for an input that cannot be forced; the message is one line with the remedy."""
 
 
-class Forcing:
+class Forcing(Saved):
     """Forced inputs of one PLC. Requests are thread-safe and are applied by the scan.
 
     Attributes:
         allowed: True if inputs may be forced.
     """
+
+    SAVED = ("_levels", "_renewed", "_renewed_ms", "allowed")
 
     def __init__(self, machine: Transplanter, plc: Plc, *, allowed: bool) -> None:
         """Initialise with no forced inputs.

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from controller.common.saved import Saved
+
 
 class LinkError(OSError):
     """Raised if the field I/O is unreachable, does not answer in time or returns an error; the message is one line."""
@@ -69,7 +71,7 @@ class FieldLink(Protocol):
         """Disconnect; no effect on a closed link."""
 
 
-class LinkWatchdog:
+class LinkWatchdog(Saved):
     """Timeout of the field link. It does not read a clock; the caller passes all times.
 
     The timeout runs from the last successful exchange, or from the first call if there has been
@@ -83,6 +85,8 @@ class LinkWatchdog:
     >>> watchdog.expired(101)
     True
     """
+
+    SAVED = ("_expired", "_last_fed_ms")
 
     def __init__(self, limit_ms: int = 100) -> None:
         """Create a watchdog whose timeout starts at the first call.

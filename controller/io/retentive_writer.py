@@ -6,6 +6,7 @@ import threading
 from collections.abc import Mapping
 from typing import Protocol
 
+from controller.common.saved import Saved
 from controller.core.retentive_store import RetentiveStore
 
 
@@ -27,12 +28,14 @@ class RetentiveWriter(Protocol):
         """Store pending values and stop."""
 
 
-class DirectRetentiveWriter:
+class DirectRetentiveWriter(Saved):
     """Synchronous writer, for stores in memory and machines in simulated time.
 
     Attributes:
         error: Error of the last attempt to save; None if it succeeded.
     """
+
+    SAVED = ("error",)
 
     def __init__(self, store: RetentiveStore) -> None:
         self._store = store

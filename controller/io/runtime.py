@@ -9,7 +9,9 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
+from controller.common.saved import Saved
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.io.forcing import Forcing
@@ -30,7 +32,7 @@ REOPEN_MS = 500
 """Interval between attempts to reopen a lost link, ms."""
 
 
-class Runtime:
+class Runtime(Saved):
     """Runtime of the machine's program on a field link; `tick` executes one scan.
 
     Attributes:
@@ -43,6 +45,27 @@ class Runtime:
         now_ms: Time of the last scan, ms.
         observers: Functions called at the end of every scan with the time of the scan and the PLC.
     """
+
+    SAVED = (
+        "_failed",
+        "_has_inputs",
+        "_held_since_ms",
+        "_inputs",
+        "_last_scan_ms",
+        "_open",
+        "_orders",
+        "_panel_alive",
+        "_panel_alive_ms",
+        "_reopen_at_ms",
+        "_status",
+        "_store_failed",
+        "_submitted_image",
+        "link_lost",
+        "now_ms",
+        "observers",
+        "released",
+        "released_words",
+    )
 
     def __init__(
         self,
@@ -111,6 +134,18 @@ class Runtime:
         )
         self._status: tuple[bool, ...] = ()
 
+    def save(self) -> Any:
+        """Return the current state, with that of the PLC, but without those of the link and the retentive writer."""
+        return super().save(), self.plc.save(), self.forcing.save(), self._watchdog.save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, plc, forcing, watchdog = saved
+        super().restore(own)
+        self.plc.restore(plc)
+        self.forcing.restore(forcing)
+        self._watchdog.restore(watchdog)
+
     def tick(self, now_ms: int, start_ms: int | None = None) -> None:
         """Execute one scan.
 
@@ -143,7 +178,58 @@ class Runtime:
         self.released = list(self._safe) if safe else self._release(now_ms, image)
         self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
-        self._notify_observers(now_ms)
+        self.notify_observers(now_ms)
+
+    @property
+    def link(self) -> FieldLink:
+        """The field link."""
+        return self._link
+
+    @property
+    def is_steady(self) -> bool:
+        """True if the next scan only reads the inputs, executes the program and writes the outputs.
+
+        There is no fault, no held output, no forced input, no order, no output register, and no operator panel.
+        """
+        return (
+            self._open
+            and self._has_inputs
+            and not (any(self._status) or self.link_lost or self._failed or self._orders or self.forcing.levels)
+            and not (self._panel_alive or self._panel_limit_ms is not None or self.released_words)
+            and self._held_since_ms is None
+            and self._retentive_writer.error is None
+        )
+
+    def adopt(self, now_ms: int, levels: Sequence[bool]) -> None:
+        """Adopt the result of scans that were executed elsewhere on the memory of the PLC while `is_steady`.
+
+        Neither observers nor the retentive writer are called.
+
+        Args:
+            now_ms: Time of the last of these scans, ms.
+            levels: Raw levels of the inputs in that scan.
+        """
+        self.now_ms = self._last_scan_ms = now_ms
+        self._inputs = list(levels)
+        self.released = self.plc.memory.Y[: len(self._safe)]
+        self._watchdog.reset()  # each of the scans has exchanged data
+        self._watchdog.feed(now_ms)
+
+    def submit_retentive(self) -> None:
+        """Submit changed retentive values. After an error, submit them again even if no value changes."""
+        image = self.plc.retentive_image()
+        if image != self._submitted_image or self._retentive_writer.error is not None:
+            self._submitted_image = image
+            self._retentive_writer.submit(self.plc.retained())
+
+    def notify_observers(self, now_ms: int) -> None:
+        """Call the observers; an observer that raises is logged and removed, and the machine continues."""
+        for observe in tuple(self.observers):
+            try:
+                observe(now_ms, self.plc)
+            except Exception:  # noqa: BLE001 - an error of an observer must not stop the machine
+                _log.exception("an observer failed at %d ms and has been removed", now_ms)
+                self.observers.remove(observe)
 
     def order(self, command: str) -> None:
         """Set a bit of the command table for the entire next scan; thread-safe.
@@ -198,7 +284,7 @@ class Runtime:
         """Scan the program and submit its retentive values; a failed scan sets safe outputs and latches a fault."""
         try:
             image = self.plc.scan(now_ms, levels)[: len(self._safe)]
-            self._submit_retentive()
+            self.submit_retentive()
         except Exception:  # noqa: BLE001 - after any error the outputs are set safe and the fault is latched
             if not self._failed:
                 _log.exception("scan failed at %d ms; outputs safe", now_ms)
@@ -213,15 +299,6 @@ class Runtime:
             _log.error("retentive memory cannot be stored: %s", self._retentive_writer.error)
         self._store_failed = self._retentive_writer.error is not None
         return overdue or self._store_failed
-
-    def _notify_observers(self, now_ms: int) -> None:
-        """Call the observers; an observer that raises is logged and removed, and the machine continues."""
-        for observe in tuple(self.observers):
-            try:
-                observe(now_ms, self.plc)
-            except Exception:  # noqa: BLE001 - an error of an observer must not stop the machine
-                _log.exception("an observer failed at %d ms and has been removed", now_ms)
-                self.observers.remove(observe)
 
     def _panel_silent(self, now_ms: int) -> bool:
         if self._panel_alive:
@@ -284,13 +361,6 @@ class Runtime:
         self._open = False
         if self._watchdog.expired(now_ms):
             self.link_lost = True
-
-    def _submit_retentive(self) -> None:
-        """Submit changed retentive values. After an error, submit them again even if no value changes."""
-        image = self.plc.retentive_image()
-        if image != self._submitted_image or self._retentive_writer.error is not None:
-            self._submitted_image = image
-            self._retentive_writer.submit(self.plc.retained())
 
     def _release(self, now_ms: int, image: Sequence[bool]) -> list[bool]:
         """Return the outputs to write; until all values are stored, only changes to the safe level are permitted."""

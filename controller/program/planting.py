@@ -60,7 +60,7 @@ def _timed(tags: Tags, train: PulseTags, pulse: Expr, pulses: int, gap_ms: int) 
         Out(train.stale, when=lost),
         Count(train.counter, pulses, when=train.measuring & pulse),
         Out(train.complete, when=train.counter.done & ~train.stale),
-        Mov(train.timer_value, train.time, when=train.complete),
+        Mov(train.timer.value, train.time, when=train.complete),
         Rst(train.counter, when=train.complete | train.stale),
         Rst(train.timer, when=train.complete | (pulse & ~train.measuring)),
         Rst(train.measuring, when=train.stale),
@@ -108,7 +108,7 @@ def _readiness(tags: Tags, a: ArmTags, cycle: Sequence) -> list[Rung]:
 
 def _stored(arm: ReadinessTags, times: list[Word], when: Expr) -> list[Rung]:
     latest, before, first = times
-    return [Mov(before, first, when=when), Mov(latest, before, when=when), Mov(arm.timer_value, latest, when=when)]
+    return [Mov(before, first, when=when), Mov(latest, before, when=when), Mov(arm.timer.value, latest, when=when)]
 
 
 def _advice(p: PlantingTags) -> list[Rung]:

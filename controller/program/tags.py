@@ -298,11 +298,6 @@ class PulseTags:
         self.timer = t10.timer(f"{name} timer", f"duration of the measurement of the {name}")
         self.t_gap = t10.timer(f"{name} gap", f"time since the last pulse of the {name}")
 
-    @property
-    def timer_value(self) -> Word:
-        """Current value of the timer."""
-        return Word("T", self.timer.number, self.timer.name, self.timer.comment)
-
 
 class ReadinessTags:
     """Relays, registers and timers that measure the preparation of a row by one arm."""
@@ -321,11 +316,6 @@ class ReadinessTags:
         """Allocate the registers of the last three times, the latest first."""
         ages = ("last", "second to last", "third to last")
         return [d.word(f"{side} {age} {name} x10 ms", comment.format(age)) for age in ages]
-
-    @property
-    def timer_value(self) -> Word:
-        """Current value of the timer."""
-        return Word("T", self.timer.number, self.timer.name, self.timer.comment)
 
 
 class PlantingTags:

@@ -154,7 +154,7 @@ def _initialised_plc(program: Program, trace: Trace) -> Plc:
     plc = Plc(program, input_filter_ms=0)
     match trace.start:
         case Start.RETAINED:
-            plc.restore(trace.retained)
+            plc.restore_retained(trace.retained)
         case Start.STATE:
             plc.scans = 1
     for name, value in trace.forced.items():

@@ -155,8 +155,9 @@ def _record(seed: int, scans: int) -> tuple[list[list[bool]], list[list[bool]], 
     inputs: list[list[bool]] = []
     outputs: list[list[bool]] = []
     began_s = time.process_time()
-    twin.press("start", for_ms=200)
-    for _ in range(scans):
+    for number in range(scans):
+        if number == 1:  # the first scan ends in Stopped, the only state from which X0 starts homing
+            twin.press("start", for_ms=200)
         inputs.append(twin.module.inputs())
         twin.scan()
         outputs.append(twin.runtime.released)

@@ -114,11 +114,8 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"--figure {options.figure}: has no effect without a file; add --plot FILE")
     if options.figure in FIGURE_SPEEDS_KM_H and (options.speed is not None or options.frequency is not None):
         raise InputError(f"--figure {options.figure}: its speed and frequency are fixed; omit --speed and --frequency")
-    if options.plot is not None:
-        if options.plot.suffix not in (".png", ".svg", ".gif"):
-            raise InputError(f"--plot {options.plot}: unknown format; use a name that ends in .png, .svg or .gif")
-        if options.plot.suffix == ".gif" and options.figure in (_SCHEME, _REGIMES):
-            raise InputError(f"--plot {options.plot}: figure {options.figure} cannot be animated; use .png or .svg")
+    if options.plot is not None and options.plot.suffix not in (".png", ".svg", ".gif"):
+        raise InputError(f"--plot {options.plot}: unknown format; use a name that ends in .png, .svg or .gif")
 
 
 def _write_falls(planter: Planter, ranges: Ranges, folder: Path) -> None:
@@ -141,11 +138,12 @@ def _print_progress(ground: Ground, done: int, total: int) -> None:
 def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None) -> None:
     """Draw a figure of the paper, or the motion of the report if `figure` is None."""
     from plant_sim.common.figure_style import drawing, save_as  # noqa: PLC0415
-    from plant_sim.planter.drawing.animation import write_animation  # noqa: PLC0415
+    from plant_sim.planter.drawing import animation  # noqa: PLC0415
     from plant_sim.planter.drawing.paths import motion_figure, regimes_figure  # noqa: PLC0415
-    from plant_sim.planter.drawing.scheme import scheme  # noqa: PLC0415
+    from plant_sim.planter.drawing.scheme import Scheme  # noqa: PLC0415
 
-    motion = report.motion
+    motion, chain, model = report.motion, report.motion.chain, report.motion.model
+    frequency_per_min, is_gif = motion.frequency_per_min, path.suffix == ".gif"
     after = "Planter" if figure is None else f"Planter, after Fig. {figure}"
     title = (
         f"{after}: {motion.speed_m_s * _KM_H:.4g} km/h, {motion.frequency_per_min:.4g} plants/min, "
@@ -154,13 +152,16 @@ def _draw(report: MotionReport, planter: Planter, path: Path, figure: int | None
     with drawing():
         if figure in FIGURE_SPEEDS_KM_H:
             _draw_process(report, planter, path, title)
+        elif figure == _SCHEME and is_gif:
+            animation.write_scheme_animation(chain, path, model=model)
         elif figure == _SCHEME:
-            save_as(scheme(motion.chain, motion.model), path)
+            save_as(Scheme(chain, model).figure, path)
+        elif figure == _REGIMES and is_gif:
+            animation.write_regimes_animation(chain, path, frequency_per_min=frequency_per_min, model=model)
         elif figure == _REGIMES:
-            frequency_per_min = motion.frequency_per_min
-            save_as(regimes_figure(motion.chain, frequency_per_min=frequency_per_min, model=motion.model), path)
-        elif path.suffix == ".gif":
-            write_animation(motion, path, title=title)
+            save_as(regimes_figure(chain, frequency_per_min=frequency_per_min, model=model), path)
+        elif is_gif:
+            animation.write_animation(motion, path, title=title)
         else:
             save_as(motion_figure(motion, title=title), path)
 

@@ -134,7 +134,7 @@ def _fast(options: argparse.Namespace) -> int:
             parameters=machine,
             faults=faults,
             record=options.record,
-            progress=show_progress(view, options.trays, options.language),
+            prepare=show_progress(view, options.trays, options.language),
         )
     print(report.text())
     return _exit_code(report)

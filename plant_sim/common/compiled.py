@@ -20,17 +20,38 @@ _PREFIX = "kernel-"
 _RETAINED_VERSIONS = 4
 _UNUSED_S = 86_400.0
 
-CACHE_SOURCES = ("common/*.py", "pneumatics/*.py", "devices/*.py", "machine/kernel.py")
+CACHE_SOURCES = (
+    "common/*.py",
+    "pneumatics/*.py",
+    "devices/*.py",
+    "machine/kernel.py",
+    "crop/quiet.py",
+    "twin/kernel.py",
+)
 """Patterns, relative to the package, of the source files whose content identifies the cached machine code."""
 
 
 def compiled(function: Callable[_Params, _Result]) -> Callable[_Params, _Result]:
-    """Compile a function that is called only by compiled functions.
+    """Compile a function that is called only by compiled functions, not from Python.
 
     As in Python, floating-point operations are neither reordered nor fused. Unlike in Python, a division by zero gives
     infinity. `function.py_func` is the original Python function.
     """
-    return cast("Callable[_Params, _Result]", numba.njit(error_model="numpy")(function))
+    return _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def inlined(function: Callable[_Params, _Result]) -> Callable[_Params, _Result]:
+    """Compile a function as a part of each compiled function that calls it.
+
+    Its results are passed in registers instead of memory. A large function called from several places should be
+    `compiled`, because each copy costs compilation time.
+    """
+    return _compiled(function, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def _compiled(function: Callable[_Params, _Result], **options: bool) -> Callable[_Params, _Result]:
+    njit: Any = numba.njit  # its type for type checkers lacks some options
+    return cast("Callable[_Params, _Result]", njit(error_model="numpy", **options)(function))
 
 
 def compiled_and_cached(function: Callable[_Params, _Result]) -> Callable[_Params, _Result]:
@@ -43,12 +64,12 @@ def compiled_and_cached(function: Callable[_Params, _Result]) -> Callable[_Param
     """
     folder = _version_folder()
     if folder is None:
-        return compiled(function)
+        return _compiled(function)
     config: Any = numba.config  # a module whose attributes come from the environment and are unknown to type checkers
     before = config.CACHE_DIR
     config.CACHE_DIR = str(folder)
     try:
-        return cast("Callable[_Params, _Result]", numba.njit(error_model="numpy", cache=True)(function))
+        return _compiled(function, cache=True)
     finally:
         config.CACHE_DIR = before
 

@@ -2,16 +2,19 @@
 
 from collections.abc import Iterable, Mapping
 
+from controller.common.saved import Saved
 from plant_sim.crop.seedling import CELLS_ALONG, Location, Seedling, Seedlings
 
 
-class Bed:
+class Bed(Saved):
     """Trays within reach of the claws, with their offsets from the pick position.
 
     Attributes:
         trays_m: Travel of the trays, m.
         is_placed: True if a tray is at the pick position.
     """
+
+    SAVED = ("_trays", "_turned", "is_placed", "trays_m")
 
     __slots__ = ("_pitch_m", "_seedlings", "_trays", "_turned", "is_placed", "trays_m")
 
@@ -50,6 +53,15 @@ class Bed:
         self._trays = [tray for tray in trays if abs(tray[1]) < within_m]
         self.trays_m = trays_m
         self.is_placed = is_placed
+
+    def thresholds(self, trays: Iterable[tuple[int, float]]) -> list[float]:
+        """Return the travels of the trays at which a tray comes within reach of the claws or leaves it, m.
+
+        Args:
+            trays: Number of each tray and its offset past the pick position, m.
+        """
+        within_m = CELLS_ALONG * self._pitch_m
+        return [self.trays_m - offset_m + side * within_m for _, offset_m in trays for side in (-1, 1)]
 
     @property
     def is_empty(self) -> bool:

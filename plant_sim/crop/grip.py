@@ -1,7 +1,10 @@
 """Effect of the twelve claws of one arm on the seedlings, determined by the current positions."""
 
+import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
+from controller.common.saved import Saved
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident, Report
@@ -12,7 +15,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, Location, Seedling, Seedlings
 
 
 @dataclass(slots=True)
-class GripHistory:
+class GripHistory(Saved):
     """Loads on the gripped seedlings since the grip.
 
     Attributes:
@@ -26,6 +29,17 @@ class GripHistory:
         least_n: Minimum force during the pull, N.
     """
 
+    SAVED: ClassVar[tuple[str, ...]] = (
+        "since_s",
+        "x_m",
+        "rise_m",
+        "trays_m",
+        "along_m",
+        "across_m",
+        "peak_n",
+        "least_n",
+    )
+
     since_s: float = 0.0
     x_m: float = 0.0
     rise_m: float = 0.0
@@ -33,10 +47,10 @@ class GripHistory:
     along_m: float = 0.0
     across_m: float = 0.0
     peak_n: float = 0.0
-    least_n: float = float("inf")
+    least_n: float = math.inf
 
 
-class Grip:
+class Grip(Saved):
     """Gripped seedlings and their progress.
 
     Attributes:
@@ -46,6 +60,8 @@ class Grip:
         history: Loads on the gripped seedlings.
         slipped: True if closed fingers have dropped their seedlings and have not opened since.
     """
+
+    SAVED = ("_closed", "_loosened", "_taken", "delivered", "extracted", "held", "slipped")
 
     __slots__ = (
         "_bed",
@@ -103,6 +119,16 @@ class Grip:
         self.extracted = False
         self.delivered = False
 
+    def save(self) -> Any:
+        """Return the current state."""
+        return super().save(), self.history.save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, history = saved
+        super().restore(own)
+        self.history.restore(history)
+
     def sync(self, pose: Pose) -> None:
         """Adopt an initial pose; gripped seedlings remain gripped.
 
@@ -155,13 +181,38 @@ class Grip:
             self._move(stems, Location.LOST_PICK)
             self._report_incident(Incident.STEMS_CUT, f"claws closed on {len(stems)} stems outside the grip position")
 
-    def record_force(self, force_n: float) -> None:
+    def record_force(self, force_n: float, rise_m: float) -> None:
         """Record the finger force on the gripped seedlings, even if the arm is at rest.
 
         Args:
             force_n: Force of a finger, N.
+            rise_m: Height of the arm above its lower limit, m.
         """
-        self.history.peak_n = max(self.history.peak_n, force_n)
+        history = self.history
+        history.peak_n = max(history.peak_n, force_n)
+        if rise_m > self.pulled_above_m:
+            history.least_n = min(history.least_n, force_n)
+
+    @property
+    def pulled_above_m(self) -> float:
+        """Height of the arm above which the gripped plugs are being pulled, m; infinite if none are in their cells."""
+        return self.history.rise_m if self.held and not self.extracted else math.inf
+
+    def thresholds(self) -> tuple[list[float], list[float], list[float]]:
+        """Return the slide positions, heights of the arm and spreader travels at which `step` has an effect, m.
+
+        The claw openings at which they grip and release are not included.
+        """
+        spec, history = self._spec, self.history
+        if not self.held:
+            return [], [], []
+        if self.extracted:
+            return [self._reach.tray_edge_m, spec.feed_tolerance_m], [self.lowest_m], []
+        return (
+            [history.x_m - spec.grip_tolerance_m, history.x_m + spec.grip_tolerance_m],
+            [history.rise_m + spec.put_back_rise_m, history.rise_m + spec.extraction_rise_m],
+            [spec.pitch_tolerance_m],
+        )
 
     def regrip(self, pose: Pose) -> None:
         """Grip the seedlings between closed fingers whose force has been restored.
@@ -209,8 +260,6 @@ class Grip:
         history = self.history
         shift_m = max(abs(pose.x_m - history.x_m), abs(self._bed.trays_m - history.trays_m))
         risen_m = pose.rise_m - history.rise_m
-        if risen_m > 0.0:
-            history.least_n = min(history.least_n, pose.force_n)
         if shift_m > spec.grip_tolerance_m or pose.travel_m > spec.pitch_tolerance_m:
             self._report_incident(Incident.TORN, f"{len(self.held)} clamped seedlings were torn sideways")
             self._lose_all(Location.LOST_PICK)
@@ -224,14 +273,18 @@ class Grip:
     def _carry(self, pose: Pose) -> None:
         """Carry the plugs to the feed; they must be high enough to clear the tray."""
         spec = self._spec
-        lowest_m = self.history.rise_m + spec.extraction_rise_m - spec.put_back_rise_m
-        if pose.rise_m < lowest_m and self._is_over_tray(pose):
+        if pose.rise_m < self.lowest_m and self._is_over_tray(pose):
             text = f"{len(self.held)} plugs hit the tray"
             self._report_incident(Incident.ARM_THROUGH_TRAY, text)
             self._lose_all(Location.LOST_CARRY)
         elif not self.delivered and pose.x_m <= spec.feed_tolerance_m:
             self.delivered = True
             self._lose_broken(pose.now_s)
+
+    @property
+    def lowest_m(self) -> float:
+        """Height of the arm below which carried plugs hit the tray, m."""
+        return self.history.rise_m + self._spec.extraction_rise_m - self._spec.put_back_rise_m
 
     def _open(self, pose: Pose, *, slipped: bool = False) -> None:
         """Release all seedlings; if `slipped` is True, the drop has already been reported as a slip."""

@@ -5,6 +5,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from controller.common.saved import Saved
 from plant_sim.crop.incident import Incident, Report
 from plant_sim.crop.seedling import CELLS_ALONG, Location, Seedling, Seedlings
 
@@ -38,7 +39,7 @@ class _Fall:
     across_m: float
 
 
-class PlantingRow:
+class PlantingRow(Saved):
     """Contents of the cups in one row; cup n is at the chain travel minus n pitches.
 
     A cup that has passed the last claw is no longer tracked; its seedling still counts as being in a cup. The second
@@ -52,6 +53,20 @@ class PlantingRow:
         recent: The latest `RECENT_CUPS` cups that have passed the last claw, in order.
         off_m: Offset of the cups from the claws at the last landing, m.
     """
+
+    SAVED = (
+        "_causes",
+        "_contents",
+        "_empty_since_filled",
+        "_falls",
+        "_last_passed",
+        "_leaves_at_m",
+        "_losses",
+        "missed_cups",
+        "off_m",
+        "passed",
+        "recent",
+    )
 
     __slots__ = (
         "_catch_m",
@@ -108,6 +123,16 @@ class PlantingRow:
     def falling(self) -> bool:
         """True while a plug is in the air."""
         return bool(self._falls)
+
+    @property
+    def leaves_at_m(self) -> float:
+        """Chain travel at which the next cup passes the last claw, m."""
+        return self._leaves_at_m
+
+    @property
+    def lands_s(self) -> float:
+        """Plant time of the next landing, s; infinite if no plug is in the air."""
+        return min((fall.lands_s for fall in (*self._falls, *self._losses)), default=math.inf)
 
     def start_fall(
         self, seedling: Seedling, *, position_m: float, lands_s: float, drift_m: float = 0.0, across_m: float = 0.0

@@ -1,12 +1,14 @@
 """Pose and reach of an arm."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
+from controller.common.saved import Saved
 from plant_sim.crop.seedling import COLUMNS
 
 
 @dataclass(slots=True)
-class Pose:
+class Pose(Saved):
     """Position of an arm and its claws.
 
     Attributes:
@@ -17,8 +19,9 @@ class Pose:
         travel_m: Belt travel of the spreader from the converged position, m.
         freed_s: Time at which the claws last became free, s.
         now_s: Plant time, s.
-        force_n: Force of a finger, N; positive clamps.
     """
+
+    SAVED: ClassVar[tuple[str, ...]] = ("x_m", "rise_m", "gripping", "free", "travel_m", "freed_s", "now_s")
 
     x_m: float
     rise_m: float
@@ -27,18 +30,14 @@ class Pose:
     travel_m: float
     freed_s: float
     now_s: float = 0.0
-    force_n: float = 0.0
 
-    def update(
-        self, x_m: float, rise_m: float, travel_m: float, *, freed_s: float, now_s: float, force_n: float
-    ) -> None:
-        """Update positions, times and force."""
+    def update(self, x_m: float, rise_m: float, travel_m: float, *, freed_s: float, now_s: float) -> None:
+        """Update positions and times."""
         self.x_m = x_m
         self.rise_m = rise_m
         self.travel_m = travel_m
         self.freed_s = freed_s
         self.now_s = now_s
-        self.force_n = force_n
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,14 @@
 """All seedlings of a run, each at exactly one location, and their trays."""
 
+from __future__ import annotations
+
 import enum
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
+from controller.common.saved import Saved
 from plant_sim.crop.traits import TYPICAL, Traits, draw_traits
 
 CELLS_ALONG = 12
@@ -37,19 +41,56 @@ class Seedling:
         tray: Number of its tray.
         column: Column in the tray, 0 at the left.
         along: Cell in the column, 0 at the front edge; also the number of the claw that picks it.
-        traits: Individual deviations.
-        location: Current location.
     """
 
-    __slots__ = ("along", "column", "location", "traits", "tray")
+    __slots__ = ("_all", "_number", "along", "column", "tray")
 
-    def __init__(self, tray: int, column: int, along: int, traits: Traits) -> None:
-        """Create a seedling standing in its cell."""
+    def __init__(self, tray: int, column: int, along: int, everyone: _Population) -> None:
+        """Create a seedling standing in its cell, as the next one of a population."""
         self.tray = tray
         self.column = column
         self.along = along
-        self.traits = traits
-        self.location = Location.STANDING
+        self._all = everyone
+        self._number = len(everyone.locations) - 1
+
+    @property
+    def location(self) -> Location:
+        """Current location."""
+        return self._all.locations[self._number]
+
+    @property
+    def traits(self) -> Traits:
+        """Individual deviations."""
+        return self._all.traits[self._number]
+
+    @traits.setter
+    def traits(self, traits: Traits) -> None:
+        self._all.traits[self._number] = traits
+
+    def place(self, location: Location) -> None:
+        """Set the location; called only by `Seedlings.move`."""
+        self._all.locations[self._number] = location
+
+
+class _Population(Saved):
+    """Locations and traits of all seedlings."""
+
+    SAVED = ("locations", "traits")
+
+    __slots__ = ("locations", "traits")
+
+    def __init__(self) -> None:
+        self.locations: list[Location] = []
+        self.traits: list[Traits] = []
+
+    def sow(self, tray: int, draws: random.Random) -> list[list[Seedling]]:
+        """Return the columns of a new tray with seedlings whose traits are drawn at random."""
+        return [[self._grow(tray, column, along, draws) for along in range(CELLS_ALONG)] for column in range(COLUMNS)]
+
+    def _grow(self, tray: int, column: int, along: int, draws: random.Random) -> Seedling:
+        self.locations.append(Location.STANDING)
+        self.traits.append(draw_traits(draws))
+        return Seedling(tray, column, along, self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +116,18 @@ class SeedlingCounts:
     total: int
 
 
-class Seedlings:
+class Seedlings(Saved):
     """All seedlings of a run, in trays of 6 columns with 12 cells each.
 
     The traits of a seedling depend only on the seed, its tray and its cell, not on its handling.
 
     Attributes:
         total: Number of seedlings.
+        move_count: Number of moves so far.
         moves: Moves recorded since the recorder last cleared the list; None if there is no recorder.
     """
+
+    SAVED = ("_at", "move_count", "total")
 
     def __init__(self, *, trays: int, seed: int) -> None:
         """Create the seedlings of all trays.
@@ -94,9 +138,22 @@ class Seedlings:
         """
         self._seed = seed
         self.moves: list[tuple[Seedling, Location]] | None = None
-        self._trays = [_sow(tray, seed) for tray in range(trays)]
+        self.move_count = 0
+        self._population = _Population()
+        self._trays = [self._population.sow(tray, random.Random(f"seed {seed}, tray {tray}")) for tray in range(trays)]
         self._at = [0] * len(Location)
         self._at[Location.STANDING] = self.total = trays * TRAY_CELLS
+
+    def save(self) -> Any:
+        """Return the current state, without recorded moves."""
+        return super().save(), self._population.save(), [[*map(list.copy, tray)] for tray in self._trays]
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, population, trays = saved
+        super().restore(own)
+        self._population.restore(population)
+        self._trays = [[*map(list.copy, tray)] for tray in trays]
 
     def __iter__(self) -> Iterator[Seedling]:
         return (plant for tray in self._trays for column in tray for plant in column)
@@ -135,9 +192,10 @@ class Seedlings:
 
     def move(self, seedling: Seedling, location: Location) -> None:
         """Move a seedling to another location."""
+        self.move_count += 1
         self._at[seedling.location] -= 1
         self._at[location] += 1
-        seedling.location = location
+        seedling.place(location)
         if self.moves is not None:
             self.moves.append((seedling, location))
 
@@ -153,10 +211,3 @@ class Seedlings:
             T=at[Location.LOST_THROW],
             total=self.total,
         )
-
-
-def _sow(tray: int, seed: int) -> list[list[Seedling]]:
-    draws = random.Random(f"seed {seed}, tray {tray}")
-    return [
-        [Seedling(tray, column, along, draw_traits(draws)) for along in range(CELLS_ALONG)] for column in range(COLUMNS)
-    ]

@@ -1,5 +1,6 @@
 """Collisions of a lowered arm with the seedlings in a tray."""
 
+from controller.common.saved import Saved
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.handling import HandlingSpec
 from plant_sim.crop.incident import Incident, Report
@@ -7,7 +8,7 @@ from plant_sim.crop.pose import Pose, Reach
 from plant_sim.crop.seedling import Location, Seedling, Seedlings
 
 
-class Sweep:
+class Sweep(Saved):
     """Columns passed by the claw row, and the direction of approach.
 
     Open, converged claws approach a column from its outer side until they straddle its stems, and retract the
@@ -18,9 +19,13 @@ class Sweep:
         low: True if the arm is low enough to touch seedlings standing in a tray.
     """
 
+    SAVED = ("_gentle", "_gentle_x_m", "_in_contact", "_passed", "_tray_has_moved", "_trays_m", "low")
+
     __slots__ = (
         "_bed",
+        "_gentle",
         "_gentle_x_m",
+        "_in_contact",
         "_passed",
         "_reach",
         "_report",
@@ -48,6 +53,7 @@ class Sweep:
         self._report = report
         self._passed = 0  # number of columns outward of the claw row
         self._gentle_x_m = 0.0  # last position with open, converged claws
+        self._gentle = self._in_contact = False
         self._trays_m = 0.0  # travel of the trays when the arm reached the tray
         self._tray_has_moved = False
         self.low = False
@@ -61,6 +67,7 @@ class Sweep:
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m
         self._passed = sum(pose.x_m > inward_m for inward_m in self._far_sides_m())
         self._gentle_x_m = pose.x_m
+        self._gentle = pose.free and pose.travel_m <= self._spec.pitch_tolerance_m
         self._trays_m = self._bed.trays_m
 
     def step(self, pose: Pose) -> None:
@@ -72,18 +79,53 @@ class Sweep:
         was_low = self.low
         self.low = pose.rise_m < self._spec.stem_clearance_rise_m
         converged = pose.travel_m <= self._spec.pitch_tolerance_m
-        gentle = pose.free and converged
+        gentle = self._gentle = pose.free and converged
         self._pass_columns(pose.x_m, gentle)
         index = self._reach.index_at(pose.x_m) if self.low else None
+        self._in_contact = False
         if index is not None:
             came = abs(pose.x_m - self._gentle_x_m) > self._spec.grip_tolerance_m
             if not converged or (not gentle and (came or not was_low)):
+                self._in_contact = True
                 self._run_into(index, "swept through", damage=True)
             elif not was_low:
                 self._run_into(index, "moved down onto", damage=False)
         self._check_tray_motion(pose, index)
         if gentle:
             self._gentle_x_m = pose.x_m
+
+    def thresholds(self) -> tuple[list[float], list[float], list[float]]:
+        """Return the slide positions, heights of the arm and spreader travels at which `step` has an effect, m.
+
+        The claw opening at which the claws are free of the stems is not included.
+        """
+        reach, spec = self._reach, self._spec
+        sides_m = [column_m + side * reach.reach_m for column_m in reach.columns_m for side in (-1, 1)]
+        gentle_m = [self._gentle_x_m - spec.grip_tolerance_m, self._gentle_x_m + spec.grip_tolerance_m]
+        return (
+            [*sides_m, reach.tray_edge_m, *([] if self._gentle else gentle_m)],
+            [spec.stem_clearance_rise_m],
+            [spec.pitch_tolerance_m],
+        )
+
+    @property
+    def is_in_contact(self) -> bool:
+        """True while the arm touches a column that it damages as soon as a seedling stands in it."""
+        return self._in_contact
+
+    def follow_gently(self, x_m: float) -> None:
+        """Adopt a slide position that the arm has reached without any effect since the last step.
+
+        Args:
+            x_m: Slide position, m.
+        """
+        if self._gentle:
+            self._gentle_x_m = x_m
+
+    def pass_trays(self) -> None:
+        """Adopt a motion of the trays while the arm is not lowered into one."""
+        self._trays_m = self._bed.trays_m
+        self._tray_has_moved = False
 
     def _far_sides_m(self) -> list[float]:
         return [column_m + self._reach.reach_m for column_m in self._reach.columns_m]
@@ -105,8 +147,7 @@ class Sweep:
         """Detect a tray that moves while the arm is lowered into it."""
         in_tray = self.low and pose.x_m > self._reach.tray_edge_m
         if not in_tray or self._bed.is_empty:
-            self._trays_m = self._bed.trays_m
-            self._tray_has_moved = False
+            self.pass_trays()
             return
         moved_m = abs(self._bed.trays_m - self._trays_m)
         if self._tray_has_moved or moved_m <= self._spec.grip_tolerance_m:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from controller.common.saved import Saved
 from plant_sim.common.compiled import compiled
 from plant_sim.common.limits import require, require_within
 from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, record_edge, update_output
@@ -224,14 +225,13 @@ def _update_beam(c: Any, params: Any, before_m: float, at_s: float, step_s: floa
         record_edge(c.beam, at_s + share * step_s)
 
 
-class Conveyor(View):
+class Conveyor(View, Saved):
     """View of the conveyor and its magazine.
 
     While the belt runs forward, the magazine places the next tray behind the last one as soon as there is room.
     When the belt runs backward, the last tray placed is stopped by the magazine and in turn stops the belt.
 
     Attributes:
-        front_m: Distance of the front edge of each tray on the belt past the beam, m, by tray number; foremost first.
         in_magazine: Number of trays left in the magazine.
         beam: On while a tray interrupts the through-beam.
         magazine_empty: On while the magazine is empty.
@@ -240,13 +240,15 @@ class Conveyor(View):
         withheld: True while the magazine is prevented from placing a tray.
     """
 
+    SAVED = ("_known_m", "_next_number", "_seat_of", "_seats_m", "in_magazine", "skew_m", "skewed_m", "withheld")
+
     __slots__ = (
         "_known_m",
         "_next_number",
         "_seat_of",
+        "_seats_m",
         "_spec",
         "beam",
-        "front_m",
         "in_magazine",
         "magazine_empty",
         "skew_m",
@@ -289,7 +291,8 @@ class Conveyor(View):
         state["seats_m"] = _ABSENT_M
         self.beam = Sensor(state["beam"], params["beam"])
         self.magazine_empty = Sensor(state["magazine_empty"], params["magazine_empty"])
-        self.front_m: dict[int, float] = {}
+        # front edge past the beam, less the travel, by tray number; foremost first
+        self._seats_m: dict[int, float] = {}
         self.skewed_m: dict[int, float] = {}
         self.in_magazine = trays
         self.skew_m = 0.0
@@ -301,6 +304,11 @@ class Conveyor(View):
         self._limit_reverse()
 
     @property
+    def front_m(self) -> dict[int, float]:
+        """Distance of the front edge of each tray on the belt past the beam, m, by tray number; foremost first."""
+        return {number: seat_m + self._known_m for number, seat_m in self._seats_m.items()}
+
+    @property
     def belt_m(self) -> float:
         """Belt travel, m, forward positive."""
         return float(self.state["belt_m"])
@@ -309,6 +317,11 @@ class Conveyor(View):
     def trays_m(self) -> float:
         """Tray travel, m; behind the belt by up to the play of its pushers."""
         return float(self.state["trays_m"])
+
+    @property
+    def followed_m(self) -> float:
+        """Tray travel at the last call of `follow`, m."""
+        return self._known_m
 
     @property
     def speed_m_s(self) -> float:
@@ -334,13 +347,31 @@ class Conveyor(View):
         if way_m == 0.0:
             return False
         self._known_m = trays_m
-        for number in self.front_m:
-            self.front_m[number] += way_m
         self._remove_tray()
         if way_m > 0.0:
             self._place_tray(way_m)
         self._limit_reverse()
         return True
+
+    def thresholds(self) -> list[float] | None:
+        """Return the tray travels at which `follow` has an effect; None if it has one at every motion.
+
+        The effects are a tray that is placed, removed, or at the pick position, or that limits backward motion.
+        """
+        spec, last_m = self._spec, self._seats_m.get(self._next_number - 1)
+        places = self.in_magazine > 0 and not self.withheld
+        if last_m is None and places:
+            return None
+        ends_m = [
+            spec.outlet_past_beam_m + spec.tray_length_m,
+            *(spec.stop_past_beam_m + side * spec.placed_tolerance_m for side in (-1, 1)),
+        ]
+        travels_m = [end_m - seat_m for seat_m in self._seats_m.values() for end_m in ends_m]
+        if last_m is not None:
+            travels_m.append(-spec.magazine_before_beam_m - last_m)
+            if places:
+                travels_m.append(spec.tray_length_m + spec.gap_m - spec.magazine_before_beam_m - last_m)
+        return travels_m
 
     def offset_m(self, number: int) -> float:
         """Return the distance of a tray on the belt past the pick position, m.
@@ -348,20 +379,22 @@ class Conveyor(View):
         Args:
             number: Tray number.
         """
-        return self.front_m[number] - self._spec.stop_past_beam_m
+        return self._seats_m[number] + self._known_m - self._spec.stop_past_beam_m
 
     @property
     def placed_tray(self) -> int | None:
         """Number of the tray at the pick position, or None."""
-        for number in self.front_m:
+        for number in self._seats_m:
             if abs(self.offset_m(number)) <= self._spec.placed_tolerance_m:
                 return number
         return None
 
     def _remove_tray(self) -> None:
-        foremost = next(iter(self.front_m), None)
-        if foremost is not None and self.front_m[foremost] - self._spec.tray_length_m > self._spec.outlet_past_beam_m:
-            del self.front_m[foremost]
+        foremost = next(iter(self._seats_m), None)
+        if foremost is None:
+            return
+        if self._seats_m[foremost] + self._known_m - self._spec.tray_length_m > self._spec.outlet_past_beam_m:
+            del self._seats_m[foremost]
             self.skewed_m.pop(foremost, None)
             self.state["seats_m"][self._seat_of.pop(foremost)] = _ABSENT_M
 
@@ -372,15 +405,15 @@ class Conveyor(View):
             return
         spec = self._spec
         front_m = -spec.magazine_before_beam_m
-        last_m = self.front_m.get(self._next_number - 1)
+        last_m = self._seats_m.get(self._next_number - 1)
         if last_m is not None:
-            behind_last_m = last_m - spec.tray_length_m - spec.gap_m
+            behind_last_m = last_m + self._known_m - spec.tray_length_m - spec.gap_m
             if behind_last_m < front_m:
                 return
             front_m = min(behind_last_m, front_m + way_m)
         number = self._next_number
         seat = next(seat for seat in range(_CAPACITY) if seat not in self._seat_of.values())
-        self.front_m[number] = front_m
+        self._seats_m[number] = front_m - self._known_m
         if self.skew_m:
             self.skewed_m[number] = self.skew_m
         self._seat_of[number] = seat
@@ -391,8 +424,8 @@ class Conveyor(View):
 
     def _limit_reverse(self) -> None:
         """Limit backward motion: the last tray is stopped by the magazine and in turn stops the belt."""
-        last_m = self.front_m.get(self._next_number - 1)
+        last_m = self._seats_m.get(self._next_number - 1)
         stop_m = _ABSENT_M
         if last_m is not None:
-            stop_m = self._known_m - max(last_m + self._spec.magazine_before_beam_m, 0.0)
+            stop_m = min(-(last_m + self._spec.magazine_before_beam_m), self._known_m)
         self.params["stop_m"] = stop_m

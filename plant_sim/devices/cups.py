@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from controller.common.saved import Saved
 from plant_sim.common.compiled import compiled, compiled_and_cached
 from plant_sim.common.limits import require, require_within
 from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, record_edge, update_output
@@ -138,7 +139,7 @@ def _flag(c: Any, params: Any) -> float:
     return past_m
 
 
-class Cups(View):
+class Cups(View, Saved):
     """View of one carousel, an endless chain of cups. Cup n is at ``chain_m`` minus n pitches, claw 0 at 0.
 
     A cup is therefore under every claw whenever the chain travel is a multiple of the pitch.
@@ -147,7 +148,9 @@ class Cups(View):
         pulse: Cup counter.
     """
 
-    __slots__ = ("_draw", "_frequency_per_min", "pulse")
+    SAVED = ("_draws_at", "_frequency_per_min")
+
+    __slots__ = ("_draw", "_draws_at", "_frequency_per_min", "pulse")
 
     def __init__(self, spec: CupsSpec, state: Any, params: Any, *, seed: str, bounce_s: float) -> None:
         """Initialise the carousel at the speed given in the spec, with the tractor already moving.
@@ -173,7 +176,13 @@ class Cups(View):
         self.pulse = Sensor(state["pulse"], params["pulse"])
         chain_m = self._draw.uniform(0.0, spec.pitch_m)
         params["off"] = [self._draw.uniform(-spec.pulse_jitter, spec.pulse_jitter) for _ in range(_FLAGS)]
+        self._draws_at = self._draw.getstate()
         self.place(chain_m)
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        super().restore(saved)
+        self._draw.setstate(self._draws_at)
 
     @property
     def chain_m(self) -> float:
@@ -215,6 +224,7 @@ class Cups(View):
             share: Fraction of the flags, 0 to 1; they are drawn at random.
         """
         faulty = self._draw.sample(range(_FLAGS), round(share * _FLAGS)) if kind != SOUND else []
+        self._draws_at = self._draw.getstate()
         self.params["kind"] = SOUND
         for number in faulty:
             self.params["kind"][number] = kind

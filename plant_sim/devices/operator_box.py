@@ -1,10 +1,13 @@
 """Push buttons of the machine."""
 
 from dataclasses import dataclass
+from typing import ClassVar
+
+from controller.common.saved import Saved
 
 
 @dataclass(slots=True)
-class OperatorBox:
+class OperatorBox(Saved):
     """Button states, True while pressed (for the emergency stop: while latched).
 
     Contact polarity is defined by the wiring, not by this class.
@@ -15,6 +18,8 @@ class OperatorBox:
         emergency_stop: Emergency stop; its relay also removes coil power.
         reset: Reset, on machines that have it.
     """
+
+    SAVED: ClassVar[tuple[str, ...]] = ("start", "stop", "emergency_stop", "reset")
 
     start: bool = False
     stop: bool = False

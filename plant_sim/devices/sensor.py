@@ -118,6 +118,16 @@ class Sensor:
         sensor.detect(on)
         return sensor
 
+    def save(self) -> Any:
+        """Return the current values of both records."""
+        return self._state.item(), self._params.item()
+
+    def restore(self, saved: Any) -> None:
+        """Restore values returned by `save`."""
+        for record, values in zip((self._state, self._params), saved, strict=True):
+            for name, value in zip(record.dtype.names, values, strict=True):
+                record[name] = value
+
     def read(self) -> bool:
         """Return the output level."""
         forced = int(self._params["forced"])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
+from controller.core.expr import Bit
 from controller.core.sequence import Sequence
 from controller.events.production import AlarmEvent, Event, StateEvent
 from controller.program.states import Reason, State
@@ -54,25 +57,33 @@ class FirstSignal:
 
     Attributes:
         signal: First signal; None if there has been none.
+        entered_ms: Time of entry into the active steps that have a timeout, ms, by number of the step.
     """
 
-    def __init__(self, twin: Twin, from_ms: int) -> None:
-        """Initialise an observer that ignores the signals of a twin before `from_ms`."""
+    def __init__(self, twin: Twin, from_ms: int, *, entered_ms: Mapping[int, int] = MappingProxyType({})) -> None:
+        """Initialise an observer that ignores the signals of a twin before `from_ms`.
+
+        Args:
+            twin: The twin.
+            from_ms: Time of the start of the fault, ms.
+            entered_ms: Times of entry into the steps that are already active, ms.
+        """
         self.signal: Signal | None = None
         self._from_ms = from_ms
-        self._entered_ms: dict[int, int] = {}
+        self.entered_ms = dict(entered_ms)
         self._event_count = len(twin.events)
         self._limits = _limits([*twin.machine.cycles.values(), *twin.machine.homings.values(), twin.machine.feeder])
-        twin.watch(self._update)
+        steps = (Bit("S", limit.number) for limits in self._limits.values() for limit in limits)
+        twin.watch(self._update, devices=steps)
 
     def _update(self, twin: Twin) -> None:
         states = twin.plc.memory.S
         for limits in self._limits.values():
             for number, _, _ in limits:
                 if not states[number]:
-                    self._entered_ms.pop(number, None)
+                    self.entered_ms.pop(number, None)
                 else:
-                    self._entered_ms.setdefault(number, twin.now_ms)
+                    self.entered_ms.setdefault(number, twin.now_ms)
         for event in twin.events[self._event_count :]:
             if self.signal is None and event.at_ms >= self._from_ms:
                 self.signal = self._signal(twin, event)
@@ -86,8 +97,8 @@ class FirstSignal:
             return None
         alarm = twin.machine.alarms.of(event.number)
         for number, step, limit_ms in self._limits.get(event.number, ()):
-            if number in self._entered_ms:
-                in_step_ms = event.at_ms - self._entered_ms[number]
+            if number in self.entered_ms:
+                in_step_ms = event.at_ms - self.entered_ms[number]
                 return Signal(alarm.key, alarm.side or "", event.at_ms, step, in_step_ms, limit_ms)
         return Signal(alarm.key, alarm.side or "", event.at_ms)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -14,12 +15,14 @@ from plant_sim.crop.seedling import CELLS_ALONG, SeedlingCounts
 from plant_sim.fault_matrix.first_signal import FirstSignal, Signal
 from plant_sim.faults import FAULTS, Fault
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
-from plant_sim.twin.lock_step import NotReachedError, Twin
+from plant_sim.twin.lock_step import NotReachedError, Twin, TwinSnapshot
 from plant_sim.twin.monitors import collect_violations
 from plant_sim.twin.recovery import clear, home_again, questions, repair
 
 TRAY_LIMIT_MS = 300_000
 """Time limit for a tray if the machine does not stop, ms; at 45 cups/min a tray takes 50 s."""
+START_MS = 5_000
+"""Time between the instants from which a case can continue, ms."""
 OBSERVATION_MS = 6_000
 """Observation time of a stopped machine before the repair, ms; every alarm at standstill is raised by then."""
 SUSPENDED_MS = 10_000
@@ -119,31 +122,56 @@ def _machine(path: Path) -> Machine:
     return load_machine(path)
 
 
+class CaseStart(NamedTuple):
+    """Instant of a trial without a fault, from which a case can continue.
+
+    Attributes:
+        at_ms: Time, ms.
+        snapshot: State of the twin.
+        entered_ms: Time of entry into the active steps, ms; see `FirstSignal`.
+    """
+
+    at_ms: int
+    snapshot: TwinSnapshot
+    entered_ms: Mapping[int, int]
+
+
 class Undisturbed(NamedTuple):
-    """Result of a trial without a fault.
+    """Trial without a fault.
 
     Attributes:
         begins_ms: Time of entering Execute, ms.
         ends_ms: Time of entering Complete, ms.
         counts: Final location of the seedlings.
         cycles: Rows thrown (released over the cups).
+        twin: The twin, which is reused by the cases.
+        starts: Instants of the trial in Execute, `START_MS` apart, up to the first violation, if any.
     """
 
     begins_ms: int
     ends_ms: int
     counts: SeedlingCounts
     cycles: int
+    twin: Twin
+    starts: tuple[CaseStart, ...]
 
 
 @cache
 def undisturbed(setting: MatrixSetup) -> Undisturbed:
     """Run a trial without a fault."""
     twin = setting.twin()
+    trips, signal = collect_violations(twin), FirstSignal(twin, from_ms=0)
     twin.home()
     twin.start()
     begins_ms = twin.now_ms
-    twin.run_until_state(State.COMPLETE, within_ms=setting.trays * TRAY_LIMIT_MS)
-    return Undisturbed(begins_ms, twin.now_ms, twin.plant.counts(), thrown(twin))
+    starts: list[CaseStart] = []
+    complete = twin.machine.tags.machine.state.equals(State.COMPLETE)
+    while not twin.runs_until(complete, for_ms=START_MS):
+        if twin.now_ms - begins_ms > setting.trays * TRAY_LIMIT_MS:
+            raise NotReachedError(f"the trial without a fault does not complete; {twin.situation()}")
+        if not trips:
+            starts.append(CaseStart(twin.now_ms, twin.snapshot(), dict(signal.entered_ms)))
+    return Undisturbed(begins_ms, twin.now_ms, twin.plant.counts(), thrown(twin), twin, tuple(starts))
 
 
 def thrown(twin: Twin) -> int:
@@ -158,21 +186,31 @@ def run_case(fault: Fault, setting: MatrixSetup) -> Outcome:
         fault: The fault; it lasts until the repair.
         setting: Machine and trial.
     """
+    reference = undisturbed(setting)
     lasts = FAULTS[fault.kind].permanent
-    twin = setting.twin(fault) if lasts else setting.twin()
+    start = (
+        None if lasts else next((start for start in reversed(reference.starts) if start.at_ms < fault.start_ms), None)
+    )
+    if start is None:
+        twin = setting.twin(fault) if lasts else setting.twin()
+    else:
+        twin = reference.twin
+        twin.restore(start.snapshot)
+        twin.unwatch()
     outcome = Outcome(fault, twin.plant.counts(), 0, trips=collect_violations(twin))
-    first_signal = FirstSignal(twin, fault.start_ms)
+    first_signal = FirstSignal(twin, fault.start_ms, entered_ms=start.entered_ms if start else {})
     if not lasts:
         twin.plant.faults.add(fault)
     try:
-        twin.home()
-        twin.start()
+        if start is None:
+            twin.home()
+            twin.start()
         _work(twin, outcome, setting.trays)
     except NotReachedError as error:
         outcome.reason = str(error)
     outcome.signal = first_signal.signal
     outcome.state = outcome.state or twin.state.name
-    _account(twin, outcome, undisturbed(setting), setting.trays)
+    _account(twin, outcome, reference, setting.trays)
     return outcome
 
 
@@ -183,11 +221,7 @@ def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
         NotReachedError: Complete is not reached.
     """
     while True:
-        twin.run_until(
-            lambda: twin.state in RESTS or twin.state is State.COMPLETE,
-            within_ms=trays * TRAY_LIMIT_MS,
-            what="Complete or a stop",
-        )
+        twin.run_until_state(State.COMPLETE, *RESTS, within_ms=trays * TRAY_LIMIT_MS)
         if twin.state is State.COMPLETE:
             return
         outcome.state = outcome.state or twin.state.name
@@ -217,7 +251,8 @@ def _recover(twin: Twin, outcome: Outcome) -> None:
             twin.run_until_state(State.COMPLETE, within_ms=TRAY_LIMIT_MS)
             return
         twin.press("start")
-        twin.run_until(lambda: twin.state is not State.SUSPENDED, within_ms=SUSPENDED_MS, what="resuming")
+        suspended = twin.machine.tags.machine.state.equals(State.SUSPENDED)
+        twin.run_until(~suspended, within_ms=SUSPENDED_MS, what="resuming")
         return
     if twin.state is State.ABORTED:
         clear(twin)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+from controller.common.saved import Saved
 from plant_sim.faults.catalogue import FAULTS
 from plant_sim.faults.fault import Fault
 from plant_sim.faults.kind import FaultableMachine, FaultError, read_value, write_value
@@ -16,7 +17,7 @@ class _ActiveFault(NamedTuple):
     original: dict[str, Any]
 
 
-class FaultSchedule:
+class FaultSchedule(Saved):
     """Fault schedule of a machine.
 
     The code that advances plant time must stop at `next_ms` and call `advance` at that time.
@@ -25,6 +26,8 @@ class FaultSchedule:
         next_ms: Time of the next start or end of a fault, ms; None if there is none.
         activated: All faults activated so far, in order.
     """
+
+    SAVED = ("_active", "_pending", "activated", "next_ms")
 
     def __init__(self, machine: FaultableMachine, faults: Iterable[Fault] = ()) -> None:
         """Schedule faults; those already due are activated immediately.

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from controller.core.expr import all_of
 from controller.program.set_points import SetPoints
 from controller.program.tags import SIDES
 from plant_sim.crop.planting_row import PassedCup, PlantingRow
@@ -183,13 +184,11 @@ class ArmsFeed:
         twin.plant.planting_frequency_per_min = _LOADING_PER_MIN
         twin.run_until(self._has_thrown, within_ms=_LOADED_LIMIT_MS, what="first throw of both arms")
         twin.plant.planting_frequency_per_min = 0.0
-        twin.run_until(self._is_loaded, within_ms=_LOADED_LIMIT_MS, what="both arms loaded over the cups")
+        loaded = all_of(*(cycle["wait for cups"] for cycle in twin.machine.cycles.values()))
+        twin.run_until(loaded, within_ms=_LOADED_LIMIT_MS, what="both arms loaded over the cups")
 
     def _has_thrown(self) -> bool:
         return all(arm.row.filled for arm in self._arms)
-
-    def _is_loaded(self) -> bool:
-        return all(self.twin.in_step(f"{side} arm", "wait for cups") for side in SIDES)
 
 
 def _no_cups_x100_ms(frequency_per_min: float) -> int:

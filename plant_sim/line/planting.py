@@ -12,7 +12,7 @@ from plant_sim.line.file import ChuteEntry, NozzleEntry
 from plant_sim.line.ground import Floats, SpeedProfile
 from plant_sim.line.injury import CabbageInjury
 from plant_sim.line.row import NO_PLANT, FedRow, Flags, Integers, Missing, PlantRow
-from plant_sim.planter.falls import Falls, FallTable, motion_at
+from plant_sim.planter.falls import Falls, FallTable
 from plant_sim.planter.verdict import Stand
 
 CARRIED_CYCLES: Final = 3.0
@@ -38,8 +38,7 @@ class ChainPlanter:
     @property
     def pitch_m(self) -> float:
         """Distance between two planters along the chain, m."""
-        motion = motion_at(self.table.planter, 1.0)
-        return motion.ratio * motion.spacing_m
+        return self.table.planter.chain.pitch_m
 
     def draw(self, ratio: Floats, rng: np.random.Generator) -> Falls:
         """Return one fall for each ratio lambda."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from controller.common.saved import Saved
 from plant_sim.links.io_module import IoModule, ModuleFault
 
 
@@ -11,12 +12,14 @@ class LinkDown(OSError):  # noqa: N818 - the name states the condition of the li
     """Closed in-process link, or output refused by the module; the message is one line."""
 
 
-class InProcessLink:
+class InProcessLink(Saved):
     """Field link that satisfies the controller's `FieldLink` protocol structurally, without importing it.
 
     As with a network connection, the link remains closed after any `LinkDown` until `open` is called again. It
     transfers images only; plant time is advanced elsewhere.
     """
+
+    SAVED = ("_is_open",)
 
     def __init__(self, module: IoModule) -> None:
         """Create a closed link to a module."""

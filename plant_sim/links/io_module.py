@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping, Sequence
 
+from controller.common.saved import Saved
 from controller.iomap.loader import IoMap
 from plant_sim.machine.plant import Plant
 
@@ -25,7 +26,7 @@ class WatchdogState(enum.IntEnum):
     TRIPPED = 2
 
 
-class IoModule:
+class IoModule(Saved):
     """Remote I/O of the plant with an output watchdog in plant time.
 
     The first write arms the watchdog. If no output is written for more than `watchdog_ms` of plant time, every
@@ -42,6 +43,8 @@ class IoModule:
         block_writes: Number of times the complete Y block has been written, each time in one write or several.
         observers: Functions called after every advance of plant time.
     """
+
+    SAVED = ("_outputs", "_registers", "_written", "block_writes", "last_write_ms", "tripped", "tripped_at_ms")
 
     def __init__(self, plant: Plant, io_map: IoMap, *, watchdog_ms: int = 100) -> None:
         """Connect a module to a plant with safe outputs and an unarmed watchdog.
@@ -167,6 +170,18 @@ class IoModule:
     def _drive_planter(self) -> None:
         if self._planter is not None:
             self.plant.planter_speed_m_s = self._registers[self._planter.number] / 1_000
+
+    def adopt(self, outputs: Sequence[bool], *, writes: int, last_ms: int) -> None:
+        """Adopt block writes that were executed elsewhere on an armed module.
+
+        Args:
+            outputs: Raw levels of the last write.
+            writes: Number of writes.
+            last_ms: Plant time of the last write, ms.
+        """
+        self._outputs = list(outputs)
+        self.block_writes += writes
+        self.last_write_ms = last_ms
 
     def advance(self, for_ms: int) -> None:
         """Advance plant time; a trip occurs at its exact millisecond.

@@ -1,11 +1,16 @@
 """One arm with its drives, claws and cups, and the seedlings in them."""
 
+import math
+from typing import Any
+
+from controller.common.saved import Saved
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.grip import Grip
 from plant_sim.crop.incident import Report
 from plant_sim.crop.mechanics import Mechanics
 from plant_sim.crop.planting_row import PlantingRow
 from plant_sim.crop.pose import Pose, Reach
+from plant_sim.crop.quiet import AXES, Quiet, between
 from plant_sim.crop.seedling import Seedlings
 from plant_sim.crop.sweep import Sweep
 from plant_sim.devices.claws import Claws
@@ -18,7 +23,7 @@ from plant_sim.devices.spreader import Spreader
 from plant_sim.machine.parameters import Machine
 
 
-class ArmPlant:
+class ArmPlant(Saved):
     """One side of the machine, initially in the state after a normal stop: at feed, arm down, claws open.
 
     Attributes:
@@ -31,10 +36,17 @@ class ArmPlant:
         row: Seedlings in the cups.
     """
 
+    SAVED = ("_slips", "_stirred", "_trays_m")
+
     __slots__ = (
         "_bed",
+        "_beside_below_m",
         "_down_m",
         "_force_n_pa",
+        "_frees_above_m",
+        "_grips_below_m",
+        "_holds_above_pa",
+        "_parts",
         "_pose",
         "_slips",
         "_state",
@@ -110,6 +122,8 @@ class ArmPlant:
         self._state = state
         self._stirred = self._slips = 0.0
         self._down_m = machine.lift.stroke_m
+        self._grips_below_m, self._frees_above_m = self.claws.grips_below_m, self.claws.frees_above_m
+        self._holds_above_pa = self.claws.holds_above_pa
         self._force_n_pa = machine.claws.moment_nm_pa / machine.claws.finger_m
         self.row = PlantingRow(
             side,
@@ -126,12 +140,25 @@ class ArmPlant:
             spread_m=machine.spreader.travel_m,
             reach_m=machine.handling.reach_m,
         )
+        self._beside_below_m = min(reach.tray_edge_m, reach.columns_m[0] - reach.reach_m)
         self.grip = Grip(machine.handling, mechanics, reach, seedlings, bed, row=self.row, report=report)
         self._sweep = Sweep(machine.handling, reach, seedlings, bed, report)
         self._bed = bed
         self._trays_m = bed.trays_m
         self._pose = Pose(0.0, 0.0, gripping=False, free=False, travel_m=0.0, freed_s=0.0)
+        self._parts: tuple[Saved, ...] = (self.grip, self._sweep, self.row, self._pose, self.cups)
         self._sync()
+
+    def save(self) -> Any:
+        """Return the current state, except for that in the kernel memory."""
+        return super().save(), [part.save() for part in self._parts]
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, parts = saved
+        super().restore(own)
+        for part, state in zip(self._parts, parts, strict=True):
+            part.restore(state)
 
     @property
     def sensors(self) -> dict[str, Sensor]:
@@ -181,22 +208,83 @@ class ArmPlant:
         """
         x_m, y_m, claws_m, travel_m, chain_m, chain_m_s, stirred, freed_s, slips, clamp_pa = positions
         self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
-        grip, force_n = self.grip, self._force_n_pa * clamp_pa
+        grip, pose, rise_m = self.grip, self._pose, self._down_m - y_m
+        pose.update(x_m, rise_m, travel_m, freed_s=freed_s, now_s=now_s)
         if grip.held:
-            grip.record_force(force_n)
+            grip.record_force(self._force_n_pa * clamp_pa, rise_m)
             if slips != self._slips:
-                grip.drop_all(self._pose, now_s)
-        elif grip.slipped and clamp_pa >= self.claws.holds_above_pa:
-            grip.regrip(self._pose)
+                grip.drop_all(pose, now_s)
+        elif grip.slipped and clamp_pa >= self._holds_above_pa:
+            grip.regrip(pose)
         self._slips = slips
         if stirred != self._stirred or self._bed.trays_m != self._trays_m:
             self._stirred = stirred
             self._trays_m = self._bed.trays_m
-            self._pose.update(x_m, self._down_m - y_m, travel_m, freed_s=freed_s, now_s=now_s, force_n=force_n)
-            self._pose.gripping = claws_m <= self.claws.grips_below_m
-            self._pose.free = claws_m >= self.claws.frees_above_m
-            self.grip.step(self._pose)
-            self._sweep.step(self._pose)
+            pose.gripping = claws_m <= self._grips_below_m
+            pose.free = claws_m >= self._frees_above_m
+            grip.step(pose)
+            self._sweep.step(pose)
+
+    @property
+    def is_clear_of_trays(self) -> bool:
+        """True if the motion of a tray cannot affect the arm and its seedlings, whatever the trays do."""
+        grip = self.grip
+        if grip.held and not grip.extracted:
+            return False
+        is_low = self._sweep.low or (grip.held and self._pose.rise_m <= grip.lowest_m)
+        return not is_low or self._pose.x_m < self._beside_below_m
+
+    def pass_trays(self) -> None:
+        """Adopt a motion of the trays while the arm is clear of them."""
+        self._trays_m = self._bed.trays_m
+        self._sweep.pass_trays()
+
+    def catch_up(self, quiet: Quiet) -> None:
+        """Adopt the loads and positions of the looks at which nothing could happen to a seedling.
+
+        Args:
+            quiet: The limits since the last look.
+        """
+        grip = self.grip
+        if grip.held:
+            if quiet.peak_pa > -math.inf:
+                grip.record_force(self._force_n_pa * quiet.peak_pa, -math.inf)
+            if quiet.least_pa < math.inf:
+                grip.record_force(self._force_n_pa * quiet.least_pa, math.inf)
+        self._sweep.follow_gently(quiet.slide_m)
+
+    def limits(self, positions: list[float], meet_m: float) -> Quiet:
+        """Return the limits within which no motion can affect a seedling.
+
+        Args:
+            positions: Current positions of the arm in the order of `POSITIONS`.
+            meet_m: Slide position beyond which the arms can collide, m.
+        """
+        x_m, y_m, claws_m, travel_m = positions[: len(AXES)]
+        grip = self.grip
+        gripped, swept = grip.thresholds(), self._sweep.thresholds()
+        slides_m, rises_m, travels_m = ([*one, *other] for one, other in zip(gripped, swept, strict=True))
+        limits = [
+            between(x_m, [*slides_m, meet_m]),
+            between(y_m, [self._down_m - rise_m for rise_m in rises_m]),
+            between(claws_m, [self._grips_below_m, self._frees_above_m]),
+            between(travel_m, travels_m),
+        ]
+        low, high = zip(*limits, strict=True)
+        # an arm in contact with a column is evaluated at every look
+        until_s = -math.inf if self._sweep.is_in_contact else self.row.lands_s
+        clamp_below_pa = self._holds_above_pa if grip.slipped else math.inf
+        return Quiet(
+            low,
+            high,
+            chain_below_m=self.row.leaves_at_m,
+            until_s=until_s,
+            clamp_below_pa=clamp_below_pa,
+            slips=self._slips,
+            down_m=self._down_m,
+            gripped_rise_m=grip.pulled_above_m,
+            slide_m=x_m,
+        )
 
     def _sync(self) -> None:
         """Adopt the current state without evaluating the motion that led to it."""
@@ -207,7 +295,6 @@ class ArmPlant:
             self.spreader.travel_m,
             freed_s=freed_s,
             now_s=pose.now_s,
-            force_n=self.claws.clamp_n,
         )
         pose.gripping, pose.free = self.claws.gripping, self.claws.free
         self.grip.sync(pose)

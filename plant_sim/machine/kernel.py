@@ -11,7 +11,14 @@ from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, step_switch
 from plant_sim.devices.spreader import SPREADER, SPREADER_PARAMS, step_spreader
 from plant_sim.devices.supply import AIR, AIR_PARAMS, settle_air
 from plant_sim.pneumatics.chamber import GAS
-from plant_sim.pneumatics.cylinder import CYLINDER, CYLINDER_PARAMS, is_at_rest, step_cylinder
+from plant_sim.pneumatics.cylinder import (
+    CYLINDER,
+    CYLINDER_PARAMS,
+    is_at_rest,
+    remains_at_rest,
+    settle_cylinder,
+    step_cylinder,
+)
 from plant_sim.pneumatics.supply import step_supply
 
 ARM_COILS = (
@@ -129,19 +136,16 @@ def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps:
     """
     m, gas, air_params = machine[0], params[0].gas, params[0].air
     air = m.air
+    left_rests = right_rests = (False, False, False)
+    left, right = _arm_levels(coils, 0), _arm_levels(coils, len(ARM_COILS))
     for step in range(steps):
         at_s = (first + step) * gas.step_s
         step_supply(air.network, air_params.network, fed, gas)
         step_conveyor(m.conveyor, params[0].conveyor, coils[_BELT], coils[_BELT + 1], at_s, gas.step_s)
-        for side in range(2):
-            _step_arm(
-                m.arms[side],
-                params[0].arms[side],
-                coils[len(ARM_COILS) * side : len(ARM_COILS) * (side + 1)],
-                air.network,
-                at_s,
-                gas,
-            )
+        left_rests = _step_arm(m.arms[0], params[0].arms[0], left, left_rests, air.network, at_s, gas)
+        right_rests = _step_arm(m.arms[1], params[0].arms[1], right, right_rests, air.network, at_s, gas)
+        _settle_arm(m.arms[0], params[0].arms[0], left_rests, gas)
+        _settle_arm(m.arms[1], params[0].arms[1], right_rests, gas)
         settle_air(air, air_params, at_s + gas.step_s, gas)
     for side in range(2):
         arm, first = m.arms[side], len(POSITIONS) * side
@@ -159,20 +163,50 @@ def advance(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps:
 
 
 @compiled
-def _step_arm(arm: Any, params: Any, coils: Any, supply: Any, at_s: float, gas: Any) -> None:
-    step_s = gas.step_s
+def _arm_levels(coils: Any, first: int) -> tuple[bool, bool, bool, bool, bool, bool, bool, bool]:
+    """Return the coil levels of an arm as a tuple: an array as an argument costs two atomic operations per call."""
+    return (
+        coils[first],
+        coils[first + 1],
+        coils[first + 2],
+        coils[first + 3],
+        coils[first + 4],
+        coils[first + 5],
+        coils[first + 6],
+        coils[first + 7],
+    )
+
+
+@compiled
+def _step_arm(
+    arm: Any, params: Any, coils: Any, rested: tuple[bool, bool, bool], supply: Any, at_s: float, gas: Any
+) -> tuple[bool, bool, bool]:
+    """Advance an arm by one time step.
+
+    Args:
+        arm: The arm.
+        params: Its parameters.
+        coils: Its coil levels in the order of `ARM_COILS`.
+        rested: True for lift, slide and claws if they were at rest in the last step with the same coils and parameters.
+        supply: Compressed-air supply.
+        at_s: Start of the step, s.
+        gas: Gas model.
+
+    Returns:
+        True for lift, slide and claws if they are at rest in this step.
+    """
+    step_s, main, outside = gas.step_s, supply.manifold, supply.outside
     x_m, y_m, opening_m, travel_m = (
         arm.slide.position_m,
         arm.lift.position_m,
         arm.claws.position_m,
         arm.spreader.travel_m,
     )
-    if not is_at_rest(arm.lift, params.lift, coils[0], coils[1], supply.manifold):
-        step_cylinder(arm.lift, params.lift, coils[0], coils[1], supply.manifold, supply.outside, gas)
-    if not is_at_rest(arm.slide, params.slide, coils[2], coils[3], supply.manifold):
-        step_cylinder(arm.slide, params.slide, coils[2], coils[3], supply.manifold, supply.outside, gas)
-    if not is_at_rest(arm.claws, params.claws, coils[6], coils[7], supply.claw_manifold):
-        step_cylinder(arm.claws, params.claws, coils[6], coils[7], supply.claw_manifold, supply.outside, gas)
+    lift_rests = _step_cylinder(arm.lift, params.lift, coils[0], coils[1], rested[0], main, outside, gas)
+    slide_rests = _step_cylinder(arm.slide, params.slide, coils[2], coils[3], rested[1], main, outside, gas)
+    claws_rest = _step_cylinder(
+        arm.claws, params.claws, coils[6], coils[7], rested[2], supply.claw_manifold, outside, gas
+    )
     step_spreader(arm.spreader, params.spreader, coils[5], coils[4], at_s, step_s)
     step_cups(arm.cups, params.cups, at_s, step_s)
     if x_m != arm.slide.position_m or _any_busy(arm.slide_switches):
@@ -188,10 +222,36 @@ def _step_arm(arm: Any, params: Any, coils: Any, supply: Any, at_s: float, gas: 
         arm.freed_s = at_s + step_s * (params.frees_above_m - opening_m) / (now_m - opening_m)
     if opening_m > params.grips_below_m >= now_m:
         arm.gripped_s = at_s + step_s * (opening_m - params.grips_below_m) / (opening_m - now_m)
-    _update_clamp(arm, params)
     stirs = x_m != arm.slide.position_m or y_m != arm.lift.position_m
     if stirs or opening_m != now_m or travel_m != arm.spreader.travel_m:
         arm.stirred += 1
+    return lift_rests, slide_rests, claws_rest
+
+
+@compiled
+def _step_cylinder(
+    c: Any, params: Any, plus: bool, minus: bool, rested: bool, manifold: Any, outside: Any, gas: Any
+) -> bool:
+    """Advance a cylinder by one time step unless it is at rest; return True if it is.
+
+    `rested` is True if it was at rest in the last step, with the same coil levels and parameters.
+    """
+    rests = remains_at_rest(c, manifold) if rested else is_at_rest(c, params, plus, minus, manifold)
+    if not rests:
+        step_cylinder(c, params, plus, minus, manifold, outside, gas)
+    return rests
+
+
+@compiled
+def _settle_arm(arm: Any, params: Any, rests: tuple[bool, bool, bool], gas: Any) -> None:
+    """Finish a step of an arm."""
+    if not rests[0]:
+        settle_cylinder(arm.lift, gas)
+    if not rests[1]:
+        settle_cylinder(arm.slide, gas)
+    if not rests[2]:
+        settle_cylinder(arm.claws, gas)
+    _update_clamp(arm, params)
 
 
 @compiled

@@ -1,14 +1,16 @@
 """Simulated machine, with coil levels as inputs, terminal levels as outputs, and the location of every seedling."""
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller.common.saved import Saved
 from controller.iomap.loader import IoMap
 from plant_sim.crop.bed import Bed
 from plant_sim.crop.incident import Incident
 from plant_sim.crop.mechanics import Mechanics
+from plant_sim.crop.quiet import QUIET, TRAYS, Quiet, between
 from plant_sim.crop.seedling import SeedlingCounts, Seedlings
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.devices.ground_wheel import GroundWheel
@@ -44,7 +46,7 @@ class Event(NamedTuple):
     text: str
 
 
-class Plant:
+class Plant(Saved):
     """The simulated transplanter.
 
     The same seed and the same outputs at the same times give bit-identical results.
@@ -65,11 +67,23 @@ class Plant:
         extrapolates: True if the crop settings are outside the range tested in the paper.
         state: State of the machine, one `MACHINE` record.
         params: Parameters of the machine, one `MACHINE_PARAMS` record; faults change it.
+        quiet: Limits of the motion of each arm within which no seedling can be affected, `QUIET`.
+        trays: Limits of the motion of the trays, `TRAYS`.
+        positions: Latest positions of all moving parts, as `advance` returns them.
+        levels: Raw levels of the inputs by X number, as last read.
+        terminals: X numbers and polarities of all sensors in kernel order, and `levels`.
+        coil_wires: Y number and polarity of every coil in kernel order.
+        coils: Levels of the coils in kernel order.
+        no_coils: Levels of the coils during an emergency stop.
+        look_ms: Longest time between two looks at the motion, ms.
+        steps_per_ms: Number of kernel steps per millisecond.
         wired: Tags of the wired inputs.
         optional: Tags of the wired inputs that a machine can run without.
         broken_wires: Tags of the inputs whose terminals are off regardless of their sensors.
         faults: Fault schedule.
     """
+
+    SAVED = ("_arms_met", "_planter_m_s", "_y", "events", "indicators", "time_ms")
 
     def __init__(
         self, io_map: IoMap, machine: Machine, *, seed: int, trays: int = 2, faults: Iterable[Fault] = ()
@@ -125,28 +139,65 @@ class Plant:
             for number, side in enumerate(_SIDES)
         )
         self.arms = dict(zip(_SIDES, (self.left, self.right), strict=True))
-        self._chains_m = state["arms"]["cups"]["chain_m"]
+        self._cups = state["arms"]["cups"]
         self._cup_pitch_m = machine.cups.pitch_m
         self.ground = GroundWheel(machine.ground)
         self.ground.place(self._plants)
         self._planter_m_s = 0.0
+        self._plain_sensors = [Sensor.alone(on=on) for on in _PLAIN_SENSORS.values()]
         self.sensors = self._all_sensors()
         self.indicators = {tag: False for tag in _INDICATOR_TAGS if tag in io_map}
         self._arms_meet_from_m = (machine.picks_m[1] + machine.picks_m[2]) / 2
         self._arms_may_meet = machine.layout.arms_may_meet_in_plant
         self._arms_met = False
-        self._interval_ms = machine.simulation.look_ms
-        self._steps_per_ms = machine.simulation.steps_per_ms
+        self.look_ms = machine.simulation.look_ms
+        self.steps_per_ms = machine.simulation.steps_per_ms
         self.broken_wires: set[str] = set()
         self._wire(io_map)
         self.faults = FaultSchedule(self, faults)
+        arrays = (self.state, self.params, self.coils, self.positions, self.levels)
+        self._bytes = [array.view(np.uint8) for array in arrays]
+        self._parts = (
+            *self.arms.values(),
+            self.box,
+            self.conveyor,
+            self.ground,
+            self.seedlings,
+            self._bed,
+            self.faults,
+        )
         self._advance(0)  # triggers compilation now, before a client waits for a response
+
+    def save(self) -> Any:
+        """Return the complete state of the machine."""
+        return (
+            super().save(),
+            [array.copy() for array in self._bytes],
+            [part.save() for part in self._parts],
+            [sensor.save() for sensor in self._plain_sensors],
+            self.broken_wires.copy(),
+        )
+
+    def restore(self, saved: Any) -> None:
+        """Restore a state returned by `save`."""
+        own, arrays, parts, sensors, broken_wires = saved
+        events = self.events
+        super().restore(own)
+        events[:], self.events = self.events, events
+        for array, values in zip(self._bytes, arrays, strict=True):
+            array[:] = values
+        for part, state in zip(self._parts, parts, strict=True):
+            part.restore(state)
+        for sensor, state in zip(self._plain_sensors, sensors, strict=True):
+            sensor.restore(state)
+        self.broken_wires.clear()
+        self.broken_wires |= broken_wires
 
     @property
     def x(self) -> list[bool]:
         """Current raw X image, as a new list."""
-        read_sensors(self.state, self.params, self._terminals, self._inverted, self._image)
-        image: list[bool] = self._image.tolist()
+        read_sensors(self.state, self.params, *self.terminals)
+        image: list[bool] = self.levels.tolist()
         for tag, number, inverted in self._buttons:
             image[number] = getattr(self.box, tag) != inverted
         for sensor, number, inverted in self._other_sensors:
@@ -195,8 +246,14 @@ class Plant:
     @property
     def _plants(self) -> float:
         """Plants per row that the drive wheel has counted out; a jammed carousel is passed by the other one."""
-        chains_m: list[float] = self._chains_m.tolist()
+        chains_m: list[float] = self._cups["chain_m"].tolist()
         return max(chains_m) / self._cup_pitch_m
+
+    @property
+    def _plants_per_s(self) -> float:
+        """Speed of the drive wheel, plants per row and second."""
+        speeds_m_s: list[float] = self._cups["speed_m_s"].tolist()
+        return max(speeds_m_s) / self._cup_pitch_m
 
     def counts(self) -> SeedlingCounts:
         """Return the number of seedlings at each location; each is counted once."""
@@ -221,11 +278,10 @@ class Plant:
         end_ms = self.time_ms + for_ms
         faults = self.faults
         while self.time_ms < end_ms:
-            chunk_ms = min(self._interval_ms, end_ms - self.time_ms)
+            chunk_ms = min(self.look_ms, end_ms - self.time_ms)
             if faults.next_ms is not None:
                 chunk_ms = min(chunk_ms, faults.next_ms - self.time_ms)
             self._advance(chunk_ms)
-            self.ground.follow(self._plants, chunk_ms / 1_000)
             self._apply_motion()
             if faults.next_ms is not None:
                 faults.advance(self.time_ms)
@@ -233,28 +289,135 @@ class Plant:
     def _advance(self, for_ms: int) -> None:
         """Advance all moving parts; the emergency-stop relay removes coil power and air regardless of the outputs."""
         fed = not self.box.emergency_stop
-        coils = self._coils if fed else self._no_coils
-        first, steps = self.time_ms * self._steps_per_ms, for_ms * self._steps_per_ms
-        advance(self.state, self.params, coils, fed, first, steps, self._positions)
+        coils = self.coils if fed else self.no_coils
+        first, steps = self.time_ms * self.steps_per_ms, for_ms * self.steps_per_ms
+        advance(self.state, self.params, coils, fed, first, steps, self.positions)
         self.time_ms += for_ms
+
+    @property
+    def has_other_sensors(self) -> bool:
+        """True if a sensor is wired that `read_sensors` does not read."""
+        return bool(self._other_sensors)
+
+    @property
+    def fixed_levels(self) -> list[int]:
+        """Raw level of every input that does not depend on motion, by X number; -1 for the others."""
+        levels = [-1] * len(self.levels)
+        for tag, number, inverted in self._buttons:
+            levels[number] = getattr(self.box, tag) != inverted
+        for tag in self.broken_wires:
+            levels[self._number_of[tag]] = 0
+        return levels
+
+    def look(self) -> bool:
+        """Apply the motion since the last look, of which only the latest part can affect a seedling.
+
+        Returns:
+            True if a seedling has been moved, or an incident reported.
+        """
+        moves, events = self.seedlings.move_count, len(self.events)
+        now_s = self.time_ms / 1000
+        positions: list[float] = self.positions.tolist()
+        self._pass_trays()
+        trays_move = self._follow_trays(positions[-1])
+        for number, arm in enumerate(self.arms.values()):
+            quiet = self.quiet[number]
+            if quiet["outside"] or (trays_move and not arm.is_clear_of_trays):
+                own = positions[len(POSITIONS) * number : len(POSITIONS) * (number + 1)]
+                arm.catch_up(Quiet._make(quiet.item()))
+                arm.follow(now_s, own)
+                self.quiet[number] = arm.limits(own, self._arms_meet_from_m)
+            elif trays_move:
+                arm.pass_trays()
+        if trays_move:
+            self._limit_trays()
+        else:
+            self._hold_trays()
+        self._check_meeting(positions[0], positions[len(POSITIONS)])
+        return self.seedlings.move_count != moves or len(self.events) != events
+
+    def follow_drive(self) -> None:
+        """Update the travel of the tractor."""
+        self.ground.follow(self._plants, self._plants_per_s)
+
+    def _catch_up(self) -> None:
+        for arm, quiet in zip(self.arms.values(), self.quiet.tolist(), strict=True):
+            arm.catch_up(Quiet._make(quiet))
+
+    def _pass_trays(self) -> None:
+        """Adopt the motion of the trays within their limits."""
+        trays = self.trays[0]
+        if trays["passed_m"] != trays["followed_m"]:
+            self._follow_trays(float(trays["passed_m"]))
+            for arm in self.arms.values():
+                arm.pass_trays()
+
+    def _limit_trays(self) -> None:
+        """Set the limits of the tray travel within which no arm and no tray is affected."""
+        trays_m, conveyor = self.conveyor.followed_m, self.conveyor
+        low_m = high_m = trays_m
+        if all(arm.is_clear_of_trays for arm in self.arms.values()):
+            travels_m = conveyor.thresholds()
+            if travels_m is not None:
+                offsets = [(number, conveyor.offset_m(number)) for number in conveyor.front_m]
+                low_m, high_m = between(trays_m, [*travels_m, *self._bed.thresholds(offsets)])
+        self.trays[0] = (trays_m, trays_m, low_m, high_m)
+
+    def _hold_trays(self) -> None:
+        """Set the limits of trays at rest: their first motion is evaluated, whatever has changed in the meantime."""
+        trays_m = self.conveyor.followed_m
+        self.trays[0] = (trays_m, trays_m, trays_m, trays_m)
+
+    def limit(self) -> None:
+        """Set the limits within which no motion can affect a seedling."""
+        self._hold_trays()
+        positions: list[float] = self.positions.tolist()
+        left, right = positions[: len(POSITIONS)], positions[len(POSITIONS) : -1]
+        self.quiet[0] = self.left.limits(left, self._arms_meet_from_m)
+        self.quiet[1] = self.right.limits(right, self._arms_meet_from_m)
+
+    def adopt(self, time_ms: int, y: Sequence[bool]) -> None:
+        """Adopt the time and the outputs of a run on the records of this plant.
+
+        Args:
+            time_ms: Plant time, ms.
+            y: Raw Y image.
+        """
+        self.time_ms = time_ms
+        self._latch_outputs(y)
+        self._pass_trays()
+        self._catch_up()
+        self.follow_drive()
+        self.faults.advance(time_ms)
 
     def _latch_outputs(self, y: Sequence[bool]) -> None:
         """Latch new outputs."""
         self._y: list[bool] = list(y)
         for tag, number, inverted in self._indicator_wires:
             self.indicators[tag] = y[number] != inverted
-        self._coils[:] = [y[number] != inverted for number, inverted in self._coil_wires]
+        self.coils[:] = [y[number] != inverted for number, inverted in self.coil_wires]
 
     def _apply_motion(self) -> None:
-        """Apply the latest motion to trays and seedlings."""
+        """Apply the latest motion to tractor, trays and seedlings."""
+        self.follow_drive()
         now_s = self.time_ms / 1000
-        positions: list[float] = self._positions.tolist()
-        if self.conveyor.follow(positions[-1]):
-            self._update_bed()
+        positions: list[float] = self.positions.tolist()
+        self._follow_trays(positions[-1])
         left, right = positions[: len(POSITIONS)], positions[len(POSITIONS) : -1]
         self.left.follow(now_s, left)
         self.right.follow(now_s, right)
-        meet = left[0] > self._arms_meet_from_m and right[0] > self._arms_meet_from_m
+        self._check_meeting(left[0], right[0])
+
+    def _follow_trays(self, trays_m: float) -> bool:
+        """Update the trays to a new travel; return True if they have moved."""
+        moved = self.conveyor.follow(trays_m)
+        if moved:
+            self._update_bed()
+        return moved
+
+    def _check_meeting(self, left_m: float, right_m: float) -> None:
+        """Report an incident when both slides have come inward of pick 2."""
+        meet = left_m > self._arms_meet_from_m and right_m > self._arms_meet_from_m
         if meet and not self._arms_met and not self._arms_may_meet:
             self._report(Incident.ARMS_COLLIDE, "both arms are inward of pick 2")
         self._arms_met = meet
@@ -278,7 +441,7 @@ class Plant:
             "air_pressure_ok": self.supply.pressure_ok,
             "magazine_empty": self.conveyor.magazine_empty,
             "ground_pulse": self.ground.pulse,
-            **{tag: Sensor.alone(on=on) for tag, on in _PLAIN_SENSORS.items()},
+            **dict(zip(_PLAIN_SENSORS, self._plain_sensors, strict=True)),
         }
 
     def _wire(self, io_map: IoMap) -> None:
@@ -287,9 +450,10 @@ class Plant:
             if point.tag not in self.sensors and point.tag not in _BUTTON_TAGS:
                 raise ValueError(f"{io_map.path}:{point.line}: {point.tag}: the machine has no such sensor or button")
         points = [io_map.get(tag) for tag in SENSORS]
-        self._terminals = np.array([-1 if point is None else point.number for point in points])
-        self._inverted = np.array([point is not None and point.inverted for point in points])
-        self._image = np.zeros(io_map.input_count, np.bool_)
+        terminals = np.array([-1 if point is None else point.number for point in points])
+        inverted = np.array([point is not None and point.inverted for point in points])
+        self.levels = np.zeros(io_map.input_count, np.bool_)
+        self.terminals = (terminals, inverted, self.levels)
         self._number_of = {point.tag: point.number for point in io_map.inputs}
         self.wired = tuple(self._number_of)
         self.optional = frozenset(point.tag for point in io_map.inputs if point.optional)
@@ -299,10 +463,12 @@ class Plant:
             for point in io_map.inputs
             if point.tag in self.sensors and point.tag not in SENSORS
         ]
-        self._coil_wires = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
-        self._coils = np.zeros(len(_COIL_TAGS), np.bool_)
-        self._no_coils = np.zeros(len(_COIL_TAGS), np.bool_)
+        self.coil_wires = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
+        self.coils = np.zeros(len(_COIL_TAGS), np.bool_)
+        self.no_coils = np.zeros(len(_COIL_TAGS), np.bool_)
         self._indicator_wires = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in self.indicators]
         self._output_count = io_map.output_count
-        self._positions = np.zeros(2 * len(POSITIONS) + 1)
+        self.positions = np.zeros(2 * len(POSITIONS) + 1)
+        self.quiet = np.zeros(len(_SIDES), QUIET)
+        self.trays = np.zeros(1, TRAYS)
         self._latch_outputs(io_map.safe_outputs())

@@ -1,5 +1,6 @@
 """Parameters of the chain, and of the points of a planter that the kinematics require."""
 
+import math
 from dataclasses import dataclass
 
 from plant_sim.common.limits import require, require_within
@@ -55,6 +56,16 @@ class ChainSpec:
             "guide_behind_m",
             "must be less than the sum of sprocket_radius_m and offset_m",
         )
+
+    @property
+    def loop_m(self) -> float:
+        """Length of the chain, m."""
+        return 2 * math.pi * self.sprocket_radius_m + 2 * self.centre_distance_m
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance between two planters along the chain, m."""
+        return self.loop_m / self.planters
 
     @property
     def tip(self) -> Offset:

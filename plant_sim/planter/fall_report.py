@@ -49,6 +49,7 @@ class FallReport:
         lodging, injury = self.equations
         scatter, clamp_n = self.planter.scatter, self.planter.grip.clamp_n
         return {
+            "grip": self._grip_record(),
             "falls": {ground.value: self._ground_record(ground) for ground in Ground} if self._is_rigid else None,
             "cabbage_blocks": {
                 "lodging_equation_10": lodging._asdict(),
@@ -65,9 +66,33 @@ class FallReport:
         lines = self._fall_lines() if self._is_rigid else ["falls               only simulated in model rigid"]
         return [
             *lines,
+            self._grip_line(),
             f"cabbage blocks      lodging {100 * lodging.value:.2f} % (eq. 10), injury {100 * injury.value:.2f} % "
             f"(eq. 11) at {self.planter.grip.clamp_n:g} N{beyond}; not valid for pepper plugs",
         ]
+
+    def _grip_record(self) -> dict[str, object]:
+        """Return the grip from the conveyor to the opener; the largest acceleration is that of the arcs."""
+        grip, block = self.planter.grip, self.planter.block
+        return {
+            "clamp_n": grip.clamp_n,
+            "compression_m": grip.compression_m,
+            "holds": grip.holds(block, self.motion.chain_m_s * self.motion.omega_rad_s),
+            "crushed_share_of_printed_range": grip.crushed_share(),
+            "free_s": grip.free_s,
+            "open_s": grip.open_s(block),
+            "clearance_m": grip.clearance_m(block),
+        }
+
+    def _grip_line(self) -> str:
+        grip, block = self.planter.grip, self.planter.block
+        holds = "holds" if self._grip_record()["holds"] else "does not hold"
+        return (
+            f"grip                {grip.clamp_n:g} N {holds} the block, "
+            f"compressed by {1000 * grip.compression_m:.1f} mm; "
+            f"free {1000 * grip.free_s:.1f} ms, open {1000 * grip.open_s(block):.1f} ms after the opener, "
+            f"{1000 * grip.clearance_m(block):.1f} mm clearance on each side"
+        )
 
     @property
     def _is_rigid(self) -> bool:

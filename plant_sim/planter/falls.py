@@ -22,7 +22,7 @@ from controller.common.cache_folder import user_cache_folder
 from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter, load_planter, load_ranges
 from plant_sim.planter.scatter import Ground, Ranges, draw
-from plant_sim.planter.verdict import FallVerdict, Stand, stand_of, verdicts_of
+from plant_sim.planter.verdict import FallVerdict, stand_of, verdicts_of
 
 RATIOS: Final = (0.70, 0.80, 0.85, 0.90, 0.95, 1.00, 1.05, 1.10, 1.17, 1.30, 1.45, 1.60, 1.80)
 """Grid of the ratio lambda."""
@@ -134,11 +134,6 @@ class FallTable:
             within=row_within & column_within,
         )
 
-    def share(self, stand: Stand) -> NDArray[np.float64]:
-        """Return the share of the simulated blocks with a posture, of shape (ratios, openers)."""
-        shares: NDArray[np.float64] = (stand_of(self.cells[..., 2]) == stand).mean(axis=-1)
-        return shares
-
     def verdict_share(self, verdict: FallVerdict) -> NDArray[np.float64]:
         """Return the share of the simulated blocks with a verdict, of shape (ratios, openers)."""
         shares: NDArray[np.float64] = (verdicts_of(self.cells[..., 2], self.cells[..., 4]) == verdict).mean(axis=-1)
@@ -195,7 +190,7 @@ def build_cells(
 def motion_at(planter: Planter, ratio: float, frequency_per_min: float = FREQUENCY_PER_MIN) -> Motion:
     """Return the motion at a ratio lambda and a planting frequency."""
     chain = planter.chain
-    chain_m_s = Motion(chain, speed_m_s=1.0, frequency_per_min=frequency_per_min).chain_m_s
+    chain_m_s = chain.pitch_m * frequency_per_min / 60
     return Motion(chain, speed_m_s=chain_m_s / ratio, frequency_per_min=frequency_per_min)
 
 

@@ -105,7 +105,7 @@ class Motion:
         self.model = model
         radius_m, straight_m = chain.sprocket_radius_m, chain.centre_distance_m
         self.period_s = chain.planters * 60 / frequency_per_min
-        self.chain_m_s = (2 * math.pi * radius_m + 2 * straight_m) / self.period_s
+        self.chain_m_s = chain.loop_m / self.period_s
         self.omega_rad_s = self.chain_m_s / radius_m
         arc_s, straight_s = math.pi / self.omega_rad_s, straight_m / self.chain_m_s
         self.starts_s = (0.0, arc_s, arc_s + straight_s, 2 * arc_s + straight_s, self.period_s)

@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.common.compiled import compiled, compiled_and_cached
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA, GAS_CONSTANT, HEAT_P, HEAT_V, REFERENCE_K, flow
+from plant_sim.common.compiled import compiled, compiled_and_cached, inlined
+from plant_sim.common.lanes import lanes, select, unpacked
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, GAS_CONSTANT, HEAT_P, HEAT_V, REFERENCE_K, flow, flows
 
 CHAMBER = np.dtype(
     [
@@ -33,6 +34,9 @@ with the time constant `wall_s`. With `thermal` 1 it follows the energy balance,
 
 _SPHERE = 4.835975862049409
 """(36 pi)^(1/3): the wall area of a sphere is this factor times volume^(2/3)."""
+
+_ROUNDING = 1e-12
+"""Upper limit of the rounding error of a `_nonlinear_share`, times the relative pressure rise."""
 
 
 @compiled_and_cached
@@ -86,10 +90,23 @@ def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
     mass_kg: float = step_s * kg_s / (1.0 + step_s * (grows * up.stiffness + falls * down.stiffness))
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down.stiffness)
-    if mass_kg > 0.2 * levels_kg:
+    if mass_kg > 0.2 * levels_kg and not _is_below_any_share(down, mass_kg, levels_kg):
         mass_kg = min(mass_kg, levels_kg * _nonlinear_share(down, levels_kg))
     move(up, down, mass_kg)
     return mass_kg
+
+
+@inlined
+def _is_below_any_share(c: Any, mass_kg: float, levels_kg: float) -> bool:
+    """Return True if a mass is certainly below `levels_kg` times its `_nonlinear_share`, without computing a power.
+
+    By Taylor's theorem, the share is at least 1 - grows / 2 for any exponent. Its rounding error is at most
+    2^-53 (1 + exponent) 2 / grows, which is less than `_ROUNDING` / grows for exponents up to 1000; that of air is 1.2.
+    """
+    grows = c.stiffness * levels_kg / c.pressure_pa
+    return bool(0.0 < grows < 1.0) and bool(
+        (levels_kg - mass_kg) * grows > levels_kg * (0.5 * grows * grows + _ROUNDING)
+    )
 
 
 @compiled
@@ -103,7 +120,7 @@ def _nonlinear_share(c: Any, mass_kg: float) -> float:
     return share
 
 
-@compiled
+@inlined
 def move(a: Any, b: Any, mass_kg: float) -> None:
     """Transfer air with its enthalpy from `a` to `b`; a negative mass is transferred from `b` to `a`."""
     heat_j = HEAT_P * mass_kg * (a.temperature_k if mass_kg > 0.0 else b.temperature_k)
@@ -115,25 +132,43 @@ def move(a: Any, b: Any, mass_kg: float) -> None:
     b.energy_j += heat_j
 
 
-@compiled
-def flow_and_slopes(
-    a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float
-) -> tuple[float, float, float]:
-    """Return the flow from `a` to `b`, kg/s, and its derivatives with respect to both pressures, kg/(s Pa).
+@inlined
+def flows_and_slopes(
+    a_pa: Any, b_pa: Any, a_k: Any, b_k: Any, crack_pa: Any, conductance_m3_s_pa: Any, critical_ratio: Any
+) -> tuple[Any, Any, Any]:
+    """Return four flows from chambers a to chambers b, kg/s, and their derivatives, kg/(s Pa).
 
-    The derivative with respect to the pressure of `b` is returned with its sign reversed. A flow from `b` to `a` is
-    negative. From `a` to `b`, the restriction opens only above a cracking pressure.
+    All arguments and results are lanes. The derivatives are those with respect to the pressures of a and of b, the
+    latter with its sign reversed. A flow from b to a is negative. From a to b, a restriction opens only above its
+    cracking pressure.
+
+    Args:
+        a_pa: Pressures of a, Pa.
+        b_pa: Pressures of b, Pa.
+        a_k: Temperatures of a, K.
+        b_k: Temperatures of b, K.
+        crack_pa: Cracking pressures, Pa.
+        conductance_m3_s_pa: Sonic conductances, m3/(s Pa).
+        critical_ratio: Critical pressure ratios.
     """
-    up_pa = a.pressure_pa - crack_pa
-    if conductance_m3_s_pa <= 0.0 or (up_pa <= b.pressure_pa and a.pressure_pa >= b.pressure_pa):
-        return 0.0, 0.0, 0.0
-    if up_pa > b.pressure_pa:
-        return flow(up_pa, b.pressure_pa, conductance_m3_s_pa, critical_ratio, a.temperature_k)
-    kg_s, grows, falls = flow(b.pressure_pa, a.pressure_pa, conductance_m3_s_pa, critical_ratio, b.temperature_k)
-    return -kg_s, falls, grows
+    opened_pa = a_pa - crack_pa
+    onward = opened_pa > b_pa
+    kg_s, grows, falls = flows(
+        select(onward, opened_pa, b_pa),
+        select(onward, b_pa, a_pa),
+        conductance_m3_s_pa,
+        critical_ratio,
+        select(onward, a_k, b_k),
+    )
+    shut = (conductance_m3_s_pa <= 0.0) | ((opened_pa <= b_pa) & (a_pa >= b_pa))
+    return (
+        select(shut, 0.0, select(onward, kg_s, -kg_s)),
+        select(shut, 0.0, select(onward, grows, falls)),
+        select(shut, 0.0, select(onward, falls, grows)),
+    )
 
 
-@compiled
+@inlined
 def resize(c: Any, volume_m3: float, gas: Any) -> None:
     """Change the volume of a chamber by moving its piston."""
     if volume_m3 == c.volume_m3:
@@ -153,10 +188,7 @@ def settle(c: Any, gas: Any) -> None:
     """Finish a step: update temperature, pressure and stiffness from mass, volume and energy."""
     density_kg_m3 = c.mass_kg / c.volume_m3
     if gas.thermal == 0:
-        # (rho/rho_before)^(n-1) as a quotient: second-order accurate, and cheaper than a power
-        turn = (gas.exponent - 1.0) * (density_kg_m3 - c.density_kg_m3) / (density_kg_m3 + c.density_kg_m3)
-        temperature_k = c.temperature_k * (1.0 + turn) / (1.0 - turn)
-        temperature_k += (REFERENCE_K - temperature_k) * gas.step_s / (gas.wall_s + gas.step_s)
+        temperature_k = _polytropic_k(c.temperature_k, c.density_kg_m3, density_kg_m3, gas)
     else:
         wall_j_k = gas.wall_w_m2_k * _SPHERE * c.volume_m3 ** (2.0 / 3.0) * gas.step_s
         temperature_k = (c.energy_j + wall_j_k * REFERENCE_K) / (c.mass_kg * HEAT_V + wall_j_k)
@@ -165,3 +197,37 @@ def settle(c: Any, gas: Any) -> None:
     c.pressure_pa = density_kg_m3 * GAS_CONSTANT * temperature_k
     c.stiffness = gas.exponent * GAS_CONSTANT * temperature_k / c.volume_m3
     c.energy_j = c.mass_kg * HEAT_V * temperature_k
+
+
+@inlined
+def settle_four(a: Any, b: Any, c: Any, d: Any, gas: Any) -> None:
+    """Finish a step of four chambers, as `settle` does for each of them."""
+    if gas.thermal != 0:
+        settle(a, gas)
+        settle(b, gas)
+        settle(c, gas)
+        settle(d, gas)
+        return
+    mass_kg = lanes(a.mass_kg, b.mass_kg, c.mass_kg, d.mass_kg)
+    volume_m3 = lanes(a.volume_m3, b.volume_m3, c.volume_m3, d.volume_m3)
+    before_k = lanes(a.temperature_k, b.temperature_k, c.temperature_k, d.temperature_k)
+    before_kg_m3 = lanes(a.density_kg_m3, b.density_kg_m3, c.density_kg_m3, d.density_kg_m3)
+    density_kg_m3 = mass_kg / volume_m3
+    temperature_k = _polytropic_k(before_k, before_kg_m3, density_kg_m3, gas)
+    pressure_pa = density_kg_m3 * GAS_CONSTANT * temperature_k
+    stiffness = gas.exponent * GAS_CONSTANT * temperature_k / volume_m3
+    energy_j = mass_kg * HEAT_V * temperature_k
+    a.temperature_k, b.temperature_k, c.temperature_k, d.temperature_k = unpacked(temperature_k)
+    a.density_kg_m3, b.density_kg_m3, c.density_kg_m3, d.density_kg_m3 = unpacked(density_kg_m3)
+    a.pressure_pa, b.pressure_pa, c.pressure_pa, d.pressure_pa = unpacked(pressure_pa)
+    a.stiffness, b.stiffness, c.stiffness, d.stiffness = unpacked(stiffness)
+    a.energy_j, b.energy_j, c.energy_j, d.energy_j = unpacked(energy_j)
+
+
+@inlined
+def _polytropic_k(before_k: Any, before_kg_m3: Any, density_kg_m3: Any, gas: Any) -> Any:
+    """Return the temperature after a change of density and the heat exchange with the wall during a step."""
+    # (rho/rho_before)^(n-1) as a quotient: second-order accurate, and cheaper than a power
+    turn = (gas.exponent - 1.0) * (density_kg_m3 - before_kg_m3) / (density_kg_m3 + before_kg_m3)
+    temperature_k = before_k * (1.0 + turn) / (1.0 - turn)
+    return temperature_k + (REFERENCE_K - temperature_k) * gas.step_s / (gas.wall_s + gas.step_s)

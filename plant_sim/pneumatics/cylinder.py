@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.common.compiled import compiled
+from plant_sim.common.compiled import compiled, inlined
+from plant_sim.pneumatics.chamber import settle_four
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.friction import FRICTION, speed_after_friction_m_s
-from plant_sim.pneumatics.line import LINE, LINE_PARAMS, line_is_at_rest, step_line
+from plant_sim.pneumatics.line import LINE, LINE_PARAMS, lacks_supply, line_is_at_rest, step_lines
 from plant_sim.pneumatics.valve import VALVE, VALVE_PARAMS, step_valve
 
 _STILL_M_S, _STILL_N = 1e-6, 1.0
@@ -86,17 +87,24 @@ def step_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, o
         _move_coupled(c, params, push_n, gas.step_s)
     else:
         _move(c, params, push_n, gas.step_s)
-    spool = c.valve.spool
-    plus_pa, minus_pa = c.plus.tube.pressure_pa, c.minus.tube.pressure_pa
-    plus_share = params.cushion_share if c.position_m < params.cushion_m else 1.0
-    minus_share = params.cushion_share if params.stroke_m - c.position_m < params.cushion_m else 1.0
-    plus_m3 = params.plus.dead_m3 + params.plus_area_m2 * c.piston_m
-    minus_m3 = params.minus.dead_m3 + params.minus_area_m2 * (params.stroke_m - c.piston_m)
-    step_line(c.plus, params.plus, params.valve, spool, minus_pa, plus_share, plus_m3, manifold, outside, gas)
-    step_line(c.minus, params.minus, params.valve, -spool, plus_pa, minus_share, minus_m3, manifold, outside, gas)
+    shares = (
+        params.cushion_share if c.position_m < params.cushion_m else 1.0,
+        params.cushion_share if params.stroke_m - c.position_m < params.cushion_m else 1.0,
+    )
+    volumes_m3 = (
+        params.plus.dead_m3 + params.plus_area_m2 * c.piston_m,
+        params.minus.dead_m3 + params.minus_area_m2 * (params.stroke_m - c.piston_m),
+    )
+    step_lines(c.plus, c.minus, params, c.valve.spool, shares, volumes_m3, manifold, outside, gas)
 
 
-@compiled
+@inlined
+def settle_cylinder(c: Any, gas: Any) -> None:
+    """Finish a step: update temperature, pressure and stiffness of the air in both lines."""
+    settle_four(c.plus.tube, c.plus.chamber, c.minus.tube, c.minus.chamber, gas)
+
+
+@inlined
 def is_at_rest(c: Any, params: Any, plus: bool, minus: bool, manifold: Any) -> bool:
     """Return True if a step would change nothing significantly: no pending motion, no flow, air at wall temperature."""
     valve = c.valve
@@ -104,11 +112,23 @@ def is_at_rest(c: Any, params: Any, plus: bool, minus: bool, manifold: Any) -> b
         return False
     if plus != (valve.plus_acts != 0) or minus != (valve.minus_acts != 0):
         return False
-    if valve.plus_pending_s != 0.0 or valve.minus_pending_s != 0.0 or not _stays_at_rest(c, params):
+    if valve.plus_pending_s != 0.0 or valve.minus_pending_s != 0.0:
         return False
-    return line_is_at_rest(c.plus, params.plus, valve.spool, manifold) and line_is_at_rest(
-        c.minus, params.minus, -valve.spool, manifold
-    )
+    if not line_is_at_rest(c.plus, params.plus, valve.spool, manifold):
+        return False
+    return line_is_at_rest(c.minus, params.minus, -valve.spool, manifold) and _stays_at_rest(c, params)
+
+
+@compiled
+def remains_at_rest(c: Any, manifold: Any) -> bool:
+    """Return True if a cylinder at rest is still so after another step with the same coil levels and parameters.
+
+    Nothing of it has changed, so `is_at_rest` can be False only because the pressure of its supply has changed.
+    """
+    spool = c.valve.spool
+    if spool == 0.0:
+        return True
+    return not lacks_supply(c.plus if spool > 0.0 else c.minus, manifold)
 
 
 @compiled
@@ -162,7 +182,7 @@ def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
     c.speed_m_s = c.piston_m_s = speed_m_s
 
 
-@compiled
+@inlined
 def _move_coupled(c: Any, params: Any, push_n: float, step_s: float) -> None:
     """Move piston and load, coupled by a magnet that yields like a spring and decouples above its holding force.
 

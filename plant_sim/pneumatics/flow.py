@@ -1,8 +1,10 @@
 """Mass flow of air through a restriction according to ISO 6358."""
 
 import math
+from typing import Any
 
-from plant_sim.common.compiled import compiled
+from plant_sim.common.compiled import compiled, inlined
+from plant_sim.common.lanes import root, select
 
 GAS_CONSTANT = 287.05
 """Specific gas constant of air, J/(kg K)."""
@@ -59,16 +61,35 @@ def flow(
     return slope * (up_pa - down_pa), slope, slope
 
 
-@compiled
-def in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:
-    """Return the conductance of two restrictions in series, m3/(s Pa): 1/C^2 = 1/C1^2 + 1/C2^2.
+@inlined
+def flows(up_pa: Any, down_pa: Any, conductance_m3_s_pa: Any, critical_ratio: Any, up_k: Any) -> tuple[Any, Any, Any]:
+    """Return four mass flows as `flow` does for each of them; all arguments and results are lanes.
 
-    Source: docs/sources/plant.md 1.1 (an approximation).
+    The three kinds of flow are computed for every restriction, with the operations of `flow` in the same order.
     """
-    if one_m3_s_pa <= 0.0 or other_m3_s_pa <= 0.0:
-        return 0.0
+    gain = conductance_m3_s_pa * REFERENCE_KG_M3 * root(REFERENCE_K / up_k)
+    ratio = down_pa / up_pa
+    choked, turbulent = ratio <= critical_ratio, ratio < LAMINAR_RATIO
+    past = (select(turbulent, ratio, LAMINAR_RATIO) - critical_ratio) / (1.0 - critical_ratio)
+    shape = root(1.0 - past * past)
+    falls = past / ((1.0 - critical_ratio) * shape)
+    slope = gain * shape / (1.0 - LAMINAR_RATIO)
+    return (
+        select(choked, gain * up_pa, select(turbulent, gain * up_pa * shape, slope * (up_pa - down_pa))),
+        select(choked, gain, select(turbulent, gain * (shape + ratio * falls), slope)),
+        select(choked, 0.0, select(turbulent, gain * falls, slope)),
+    )
+
+
+@inlined
+def in_series(one_m3_s_pa: Any, other_m3_s_pa: Any) -> Any:
+    """Return the conductances of four pairs of restrictions in series, m3/(s Pa): 1/C^2 = 1/C1^2 + 1/C2^2.
+
+    Arguments and result are lanes. Source: docs/sources/plant.md 1.1 (an approximation).
+    """
     share = one_m3_s_pa / other_m3_s_pa
-    return one_m3_s_pa / math.sqrt(1.0 + share * share)
+    closed = (one_m3_s_pa <= 0.0) | (other_m3_s_pa <= 0.0)
+    return select(closed, 0.0, one_m3_s_pa / root(1.0 + share * share))
 
 
 def tube_conductance_m3_s_pa(inner_m: float, length_m: float) -> float:

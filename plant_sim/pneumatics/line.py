@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.common.compiled import compiled
-from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, flow_and_slopes, move, resize, settle
+from plant_sim.common.compiled import compiled, inlined
+from plant_sim.common.lanes import joined, lanes, pair, split, truths, unpacked
+from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, flows_and_slopes, move, resize
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K, in_series
 from plant_sim.pneumatics.valve import exhaust_opening, supply_opening
 
@@ -50,8 +51,7 @@ def line_is_at_rest(n: Any, params: Any, spool: float, manifold: Any) -> bool:
         return False
     if abs(chamber.temperature_k - REFERENCE_K) > _STILL_K or abs(tube.temperature_k - REFERENCE_K) > _STILL_K:
         return False
-    source_pa = manifold.pressure_pa if spool > 0.0 else ATMOSPHERE_PA
-    if abs(tube.pressure_pa - source_pa) > _STILL_PA:
+    if lacks_supply(n, manifold) if spool > 0.0 else abs(tube.pressure_pa - ATMOSPHERE_PA) > _STILL_PA:
         return False
     if params.checked:
         return bool(spool == 0.0 and n.piloted == 0 and chamber.pressure_pa > tube.pressure_pa)
@@ -59,102 +59,205 @@ def line_is_at_rest(n: Any, params: Any, spool: float, manifold: Any) -> bool:
 
 
 @compiled
-def step_line(
-    n: Any,
+def lacks_supply(n: Any, manifold: Any) -> bool:
+    """Return True if air is flowing into or out of a line that is connected to its supply."""
+    return bool(abs(n.tube.pressure_pa - manifold.pressure_pa) > _STILL_PA)
+
+
+@compiled
+def step_lines(
+    plus: Any,
+    minus: Any,
     params: Any,
-    valve_params: Any,
     spool: float,
-    pilot_pa: float,
-    out_share: float,
-    volume_m3: float,
+    shares: tuple[float, float],
+    volumes_m3: tuple[float, float],
     manifold: Any,
     outside: Any,
     gas: Any,
 ) -> None:
-    """Advance by one time step.
+    """Advance both lines of a cylinder by one time step, up to `settle_four` of their chambers.
+
+    At most one line is connected to the supply, and the ambient pressure is constant. The flows in one line therefore
+    do not depend on those in the other, and all four are computed together.
 
     Args:
-        n: The line.
-        params: Its parameters.
-        valve_params: Parameters of the valve.
-        spool: Spool position of the valve; +1 feeds this line.
-        pilot_pa: Pressure in the tube of the opposite line, Pa.
-        out_share: Fraction of the throttle left open by the cushion, 0 to 1.
-        volume_m3: New volume of the chamber, m3.
+        plus: The line fed at a spool position of +1.
+        minus: The line fed at a spool position of -1.
+        params: Parameters of the cylinder.
+        spool: Spool position of the valve.
+        shares: Fractions of both throttles left open by the cushions, 0 to 1.
+        volumes_m3: New volumes of both chambers, m3.
         manifold: Supply chamber of the valve.
         outside: The ambient air.
         gas: Gas model.
     """
-    step_s = gas.step_s
-    tube, chamber, critical = n.tube, n.chamber, params.critical_ratio
-    resize(chamber, volume_m3, gas)
+    valve, step_s = params.valve, gas.step_s
+    resize(plus.chamber, volumes_m3[0], gas)
+    resize(minus.chamber, volumes_m3[1], gas)
+    plus_crack_pa, plus_onward = _fitting(plus, params.plus, minus.tube.pressure_pa, shares[0])
+    minus_crack_pa, minus_onward = _fitting(minus, params.minus, plus.tube.pressure_pa, shares[1])
+    conductances = joined(_valve_to_tube(params, spool), pair(plus_onward, minus_onward))
+    cracks_pa = lanes(0.0, 0.0, plus_crack_pa, minus_crack_pa)
+    plus_fed, minus_fed = supply_opening(spool) > 0.0, supply_opening(-spool) > 0.0
+    sources = _sources(plus_fed, minus_fed, manifold)
+    mass_kg, kg_s, settles = _solve(plus, minus, params, sources, conductances, cracks_pa, step_s)
+    plus_in_kg, minus_in_kg, plus_on_kg, minus_on_kg = unpacked(mass_kg)
+    _, _, plus_kg_s, minus_kg_s = unpacked(kg_s)
+    plus_through, minus_through, _, _ = unpacked(conductances)
+    plus_settles, minus_settles, _, _ = truths(settles)
+    source = manifold if plus_fed else outside
+    if plus_settles:
+        move(source, plus.tube, plus_in_kg)
+        move(plus.tube, plus.chamber, plus_on_kg)
+    else:
+        plus_in_kg = _pass_in_turn(
+            plus, params.plus, valve, source, plus_kg_s, plus_through, plus_crack_pa, plus_onward, step_s
+        )
+    if plus_fed:
+        plus.drawn_kg += plus_in_kg
+    exchange(plus.chamber, outside, params.plus.leak_m3_s_pa, params.plus.critical_ratio, step_s)
+    source = manifold if minus_fed else outside
+    if minus_settles:
+        move(source, minus.tube, minus_in_kg)
+        move(minus.tube, minus.chamber, minus_on_kg)
+    else:
+        minus_in_kg = _pass_in_turn(
+            minus, params.minus, valve, source, minus_kg_s, minus_through, minus_crack_pa, minus_onward, step_s
+        )
+    if minus_fed:
+        minus.drawn_kg += minus_in_kg
+    exchange(minus.chamber, outside, params.minus.leak_m3_s_pa, params.minus.critical_ratio, step_s)
+
+
+@inlined
+def _fitting(n: Any, params: Any, pilot_pa: float, out_share: float) -> tuple[float, float]:
+    """Update the pilot of the check valve; return the cracking pressure and the conductance from tube to chamber.
+
+    `pilot_pa` is the pressure in the tube of the opposite line.
+    """
+    tube, chamber = n.tube, n.chamber
     gauge_pa = chamber.pressure_pa - ATMOSPHERE_PA
     least_pa = max(params.pilot_ratio * gauge_pa, params.pilot_least_pa)
     n.piloted = 1 if params.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
     crack_pa, onward = 0.0 if n.piloted else params.crack_pa, params.free_m3_s_pa
     if tube.pressure_pa <= chamber.pressure_pa:
         crack_pa, onward = 0.0, params.throttle_m3_s_pa * out_share if n.piloted else params.slip_m3_s_pa
-    opening = supply_opening(spool)
-    if opening > 0.0:
-        through = in_series(valve_params.conductance_m3_s_pa * opening, params.tube_m3_s_pa)
-        n.drawn_kg += _step_flows(n, manifold, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
-    else:
-        through = in_series(valve_params.conductance_m3_s_pa * exhaust_opening(spool), params.tube_m3_s_pa)
-        _step_flows(n, outside, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
-    exchange(chamber, outside, params.leak_m3_s_pa, critical, step_s)
-    settle(tube, gas)
-    settle(chamber, gas)
+    return crack_pa, onward
+
+
+@inlined
+def _valve_to_tube(params: Any, spool: float) -> Any:
+    """Return the conductances from the ports of the valve to both tubes, m3/(s Pa), as a pair."""
+    plus_opening, minus_opening = supply_opening(spool), supply_opening(-spool)
+    if plus_opening <= 0.0:
+        plus_opening = exhaust_opening(spool)
+    if minus_opening <= 0.0:
+        minus_opening = exhaust_opening(-spool)
+    port_m3_s_pa = params.valve.conductance_m3_s_pa
+    return in_series(
+        pair(port_m3_s_pa * plus_opening, port_m3_s_pa * minus_opening),
+        pair(params.plus.tube_m3_s_pa, params.minus.tube_m3_s_pa),
+    )
+
+
+@inlined
+def _sources(plus_fed: bool, minus_fed: bool, manifold: Any) -> tuple[Any, Any, Any]:
+    """Return pressure, temperature and stiffness at the outer ports of the valve, as pairs.
+
+    Those of the ambient air are constants, so that a line does not wait for the flow of the line computed before it.
+    """
+    plus_pa, plus_k, plus_stiffness = ATMOSPHERE_PA, REFERENCE_K, 0.0
+    minus_pa, minus_k, minus_stiffness = ATMOSPHERE_PA, REFERENCE_K, 0.0
+    if plus_fed:
+        plus_pa, plus_k, plus_stiffness = manifold.pressure_pa, manifold.temperature_k, manifold.stiffness
+    if minus_fed:
+        minus_pa, minus_k, minus_stiffness = manifold.pressure_pa, manifold.temperature_k, manifold.stiffness
+    return pair(plus_pa, minus_pa), pair(plus_k, minus_k), pair(plus_stiffness, minus_stiffness)
+
+
+@inlined
+def _solve(
+    plus: Any, minus: Any, params: Any, sources: Any, conductances: Any, cracks_pa: Any, step_s: float
+) -> tuple[Any, Any, Any]:
+    """Solve the flows through the valve and the fitting of both lines for one step.
+
+    Both flows of a line are linearly implicit in all three pressures. If they were solved one after the other, the
+    error of the tube pressure would be the change that one of the flows causes in a step.
+
+    Args:
+        plus: The line fed at a spool position of +1.
+        minus: The line fed at a spool position of -1.
+        params: Parameters of the cylinder.
+        sources: Result of `_sources`.
+        conductances: Conductances of the valve ports of both lines, then of their fittings, m3/(s Pa).
+        cracks_pa: Cracking pressures in the same order, Pa.
+        step_s: Length of the step, s.
+
+    Returns:
+        The masses in the same order, kg; the flows at the start of the step, kg/s; and, as a pair, True for a line
+        whose pressures keep their order.
+    """
+    source_pa, source_k, source_stiffness = sources
+    tube_pa = pair(plus.tube.pressure_pa, minus.tube.pressure_pa)
+    tube_k = pair(plus.tube.temperature_k, minus.tube.temperature_k)
+    tube_stiffness = pair(plus.tube.stiffness, minus.tube.stiffness)
+    chamber_pa = pair(plus.chamber.pressure_pa, minus.chamber.pressure_pa)
+    chamber_k = pair(plus.chamber.temperature_k, minus.chamber.temperature_k)
+    chamber_stiffness = pair(plus.chamber.stiffness, minus.chamber.stiffness)
+    valve_ratio = params.valve.critical_ratio
+    critical_ratios = lanes(valve_ratio, valve_ratio, params.plus.critical_ratio, params.minus.critical_ratio)
+    kg_s, grows, falls = flows_and_slopes(
+        joined(source_pa, tube_pa),
+        joined(tube_pa, chamber_pa),
+        joined(source_k, tube_k),
+        joined(tube_k, chamber_k),
+        cracks_pa,
+        conductances,
+        critical_ratios,
+    )
+    (in_kg_s, on_kg_s), (in_grows, on_grows), (in_falls, on_falls) = split(kg_s), split(grows), split(falls)
+    a11 = 1.0 + step_s * (in_grows * source_stiffness + in_falls * tube_stiffness)
+    a12 = -step_s * in_falls * tube_stiffness
+    a21 = -step_s * on_grows * tube_stiffness
+    a22 = 1.0 + step_s * (on_grows * tube_stiffness + on_falls * chamber_stiffness)
+    by = step_s / (a11 * a22 - a12 * a21)
+    in_kg = by * (a22 * in_kg_s - a12 * on_kg_s)
+    on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)
+    tube_after_pa = tube_pa + tube_stiffness * (in_kg - on_kg)
+    settles = _keeps_order(source_pa, tube_pa, source_pa - source_stiffness * in_kg, tube_after_pa)
+    settles = settles & _keeps_order(tube_pa, chamber_pa, tube_after_pa, chamber_pa + chamber_stiffness * on_kg)
+    return joined(in_kg, on_kg), kg_s, settles & (on_kg * on_kg_s >= 0.0)
 
 
 @compiled
-def _step_flows(
+def _pass_in_turn(
     n: Any,
+    params: Any,
+    valve_params: Any,
     source: Any,
-    valve_m3_s_pa: float,
-    valve_critical: float,
+    on_kg_s: float,
+    through: float,
     crack_pa: float,
-    onward_m3_s_pa: float,
-    onward_critical: float,
+    onward: float,
     step_s: float,
 ) -> float:
-    """Pass air through the valve and the fitting for one step; return the mass drawn from the source, kg.
+    """Solve both flows of a line one after the other, each limited to equal pressures; return the mass drawn, kg.
 
-    Both flows are linearly implicit in all three pressures. If they were solved one after the other, the error of the
-    tube pressure would be the change that one of the flows causes in a step.
+    Required if one pressure would otherwise overshoot another. `through` and `onward` are the conductances from the
+    source to the tube and from the tube to the chamber, and `on_kg_s` is the flow through the latter.
     """
-    tube, chamber = n.tube, n.chamber
-    in_kg_s, in_grows, in_falls = flow_and_slopes(source, tube, 0.0, valve_m3_s_pa, valve_critical)
-    on_kg_s, on_grows, on_falls = flow_and_slopes(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical)
-    a11 = 1.0 + step_s * (in_grows * source.stiffness + in_falls * tube.stiffness)
-    a12 = -step_s * in_falls * tube.stiffness
-    a21 = -step_s * on_grows * tube.stiffness
-    a22 = 1.0 + step_s * (on_grows * tube.stiffness + on_falls * chamber.stiffness)
-    by = step_s / (a11 * a22 - a12 * a21)
-    in_kg: float = by * (a22 * in_kg_s - a12 * on_kg_s)
-    on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)
-    tube_pa = tube.pressure_pa + tube.stiffness * (in_kg - on_kg)
-    source_pa, chamber_pa = (
-        source.pressure_pa - source.stiffness * in_kg,
-        chamber.pressure_pa + chamber.stiffness * on_kg,
-    )
-    settles = _keeps_order(source.pressure_pa, tube.pressure_pa, source_pa, tube_pa)
-    settles = settles and _keeps_order(tube.pressure_pa, chamber.pressure_pa, tube_pa, chamber_pa)
-    if settles and on_kg * on_kg_s >= 0.0:
-        move(source, tube, in_kg)
-        move(tube, chamber, on_kg)
-        return in_kg
-    # one pressure would overshoot another: solve the flows one after the other, each limited to equal pressures
-    in_kg = exchange(source, tube, valve_m3_s_pa, valve_critical, step_s)
+    in_kg: float = exchange(source, n.tube, through, valve_params.critical_ratio, step_s)
     if on_kg_s > 0.0:
-        check(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical, step_s)
+        check(n.tube, n.chamber, crack_pa, onward, params.critical_ratio, step_s)
     elif on_kg_s < 0.0:
-        check(chamber, tube, 0.0, onward_m3_s_pa, onward_critical, step_s)
+        check(n.chamber, n.tube, 0.0, onward, params.critical_ratio, step_s)
     return in_kg
 
 
-@compiled
-def _keeps_order(one_pa: float, other_pa: float, one_after_pa: float, other_after_pa: float) -> bool:
-    """Return True if two pressures keep their order, or if their difference before or after is negligible."""
+@inlined
+def _keeps_order(one_pa: Any, other_pa: Any, one_after_pa: Any, other_after_pa: Any) -> Any:
+    """Return True where two pressures keep their order, or where their difference before or after is negligible."""
     slight_pa = 0.01 * one_pa
     apart_pa, after_pa = one_pa - other_pa, one_after_pa - other_after_pa
-    return apart_pa * after_pa >= 0.0 or abs(apart_pa) <= slight_pa or abs(after_pa) <= slight_pa
+    return (apart_pa * after_pa >= 0.0) | (abs(apart_pa) <= slight_pa) | (abs(after_pa) <= slight_pa)

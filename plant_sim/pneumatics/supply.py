@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.common.compiled import compiled
-from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, settle
+from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, settle, settle_four
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, HEAT_P, REFERENCE_K, REFERENCE_KG_M3
 
 SUPPLY = np.dtype(
@@ -97,10 +97,7 @@ def step_supply(s: Any, params: Any, fed: bool, gas: Any) -> None:
 @compiled
 def settle_supply(s: Any, gas: Any) -> None:
     """Finish a step after all consumers have drawn their air."""
-    settle(s.receiver, gas)
-    settle(s.header, gas)
-    settle(s.manifold, gas)
-    settle(s.claw_reservoir, gas)
+    settle_four(s.receiver, s.header, s.manifold, s.claw_reservoir, gas)
     settle(s.claw_manifold, gas)
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.common.compiled import compiled
+from plant_sim.common.compiled import compiled, inlined
 
 VALVE = np.dtype(
     [
@@ -66,13 +66,13 @@ def step_valve(v: Any, params: Any, plus: bool, minus: bool, step_s: float) -> N
         v.spool = min(v.spool + way, v.target) if v.target > v.spool else max(v.spool - way, v.target)
 
 
-@compiled
+@inlined
 def supply_opening(spool: float) -> float:
     """Return the opening of a port to the supply, 0 to 1; `spool` is positive towards this port."""
     return min(max(2.0 * spool - 1.0, 0.0), 1.0)
 
 
-@compiled
+@inlined
 def exhaust_opening(spool: float) -> float:
     """Return the opening of a port to the exhaust, 0 to 1; 1 if `spool` is 0 (exhaust centre) or negative."""
     return min(max(1.0 - 2.0 * spool, 0.0), 1.0)

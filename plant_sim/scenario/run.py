@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from controller.core.devices import ANNUNCIATORS
+from controller.core.expr import Bit
 from controller.iomap.loader import IoMap
 from controller.program.states import State
 from plant_sim.crop.seedling import SeedlingCounts
@@ -141,7 +143,7 @@ class ScenarioRun:
         self.twin = twin
         self.alarms: dict[str, int] = {}
         self.reason = ""
-        twin.watch(self._record_alarms)
+        twin.watch(self._record_alarms, devices=(Bit("S", number) for number in ANNUNCIATORS))
 
     @property
     def incidents(self) -> list[str]:
@@ -271,8 +273,8 @@ def _play(scenario: Scenario, twin: Twin) -> None:
         _act(twin, action, until)
     if until.state is None:
         twin.run_for(until.limit_ms - twin.now_ms)
-    else:
-        _wait(twin, lambda: twin.state == until.state, until, until.state.name)
+    elif twin.now_ms == 0 or twin.state != until.state:
+        twin.run_until_state(until.state, within_ms=until.limit_ms - twin.now_ms)
 
 
 def _act(twin: Twin, action: Action, until: Until) -> None:
@@ -280,7 +282,10 @@ def _act(twin: Twin, action: Action, until: Until) -> None:
     what = f"{action.when.text} ({action.text})"
     _wait(twin, lambda: action.when.holds(twin), until, what)
     due_ms = twin.now_ms + action.when.after_ms
-    _wait(twin, lambda: twin.now_ms >= due_ms, until, what)
+    if due_ms > until.limit_ms:
+        twin.run_for(until.limit_ms - twin.now_ms)
+        raise NotReachedError(f"{what} not reached within {until.limit_ms} ms; {twin.situation()}")
+    twin.run_for(due_ms - twin.now_ms)
     action.do(twin)
 
 

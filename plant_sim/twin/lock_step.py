@@ -7,11 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from controller.core.clock import SimulatedClock
+from controller.core.expr import Bit, Expr, Word, any_of
 from controller.core.machine_code import MachineExecution
 from controller.core.retentive_store import MemoryStore
-from controller.core.scan import Plc
+from controller.core.scan import Plc, PythonExecution
 from controller.events.production import AlarmEvent, CycleEvent, Event, ProductionLog
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
@@ -24,12 +28,35 @@ from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
+from plant_sim.twin.compiled_run import CompiledRun
+from plant_sim.twin.conditions import CELLS
+from plant_sim.twin.triggers import Interpreter, Trigger
 
 SCAN_MS = 10
 
 
 class NotReachedError(AssertionError):
     """Condition not met within its time limit; the message contains the state of the machine."""
+
+
+class TwinSnapshot(NamedTuple):
+    """State of a twin at the end of a tick.
+
+    Attributes:
+        controller: Running controller and its parts.
+        states: States of these parts, of the plant, its I/O module and the clock.
+        events: Events so far.
+        retained: Contents of the retentive store.
+        releases: Times at which pressed buttons are released, ms.
+        watchers: Monitors, periodic actions, and triggers with their states.
+    """
+
+    controller: tuple[Any, ...]
+    states: tuple[Any, ...]
+    events: tuple[Event, ...]
+    retained: dict[str, int] | None
+    releases: dict[str, int]
+    watchers: tuple[Any, ...]
 
 
 class Twin:
@@ -53,6 +80,7 @@ class Twin:
         parameters: Machine | None = None,
         set_points: Mapping[str, int] | None = None,
         faults: Iterable[Fault] = (),
+        step_by_step: bool = False,
     ) -> None:
         """Power up a machine in its initial position, with the controller in Stopped.
 
@@ -63,6 +91,7 @@ class Twin:
             parameters: Machine parameters; None = the defaults.
             set_points: Initial values of set-points, by name of `SetPoints`.
             faults: Faults of the plant.
+            step_by_step: True to execute the program and every tick in Python; the results are the same.
 
         Raises:
             FaultError: A fault is not possible in this plant.
@@ -77,10 +106,15 @@ class Twin:
         self.clock = SimulatedClock()
         self.events: list[Event] = []
         self.store = MemoryStore()
+        self._step_by_step = step_by_step
         self._set_points = set_points_of(self.parameters) | dict(set_points or {})
         self.runtime: Runtime
         self._releases: dict[str, int] = {}
-        self._monitors: list[Callable[[Twin], None]] = []
+        self._monitors: list[tuple[Callable[[Twin], None], tuple[Bit | Word, ...] | None]] = []
+        self._triggers: list[Trigger] = []
+        self._cells = np.zeros(CELLS)
+        self._periodic: list[tuple[int, Callable[[Twin], None]]] = []
+        self._compiled: CompiledRun | None = None
         self.power_on()
 
     @property
@@ -101,16 +135,55 @@ class Twin:
     def power_on(self) -> None:
         """Start the controller with its retentive memory."""
         program = self.machine.program
-        plc = Plc(program, execution=MachineExecution(program))
+        execution = PythonExecution(program) if self._step_by_step else MachineExecution(program)
+        plc = Plc(program, execution=execution)
         for name, value in self._set_points.items():
             plc.write(getattr(self.machine.tags.sp, name), value)
         retained = self.store.load()
         if retained is not None:
-            plc.restore(retained)
-        link = InProcessLink(self.module)
-        link.open()
-        self.runtime = Runtime(self.machine, plc, link, DirectRetentiveWriter(self.store))
-        self.runtime.observers.append(ProductionLog(self.machine, self.events.append))
+            plc.restore_retained(retained)
+        self._link = InProcessLink(self.module)
+        self._link.open()
+        self._writer = DirectRetentiveWriter(self.store)
+        self.runtime = Runtime(self.machine, plc, self._link, self._writer)
+        self._log = ProductionLog(self.machine, self.events.append)
+        self.runtime.observers.append(self._log)
+        if isinstance(execution, MachineExecution):
+            self._compiled = CompiledRun(self.runtime, self.module, execution, scan_ms=SCAN_MS)
+            self._watch_devices()
+
+    def snapshot(self) -> TwinSnapshot:
+        """Return the complete state of the machine and its controller, with the registered monitors.
+
+        The state of a monitor itself is not included.
+        """
+        controller = (self.runtime, self._log, self._link, self._writer, self._compiled)
+        return TwinSnapshot(
+            controller,
+            tuple(part.save() for part in (*controller[:4], self.plant, self.module, self.clock)),
+            (*self.events,),
+            self.store.values,
+            dict(self._releases),
+            ((*self._monitors,), (*self._periodic,), [(trigger, trigger.save()) for trigger in self._triggers]),
+        )
+
+    def restore(self, snapshot: TwinSnapshot) -> None:
+        """Restore a state of this twin; the same snapshot can be restored several times."""
+        watched = self._compiled, self._monitors, self._triggers
+        self.runtime, self._log, self._link, self._writer, self._compiled = snapshot.controller
+        parts = (*snapshot.controller[:4], self.plant, self.module, self.clock)
+        for part, state in zip(parts, snapshot.states, strict=True):
+            part.restore(state)
+        self.events[:] = snapshot.events
+        self.store.values = snapshot.retained
+        self._releases = dict(snapshot.releases)
+        monitors, periodic, triggers = snapshot.watchers
+        self._monitors, self._periodic = [*monitors], [*periodic]
+        self._triggers = [trigger for trigger, _ in triggers]
+        for trigger, state in triggers:
+            trigger.restore(state)
+        if watched != (self._compiled, self._monitors, self._triggers):
+            self._watch_devices()
 
     def power_cycle(self, off_ms: int = 1_000) -> None:
         """Kill the controller between two scans, and restart it after `off_ms` of plant time."""
@@ -118,9 +191,43 @@ class Twin:
         self.clock.advance(off_ms)
         self.power_on()
 
-    def watch(self, monitor: Callable[[Twin], None]) -> None:
-        """Register a safety monitor that is called after every scan."""
-        self._monitors.append(monitor)
+    def watch(self, monitor: Callable[[Twin], None], devices: Iterable[Bit | Word] | None = None) -> None:
+        """Register a monitor that is called after scans.
+
+        Args:
+            monitor: Function to call.
+            devices: Devices of the program on which it depends. It is called at least after every scan in which one of
+                them has changed, and after every scan that follows a move of a seedling or an incident. None = it is
+                called after every scan, so that the twin cannot run in machine code.
+        """
+        self._monitors.append((monitor, None if devices is None else tuple(devices)))
+        self._watch_devices()
+
+    def unwatch(self) -> None:
+        """Remove all monitors, triggers and periodic actions."""
+        self._monitors.clear()
+        self._triggers.clear()
+        self._periodic.clear()
+        self._watch_devices()
+
+    def every(self, period_ms: int, action: Callable[[Twin], None]) -> None:
+        """Register an action to be executed after the scans at multiples of a period.
+
+        Args:
+            period_ms: Period, ms, a multiple of the scan period.
+            action: The action.
+        """
+        self._periodic.append((period_ms, action))
+
+    def when(self, condition: Expr, action: Callable[[], None]) -> None:
+        """Register an action to be executed after every scan in which a condition has become true.
+
+        Args:
+            condition: Condition over the devices of the program and the state of the plant.
+            action: The action.
+        """
+        self._triggers.append(Trigger(condition, action))
+        self._watch_devices()
 
     def scan(self) -> None:
         """Run one scan, then advance the plant to the next scan."""
@@ -128,18 +235,22 @@ class Twin:
         if self._releases:
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
-        for monitor in self._monitors:
-            monitor(self)
+        self._call_monitors(self._evaluate_triggers())
         self.module.advance(SCAN_MS)
         self.clock.advance(SCAN_MS)
 
     def run_for(self, ms: int) -> None:
         """Run for a time, rounded down to complete scans."""
-        for _ in range(ms // SCAN_MS):
-            self.scan()
+        self._run(self.now_ms + ms - ms % SCAN_MS, None)
 
-    def run_until(self, condition: Callable[[], bool], *, within_ms: int, what: str = "condition") -> int:
+    def run_until(self, condition: Expr | Callable[[], bool], *, within_ms: int, what: str = "condition") -> int:
         """Run until a condition is met after a scan.
+
+        Args:
+            condition: Condition over the devices of the program and the state of the plant; or a function, which is
+                called after every scan, so that the twin cannot run in machine code.
+            within_ms: Time limit, ms, rounded up to complete scans.
+            what: Description of the condition for the error.
 
         Returns:
             Elapsed simulated time, ms.
@@ -148,15 +259,102 @@ class Twin:
             NotReachedError: The condition was not met within the time limit.
         """
         since_ms = self.now_ms
-        while self.now_ms - since_ms < within_ms:
-            self.scan()
-            if condition():
-                return self.now_ms - since_ms
+        if self.runs_until(condition, for_ms=within_ms):
+            return self.now_ms - since_ms
         raise NotReachedError(f"{what} not reached within {within_ms} ms; {self.situation()}")
 
-    def run_until_state(self, state: State, *, within_ms: int) -> int:
-        """Run until the machine is in a PackML state; return the elapsed time, ms."""
-        return self.run_until(lambda: self.state == state, within_ms=within_ms, what=state.name)
+    def runs_until(self, condition: Expr | Callable[[], bool], *, for_ms: int) -> bool:
+        """Run for a time, or until a condition is met after a scan; return True if it is met.
+
+        Args:
+            condition: As for `run_until`.
+            for_ms: Time, ms, rounded up to complete scans.
+        """
+        return self._run(self.now_ms - -for_ms // SCAN_MS * SCAN_MS, condition)
+
+    def run_until_state(self, *states: State, within_ms: int) -> int:
+        """Run until the machine is in one of the PackML states; return the elapsed time, ms."""
+        word = self.machine.tags.machine.state
+        condition = any_of(*(word.equals(state) for state in states))
+        return self.run_until(condition, within_ms=within_ms, what=" or ".join(state.name for state in states))
+
+    def _run(self, until_ms: int, condition: Expr | Callable[[], bool] | None) -> bool:
+        """Run until a time; return True as soon as the condition is met after a scan."""
+        while self.now_ms < until_ms:
+            if not callable(condition) and self._run_compiled(until_ms, condition):
+                return True
+            if self.now_ms >= until_ms:
+                break
+            self.scan()
+            if self._is_met(condition):
+                return True
+        return False
+
+    def _run_compiled(self, until_ms: int, condition: Expr | None) -> bool:
+        """Run in machine code as far as possible; return True if the condition is met after a scan."""
+        run = self._compiled
+        if run is None or any(devices is None for _, devices in self._monitors):
+            return False
+        while self.now_ms < until_ms and run.serves(self.runtime) and self.runtime.observers == [self._log]:
+            if self._releases:
+                self._release_buttons(self.now_ms)
+            due_ms = (self.now_ms + -self.now_ms % period_ms for period_ms, _ in self._periodic)
+            stop_ms = min((until_ms, *self._releases.values(), *due_ms))
+            fault_ms = self.plant.faults.next_ms
+            if fault_ms is not None:
+                stop_ms = min(stop_ms, self.now_ms + fault_ms - self.plant.time_ms)
+            stop_ms = self.now_ms + max(stop_ms - self.now_ms, 0) // SCAN_MS * SCAN_MS
+            if stop_ms <= self.now_ms:
+                return False
+            now_ms, is_met = run.ticks(stop_ms, condition, now_ms=self.now_ms, on_change=self._report)
+            self.clock.advance(now_ms - self.now_ms)
+            if is_met:
+                return True
+        return False
+
+    def _report(self, now_ms: int) -> None:
+        """Call observers and monitors after a scan in machine code."""
+        self.clock.advance(now_ms - self.now_ms)
+        self.runtime.notify_observers(now_ms)
+        self._call_monitors(self._compiled.begun() if self._compiled else ())
+
+    def _call_monitors(self, begun: Iterable[Trigger]) -> None:
+        for trigger in begun:
+            trigger.action()
+        for monitor, _ in self._monitors:
+            monitor(self)
+        for period_ms, act in self._periodic:
+            if self.now_ms % period_ms == 0:
+                act(self)
+
+    def _watch_devices(self) -> None:
+        """Adapt the devices that interrupt a run in machine code to the observers and monitors."""
+        devices = [*self._log.devices]
+        for _, watched in self._monitors:
+            devices += watched or ()
+        if self._compiled is not None:
+            self._compiled.watch(devices, self._triggers)
+
+    def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
+        if condition is None or callable(condition):
+            return condition is not None and condition()
+        return self._holds(condition, self._cells)
+
+    def _holds(self, condition: Expr, cells: np.ndarray) -> bool:
+        """Return True if a condition is true, by machine code if the controller executes it, else by interpretation."""
+        run = self._compiled
+        if run is not None and run.executes(self.runtime):
+            return run.holds(condition, cells)
+        return Interpreter(self.plc.memory, self.plant.state).holds(condition, cells)
+
+    def _evaluate_triggers(self) -> list[Trigger]:
+        """Return the triggers whose conditions have become true in a scan in Python."""
+        begun = []
+        for trigger in self._triggers:
+            held, trigger.holds = trigger.holds, self._holds(trigger.condition, trigger.cells)
+            if trigger.holds and not held:
+                begun.append(trigger)
+        return begun
 
     def press(self, button: str, for_ms: int = 100) -> None:
         """Press a push button; it is released automatically after `for_ms`."""
@@ -184,9 +382,13 @@ class Twin:
         active = self.plc.memory.S
         return [name for name, number in self._steps if active[number]]
 
+    def step_of(self, sequence: str, step: str) -> Bit:
+        """Return the state that is on while a step is active."""
+        return self._sequences[sequence][step]
+
     def in_step(self, sequence: str, step: str) -> bool:
         """Return True if a step is active."""
-        return self.plc.memory.S[self._sequences[sequence][step].number]
+        return self.plc.memory.S[self.step_of(sequence, step).number]
 
     def outputs(self) -> set[str]:
         """Return the tags of the outputs that are on (logical state)."""

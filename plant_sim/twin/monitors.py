@@ -1,23 +1,24 @@
 """Safety monitors: conditions that must hold after every scan, under any fault.
 
-A monitor is a factory: it resolves its terminals once and returns a check. The check returns a description of the
-violation, or None. `guard` attaches monitors to a twin and stops it at the first violation; `collect_violations` lets
-it continue and collects the violations.
+A monitor is a factory: it resolves its terminals once and returns rules, whose conditions are compiled. `guard`
+attaches monitors to a twin and stops it at the first violation; `collect_violations` lets it continue and collects the
+violations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Protocol
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import NamedTuple, Protocol
 
+from controller.core.expr import Bit, Expr, all_of, any_of
 from controller.iomap.loader import Point
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.tags import SIDES
 from plant_sim.machine.parameters import Machine
-from plant_sim.machine.plant import Event
+from plant_sim.machine.plant import ArmPlant, Event
+from plant_sim.twin.conditions import Advances, Quantity
 from plant_sim.twin.lock_step import Twin
-
-Check = Callable[[], str | None]
 
 INDICATORS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 """Outputs that do not drive an actuator."""
@@ -25,133 +26,109 @@ CREEP_M = 0.002
 """Permitted travel of a slide on trapped air before it stops, m."""
 
 
+class SafetyRule(NamedTuple):
+    """Condition that must never become true, and the description of the violation.
+
+    The condition is compiled. A rule about seedlings or incidents has a function instead, which is called after every
+    scan that follows a move of a seedling or an incident.
+    """
+
+    violated: Expr | Callable[[], bool]
+    text: Callable[[], str]
+
+
 class Monitor(Protocol):
-    """Factory of the check for a twin."""
+    """Factory of the rules for a twin."""
 
     __name__: str
 
-    def __call__(self, twin: Twin, /) -> Check:
-        """Resolve the terminals and return the check."""
+    def __call__(self, twin: Twin, /) -> Iterable[SafetyRule]:
+        """Resolve the terminals and positions and return the rules."""
 
 
 class UnsafeError(AssertionError):
     """Violation found by a monitor; the message contains its description, the time and the state of the machine."""
 
 
-def opposite_coils(twin: Twin) -> Check:
-    """Check that the two coils of a valve or motor are never on together."""
-    io_map = twin.io_map
-    pairs = [
-        (io_map[f"{side}.{one}"], io_map[f"{side}.{two}"]) for side in SIDES for one, two in (SLIDE, LIFT, BELT, CLAWS)
-    ]
-
-    allowed = io_map.safe_outputs()
-
-    def check() -> str | None:
-        nonlocal allowed
-        if twin.runtime.released == allowed:
-            return None
-        for one, two in pairs:
-            if is_on(twin, one) and is_on(twin, two):
-                return f"{one.tag} and {two.tag} are on together"
-        allowed = list(twin.runtime.released)
-        return None
-
-    return check
+def opposite_coils(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that the two coils of a valve or motor are never on together."""
+    for side in SIDES:
+        for pair in (SLIDE, LIFT, BELT, CLAWS):
+            one, two = (twin.io_map[f"{side}.{tag}"] for tag in pair)
+            yield SafetyRule(all_of(_on(one), _on(two)), partial("{} and {} are on together".format, one.tag, two.tag))
 
 
-def dead_in_emergency_stop(twin: Twin) -> Check:
-    """Check that no coil is on in any scan that reads the emergency stop as pressed."""
+def dead_in_emergency_stop(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that no coil is on in any scan that reads the emergency stop as pressed."""
     button = twin.io_map["emergency_stop"]
     coils = [point for point in twin.io_map.outputs if point.tag not in INDICATORS]
 
-    def check() -> str | None:
-        if not button.active(twin.plc.memory.X[button.number]):
-            return None
-        on = [point.tag for point in coils if is_on(twin, point)]
-        return f"{', '.join(on)} on in emergency stop" if on else None
+    def text() -> str:
+        return f"{', '.join(point.tag for point in coils if is_on(twin, point))} on in emergency stop"
 
-    return check
+    yield SafetyRule(all_of(_active(Bit("X", button.number), button), any_of(*map(_on, coils))), text)
 
 
-def gentle_inward(twin: Twin) -> Check:
-    """Check that a slide moves inward only while its arm is down and its claws are open and converged.
+def gentle_inward(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that a slide moves inward only while its arm is down and its claws are open and converged.
 
-    The check uses actual positions, not sensors. Neither travel on trapped air before a slide stops nor a rebound
+    The rules use actual positions, not sensors. Neither travel on trapped air before a slide stops nor a rebound
     within the feed switch band counts as inward motion.
     """
-    outermost_m: dict[str, float] = {}
-    last_m: dict[str, float] = {}
-    at_feed_m = twin.parameters.slide.switch_band_m + twin.parameters.slide.switch_hysteresis_m
-    spec = twin.parameters.handling
-    low_m = twin.parameters.lift.switch_band_m + twin.parameters.lift.switch_hysteresis_m
+    machine = twin.parameters
+    at_feed_m = machine.slide.switch_band_m + machine.slide.switch_hysteresis_m
+    low_m = machine.lift.switch_band_m + machine.lift.switch_hysteresis_m
+    for number, (side, arm) in enumerate(twin.plant.arms.items()):
+        slide, lift, claws = (Quantity(f"arms.{number}.{drive}.position_m") for drive in ("slide", "lift", "claws"))
+        raised = lift < machine.lift.stroke_m - low_m
+        rough = (claws < arm.claws.frees_above_m) | (
+            Quantity(f"arms.{number}.spreader.travel_m") > machine.handling.pitch_tolerance_m
+        )
+        moves = Advances(slide, CREEP_M, during=raised | rough) & (slide > at_feed_m)
 
-    def check() -> str | None:
-        for side, arm in twin.plant.arms.items():
-            x_m = arm.slide.x_m
-            if last_m.get(side) == x_m:
-                continue
-            last_m[side] = x_m
-            reason = None
+        def text(side: str = side, arm: ArmPlant = arm) -> str:
             if arm.lift.rise_m > low_m:
-                reason = f"{arm.lift.rise_m * 1000:.1f} mm above the lower limit"
-            elif not arm.claws.free or arm.spreader.travel_m > spec.pitch_tolerance_m:
-                reason = "with claws not open and converged"
-            if reason is None:
-                outermost_m.pop(side, None)
-                continue
-            outermost_m[side] = min(outermost_m.get(side, x_m), x_m)
-            if x_m > max(outermost_m[side] + CREEP_M, at_feed_m):
-                return f"{side} slide moves inward {reason}"
-        return None
+                return f"{side} slide moves inward {arm.lift.rise_m * 1000:.1f} mm above the lower limit"
+            return f"{side} slide moves inward with claws not open and converged"
 
-    return check
+        yield SafetyRule(moves, text)
 
 
-def tray_between_arms_at_feed(twin: Twin) -> Check:
-    """Check that the tray moves only while both arms are at feed."""
+def tray_between_arms_at_feed(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that the tray moves only while both arms are at feed."""
+    belt = Quantity("conveyor.belt_m_s")
     feed_m = twin.parameters.handling.feed_tolerance_m
-
-    def check() -> str | None:
-        if not twin.plant.conveyor.speed_m_s:
-            return None
-        away = [side for side, arm in twin.plant.arms.items() if arm.slide.x_m > feed_m]
-        return f"the tray moves while the {away[0]} arm is away from feed" if away else None
-
-    return check
+    for number, side in enumerate(twin.plant.arms):
+        away = Quantity(f"arms.{number}.slide.position_m") > feed_m
+        moves = (belt > 0.0) | (belt < 0.0)
+        yield SafetyRule(moves & away, partial("the tray moves while the {} arm is away from feed".format, side))
 
 
-def one_in_the_centre(twin: Twin) -> Check:
-    """Check that the arms are never both inward of pick 2."""
+def one_in_the_centre(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that the arms are never both inward of pick 2."""
     inward_m = centre_from_m(twin.parameters)
-
-    def check() -> str | None:
-        inside = all(arm.slide.x_m > inward_m for arm in twin.plant.arms.values())
-        return "both arms are in the centre" if inside else None
-
-    return check
+    inside = (Quantity(f"arms.{number}.slide.position_m") > inward_m for number in range(len(SIDES)))
+    yield SafetyRule(all_of(*inside), lambda: "both arms are in the centre")
 
 
-def no_incident(twin: Twin) -> Check:
-    """Check that there is no collision, and that no seedling is dropped, torn, cut or released over an occupied cup."""
-
-    def check() -> str | None:
-        events = twin.plant.events
-        return f"{events[0].kind}: {events[0].text}" if events else None
-
-    return check
+def no_incident(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that there is no collision, and that no seedling is dropped, torn, cut or released over a full cup."""
+    events = twin.plant.events
+    yield SafetyRule(lambda: bool(events), lambda: f"{events[0].kind}: {events[0].text}")
 
 
-def every_seedling_somewhere(twin: Twin) -> Check:
-    """Check that every seedling is at exactly one location."""
+def every_seedling_somewhere(twin: Twin) -> Iterator[SafetyRule]:
+    """Require that every seedling is at exactly one location."""
     total = twin.plant.counts().total
 
-    def check() -> str | None:
+    def accounted() -> int:
         c = twin.plant.counts()
-        accounted = c.in_tray + c.in_claw + c.in_cups + c.P + c.D + c.T
-        return None if accounted == c.total == total else f"{accounted} of {total} seedlings accounted for: {c}"
+        return c.in_tray + c.in_claw + c.in_cups + c.P + c.D + c.T
 
-    return check
+    def text() -> str:
+        return f"{accounted()} of {total} seedlings accounted for: {twin.plant.counts()}"
+
+    yield SafetyRule(lambda: not accounted() == twin.plant.counts().total == total, text)
 
 
 MONITORS: tuple[Monitor, ...] = (
@@ -172,14 +149,13 @@ def guard(twin: Twin, monitors: Iterable[Monitor] = MONITORS) -> Twin:
         twin: The machine; a scan with a violation raises `UnsafeError`.
         monitors: Monitors to attach; all by default.
     """
-    checks = [monitor(twin) for monitor in monitors]
 
-    def stop(twin: Twin) -> None:
-        for check in checks:
-            if (violation := check()) is not None:
-                raise UnsafeError(f"{violation}; {twin.situation()}")
+    def stop(text: Callable[[], str]) -> None:
+        raise UnsafeError(f"{text()}; {twin.situation()}")
 
-    twin.watch(stop)
+    for monitor in monitors:
+        for rule in monitor(twin):
+            _attach(twin, rule, partial(stop, rule.text))
     return twin
 
 
@@ -190,20 +166,48 @@ def collect_violations(twin: Twin) -> dict[str, str]:
         Description of the first violation of each kind, by kind of incident or name of the monitor. The dictionary is
         filled while the twin runs.
     """
-    checks = {monitor.__name__: monitor(twin) for monitor in MONITORS if monitor is not no_incident}
     trips: dict[str, str] = {}
     seen: list[Event] = []
 
+    def note(name: str, text: Callable[[], str]) -> None:
+        if name not in trips:
+            trips[name] = f"{text()}, at {twin.now_ms} ms"
+
+    for monitor in MONITORS:
+        if monitor is not no_incident:
+            for rule in monitor(twin):
+                _attach(twin, rule, partial(note, monitor.__name__, rule.text))
+
     def collect(twin: Twin) -> None:
-        for name, check in checks.items():
-            if name not in trips and (violation := check()) is not None:
-                trips[name] = f"{violation}, at {twin.now_ms} ms"
         for event in twin.plant.events[len(seen) :]:
             seen.append(event)
             trips.setdefault(event.kind.value, f"{event.text}, at {event.time_ms} ms")
 
-    twin.watch(collect)
+    twin.watch(collect, devices=())
     return trips
+
+
+def _attach(twin: Twin, rule: SafetyRule, action: Callable[[], None]) -> None:
+    """Execute an action after every scan in which a rule begins to be violated."""
+    violated = rule.violated
+    if isinstance(violated, Expr):
+        twin.when(violated, action)
+        return
+
+    def check(_twin: Twin) -> None:
+        if violated():
+            action()
+
+    twin.watch(check, devices=())
+
+
+def _on(output: Point) -> Expr:
+    """Return the condition that the program sets an output on; the runtime can only suppress it."""
+    return _active(Bit("Y", output.number), output)
+
+
+def _active(bit: Bit, point: Point) -> Expr:
+    return ~bit if point.inverted else bit
 
 
 def is_on(twin: Twin, output: Point) -> bool:

@@ -7,6 +7,8 @@ from controller.program.tags import IN_PLACE, SIDES
 from plant_sim.crop.seedling import COLUMNS, Location
 from plant_sim.devices.pneumatic import Cylinder
 from plant_sim.faults import Fault
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+from plant_sim.twin.conditions import Quantity
 from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
 
 CLEAR_MS = 3_200
@@ -16,6 +18,8 @@ AIR_LIMIT_MS = 600_000
 """Maximum wait for air pressure, ms; the compressor fills an empty receiver in less time."""
 AIR_SHARE = 0.95
 """Fraction of the regulated pressure at which the air supply counts as restored."""
+MANIFOLD = Quantity("air.network.manifold.pressure_pa")
+"""Regulated pressure, absolute, Pa."""
 AIR = ("supply", "compressor")
 """Fault targets that affect the air of every cylinder."""
 
@@ -62,7 +66,7 @@ def home_again(twin: Twin) -> set[str]:
     asked: set[str] = set()
     for _ in range(2):
         begin_homing(twin)
-        twin.run_until(lambda: twin.state in {State.IDLE, State.HELD}, within_ms=HOMING_LIMIT_MS, what="Idle or Held")
+        twin.run_until_state(State.IDLE, State.HELD, within_ms=HOMING_LIMIT_MS)
         if twin.state is State.IDLE:
             return asked
         asked |= answer_truly(twin)
@@ -142,7 +146,7 @@ def repair(twin: Twin, fault: Fault) -> None:
     twin.plant.faults.clear(fault.name)
     if not twin.plant.box.emergency_stop:
         least_pa = AIR_SHARE * twin.parameters.supply.pressure_pa
-        twin.run_until(lambda: twin.plant.supply.pressure_pa >= least_pa, within_ms=AIR_LIMIT_MS, what="pressure")
+        twin.run_until(~(ATMOSPHERE_PA + least_pa > MANIFOLD), within_ms=AIR_LIMIT_MS, what="pressure")
     for device in affected_cylinders(twin, fault):
         device.place(device.position_m)
 

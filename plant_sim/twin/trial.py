@@ -19,6 +19,7 @@ from plant_sim.twin.recording import recorded
 from plant_sim.twin.report import TrialReport, make_report
 
 HOMING_LIMIT_MS = 60_000
+PROGRESS_MS = 1_000
 ROWS_A_TRAY = 6
 TRAY_LIMIT_MS = 600_000
 """Time limit per tray, ms; at 20 plants per minute per row a tray takes 108 s."""
@@ -34,7 +35,7 @@ def run_trial(
     set_points: Mapping[str, int] | None = None,
     faults: Iterable[Fault] = (),
     record: Path | None = None,
-    progress: Callable[[Twin], None] | None = None,
+    prepare: Callable[[Twin], None] | None = None,
 ) -> TrialReport:
     """Transplant complete trays in simulated time.
 
@@ -47,7 +48,7 @@ def run_trial(
         set_points: Initial values of set-points, by name of `SetPoints`.
         faults: Faults of the plant.
         record: Path of a recording of the run; None = no recording.
-        progress: Function called after every scan.
+        prepare: Function that is called before the run, to register monitors.
 
     Returns:
         Report of the complete or incomplete trial.
@@ -69,8 +70,8 @@ def run_trial(
     )
     if seedlings is not None and seedlings < trays * TRAY_CELLS:
         twin.plant.seedlings.leave_out(trays - 1, trays * TRAY_CELLS - seedlings)
-    if progress is not None:
-        twin.watch(progress)
+    if prepare is not None:
+        prepare(twin)
     reason = ""
     try:
         with recorded(twin, record, seed=seed):
@@ -92,11 +93,9 @@ def run_trial(
 
 
 def show_progress(view: ProgressView, trays: int, language: Language) -> Callable[[Twin], None]:
-    """Return a monitor that shows the progress of a trial once per simulated second."""
+    """Return a function that makes a twin show the progress of its trial once per simulated second."""
 
     def show(twin: Twin) -> None:
-        if twin.now_ms % 1_000:
-            return
         counts = twin.plant.counts()
         view.show(
             ProgressState(
@@ -111,4 +110,4 @@ def show_progress(view: ProgressView, trays: int, language: Language) -> Callabl
             )
         )
 
-    return show
+    return lambda twin: twin.every(PROGRESS_MS, show)

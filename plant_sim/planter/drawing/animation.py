@@ -1,4 +1,4 @@
-"""Animation of a planter passing the bottom arc."""
+"""Animations of the planters: on the chain, on the three paths of Fig. 4, and past the bottom arc."""
 
 from __future__ import annotations
 
@@ -6,20 +6,18 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from plant_sim.common.figure_style import write_whole
-from plant_sim.planter.drawing.paths import draw_paths, shown_m, window_s
-from plant_sim.planter.drawing.shapes import note_origin, place_planter, planter_lines
-from plant_sim.planter.motion import Motion
+from plant_sim.planter.chain import ChainSpec
+from plant_sim.planter.drawing.gif import frame_count, write_gif
+from plant_sim.planter.drawing.paths import draw_paths, regime_motions, regimes_figure, shown_m, window_s
+from plant_sim.planter.drawing.scheme import Scheme
+from plant_sim.planter.drawing.shapes import POINTS, note_origin, place_planter, planter_lines
+from plant_sim.planter.motion import Motion, MotionModel, PathSegment
 
 SLOWED: Final = 4
 """Ratio of the duration of the animation to that of the real motion."""
-FRAMES_PER_S: Final = 12
-
-_DPI = 90
 
 
 def write_animation(motion: Motion, path: Path, *, title: str) -> None:
@@ -33,17 +31,15 @@ def write_animation(motion: Motion, path: Path, *, title: str) -> None:
     Raises:
         FigureError: The file cannot be written.
     """
-    figure = Figure(figsize=(6.0, 4.8), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(6.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
     draw_paths(axes, motion)
     figure.suptitle(f"{title}\n{SLOWED} times slower than the machine", fontsize=7.5)
     note_origin(figure)
     lines = planter_lines(axes)
-    figure.draw_without_rendering()
     axes.autoscale(enable=False)
-    figure.set_layout_engine("none")  # all frames use the layout of the first
     first_s, last_s = window_s(motion)
-    times_s = np.linspace(first_s, last_s, max(2, round((last_s - first_s) * SLOWED * FRAMES_PER_S)))
+    times_s = np.linspace(first_s, last_s, frame_count(last_s - first_s, slowed=SLOWED))
     hinges_m, tips_m = (shown_m(motion, times_s, offset) for offset in ((0.0, 0.0), motion.chain.tip))
 
     def show(frame: int) -> list[Artist]:
@@ -51,5 +47,52 @@ def write_animation(motion: Motion, path: Path, *, title: str) -> None:
         place_planter(lines, motion.chain, (hinge_m[0], hinge_m[1]), (tip_m[0], tip_m[1]))
         return list(lines)
 
-    animation = FuncAnimation(figure, show, frames=len(times_s), blit=False)
-    write_whole(path, lambda part: animation.save(part, writer=PillowWriter(fps=FRAMES_PER_S), dpi=_DPI))
+    write_gif(figure, show, len(times_s), path)
+
+
+def write_regimes_animation(chain: ChainSpec, path: Path, *, frequency_per_min: float, model: MotionModel) -> None:
+    """Write an animated GIF of Fig. 4: the three paths, each with the tip that describes it.
+
+    Args:
+        chain: Parameters of the chain.
+        path: File to write.
+        frequency_per_min: Planting frequency, 1/min.
+        model: Model of the motion.
+
+    Raises:
+        FigureError: The file cannot be written.
+    """
+    figure = regimes_figure(chain, frequency_per_min=frequency_per_min, model=model)
+    motions = regime_motions(chain, frequency_per_min=frequency_per_min, model=model)
+    arc_s = motions[0].starts_s[PathSegment.RISE] - motions[0].starts_s[PathSegment.BOTTOM]
+    share = np.linspace(0.0, 1.0, frame_count(arc_s, slowed=SLOWED), endpoint=False)
+    paths_m = [shown_m(each, each.starts_s[PathSegment.BOTTOM] + share * arc_s, chain.tip) for each in motions]
+    tips = [axes.plot([], [], "o", color=POINTS["tip"], markersize=7, zorder=6)[0] for axes in figure.axes]
+
+    def show(frame: int) -> list[Artist]:
+        for tip, path_m in zip(tips, paths_m, strict=True):
+            tip.set_data([path_m[frame, 0]], [path_m[frame, 1]])
+        return list(tips)
+
+    write_gif(figure, show, len(share), path)
+
+
+def write_scheme_animation(chain: ChainSpec, path: Path, *, model: MotionModel) -> None:
+    """Write an animated GIF of Fig. 3: the planters move on by one planter, after which the animation repeats.
+
+    Args:
+        chain: Parameters of the chain.
+        path: File to write.
+        model: Model of the motion.
+
+    Raises:
+        FigureError: The file cannot be written.
+    """
+    drawing = Scheme(chain, model)
+    spacing_s = drawing.motion.period_s / chain.planters
+    times_s = np.linspace(0.0, spacing_s, frame_count(spacing_s, slowed=1.0), endpoint=False)
+
+    def show(frame: int) -> list[Artist]:
+        return drawing.place(float(times_s[frame]))
+
+    write_gif(drawing.figure, show, len(times_s), path)

@@ -45,6 +45,21 @@ def shown_m(motion: Motion, times_s: ArrayLike, offset: Offset) -> NDArray[np.fl
     return positions_m
 
 
+def regime_motions(chain: ChainSpec, *, frequency_per_min: float, model: MotionModel) -> list[Motion]:
+    """Return the motions of Fig. 4, in the order of `FIG_4_RATIOS`.
+
+    Args:
+        chain: Parameters of the chain.
+        frequency_per_min: Planting frequency, 1/min.
+        model: Model of the motion.
+    """
+    chain_m_s = chain.pitch_m * frequency_per_min / 60
+    return [
+        Motion(chain, speed_m_s=chain_m_s / ratio, frequency_per_min=frequency_per_min, model=model)
+        for ratio in FIG_4_RATIOS.values()
+    ]
+
+
 def regimes_figure(chain: ChainSpec, *, frequency_per_min: float, model: MotionModel = MotionModel.RIGID) -> Figure:
     """Return a figure of the three paths of the tip, after Fig. 4, with the points c, e and d.
 
@@ -56,10 +71,11 @@ def regimes_figure(chain: ChainSpec, *, frequency_per_min: float, model: MotionM
         model: Model of the motion.
     """
     figure = Figure(figsize=(7.2, 2.8), layout="constrained")
-    chain_m_s = Motion(chain, speed_m_s=0.0, frequency_per_min=frequency_per_min).chain_m_s
+    motions = regime_motions(chain, frequency_per_min=frequency_per_min, model=model)
     panels = figure.subplots(1, len(FIG_4_RATIOS), sharex=True, sharey=True)
-    for index, (axes, (name, ratio)) in enumerate(zip(panels, FIG_4_RATIOS.items(), strict=True), start=1):
-        motion = Motion(chain, speed_m_s=chain_m_s / ratio, frequency_per_min=frequency_per_min, model=model)
+    for index, (axes, (name, ratio), motion) in enumerate(
+        zip(panels, FIG_4_RATIOS.items(), motions, strict=True), start=1
+    ):
         arc_s = np.linspace(motion.starts_s[PathSegment.BOTTOM], motion.starts_s[PathSegment.RISE], 401)
         path_m = shown_m(motion, arc_s[:-1], chain.tip)
         axes.plot(path_m[:, 0], path_m[:, 1], color=POINTS["tip"])

@@ -8,21 +8,20 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
-from plant_sim.common.figure_style import QUIET, write_whole
+from plant_sim.common.figure_style import QUIET
 from plant_sim.planter.contact import FallFrame
+from plant_sim.planter.drawing.gif import frame_count, write_gif
 from plant_sim.planter.drawing.shapes import POINTS, SOIL, note_origin
 from plant_sim.planter.parameters import Planter
 
 SLOWED: Final = 8
 """Ratio of the duration of the animation to that of the real motion."""
-FRAMES_PER_S: Final = 12
 
 _PANELS: Final = 6
 _SUBSTRATE, _STEM = "#8C6D46", "#4C8C3B"
@@ -30,7 +29,6 @@ _PLATE_M: Final = 0.09
 _AHEAD_M, _BEHIND_M, _HIGH_M = 0.12, 0.08, 0.16
 _LEFT_M: Final = 0.10
 """Height of the hinge above its lowest point from which the guide plate is clear of the block, m."""
-_DPI = 80
 
 
 def process_figure(frames: Sequence[FallFrame], planter: Planter, *, title: str) -> Figure:
@@ -66,19 +64,16 @@ def write_process(frames: Sequence[FallFrame], planter: Planter, path: Path, *, 
     Raises:
         FigureError: The file cannot be written.
     """
-    figure = Figure(figsize=(5.0, 4.2), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(5.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
     drawing = _Drawing(axes, planter)
     axes.set_xlabel("position along the row from the lowest point of the planter, m")
     axes.set_ylabel("height above the bottom of the furrow, m")
     figure.suptitle(f"{title}\n{SLOWED} times slower than the machine", fontsize=7.5)
     note_origin(figure)
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # all frames use the layout of the first
-    every = max(1, round(1 / (frames[1].time_s - frames[0].time_s) / (SLOWED * FRAMES_PER_S)))
-    shown = frames[::every]
-    animation = FuncAnimation(figure, lambda index: drawing.show(shown[index]), frames=len(shown), blit=False)
-    write_whole(path, lambda part: animation.save(part, writer=PillowWriter(fps=FRAMES_PER_S), dpi=_DPI))
+    duration_s = frames[-1].time_s - frames[0].time_s
+    shown = np.linspace(0, len(frames) - 1, frame_count(duration_s, slowed=SLOWED)).round().astype(int).tolist()
+    write_gif(figure, lambda index: drawing.show(frames[shown[index]]), len(shown), path)
 
 
 class _Drawing:

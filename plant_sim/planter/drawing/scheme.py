@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -23,16 +24,52 @@ _FREQUENCY_PER_MIN = 60.0
 """Planting frequency, which does not affect the scheme."""
 
 
-def scheme(chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> Figure:
-    """Return the scheme in machine coordinates: chain path, sprockets, planters, joints A to D and dimensions.
+class Scheme:
+    """Scheme in machine coordinates: chain path, sprockets, planters, joints A to D and dimensions.
 
-    Args:
-        chain: Parameters of the chain.
-        model: Model of the motion.
+    Attributes:
+        motion: Motion of the planters relative to the machine.
+        figure: The figure; half a spacing after time 0, no planter covers a joint.
     """
-    motion = Motion(chain, speed_m_s=0.0, frequency_per_min=_FREQUENCY_PER_MIN, model=model)
-    figure = Figure(figsize=(5.8, 8.2), layout="constrained")
-    axes = figure.add_subplot()
+
+    def __init__(self, chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> None:
+        """Draw the scheme.
+
+        Args:
+            chain: Parameters of the chain.
+            model: Model of the motion.
+        """
+        self.motion = Motion(chain, speed_m_s=0.0, frequency_per_min=_FREQUENCY_PER_MIN, model=model)
+        self.figure = Figure(figsize=(5.8, 8.2), layout="constrained")
+        axes = self.figure.add_subplot()
+        _draw_machine(axes, self.motion)
+        self._planters = [planter_lines(axes) for _ in range(chain.planters)]
+        (self._hinges,) = axes.plot([], [], "o", color=COLOURS["machine"], markersize=3, zorder=4)
+        self.place(self.motion.period_s / chain.planters / 2)
+        _mark_joints(axes, self.motion)
+        _dimension(axes, chain)
+        draw_soil(axes, chain)
+        axes.legend(loc="center right", fontsize=7)
+        axes.set_aspect("equal", adjustable="box")
+        axes.set_xlim(-chain.sprocket_radius_m - 0.32, chain.sprocket_radius_m + chain.offset_m + 0.49)
+        axes.set_xlabel("x, direction of travel, m")
+        axes.set_ylabel("y, m")
+        axes.set_title(f"Chain planter, scheme after Fig. 3, model {model}")
+        note_origin(self.figure)
+
+    def place(self, time_s: float) -> list[Artist]:
+        """Move the planters to their positions at a time, s; return everything that has moved."""
+        chain = self.motion.chain
+        hinges_m, tips_m = (self.motion.position_m(time_s, offset)[:, 0] for offset in ((0.0, 0.0), chain.tip))
+        for lines, hinge_m, tip_m in zip(self._planters, hinges_m, tips_m, strict=True):
+            place_planter(lines, chain, (hinge_m[0], hinge_m[1]), (tip_m[0], tip_m[1]))
+        self._hinges.set_data(hinges_m[:, 0], hinges_m[:, 1])
+        return [self._hinges, *(line for lines in self._planters for line in lines)]
+
+
+def _draw_machine(axes: Axes, motion: Motion) -> None:
+    """Draw the paths of the points of a planter and the sprockets."""
+    chain = motion.chain
     times_s = np.linspace(0.0, motion.period_s, 721)
     for name, offset in offsets_of(chain).items():
         path_m = motion.position_m(times_s, offset)[0]
@@ -40,23 +77,6 @@ def scheme(chain: ChainSpec, model: MotionModel = MotionModel.RIGID) -> Figure:
     for centre_m in (0.0, chain.centre_distance_m):
         axes.add_patch(Circle((0.0, centre_m), chain.sprocket_radius_m, fill=False, color=QUIET, linewidth=0.6))
         axes.plot(0.0, centre_m, "+", color=QUIET, markersize=5)
-    # half a spacing after time 0, no planter covers a joint
-    hinges_m = motion.position_m(motion.period_s / chain.planters / 2)[:, 0]
-    tips_m = motion.position_m(motion.period_s / chain.planters / 2, chain.tip)[:, 0]
-    for hinge_m, tip_m in zip(hinges_m, tips_m, strict=True):
-        place_planter(planter_lines(axes), chain, (hinge_m[0], hinge_m[1]), (tip_m[0], tip_m[1]))
-        axes.plot(*hinge_m, "o", color=COLOURS["machine"], markersize=3, zorder=4)
-    _mark_joints(axes, motion)
-    _dimension(axes, chain)
-    draw_soil(axes, chain)
-    axes.legend(loc="center right", fontsize=7)
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_xlim(-chain.sprocket_radius_m - 0.32, chain.sprocket_radius_m + chain.offset_m + 0.49)
-    axes.set_xlabel("x, direction of travel, m")
-    axes.set_ylabel("y, m")
-    axes.set_title(f"Chain planter, scheme after Fig. 3, model {model}")
-    note_origin(figure)
-    return figure
 
 
 def _mark_joints(axes: Axes, motion: Motion) -> None:

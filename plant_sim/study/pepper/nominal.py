@@ -33,7 +33,7 @@ def observed_rows(machine: Machine, *, seed: int = 1) -> list[RowMotion]:
     """
     twin = Twin(seed=seed, trays=TRAYS, parameters=machine, set_points={"trays_target": TRAYS})
     watch = MotionWatch()
-    twin.watch(watch)
+    twin.watch(watch, devices=())
     try:
         twin.home(within_ms=HOMING_LIMIT_MS)
         twin.start()

@@ -8,13 +8,12 @@ axial runs and the other centre runs are held back.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import norm
 
 from plant_sim.planter.ground import ScatterSpec
 from plant_sim.study.doe.regression import fit, terms
@@ -90,7 +89,9 @@ def lodging_percent(tipping: Tipping, force_n: Values, constants: LodgingConstan
         constants: Constants of lodging.
         scatter: Scatter of the clearance, and the force to which the share of sticking blocks applies.
     """
-    sticks = np.minimum(1.0, constants.stick_share * (force_n / scatter.stick_n) ** constants.stick_exponent)
+    share, exponent = float(constants.stick_share), float(constants.stick_exponent)
+    law = replace(scatter, stick_share=share, stick_exponent=exponent)
+    sticks = np.array([law.stick_share_at(each) for each in force_n.tolist()])
     tips = tipping.share(constants.clearance_m, scatter.clearance_sd_m)
     percent: Values = 100 * (sticks + (1 - sticks) * tips)
     return percent
@@ -118,23 +119,34 @@ def fit_lodging(
     return LodgingConstants(*_best(residuals, starts, low, high, scale=(0.01, 1.0, 0.001)))
 
 
-def injury_percent(force_n: Values, constants: InjuryConstants) -> Values:
-    """Return the injury of every run for a normally distributed strength, %."""
-    percent: Values = 100 * norm.cdf((force_n - constants.strength_n) / constants.strength_sd_n)
-    return percent
+def injury_percent(force_n: Values, constants: InjuryConstants, scatter: ScatterSpec) -> Values:
+    """Return the injury of every run according to the law of strength of `ScatterSpec`, %.
+
+    Args:
+        force_n: Clamp force of every run, N.
+        constants: Constants of injury.
+        scatter: Specification in which the constants replace those of the strength.
+    """
+    mean_n, sd_n = float(constants.strength_n), float(constants.strength_sd_n)
+    law = replace(scatter, strength_n=mean_n, strength_sd_n=sd_n)
+    return 100 * np.array([law.injured_share_at(each) for each in force_n.tolist()])
 
 
-def fit_injury(force_n: Values, observed_percent: Values, fitted: NDArray[np.bool_]) -> InjuryConstants:
+def fit_injury(
+    force_n: Values, observed_percent: Values, fitted: NDArray[np.bool_], scatter: ScatterSpec
+) -> InjuryConstants:
     """Fit the constants of injury by least squares.
 
     Args:
         force_n: Clamp force of every run, N.
         observed_percent: Observed injury of every run, %.
         fitted: Mask of the fitted runs.
+        scatter: Specification in which the constants replace those of the strength.
     """
 
-    def residuals(constants: Values) -> Values:
-        return (injury_percent(force_n, InjuryConstants(constants[0], constants[1])) - observed_percent)[fitted]
+    def residuals(scaled: Values) -> Values:
+        constants = InjuryConstants(scaled[0], scaled[1])
+        return (injury_percent(force_n, constants, scatter) - observed_percent)[fitted]
 
     starts = [(200.0, 50.0), (300.0, 100.0)]
     return InjuryConstants(*_best(residuals, starts, (100.0, 1.0), (2000.0, 1000.0), scale=(10.0, 10.0)))

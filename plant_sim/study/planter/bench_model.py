@@ -67,7 +67,7 @@ def bench_model(planter: Planter, tipping: Tipping, experiment: Experiment, natu
     lodging = fit_lodging(tipping, force_n, lodging_observed, fitted, scatter)
     none = Tipping(tipping.clearance_m, np.zeros_like(tipping.lodged))
     sticking = fit_lodging(none, force_n, lodging_observed, fitted, scatter)
-    injury = fit_injury(force_n, injury_observed, fitted)
+    injury = fit_injury(force_n, injury_observed, fitted, scatter)
     coded = cabbage_experiment("reconciled").coded
     printed = [
         Polynomial(equation(f"cabbage-equation-{number}", name)).predict(coded)
@@ -85,7 +85,7 @@ def bench_model(planter: Planter, tipping: Tipping, experiment: Experiment, natu
             *comparisons(experiment, "Y1", fitted, printed[0]),
         ],
         [
-            Predictor("law of strength", 2, injury_percent(force_n, injury)),
+            Predictor("law of strength", 2, injury_percent(force_n, injury, scatter)),
             *comparisons(experiment, "Y2", fitted, printed[1]),
         ],
         100 * tipping.share(lodging.clearance_m, scatter.clearance_sd_m),

@@ -193,9 +193,9 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
     """
     recorder, watch = TimelineRecorder(), MotionWatch()
 
-    def on_scan(twin: Twin) -> None:
-        recorder(twin)
-        watch(twin)
+    def prepare(twin: Twin) -> None:
+        recorder.attach(twin)
+        twin.watch(watch, devices=())
 
     report = run_trial(
         seed=seed,
@@ -203,7 +203,7 @@ def observe(setting: FactorSetting, seed: int, *, machine: Machine, io_map: IoMa
         io_map=io_map,
         parameters=setting.machine(machine),
         set_points=setting.set_points(),
-        progress=on_scan,
+        prepare=prepare,
     )
     landings_m = tuple(row.throw_along_m for row in watch.rows)
     return Observed(setting, seed, recorder.timeline(), landings_m, report.reason)

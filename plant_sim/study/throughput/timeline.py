@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.study.errors import StudyError
-from plant_sim.twin.lock_step import SCAN_MS, Twin
+from plant_sim.twin.lock_step import Twin
 
 ARM: Final[Mapping[Side, str]] = {"left": "left arm", "right": "right arm"}
 """Name of an arm's sequence."""
@@ -156,7 +156,7 @@ class Timeline:
 
 
 class TimelineRecorder:
-    """Monitor of the twin that records a timeline (pass it to `Twin.watch`, or as `progress` of a trial)."""
+    """Monitor of the twin that records a timeline."""
 
     def __init__(self) -> None:
         self._bits: dict[str, list[tuple[int, str]]] = {}
@@ -168,14 +168,20 @@ class TimelineRecorder:
         self._approaches: dict[Side, dict[int, int]] = {side: {} for side in SIDES}
         self._releases_ms: dict[Side, list[int]] = {side: [] for side in SIDES}
         self._throws: dict[Side, list[Throw]] = {side: [] for side in SIDES}
-        self._last_ms = 0
+        self._twin: Twin | None = None
+
+    def attach(self, twin: Twin) -> None:
+        """Record a twin from now on."""
+        steps = (bit for each in twin.machine.program.sequences() if each.name in MOTIONS for bit, _ in each)
+        arms = (device for arm in twin.machine.tags.arms.values() for device in (arm.cup, arm.in_centre))
+        twin.watch(self, (*steps, *arms))
 
     def __call__(self, twin: Twin) -> None:
         """Record the steps, cups and rows after a scan, as read from the controller's memory."""
         if not self._bits:
             self._look_up(twin)
         now_ms, states = twin.now_ms, twin.plc.memory.S
-        self._last_ms = now_ms
+        self._twin = twin
         for sequence, bits in self._bits.items():
             on = self._on.get(sequence)
             if on is not None and states[on[0]]:
@@ -189,8 +195,8 @@ class TimelineRecorder:
             self._update_arm(twin, side, now_ms)
 
     def timeline(self) -> Timeline:
-        """Return the timeline up to the end of the last recorded scan."""
-        end_ms = self._last_ms + SCAN_MS
+        """Return the timeline up to now."""
+        end_ms = 0 if self._twin is None else self._twin.now_ms
         open_ = {
             sequence: StepInterval(sequence, step, from_ms, end_ms) for sequence, (_, step, from_ms) in self._on.items()
         }

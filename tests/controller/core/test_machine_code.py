@@ -60,7 +60,7 @@ def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) 
             retained = [plc.retained() for plc in plcs]
             plcs = [Plc(program, input_filter_ms=0), with_machine_code(program)]
             for plc, values in zip(plcs, retained, strict=True):
-                plc.restore(values)
+                plc.restore_retained(values)
         now_ms += scanned.pause_ms
         for plc in plcs:
             plc.write(COMMAND, scanned.command)
@@ -165,8 +165,8 @@ class ExecutionPair(Pair):
         assert retained == fast
         self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
         self.fast = with_machine_code(MACHINE.program, self.filter_ms)
-        self.soft.restore(retained)
-        self.fast.restore(retained)
+        self.soft.restore_retained(retained)
+        self.fast.restore_retained(retained)
 
     def scan(self, now_ms: int, levels: list[bool]) -> list[bool]:  # type: ignore[override]
         images = [plc.retentive_image() for plc in (self.soft, self.fast)]

@@ -93,7 +93,7 @@ def test_a_power_cycle_changes_no_retentive_device(inputs: list[set[int]], off_a
         if n == off_after:
             retained = cycled.plc.retained()
             cycled = Bench(*COUNTING, scan_ms=100)
-            cycled.plc.restore(retained)
+            cycled.plc.restore_retained(retained)
             assert cycled.plc.retained() == retained
             cycled.scan()
             steady.scan()
@@ -109,7 +109,7 @@ def test_memory_of_another_program_is_rejected_and_changes_nothing(foreign: dict
     bench.scan(0, 2)
     before = copy.deepcopy(bench.memory)
     with pytest.raises(ValueError, match="retentive devices of another program: "):
-        bench.plc.restore(foreign)
+        bench.plc.restore_retained(foreign)
     assert bench.memory == before
 
 
@@ -117,10 +117,10 @@ def test_the_error_lists_missing_and_unknown_names() -> None:
     plc = Plc(program_of(*COUNTING))
     retained = plc.retained()
     with pytest.raises(ValueError, match=r"another program: D513$"):
-        plc.restore(retained | {"D513": 0})
+        plc.restore_retained(retained | {"D513": 0})
     del retained["TN250"]
     with pytest.raises(ValueError, match=r"another program: TN250$"):
-        plc.restore(retained)
+        plc.restore_retained(retained)
 
 
 def test_the_retentive_image_changes_with_every_retentive_device() -> None:

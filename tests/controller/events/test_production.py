@@ -26,6 +26,7 @@ from controller.program.states import Mode, State
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.twin.lock_step import Twin
 from tests.plant_sim.twin.twin_rig import (
+    ALARM,
     ChangeRecorder,
     at_work,
     free,
@@ -229,7 +230,7 @@ def test_an_alarm_is_reported_when_it_is_set_and_when_it_is_reset() -> None:
     limit = twin.machine.cycles["left"].steps[1].watch
     assert limit is not None
     twin.plant.left.slide.jammed = True
-    twin.run_until(lambda: twin.alarms() != [], within_ms=6_000)
+    twin.run_until(ALARM, within_ms=6_000)
     came_ms = twin.now_ms - 10
     twin.run_until_state(State.HELD, within_ms=20_000)
     twin.plant.left.slide.jammed = False

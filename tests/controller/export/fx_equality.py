@@ -96,7 +96,7 @@ class Pair:
         """Cycle the power of both PLCs."""
         retained = self.soft.retained()
         self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
-        self.soft.restore(retained)
+        self.soft.restore_retained(retained)
         self.fx.power_cycle()
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:

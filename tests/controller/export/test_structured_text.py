@@ -64,7 +64,7 @@ class StPair(Pair):
     def power_cycle(self) -> None:
         retained = self.soft.retained()
         self.soft = Plc(MACHINE.program, input_filter_ms=self.filter_ms)
-        self.soft.restore(retained)
+        self.soft.restore_retained(retained)
         self.st.power_cycle()
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
@@ -150,7 +150,7 @@ def watched(program: Program, seed: int = 1, scans: int = 400, text: str = "", i
         if number % 97 == 96:
             retained = soft.retained()
             soft = Plc(program, input_filter_ms=0)
-            soft.restore(retained)
+            soft.restore_retained(retained)
             st.power_cycle()
         assert soft.scan(now_ms, levels) == st.scan(now_ms, levels), f"outputs in scan {number}"
         for device in inside:

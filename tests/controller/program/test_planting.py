@@ -134,7 +134,7 @@ def advised_per_min(name: str) -> float:
     """Return the advice at the default frequency after the first tray."""
     twin = executing(DELIVERED)
     tray = twin.machine.tags.machine.trays_done
-    twin.run_until(lambda: twin.plc.read(tray) == 1, within_ms=120_000)
+    twin.run_until(tray.equals(1), within_ms=120_000)
     twin.run_for(60_000)
     return value(twin, name) / 10
 
@@ -160,7 +160,7 @@ def test_no_cups_are_missed_up_to_the_gapless_frequency() -> None:
     for factor in (0.98, 1.06):
         twin = executing(DELIVERED, advised * factor)
         tray = twin.machine.tags.machine.trays_done
-        twin.run_until(lambda twin=twin, tray=tray: bool(twin.plc.read(tray) == 2), within_ms=200_000)  # type: ignore[misc]
+        twin.run_until(tray.equals(2), within_ms=200_000)
         twin.run_for(30_000)
         missed[factor] = sum(twin.plc.read(arm.missed_cups) for arm in twin.machine.tags.arms.values())
     assert missed[0.98] == 0

@@ -19,6 +19,7 @@ from controller.program.tags import Tags
 from controller.program.texts import QUESTIONS, STATES, Text
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from tests.plant_sim.twin.twin_rig import (
+    ALARM,
     at_work,
     go_on,
     switched_on,
@@ -291,7 +292,7 @@ def test_low_air_holds_the_machine_after_half_a_second(all_wired: IoMap) -> None
     twin.run_for(1_000)
     assert twin.alarm_events() == []
     pressure_ok.stuck = False
-    assert 400 <= twin.run_until(lambda: twin.alarms() != [], within_ms=1_000) - 20 <= 510
+    assert 400 <= twin.run_until(ALARM, within_ms=1_000) - 20 <= 510
     twin.run_until_state(State.HOLDING, within_ms=50)
     assert lamps(twin) == {"lamp_red", "horn"}
     twin.run_until_state(State.HELD, within_ms=5_000)
@@ -310,7 +311,7 @@ def test_an_empty_magazine_is_a_warning_and_work_continues(all_wired: IoMap) -> 
     twin.home()
     twin.start()
     assert twin.alarms() == []
-    twin.run_until(lambda: twin.alarms() != [], within_ms=120_000)
+    twin.run_until(ALARM, within_ms=120_000)
     assert twin.alarms() == ["magazine_empty"]
     assert (twin.plant.conveyor.in_magazine, twin.state) == (0, State.EXECUTE)
     assert lamps(twin) == {"lamp_green"}, "no horn for a warning"

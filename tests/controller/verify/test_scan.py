@@ -182,7 +182,7 @@ class Pair:
         if inputs.power_lost:
             retained = self.plc.retained()
             self.plc = Plc(self.model.program, input_filter_ms=0)
-            self.plc.restore(retained)
+            self.plc.restore_retained(retained)
             self.memory = self.model.powered_up(self.memory)
         self.plc.write(COMMAND, inputs.command)
         if inputs.set_point is not None:

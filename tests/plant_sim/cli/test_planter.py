@@ -139,7 +139,6 @@ def test_the_tables_of_the_guide_are_those_of_the_command(capsys: pytest.Capture
             "--figure 7: its speed and frequency are fixed; omit --speed",
         ),
         (["--plot", "a.pdf"], "--plot a.pdf: unknown format; use a name that ends in .png, .svg or .gif"),
-        (["--figure", "3", "--plot", "a.gif"], "--plot a.gif: figure 3 cannot be animated; use .png or .svg"),
         (["--plot", "/no/such/folder/a.png"], "/no/such/folder/a.png: cannot be written (No such file"),
         (["--plot", "/no/such/folder/a.gif"], "/no/such/folder/a.gif: cannot be written (No such file"),
         (["--planter", "/no/such/planter.yaml"], "/no/such/planter.yaml: cannot be read"),

@@ -198,10 +198,10 @@ def test_the_skew_of_a_tray_adds_to_the_offset_of_the_claws(mirrored: bool, colu
     row.seedlings.make_typical()
     grip = grip_over(row, turned_rad=0.010, mirrored=mirrored, strip_reach_m=0.005)
     x_m = load_machine().columns_m[0] + 0.004
-    pose = Pose(x_m, 0.0, gripping=False, free=True, travel_m=0.0, freed_s=0.0, force_n=7.8)
+    pose = Pose(x_m, 0.0, gripping=False, free=True, travel_m=0.0, freed_s=0.0)
     for change in ({}, {"gripping": True, "free": False}, {"gripping": True, "free": False, "rise_m": 0.10}):
         grip.step(dataclasses.replace(pose, **change))
-        grip.record_force(7.8)
+        grip.record_force(7.8, change.get("rise_m", 0.0))
     plants = row.seedlings.column(0, column)
     assert [plant.along for plant in plants if plant.location is Location.LOST_PICK] == missed
     assert [plant.along for plant in grip.held] == [along for along in range(12) if along not in missed]
@@ -214,10 +214,10 @@ def test_stems_harmed_by_the_claws_are_lost_when_the_claws_open() -> None:
     plants = row.seedlings.column(0, 0)
     plants[2].traits, plants[7].traits = TYPICAL._replace(strength=-10.0), TYPICAL._replace(endurance=-10.0)
     grip = grip_over(row)
-    is_open = Pose(load_machine().columns_m[0], 0.0, gripping=False, free=True, travel_m=0.0, freed_s=0.0, force_n=7.8)
+    is_open = Pose(load_machine().columns_m[0], 0.0, gripping=False, free=True, travel_m=0.0, freed_s=0.0)
     grip.step(is_open)
     grip.step(dataclasses.replace(is_open, gripping=True, free=False))
-    grip.record_force(7.8)
+    grip.record_force(7.8, 0.0)
     grip.step(dataclasses.replace(is_open, now_s=10.0, freed_s=10.0))
     assert [plant.along for plant in plants if plant.location is Location.LOST_PICK] == [2, 7]
     assert sum(plant.location is Location.STANDING for plant in plants) == 10

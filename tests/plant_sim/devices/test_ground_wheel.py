@@ -16,7 +16,7 @@ SPEC = GroundWheelSpec(plant_spacing_m=0.4, pulse_distance_m=0.05, pulse_share=0
 def test_the_travel_is_the_plant_spacing_per_plant() -> None:
     wheel = GroundWheel(SPEC)
     wheel.place(3.0)
-    wheel.follow(5.0, 2.0)
+    wheel.follow(5.0, 1.0)
     assert wheel.travel_m == pytest.approx(0.8)
     assert wheel.speed_m_s == pytest.approx(0.4)
 

@@ -88,7 +88,7 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         plant.left.row.missed_cups, plant.right.row.missed_cups = 7, 8
         plant.left.row.recent.extend(PassedCup(cup, seedlings, cause) for cup, (seedlings, cause) in enumerate(CUPS))
         plant.right.row.recent.extend(PassedCup(cup, 1) for cup in range(100))
-        plant.conveyor.front_m[1] = plant.conveyor.front_m[0] - plant.conveyor.offset_m(0)
+        plant.conveyor._seats_m[1] = plant.conveyor._seats_m[0] - plant.conveyor.offset_m(0)
         plant.events += [Event(0, Incident.TORN, "made up")] * 9
         plant.time_ms = 70_000
         rig.module.write_outputs(0, [False] * 17 + [True])

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 from PIL import Image, ImageSequence
 
 from plant_sim.common.figure_style import FigureError, drawing, save_as
-from plant_sim.planter.drawing import animation
-from plant_sim.planter.drawing.animation import write_animation
+from plant_sim.planter.drawing import gif
+from plant_sim.planter.drawing.animation import write_animation, write_regimes_animation, write_scheme_animation
 from plant_sim.planter.drawing.paths import motion_figure, regimes_figure, shown_m, window_s
-from plant_sim.planter.drawing.scheme import scheme
+from plant_sim.planter.drawing.scheme import Scheme
 from plant_sim.planter.motion import MotionModel
 from plant_sim.planter.ratio import zero_speed_points
 from tests.plant_sim.planter.planter_rig import CHAIN, FREQUENCY_PER_MIN, motion_at
@@ -34,7 +36,7 @@ def texts_of(figure: Figure) -> set[str]:
 @pytest.mark.parametrize("model", MotionModel)
 def test_the_scheme_names_joints_and_dimensions(model: MotionModel) -> None:
     with drawing():
-        figure = scheme(CHAIN, model)
+        figure = Scheme(CHAIN, model).figure
     assert {"A", "B", "C", "D", "R = 80 mm", "H = 1.217 m", "h = 200 mm", "l = 30 mm"} <= texts_of(figure)
     hinge_m = line_of(figure.axes[0], "path of the hinge")
     assert hinge_m[0] == pytest.approx(hinge_m[-1], abs=1e-9)
@@ -71,7 +73,7 @@ def test_the_motion_is_drawn_with_its_points_of_zero_speed(speed_km_h: float, co
 
 
 def test_equal_figures_give_identical_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(animation, "FRAMES_PER_S", 3)
+    monkeypatch.setattr(gif, "FRAMES_PER_S", 3)
     for name in ("a", "b"):
         with drawing():
             save_as(motion_figure(motion_at(1.4), title="title"), tmp_path / f"{name}.svg")
@@ -97,3 +99,30 @@ def test_an_unwritable_file_is_one_line_and_nothing_is_left(tmp_path: Path) -> N
     with pytest.raises(FigureError, match=r"folder\.png: cannot be written"):
         save_as(figure, tmp_path / "folder.png")
     assert {path.name for path in tmp_path.iterdir()} == {"file", "folder.png"}
+
+
+def test_scheme_moves_every_planter_to_the_place_of_the_next_one() -> None:
+    """The animation may repeat after one spacing, because the planters cannot be told apart."""
+    with drawing():
+        scheme = Scheme(CHAIN)
+    spacing_s = scheme.motion.period_s / CHAIN.planters
+    places = []
+    for time_s in (0.0, spacing_s / 2, spacing_s):
+        hinges = scheme.place(time_s)[0]
+        assert isinstance(hinges, Line2D)
+        places.append(sorted(map(tuple, np.round(np.asarray(hinges.get_xydata()), 9).tolist())))
+    assert np.asarray(places[0]) == pytest.approx(np.asarray(places[2]))
+    assert np.abs(np.subtract(places[0], places[1])).max() > 0.05
+    assert len(places[0]) == CHAIN.planters
+
+
+def test_figures_3_and_4_are_animated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gif, "FRAMES_PER_S", 4)
+    with drawing():
+        write_scheme_animation(CHAIN, tmp_path / "3.gif", model=MotionModel.RIGID)
+        write_regimes_animation(CHAIN, tmp_path / "4.gif", frequency_per_min=FREQUENCY_PER_MIN, model=MotionModel.RIGID)
+    for name, duration_s in (("3.gif", 1.0), ("4.gif", 4 * 0.55)):
+        with Image.open(tmp_path / name) as image:
+            frames = [np.asarray(frame.convert("L"), dtype=int) for frame in ImageSequence.Iterator(image)]
+        assert len(frames) == pytest.approx(4 * duration_s, abs=1)
+        assert all(np.abs(after - before).max() > 50 for before, after in pairwise(frames)), name

@@ -77,7 +77,7 @@ def test_depth_is_that_of_the_furrow() -> None:
 
 def test_default_table_contains_the_paper_verdicts() -> None:
     """On rigid ground, most blocks tip at a ratio of 0.85, few at 1 and none at 1.17."""
-    lodged = default_table(Ground.RIGID).share(Stand.LODGED)[:, OPENERS_DEG.index(75.0)]
+    lodged = default_table(Ground.RIGID).verdict_share(FallVerdict.FORWARD)[:, OPENERS_DEG.index(75.0)]
     by_ratio = dict(zip(RATIOS, lodged, strict=True))
     assert by_ratio[0.85] > 0.9
     assert by_ratio[1.00] < 0.1

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.common.compiled import compiled_and_cached
+from plant_sim.common.lanes import lanes, pair, unpacked
 from plant_sim.common.parameter_file import Value
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.pneumatics.chamber import GAS, exchange, fill, resize, set_ambient, settle
-from plant_sim.pneumatics.cylinder import CYLINDER, CYLINDER_PARAMS, is_at_rest, step_cylinder
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+from plant_sim.pneumatics.cylinder import CYLINDER, CYLINDER_PARAMS, is_at_rest, settle_cylinder, step_cylinder
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, flow, flows, in_series
 from plant_sim.pneumatics.supply import SUPPLY, SUPPLY_PARAMS, settle_supply, step_supply
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
@@ -147,6 +148,7 @@ def _drive(
             )
             if not (skip_rest and is_at_rest(c, params, plus, minus, manifold)):
                 step_cylinder(c, params, plus, minus, manifold, s.outside, air)
+                settle_cylinder(c, air)
         if not ideal:
             settle_supply(s, air)
         if (step + 1) % every == 0:
@@ -220,6 +222,38 @@ def put(bench: Bench, number: int, position_m: float, plus_pa: float, minus_pa: 
     ):
         fill(c[line]["chamber"], float(params[line]["dead_m3"]) + float(area_m2) * long_m, pressure_pa, gas)
         fill(c[line]["tube"], float(params[line]["tube_m3"]), ATMOSPHERE_PA, gas)
+
+
+@compiled_and_cached
+def flow_through(
+    up_pa: float, down_pa: float, conductance_m3_s_pa: float, critical_ratio: float, up_k: float
+) -> tuple[float, float, float]:
+    """Return `flow`, which Python cannot call."""
+    return flow(up_pa, down_pa, conductance_m3_s_pa, critical_ratio, up_k)
+
+
+@compiled_and_cached
+def four_flows(
+    up_pa: float, down_pa: Any, conductance_m3_s_pa: float, critical_ratio: float, up_k: float, results: Any
+) -> None:
+    """Compute `flows` to four downstream pressures; `results` has a row for each and the columns of `flow`."""
+    one = pair(1.0, 1.0)
+    kg_s, grows, falls = flows(
+        up_pa * one,
+        lanes(down_pa[0], down_pa[1], down_pa[2], down_pa[3]),
+        conductance_m3_s_pa * one,
+        critical_ratio * one,
+        up_k * one,
+    )
+    results[0, 0], results[1, 0], results[2, 0], results[3, 0] = unpacked(kg_s)
+    results[0, 1], results[1, 1], results[2, 1], results[3, 1] = unpacked(grows)
+    results[0, 2], results[1, 2], results[2, 2], results[3, 2] = unpacked(falls)
+
+
+@compiled_and_cached
+def both_orders_in_series(one: float, other: float) -> Any:
+    """Return `in_series` for two restrictions in both orders, twice."""
+    return unpacked(in_series(pair(one, other), pair(other, one)))
 
 
 @compiled_and_cached

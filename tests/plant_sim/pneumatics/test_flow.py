@@ -12,8 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_sim.pneumatics.chamber import CHAMBER, GAS, fill
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K, REFERENCE_KG_M3, flow, in_series
-from tests.plant_sim.pneumatics.pneumatics_rig import NO_HEAT_S, join, squeeze
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K, REFERENCE_KG_M3
+from tests.plant_sim.pneumatics.pneumatics_rig import (
+    NO_HEAT_S,
+    both_orders_in_series,
+    flow_through,
+    four_flows,
+    join,
+    squeeze,
+)
 
 KAPPA = 1.4
 
@@ -54,27 +61,41 @@ def test_v1_flow_of_a_data_sheet() -> None:
     The data sheet takes the atmosphere as 0.1 MPa. Source: SMC VX data sheet, docs/sources/plant.md 2.
     """
     l_min = 60_000 / REFERENCE_KG_M3
-    assert flow(0.5e6, 0.4e6, 2e-8, 0.3, REFERENCE_K)[0] * l_min == pytest.approx(420.0, rel=0.01)
-    assert flow(0.5e6, 0.15e6, 2e-8, 0.3, REFERENCE_K)[0] * l_min == pytest.approx(600.0, rel=1e-9)
+    assert flow_through(0.5e6, 0.4e6, 2e-8, 0.3, REFERENCE_K)[0] * l_min == pytest.approx(420.0, rel=0.01)
+    assert flow_through(0.5e6, 0.15e6, 2e-8, 0.3, REFERENCE_K)[0] * l_min == pytest.approx(600.0, rel=1e-9)
 
 
 def test_v3_choked_flow() -> None:
     """V3: C = 1e-8 m3/(s Pa), b = 0.35 passes 8.295e-3 kg/s, +-0.1 %, from 700 kPa, 293.15 K. Source: plant.md 2."""
-    assert flow(700e3, 100e3, 1e-8, 0.35, 293.15)[0] == pytest.approx(8.295e-3, rel=0.001)
+    assert flow_through(700e3, 100e3, 1e-8, 0.35, 293.15)[0] == pytest.approx(8.295e-3, rel=0.001)
 
 
 def test_warm_air_flows_less() -> None:
     """Choked flow is proportional to 1/sqrt(T): at four times the temperature, it is halved. Source: ISO 6358-1."""
-    assert flow(7e5, 1e5, 1e-8, 0.3, 4 * REFERENCE_K)[0] == pytest.approx(
-        0.5 * flow(7e5, 1e5, 1e-8, 0.3, REFERENCE_K)[0]
+    assert flow_through(7e5, 1e5, 1e-8, 0.3, 4 * REFERENCE_K)[0] == pytest.approx(
+        0.5 * flow_through(7e5, 1e5, 1e-8, 0.3, REFERENCE_K)[0]
     )
 
 
 def test_restrictions_in_series() -> None:
     """Conductances of 1.2 and 0.6 in series give 0.537 (plant.md 2 V4: 0.54); a closed restriction passes nothing."""
-    assert in_series(1.2, 0.6) == pytest.approx(0.5367, abs=5e-5)
-    assert in_series(0.6, 1.2) == pytest.approx(in_series(1.2, 0.6), rel=1e-14)
-    assert in_series(0.0, 1.0) == in_series(1.0, 0.0) == 0.0
+    assert both_orders_in_series(1.2, 0.6) == pytest.approx((0.5367,) * 4, abs=5e-5)
+    assert both_orders_in_series(0.0, 1.0) == (0.0,) * 4
+
+
+@settings(deadline=None, derandomize=True)
+@given(
+    up_pa=st.floats(5e4, 1e6),
+    ratios=st.tuples(*(st.sampled_from([0.0, 0.3, 0.99, 1.0]) | st.floats(0.0, 1.0) for _ in range(4))),
+    kelvin=st.floats(200.0, 400.0),
+)
+def test_four_flows_are_bit_identical_to_single_ones(
+    up_pa: float, ratios: tuple[float, float, float, float], kelvin: float
+) -> None:
+    results = np.empty((4, 3))
+    four_flows(up_pa, up_pa * np.array(ratios), 1e-8, 0.3, kelvin, results)
+    single = [flow_through(up_pa, up_pa * ratio, 1e-8, 0.3, kelvin) for ratio in ratios]
+    assert results.tobytes() == np.array(single).tobytes()
 
 
 @settings(deadline=None, derandomize=True)
@@ -92,17 +113,21 @@ def test_the_flow_falls_with_the_downstream_pressure_and_returns_its_slopes(
     Points within 2 Pa of a kink are excluded because the left and right slopes differ there.
     """
     down_pa = ratio * up_pa
-    kg_s, grows, falls = flow(up_pa, down_pa, 1e-8, critical, kelvin)
-    assert 0.0 <= kg_s <= flow(up_pa, 0.0, 1e-8, critical, kelvin)[0] * (1 + 1e-12)
+    kg_s, grows, falls = flow_through(up_pa, down_pa, 1e-8, critical, kelvin)
+    assert 0.0 <= kg_s <= flow_through(up_pa, 0.0, 1e-8, critical, kelvin)[0] * (1 + 1e-12)
     assert grows >= 0.0
     assert falls >= 0.0
     kinks_pa = (critical * up_pa, 0.99 * up_pa, up_pa, 0.0)
     if min(abs(down_pa - kink_pa) for kink_pa in kinks_pa) > 2.0:
-        more = flow(up_pa, down_pa + 1, 1e-8, critical, kelvin)[0] - flow(up_pa, down_pa - 1, 1e-8, critical, kelvin)[0]
-        choked = flow(up_pa, 0.0, 1e-8, critical, kelvin)[1]
+        more = (
+            flow_through(up_pa, down_pa + 1, 1e-8, critical, kelvin)[0]
+            - flow_through(up_pa, down_pa - 1, 1e-8, critical, kelvin)[0]
+        )
+        choked = flow_through(up_pa, 0.0, 1e-8, critical, kelvin)[1]
         assert -more / 2 == pytest.approx(falls, abs=0.01 * choked)
         higher = (
-            flow(up_pa + 1, down_pa, 1e-8, critical, kelvin)[0] - flow(up_pa - 1, down_pa, 1e-8, critical, kelvin)[0]
+            flow_through(up_pa + 1, down_pa, 1e-8, critical, kelvin)[0]
+            - flow_through(up_pa - 1, down_pa, 1e-8, critical, kelvin)[0]
         )
         assert higher / 2 == pytest.approx(grows, abs=0.01 * choked)
 
@@ -110,8 +135,8 @@ def test_the_flow_falls_with_the_downstream_pressure_and_returns_its_slopes(
 @pytest.mark.parametrize("at", [0.3, 0.99])
 def test_the_flow_is_continuous(at: float) -> None:
     """At the critical ratio and at the laminar limit, the flows on either side agree to 1e-6 of the choked flow."""
-    below, above = (flow(7e5, 7e5 * (at + eps), 1e-8, 0.3, REFERENCE_K)[0] for eps in (-1e-10, 1e-10))
-    assert below == pytest.approx(above, abs=1e-6 * flow(7e5, 0.0, 1e-8, 0.3, REFERENCE_K)[0])
+    below, above = (flow_through(7e5, 7e5 * (at + eps), 1e-8, 0.3, REFERENCE_K)[0] for eps in (-1e-10, 1e-10))
+    assert below == pytest.approx(above, abs=1e-6 * flow_through(7e5, 0.0, 1e-8, 0.3, REFERENCE_K)[0])
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])

@@ -150,7 +150,7 @@ def run_row_1(twin: Twin, side: Side) -> None:
     twin.home()
     twin.start()
     cycles = tags_of(twin, side).cycles
-    twin.run_until(lambda: twin.plc.read(cycles) == 2, within_ms=60_000, what="row 1 thrown")
+    twin.run_until(cycles.equals(2), within_ms=60_000, what="row 1 thrown")
 
 
 def run_to(step: str) -> Act:

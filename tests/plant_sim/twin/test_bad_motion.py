@@ -94,7 +94,7 @@ def trial(
         trays=1,
         parameters=load_machine().with_values(dict(values or {})),
         faults=faults,
-        progress=on_scan,
+        prepare=lambda twin: twin.watch(on_scan),
         set_points={} if release_lead is None else {"release_lead": release_lead},
     )
     return report, watch.rows

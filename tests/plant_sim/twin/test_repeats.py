@@ -275,7 +275,7 @@ def test_empty_cells_are_random_and_do_not_change_other_seedlings() -> None:
 def test_the_air_of_a_report_equals_the_integral_of_the_air_command(tmp_path: Path) -> None:
     path = tmp_path / "trial.parquet"
     twins: list[Twin] = []
-    report = run_trial(seed=1, seedlings=SEEDLINGS, record=path, progress=twins.append)
+    report = run_trial(seed=1, seedlings=SEEDLINGS, record=path, prepare=twins.append)
     air = air_of(Recording(path))
     integrated_l_min = sum(drive.integrated_l_min for drive in air.drives.values())
     assert min(drive.integrated_l_min for drive in air.drives.values()) > 1.0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import NamedTuple
 
+from controller.core.devices import ANNUNCIATOR_ON
+from controller.core.expr import Bit, Word
 from controller.iomap.loader import IoMap
 from controller.program.states import Mode, State
 from controller.program.tags import ArmTags, Side
@@ -19,6 +21,8 @@ from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.monitors import guard
 
 MACHINE = load_machine()
+ALARM = Bit("M", ANNUNCIATOR_ON)
+"""On while any alarm is set."""
 Device = Conveyor | Cylinder | Spreader
 TRAY_MS = 90_000
 """Time limit of a tray at 45 cups/min, ms: three throws of each arm 16 s apart, plus the tray change and a margin."""
@@ -65,15 +69,14 @@ def at_work(
 
 def until_step(twin: Twin, sequence: str, step: str, *, within_ms: int = TRAY_MS) -> int:
     """Run until a step is active; return the time of the scan that activated it, ms."""
-    twin.run_until(lambda: twin.in_step(sequence, step), within_ms=within_ms, what=f"{sequence}: {step}")
+    twin.run_until(twin.step_of(sequence, step), within_ms=within_ms, what=f"{sequence}: {step}")
     return scan_ms(twin)
 
 
 def until_picking(twin: Twin, side: Side, row: int) -> int:
     """Run until an arm starts to approach a row; return the time of that scan, ms."""
     bit, wanted = twin.machine.cycles[side]["approach row"], twin.machine.tags.arms[side].row_is[row]
-    read = twin.plc.read
-    twin.run_until(lambda: bool(read(bit) and read(wanted)), within_ms=2 * TRAY_MS, what=f"{side} arm to row {row}")
+    twin.run_until(bit & wanted, within_ms=2 * TRAY_MS, what=f"{side} arm to row {row}")
     return scan_ms(twin)
 
 
@@ -146,22 +149,25 @@ class ChangeRecorder:
         changes: Changes in order.
     """
 
-    def __init__(self, twin: Twin, read: Callable[[Twin], set[str]]) -> None:
-        """Record changes of the names returned by `read`, which is called after every scan."""
+    def __init__(
+        self, twin: Twin, read: Callable[[Twin], set[str]], devices: Iterable[Bit | Word] | None = None
+    ) -> None:
+        """Record changes of the names returned by `read`, which depends on these devices; None = on anything."""
         self.changes: list[Change] = []
         self._read = read
         self._before = read(twin)
-        twin.watch(self._compare)
+        twin.watch(self._compare, devices)
 
     @classmethod
     def of_outputs(cls, twin: Twin) -> ChangeRecorder:
         """Record the outputs by tag."""
-        return cls(twin, lambda twin: twin.outputs())
+        return cls(twin, lambda twin: twin.outputs(), [Bit("Y", point.number) for point in twin.io_map.outputs])
 
     @classmethod
     def of_steps(cls, twin: Twin) -> ChangeRecorder:
         """Record the steps as 'sequence: step'."""
-        return cls(twin, lambda twin: set(twin.active_steps()))
+        steps = (bit for sequence in twin.machine.program.sequences() for bit, _ in sequence)
+        return cls(twin, lambda twin: set(twin.active_steps()), steps)
 
     def of(self, prefix: str, from_ms: int = 0, to_ms: int = 10**9) -> list[Change]:
         """Return the changes within a period whose names have a prefix, with the prefix removed."""

@@ -130,7 +130,7 @@ def test_a_discarded_row_fills_the_cups_and_restarts_the_count(side: Side) -> No
     """The row after a discarded row is released twelve cups later, so no cup receives two plugs."""
     twin = machine()
     run_to("wait for cups")(twin, side)
-    twin.run_until(lambda: bool(twin.plc.read(tags_of(twin, side).count_good)), within_ms=15_000, what="twelve cups")
+    twin.run_until(tags_of(twin, side).count_good, within_ms=15_000, what="twelve cups")
     press_emergency_stop(twin)
     clear(twin)
     cups = Cups(twin, side)

@@ -78,7 +78,7 @@ def opening_ms() -> int:
     """Return the time at which the left row of an undisturbed machine counts as released."""
     twin = at_work({"trays_target": 1})
     until_step(twin, "left arm", "open claws", within_ms=60_000)
-    twin.run_until(lambda: not twin.plc.read(tags_of(twin, "left").loaded), within_ms=1_000)
+    twin.run_until(~tags_of(twin, "left").loaded, within_ms=1_000)
     return twin.now_ms
 
 

@@ -19,6 +19,7 @@ from plant_sim.twin.recovery import home_again
 from tests.paths import ROOT
 from tests.plant_sim.twin.routes import STOPS, Stop, finish, route_to, sampled
 from tests.plant_sim.twin.twin_rig import (
+    ALARM,
     MACHINE,
     ChangeRecorder,
     Device,
@@ -92,7 +93,7 @@ def test_a_jam_raises_the_alarm_of_its_step_and_the_trial_can_be_finished(stop: 
     device.jammed = True
     twin.run_for(limit_ms - TICK_MS - began_ms % TICK_MS)
     assert twin.alarms() == [], "too early"
-    twin.run_until(lambda: twin.alarms() != [], within_ms=2 * TICK_MS)
+    twin.run_until(ALARM, within_ms=2 * TICK_MS)
     assert limit_ms - TICK_MS <= scan_ms(twin) - began_ms <= limit_ms
     assert twin.plc.annunciators() == [alarm.number]
 
@@ -178,7 +179,7 @@ def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
     until_step(twin, f"{side} arm", "return to row", within_ms=100)
     until_step(twin, f"{side} arm", "settle at row", within_ms=1_000)
     push(twin, side)
-    twin.run_until(lambda: twin.alarms() != [], within_ms=100)
+    twin.run_until(ALARM, within_ms=100)
     assert twin.alarms() == [f"{side}: overrun"]
     twin.run_until_state(State.HELD, within_ms=15_000)
     assert twin.alarms() == [f"{side}: overrun"]
@@ -190,7 +191,7 @@ def test_a_slide_past_its_row_a_second_time_is_an_overrun(side: Side) -> None:
 def test_a_slide_that_cannot_stop_in_its_row_overruns_it_twice() -> None:
     """Without its brake the slide coasts 17 mm instead of 6 mm and overruns its row, first inward and then outward."""
     twin = at_work({"trays_target": 1}, parameters=MACHINE.with_values({"slide.brake_n": 0.0}))
-    twin.run_until(lambda: twin.alarms() != [], within_ms=30_000)
+    twin.run_until(ALARM, within_ms=30_000)
     assert twin.alarms() == ["right: overrun"]
     assert twin.plant.counts() == switched_on().plant.counts(), "no seedling was touched"
 
@@ -200,7 +201,7 @@ def test_a_row_lost_while_clamping_is_an_overrun_and_the_row_stays_full(side: Si
     twin = in_row_1(side, "close claws")
     switch = arm_of(twin, side).slide.at_pick[0]
     switch.stuck = False
-    assert twin.run_until(lambda: twin.alarms() != [], within_ms=100) <= 40
+    assert twin.run_until(ALARM, within_ms=100) <= 40
     assert twin.alarms() == [f"{side}: overrun"]
     twin.run_until_state(State.HELD, within_ms=15_000)
     switch.stuck = None
@@ -220,7 +221,7 @@ def test_a_lost_tray_is_an_alarm_after_half_a_second_and_a_flicker_is_not() -> N
     twin.run_for(1_000)
     assert twin.alarm_events() == []
     beam.stuck = False
-    took_ms = twin.run_until(lambda: twin.alarms() != [], within_ms=1_000)
+    took_ms = twin.run_until(ALARM, within_ms=1_000)
     assert 400 <= took_ms - 20 <= 510
     twin.run_until_state(State.HELD, within_ms=5_000)
     assert twin.alarms() == ["tray_lost"]

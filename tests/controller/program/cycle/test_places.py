@@ -12,6 +12,7 @@ from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.recovery import home_again
 from tests.plant_sim.twin.routes import finish, run_to
 from tests.plant_sim.twin.twin_rig import (
+    ALARM,
     MACHINE,
     TRAY_MS,
     arm_of,
@@ -29,7 +30,7 @@ NARROW = MACHINE.with_values({"layout.row_spacing_m": 0.350})
 
 def alarm_ms(twin: Twin, alarm: str) -> int:
     """Run until this alarm and no other is raised; return the time since the filtered inputs changed, ms."""
-    took_ms = twin.run_until(lambda: twin.alarms() != [], within_ms=1_000, what=alarm)
+    took_ms = twin.run_until(ALARM, within_ms=1_000, what=alarm)
     assert twin.alarms() == [alarm]
     return took_ms - 2 * SCAN_MS
 
@@ -132,7 +133,7 @@ def test_an_alarm_with_a_switch_still_stuck_is_not_reset() -> None:
 def test_another_row_spacing_needs_another_minimum_travel_time() -> None:
     """At a row spacing of 350 mm, the default minimum travel time raises an alarm; the calculated one does not."""
     twin = at_work({"trays_target": 1, "slide_least": SLIDE_LEAST_X10_MS}, parameters=NARROW)
-    twin.run_until(lambda: twin.alarms() != [], within_ms=TRAY_MS)
+    twin.run_until(ALARM, within_ms=TRAY_MS)
     assert {alarm.partition(": ")[2] for alarm in twin.alarms()} == {"slide switches"}
     assert set_points_of(NARROW) == {"slide_least": 28}, "75 % of 55.5 mm between the switches at 0.15 m/s, x 10 ms"
     twin = at_work({"trays_target": 1}, parameters=NARROW)

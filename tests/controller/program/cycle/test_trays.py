@@ -13,6 +13,7 @@ from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import begin_homing, home_again, questions
 from tests.plant_sim.twin.routes import finish
 from tests.plant_sim.twin.twin_rig import (
+    ALARM,
     MACHINE,
     TRAY_MS,
     ChangeRecorder,
@@ -142,7 +143,7 @@ def test_without_a_third_tray_the_machine_is_suspended_until_one_is_inserted_and
     magazine.in_magazine -= 1
     twin.home()
     twin.start()
-    twin.run_until(lambda: trays_done(twin) == 2, within_ms=3 * TRAY_MS)
+    twin.run_until(twin.machine.tags.machine.trays_done.equals(2), within_ms=3 * TRAY_MS)
     creeping_ms = until_step(twin, "tray feeder", "creep")
     missing_ms = until_step(twin, "tray feeder", "no tray")
     assert NO_TRAY_MS - TICK_MS <= missing_ms - creeping_ms <= NO_TRAY_MS
@@ -156,7 +157,7 @@ def test_without_a_third_tray_the_machine_is_suspended_until_one_is_inserted_and
     assert (twin.state, twin.outputs(), twin.alarms()) == (State.SUSPENDED, set(), [])
     twin.press("start")
     twin.run_until_state(State.EXECUTE, within_ms=200)
-    twin.run_until(lambda: trays_done(twin) == 3, within_ms=2 * TRAY_MS)
+    twin.run_until(twin.machine.tags.machine.trays_done.equals(3), within_ms=2 * TRAY_MS)
     end = State.COMPLETE if trays_target == 3 else State.SUSPENDED
     twin.run_until_state(end, within_ms=40_000)
     assert twin.plant.counts() == undisturbed(trays=3)
@@ -210,7 +211,7 @@ def test_a_beam_that_does_not_go_off_is_a_jam_after_its_limit() -> None:
     twin.plant.conveyor.beam.stuck = True
     twin.run_for(TRAY_OUT_MS - TICK_MS - (moving_ms % TICK_MS))
     assert twin.alarms() == []
-    twin.run_until(lambda: twin.alarms() != [], within_ms=2 * TICK_MS)
+    twin.run_until(ALARM, within_ms=2 * TICK_MS)
     assert TRAY_OUT_MS - TICK_MS <= scan_ms(twin) - moving_ms <= TRAY_OUT_MS
     assert "tray_run" not in twin.outputs()
     twin.run_until_state(State.HELD, within_ms=5_000)
@@ -377,7 +378,7 @@ def test_one_cycle_mode_can_be_left_at_rest_but_not_during_a_cycle() -> None:
     """During a cycle a mode change is refused and both arms finish their rows; in Complete it is accepted."""
     twin = at_work({"trays_target": 1}, mode=Mode.ONE_CYCLE)
     done = tags_of(twin, "right").cycle_done
-    twin.run_until(lambda: bool(twin.plc.read(done)), within_ms=TRAY_MS)
+    twin.run_until(done, within_ms=TRAY_MS)
     twin.command("mode_continuous")
     twin.scan()
     refused = twin.events[-1]

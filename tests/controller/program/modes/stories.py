@@ -155,7 +155,7 @@ class Rig:
             getattr(self._plc.memory, kind.name)[:] = getattr(self._new, kind.name)
         self._plc.scans = 0
         if retained:
-            self._plc.restore(retained)
+            self._plc.restore_retained(retained)
         for number, on in known.items():
             self._plc.memory.M[number] = on
 

@@ -228,7 +228,7 @@ def test_a_row_discarded_in_manual_mode_is_counted_once_and_work_resumes(side: S
     assert rows(twin, side) == [TAKEN, TAKEN, FULL]
     jog(twin, f"{side}.spread", 1_500)
     jog(twin, f"{side}.lift_extend", 1_500)
-    twin.run_until(lambda: bool(twin.plc.read(tags_of(twin, side).cup_counter.done)), within_ms=20_000)
+    twin.run_until(tags_of(twin, side).cup_counter.done, within_ms=20_000)
     twin.command(f"{side}_discard")
     twin.scan()
     jog(twin, f"{side}.claws_open", 600)

@@ -10,6 +10,7 @@ from plant_sim.twin.lock_step import Twin
 from tests.controller.program.modes.hands import change_mode, stop
 from tests.plant_sim.twin.routes import run_row_1
 from tests.plant_sim.twin.twin_rig import (
+    ALARM,
     ChangeRecorder,
     at_initial_state,
     switched_on,
@@ -131,7 +132,7 @@ def test_a_press_waits_two_seconds_for_its_transfer_and_expires(late_ms: int, go
     """
     twin = stepping()
     step_to(twin, "left", "wait for cups")
-    twin.run_until(lambda: bool(twin.plc.read(tags_of(twin, "left").cup_counter.done)), within_ms=30_000)
+    twin.run_until(tags_of(twin, "left").cup_counter.done, within_ms=30_000)
     twin.plant.planting_frequency_per_min = 0.0
     pulse = twin.plant.arms["left"].cups.pulse
     pulse.stuck = False
@@ -161,7 +162,7 @@ def test_a_motion_that_does_not_end_is_an_alarm_in_step_mode_too() -> None:
     twin.run_for(500)
     twin.plant.arms["left"].lift.jammed = True
     press(twin)
-    twin.run_until(lambda: twin.alarms() != [], within_ms=4_000, what="an alarm")
+    twin.run_until(ALARM, within_ms=4_000, what="an alarm")
     assert twin.alarms() == ["left: lift from row"]
 
 
@@ -171,7 +172,7 @@ def test_the_tray_feeder_is_stepped_through_while_rows_are_held() -> None:
     twin.home()
     twin.start()
     done = twin.machine.tags.machine.trays_done
-    twin.run_until(lambda: twin.plc.read(done) == 1, within_ms=120_000, what="the first tray empty")
+    twin.run_until(done.equals(1), within_ms=120_000, what="the first tray empty")
     twin.command("hold")
     twin.run_until_state(State.HELD, within_ms=20_000)
     change_mode(twin, Mode.STEP)

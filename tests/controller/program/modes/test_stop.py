@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from controller.core.expr import all_of
 from controller.events.production import StateEvent
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
@@ -11,6 +12,7 @@ from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.twin.lock_step import Twin
 from tests.plant_sim.twin.twin_rig import (
+    ALARM,
     ChangeRecorder,
     at_initial_state,
     at_work,
@@ -95,7 +97,7 @@ def both_waiting(set_points: dict[str, int] | None = None) -> tuple[Twin, Change
     step = "wait to lower" if twin.plc.read(twin.machine.tags.sp.descend_at_count) else "wait for cups"
     for side in SIDES:
         until_picking(twin, side, 1)
-    twin.run_until(lambda: all(twin.in_step(f"{side} arm", step) for side in SIDES), within_ms=20_000, what=step)
+    twin.run_until(all_of(*(twin.step_of(f"{side} arm", step) for side in SIDES)), within_ms=20_000, what=step)
     twin.run_for(1_400)  # one cup passes each arm
     return twin, cups
 
@@ -147,7 +149,7 @@ def nearly_counted(other: Side, cups: int) -> Twin:
     """Return a machine whose arms both wait for cups, with this many cups left before arm `other` releases its row."""
     twin, _ = both_waiting()
     counter = tags_of(twin, other).cup_counter.value
-    twin.run_until(lambda: twin.plc.read(counter) == 12 - cups, within_ms=20_000, what=f"{cups} cups to come")
+    twin.run_until(counter.equals(12 - cups), within_ms=20_000, what=f"{cups} cups to come")
     return twin
 
 
@@ -175,7 +177,7 @@ def test_six_cups_on_one_side_and_none_on_the_other_hold_the_machine(side: Side)
     twin = nearly_counted(side, cups=11)
     cups = ChangeRecorder(twin, lambda _: {"cup"} if twin.plant.arms[other].cups.pulse.read() else set())
     twin.plant.arms[side].cups.jammed = True
-    twin.run_until(lambda: twin.alarms() != [], within_ms=12_000, what="an alarm")
+    twin.run_until(ALARM, within_ms=12_000, what="an alarm")
     assert twin.alarms() == [f"{other}: cup counts"]
     assert len([change for change in cups.changes if change.on]) == 6
     twin.run_until_state(State.HELD, within_ms=5_000)

@@ -70,9 +70,9 @@ def test_sticking_and_tipping_exclude_each_other() -> None:
 
 def test_known_constants_of_injury_are_recovered_from_the_fitted_runs_alone() -> None:
     known = InjuryConstants(230.0, 70.0)
-    observed = injury_percent(FORCE_N, known)
+    observed = injury_percent(FORCE_N, known, PLANTER.scatter)
     observed[~FITTED] = 99.0
-    assert fit_injury(FORCE_N, observed, FITTED) == pytest.approx(known, rel=1e-4)
+    assert fit_injury(FORCE_N, observed, FITTED, PLANTER.scatter) == pytest.approx(known, rel=1e-4)
 
 
 def test_comparisons_use_the_fitted_runs_only() -> None:
@@ -86,7 +86,7 @@ def test_comparisons_use_the_fitted_runs_only() -> None:
 
 def test_constants_in_planter_yaml_are_those_of_the_injury_fit() -> None:
     """The constants in the file agree with the fit to within rounding; its standard errors are several newtons."""
-    found = fit_injury(FORCE_N, EXPERIMENT.responses["Y2"], FITTED)
+    found = fit_injury(FORCE_N, EXPERIMENT.responses["Y2"], FITTED, PLANTER.scatter)
     assert found.strength_n == pytest.approx(PLANTER.scatter.strength_n, abs=1.0)
     assert found.strength_sd_n == pytest.approx(PLANTER.scatter.strength_sd_n, abs=0.5)
 

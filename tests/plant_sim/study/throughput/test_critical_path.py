@@ -201,7 +201,7 @@ def observed_rounds(
         | {"cups.planting_frequency_per_min": frequency_per_min, "layout.row_spacing_m": row_spacing_m}
     )
     twin, recorder = Twin(trays=2, parameters=machine, set_points={"trays_target": 2}), TimelineRecorder()
-    twin.watch(recorder)
+    recorder.attach(twin)
     twin.home()
     twin.start()
     twin.run_until_state(State.COMPLETE, within_ms=400_000)

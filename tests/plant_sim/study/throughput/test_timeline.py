@@ -24,12 +24,25 @@ def recorded(release_lead: int) -> tuple[Timeline, list[tuple[int, list[str]]]]:
     """Return the timeline of a tray, and the active steps after every scan."""
     twin = Twin(trays=1, set_points={"trays_target": 1, "release_lead": release_lead})
     recorder, steps = TimelineRecorder(), []
-    twin.watch(recorder)
+    recorder.attach(twin)
     twin.watch(lambda twin: steps.append((twin.now_ms, twin.active_steps())))
     twin.home()
     twin.start()
     twin.run_until_state(State.COMPLETE, within_ms=200_000)
     return recorder.timeline(), steps
+
+
+def test_a_timeline_in_machine_code_equals_that_of_every_scan() -> None:
+    """Calls at changes only, and calls after every scan, record the same timeline."""
+    twins = [Twin(trays=1, set_points={"trays_target": 1}) for _ in range(2)]
+    recorders = [TimelineRecorder() for _ in twins]
+    recorders[0].attach(twins[0])
+    twins[1].watch(recorders[1])
+    for twin in twins:
+        twin.home()
+        twin.start()
+        twin.run_for(60_000)
+    assert recorders[0].timeline() == recorders[1].timeline()
 
 
 def test_every_step_has_a_motion_and_every_motion_has_a_step() -> None:

@@ -1,0 +1,198 @@
+"""Run of a twin in machine code, interrupted only where the crop, the events or a monitor require Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final
+
+import numpy as np
+
+from controller.core.expr import Bit, Expr, Word
+from controller.core.machine_code import MachineCondition, MachineExecution, machine_condition_of
+from controller.core.memory_layout import WORD_BYTES, MemoryLayout
+from controller.core.scan import Plc
+from controller.io.runtime import Runtime
+from plant_sim.links.io_module import IoModule
+from plant_sim.twin.conditions import CELLS
+from plant_sim.twin.kernel import CHANGE, COIL, CONDITION, INPUT, LOOK, RUN, TRIGGER, WATCHED, run
+from plant_sim.twin.triggers import Trigger
+
+_WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
+
+
+class CompiledRun:
+    """Execution of complete ticks of one runtime and one plant in machine code.
+
+    The result is the same as that of `Runtime.tick` and `IoModule.advance` in turn.
+    """
+
+    def __init__(self, runtime: Runtime, module: IoModule, execution: MachineExecution, *, scan_ms: int) -> None:
+        """Prepare the run of a machine.
+
+        Args:
+            runtime: Runtime whose PLC executes the program as machine code.
+            module: I/O module of the plant to which the runtime is linked.
+            execution: Execution of the PLC.
+            scan_ms: Scan period, ms.
+        """
+        self._runtime = runtime
+        self._plc, self._link = runtime.plc, runtime.link
+        self._module = module
+        self._plant = plant = module.plant
+        self._layout = layout = execution.layout
+        self._memory = np.frombuffer(execution.region, np.uint8)
+        self._control = np.zeros(1, RUN)
+        self._conditions: dict[Expr, MachineCondition] = {}
+        control = self._control[0]
+        control["scan_ms"] = scan_ms
+        control["look_ms"] = plant.look_ms
+        control["steps_per_ms"] = plant.steps_per_ms
+        control["memory"], control["program"] = execution.region_address, execution.scan_address
+        self._cells = np.zeros(CELLS)
+        control["state"], control["cells"] = plant.state.ctypes.data, self._cells.ctypes.data
+        control["inputs_at"], control["outputs_at"] = layout.bit("X", 0), layout.bit("Y", 0)
+        self._inputs = np.zeros(len(plant.levels), INPUT)
+        self._watched = np.zeros(0, WATCHED)
+        self._triggers: list[Trigger] = []
+        self._trigger_records = np.zeros(0, TRIGGER)
+        self._outputs = np.array(plant.coil_wires, COIL)
+        self._arguments = (
+            self._control,
+            plant.state,
+            plant.params,
+            plant.quiet,
+            plant.trays,
+            self._memory,
+        )
+
+    def executes(self, runtime: Runtime) -> bool:
+        """Return True if a runtime executes this program; False if it or its PLC has been replaced."""
+        return runtime is self._runtime and runtime.plc is self._plc and type(runtime.plc) is Plc
+
+    def serves(self, runtime: Runtime) -> bool:
+        """Return True if nothing but the program, the motion and the declared observers affects the next tick."""
+        return (
+            self.executes(runtime)
+            and runtime.link is self._link
+            and runtime.is_steady
+            and self._plc.scans > 0
+            and not self._module.tripped
+            and not self._module.observers
+            and not self._plant.has_other_sensors
+        )
+
+    def watch(self, devices: Iterable[Bit | Word], triggers: Iterable[Trigger]) -> None:
+        """Set the devices whose changes, and the triggers whose beginnings are reported."""
+        places = sorted({place for device in devices for place in _bytes_of(device, self._layout)})
+        self._watched = np.zeros(len(places), WATCHED)
+        self._watched["at"] = places
+        self._triggers = list(triggers)
+        self._trigger_records = np.zeros(len(self._triggers), TRIGGER)
+        for record, trigger in zip(self._trigger_records, self._triggers, strict=True):
+            record["condition"] = self._code_of(trigger.condition).address
+            record["cells"] = trigger.cells.ctypes.data
+
+    def begun(self) -> list[Trigger]:
+        """Return the triggers whose conditions have become true in a scan in machine code, each once."""
+        numbers = np.flatnonzero(self._trigger_records["begun"]).tolist() if self._triggers else []
+        self._trigger_records["begun"] = 0
+        return [self._triggers[number] for number in numbers]
+
+    def holds(self, condition: Expr, cells: np.ndarray) -> bool:
+        """Return True if a condition is true.
+
+        Args:
+            condition: The condition.
+            cells: Values stored from scan to scan.
+        """
+        code, state = self._code_of(condition), self._plant.state
+        return bool(code.holds(int(self._control[0]["memory"]), state.ctypes.data, cells.ctypes.data))
+
+    def ticks(
+        self, until_ms: int, condition: Expr | None, *, now_ms: int, on_change: Callable[[int], None]
+    ) -> tuple[int, bool]:
+        """Run until a time, or until a condition is met after a tick.
+
+        Args:
+            until_ms: Time of the controller, ms, a number of complete ticks from now.
+            condition: Condition over the devices of the program; None = none.
+            now_ms: Time of the controller, ms.
+            on_change: Function that is called with the time of each scan in which a watched device has changed, and of
+                the first scan.
+
+        Returns:
+            Time of the controller, ms, and True if the condition was met.
+        """
+        control, plant, runtime = self._control[0], self._plant, self._runtime
+        control["time_ms"] = control["due_ms"] = begin_ms = plant.time_ms
+        control["ahead_ms"] = ahead_ms = now_ms - begin_ms
+        control["until_ms"] = until_ms - ahead_ms
+        control["condition"] = 0 if condition is None else self._code_of(condition).address
+        control["fed"] = not plant.box.emergency_stop
+        control["filter_ms"] = runtime.plc.input_filter.filter_ms
+        control["report"], control["scans"] = True, 0
+        self._trigger_records["holds"] = [trigger.holds for trigger in self._triggers]
+        self._inputs["fixed"] = plant.fixed_levels
+        self._inputs["since_ms"] = -1
+        for number, since_ms in runtime.plc.input_filter.since_ms.items():
+            self._inputs["since_ms"][number] = since_ms
+        plant.limit()
+        arguments = (
+            *self._arguments,
+            self._watched,
+            self._trigger_records,
+            self._inputs,
+            *plant.terminals,
+            self._outputs,
+            plant.coils,
+            plant.no_coils,
+            plant.positions,
+        )
+        while True:
+            reason = run(*arguments)
+            if reason == LOOK:
+                plant.time_ms = int(control["time_ms"])
+                control["report"] |= plant.look()
+            elif reason == CHANGE:
+                control["report"] = False
+                plant.follow_drive()
+                scanned_ms = int(control["time_ms"]) + ahead_ms
+                runtime.adopt(scanned_ms, plant.levels.tolist())
+                on_change(scanned_ms)
+            else:
+                break
+        self._leave(begin_ms)
+        return int(control["time_ms"]) + ahead_ms, reason == CONDITION
+
+    def _leave(self, begin_ms: int) -> None:
+        """Transfer the result to the runtime, the module and the plant."""
+        control, plc = self._control[0], self._runtime.plc
+        scans, time_ms = int(control["scans"]), int(control["time_ms"])
+        if not scans:
+            return
+        last_ms = begin_ms + (scans - 1) * int(control["scan_ms"])
+        plc.scans += scans
+        plc.input_filter.since_ms = {
+            number: since_ms for number, since_ms in enumerate(self._inputs["since_ms"].tolist()) if since_ms >= 0
+        }
+        self._runtime.adopt(last_ms + int(control["ahead_ms"]), self._plant.levels.tolist())
+        self._runtime.submit_retentive()
+        self._module.adopt(self._runtime.released, writes=scans, last_ms=last_ms)
+        self._plant.adopt(time_ms, self._runtime.released)
+        for trigger, holds in zip(self._triggers, self._trigger_records["holds"].tolist(), strict=True):
+            trigger.holds = bool(holds)
+
+    def _code_of(self, condition: Expr) -> MachineCondition:
+        code = self._conditions.get(condition)
+        if code is None:
+            code = self._conditions[condition] = machine_condition_of(condition, self._layout)
+        return code
+
+
+def _bytes_of(device: Bit | Word, layout: MemoryLayout) -> Iterator[int]:
+    """Yield the positions of the bytes of a device in the memory region."""
+    if isinstance(device, Bit):
+        yield layout.bit(device.kind, device.number)
+    else:
+        first = layout.word(_WORD_ROWS[device.kind], device.number)
+        yield from range(first, first + WORD_BYTES)

@@ -1,0 +1,311 @@
+"""Plain form of the compiled plant: the same equations with the same operations, one number at a time.
+
+Nothing is skipped except cylinders at rest, which are identified anew in every step. `plant_sim.machine.kernel` has to
+give bit-identical states.
+"""
+
+import math
+from typing import Any
+
+from plant_sim.common.compiled import compiled, compiled_and_cached
+from plant_sim.devices.conveyor import step_conveyor
+from plant_sim.devices.cups import step_cups
+from plant_sim.devices.sensor import record_edge, step_switch, update_output
+from plant_sim.devices.spreader import step_spreader
+from plant_sim.machine.kernel import ARM_COILS, _any_busy, _update_clamp
+from plant_sim.pneumatics.chamber import _nonlinear_share, move, resize, settle
+from plant_sim.pneumatics.cylinder import _move, _move_coupled, _push_n, is_at_rest
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_KG_M3, flow
+from plant_sim.pneumatics.supply import _compress
+from plant_sim.pneumatics.valve import exhaust_opening, step_valve, supply_opening
+
+_BELT = 2 * len(ARM_COILS)
+
+
+@compiled
+def in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:
+    """Return the conductance of two restrictions in series, m3/(s Pa)."""
+    if one_m3_s_pa <= 0.0 or other_m3_s_pa <= 0.0:
+        return 0.0
+    share = one_m3_s_pa / other_m3_s_pa
+    return one_m3_s_pa / math.sqrt(1.0 + share * share)
+
+
+def tube_conductance_m3_s_pa(inner_m: float, length_m: float) -> float:
+    """Return the sonic conductance of a smooth tube, m3/(s Pa).
+
+    Args:
+        inner_m: Inner diameter, m.
+        length_m: Length, m.
+
+    Source: docs/sources/plant.md 1.3, a rule of thumb quoted from memory and not verified.
+
+    >>> round(1e8 * tube_conductance_m3_s_pa(0.004, 1.45), 2)
+    1.05
+    """
+    return 0.029 * inner_m**2 / math.sqrt(length_m / inner_m**1.25 + 510.0)
+
+
+@compiled
+def exchange(a: Any, b: Any, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
+    """Exchange air between two chambers for one step; return the mass that left `a`, kg."""
+    if conductance_m3_s_pa <= 0.0:
+        return 0.0
+    if a.pressure_pa < b.pressure_pa:
+        return -_pass(b, a, b.pressure_pa, conductance_m3_s_pa, critical_ratio, step_s)
+    return _pass(a, b, a.pressure_pa, conductance_m3_s_pa, critical_ratio, step_s)
+
+
+@compiled
+def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
+    """Pass air from `a` to `b` through a check valve for one step; return the mass, kg."""
+    if conductance_m3_s_pa <= 0.0 or a.pressure_pa - crack_pa <= b.pressure_pa:
+        return 0.0
+    return _pass(a, b, a.pressure_pa - crack_pa, conductance_m3_s_pa, critical_ratio, step_s)
+
+
+@compiled
+def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
+    kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
+    mass_kg: float = step_s * kg_s / (1.0 + step_s * (grows * up.stiffness + falls * down.stiffness))
+    levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down.stiffness)
+    if mass_kg > 0.2 * levels_kg:
+        mass_kg = min(mass_kg, levels_kg * _nonlinear_share(down, levels_kg))
+    move(up, down, mass_kg)
+    return mass_kg
+
+
+@compiled
+def flow_and_slopes(
+    a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float
+) -> tuple[float, float, float]:
+    """Return the flow from `a` to `b`, kg/s, and its derivatives with respect to both pressures, kg/(s Pa)."""
+    up_pa = a.pressure_pa - crack_pa
+    if conductance_m3_s_pa <= 0.0 or (up_pa <= b.pressure_pa and a.pressure_pa >= b.pressure_pa):
+        return 0.0, 0.0, 0.0
+    if up_pa > b.pressure_pa:
+        return flow(up_pa, b.pressure_pa, conductance_m3_s_pa, critical_ratio, a.temperature_k)
+    kg_s, grows, falls = flow(b.pressure_pa, a.pressure_pa, conductance_m3_s_pa, critical_ratio, b.temperature_k)
+    return -kg_s, falls, grows
+
+
+@compiled
+def step_line(
+    n: Any,
+    params: Any,
+    valve_params: Any,
+    spool: float,
+    pilot_pa: float,
+    out_share: float,
+    volume_m3: float,
+    manifold: Any,
+    outside: Any,
+    gas: Any,
+) -> None:
+    """Advance a line by one time step."""
+    step_s = gas.step_s
+    tube, chamber, critical = n.tube, n.chamber, params.critical_ratio
+    resize(chamber, volume_m3, gas)
+    gauge_pa = chamber.pressure_pa - ATMOSPHERE_PA
+    least_pa = max(params.pilot_ratio * gauge_pa, params.pilot_least_pa)
+    n.piloted = 1 if params.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
+    crack_pa, onward = 0.0 if n.piloted else params.crack_pa, params.free_m3_s_pa
+    if tube.pressure_pa <= chamber.pressure_pa:
+        crack_pa, onward = 0.0, params.throttle_m3_s_pa * out_share if n.piloted else params.slip_m3_s_pa
+    opening = supply_opening(spool)
+    if opening > 0.0:
+        through = in_series(valve_params.conductance_m3_s_pa * opening, params.tube_m3_s_pa)
+        n.drawn_kg += _step_flows(n, manifold, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
+    else:
+        through = in_series(valve_params.conductance_m3_s_pa * exhaust_opening(spool), params.tube_m3_s_pa)
+        _step_flows(n, outside, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
+    exchange(chamber, outside, params.leak_m3_s_pa, critical, step_s)
+    settle(tube, gas)
+    settle(chamber, gas)
+
+
+@compiled
+def _step_flows(
+    n: Any,
+    source: Any,
+    valve_m3_s_pa: float,
+    valve_critical: float,
+    crack_pa: float,
+    onward_m3_s_pa: float,
+    onward_critical: float,
+    step_s: float,
+) -> float:
+    """Pass air through the valve and the fitting for one step; return the mass drawn from the source, kg."""
+    tube, chamber = n.tube, n.chamber
+    in_kg_s, in_grows, in_falls = flow_and_slopes(source, tube, 0.0, valve_m3_s_pa, valve_critical)
+    on_kg_s, on_grows, on_falls = flow_and_slopes(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical)
+    a11 = 1.0 + step_s * (in_grows * source.stiffness + in_falls * tube.stiffness)
+    a12 = -step_s * in_falls * tube.stiffness
+    a21 = -step_s * on_grows * tube.stiffness
+    a22 = 1.0 + step_s * (on_grows * tube.stiffness + on_falls * chamber.stiffness)
+    by = step_s / (a11 * a22 - a12 * a21)
+    in_kg: float = by * (a22 * in_kg_s - a12 * on_kg_s)
+    on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)
+    tube_pa = tube.pressure_pa + tube.stiffness * (in_kg - on_kg)
+    source_pa, chamber_pa = (
+        source.pressure_pa - source.stiffness * in_kg,
+        chamber.pressure_pa + chamber.stiffness * on_kg,
+    )
+    settles = _keeps_order(source.pressure_pa, tube.pressure_pa, source_pa, tube_pa)
+    settles = settles and _keeps_order(tube.pressure_pa, chamber.pressure_pa, tube_pa, chamber_pa)
+    if settles and on_kg * on_kg_s >= 0.0:
+        move(source, tube, in_kg)
+        move(tube, chamber, on_kg)
+        return in_kg
+    # one pressure would overshoot another: solve the flows one after the other, each limited to equal pressures
+    in_kg = exchange(source, tube, valve_m3_s_pa, valve_critical, step_s)
+    if on_kg_s > 0.0:
+        check(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical, step_s)
+    elif on_kg_s < 0.0:
+        check(chamber, tube, 0.0, onward_m3_s_pa, onward_critical, step_s)
+    return in_kg
+
+
+@compiled
+def _keeps_order(one_pa: float, other_pa: float, one_after_pa: float, other_after_pa: float) -> bool:
+    """Return True if two pressures keep their order, or if their difference before or after is negligible."""
+    slight_pa = 0.01 * one_pa
+    apart_pa, after_pa = one_pa - other_pa, one_after_pa - other_after_pa
+    return apart_pa * after_pa >= 0.0 or abs(apart_pa) <= slight_pa or abs(after_pa) <= slight_pa
+
+
+@compiled
+def step_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, outside: Any, gas: Any) -> None:
+    """Advance a cylinder by one time step."""
+    step_valve(c.valve, params.valve, plus, minus, gas.step_s)
+    push_n = _push_n(c, params)
+    if params.magnet_holds_n > 0.0:
+        _move_coupled(c, params, push_n, gas.step_s)
+    else:
+        _move(c, params, push_n, gas.step_s)
+    spool = c.valve.spool
+    plus_pa, minus_pa = c.plus.tube.pressure_pa, c.minus.tube.pressure_pa
+    plus_share = params.cushion_share if c.position_m < params.cushion_m else 1.0
+    minus_share = params.cushion_share if params.stroke_m - c.position_m < params.cushion_m else 1.0
+    plus_m3 = params.plus.dead_m3 + params.plus_area_m2 * c.piston_m
+    minus_m3 = params.minus.dead_m3 + params.minus_area_m2 * (params.stroke_m - c.piston_m)
+    step_line(c.plus, params.plus, params.valve, spool, minus_pa, plus_share, plus_m3, manifold, outside, gas)
+    step_line(c.minus, params.minus, params.valve, -spool, plus_pa, minus_share, minus_m3, manifold, outside, gas)
+
+
+@compiled
+def step_supply(s: Any, params: Any, fed: bool, gas: Any) -> None:
+    """Advance the supply by one time step."""
+    step_s, critical = gas.step_s, params.critical_ratio
+    _compress(s, params, step_s)
+    _regulate(s.receiver, s.header, params.regulated_pa, params.band_pa, params.regulator_m3_s_pa, critical, step_s)
+    check(s.receiver, s.claw_reservoir, params.crack_pa, params.check_m3_s_pa, critical, step_s)
+    check(s.claw_reservoir, s.receiver, 0.0, params.slip_m3_s_pa, critical, step_s)
+    _regulate(
+        s.claw_reservoir,
+        s.claw_manifold,
+        params.claw_regulated_pa,
+        params.band_pa,
+        params.claw_regulator_m3_s_pa,
+        critical,
+        step_s,
+    )
+    s.fed_s = s.fed_s + step_s if fed else 0.0
+    if s.fed_s > params.dump_delay_s:
+        if s.manifold.pressure_pa >= params.soft_until * s.header.pressure_pa:
+            s.soft_started = 1
+        through = params.main_m3_s_pa if s.soft_started else params.soft_m3_s_pa
+        exchange(s.header, s.manifold, through, critical, step_s)
+    else:
+        s.soft_started = 0
+        exchange(s.manifold, s.outside, params.vent_m3_s_pa, critical, step_s)
+    exchange(s.manifold, s.outside, params.leak_m3_s_pa, critical, step_s)
+
+
+@compiled
+def _regulate(
+    a: Any, b: Any, gauge_pa: float, band_pa: float, conductance_m3_s_pa: float, critical: float, step_s: float
+) -> None:
+    """Pass air from `a` to `b` up to a set pressure."""
+    lacking_pa = gauge_pa + ATMOSPHERE_PA - b.pressure_pa
+    if lacking_pa <= 0.0:
+        return
+    # the opening is limited so that the pressure does not overshoot within the step
+    fills_m3_s_pa = lacking_pa / (b.stiffness * step_s * REFERENCE_KG_M3 * a.pressure_pa)
+    through = min(conductance_m3_s_pa * min(lacking_pa / band_pa, 1.0), fills_m3_s_pa)
+    check(a, b, 0.0, through, critical, step_s)
+
+
+@compiled
+def _step_arm(arm: Any, params: Any, coils: Any, supply: Any, at_s: float, gas: Any) -> None:
+    """Advance an arm by one time step."""
+    step_s = gas.step_s
+    x_m, y_m, opening_m, travel_m = (
+        arm.slide.position_m,
+        arm.lift.position_m,
+        arm.claws.position_m,
+        arm.spreader.travel_m,
+    )
+    if not is_at_rest(arm.lift, params.lift, coils[0], coils[1], supply.manifold):
+        step_cylinder(arm.lift, params.lift, coils[0], coils[1], supply.manifold, supply.outside, gas)
+    if not is_at_rest(arm.slide, params.slide, coils[2], coils[3], supply.manifold):
+        step_cylinder(arm.slide, params.slide, coils[2], coils[3], supply.manifold, supply.outside, gas)
+    if not is_at_rest(arm.claws, params.claws, coils[6], coils[7], supply.claw_manifold):
+        step_cylinder(arm.claws, params.claws, coils[6], coils[7], supply.claw_manifold, supply.outside, gas)
+    step_spreader(arm.spreader, params.spreader, coils[5], coils[4], at_s, step_s)
+    step_cups(arm.cups, params.cups, at_s, step_s)
+    if x_m != arm.slide.position_m or _any_busy(arm.slide_switches):
+        for number in range(4):
+            step_switch(
+                arm.slide_switches[number], params.slide_switches[number], x_m, arm.slide.position_m, at_s, step_s
+            )
+    if y_m != arm.lift.position_m or _any_busy(arm.lift_switches):
+        for number in range(2):
+            step_switch(arm.lift_switches[number], params.lift_switches[number], y_m, arm.lift.position_m, at_s, step_s)
+    now_m = arm.claws.position_m
+    if opening_m < params.frees_above_m <= now_m:
+        arm.freed_s = at_s + step_s * (params.frees_above_m - opening_m) / (now_m - opening_m)
+    if opening_m > params.grips_below_m >= now_m:
+        arm.gripped_s = at_s + step_s * (opening_m - params.grips_below_m) / (opening_m - now_m)
+    _update_clamp(arm, params)
+    stirs = x_m != arm.slide.position_m or y_m != arm.lift.position_m
+    if stirs or opening_m != now_m or travel_m != arm.spreader.travel_m:
+        arm.stirred += 1
+
+
+@compiled
+def settle_air(a: Any, params: Any, now_s: float, gas: Any) -> None:
+    """Finish a step of the supply and update the pressure switch."""
+    network = a.network
+    settle(network.receiver, gas)
+    settle(network.header, gas)
+    settle(network.manifold, gas)
+    settle(network.claw_reservoir, gas)
+    settle(network.claw_manifold, gas)
+    gauge_pa = network.manifold.pressure_pa - ATMOSPHERE_PA
+    least_pa = params.ok_above_pa - params.ok_gap_pa if a.pressure_ok.detected else params.ok_above_pa
+    if (gauge_pa >= least_pa) != (a.pressure_ok.detected != 0):
+        record_edge(a.pressure_ok, now_s)
+    if a.pressure_ok.busy:
+        update_output(a.pressure_ok, params.pressure_ok, now_s)
+
+
+@compiled_and_cached
+def advance_plainly(machine: Any, params: Any, coils: Any, fed: bool, first: int, steps: int) -> None:
+    """Advance the machine by several steps, as `plant_sim.machine.kernel.advance` does."""
+    m, gas, air_params = machine[0], params[0].gas, params[0].air
+    air = m.air
+    for step in range(steps):
+        at_s = (first + step) * gas.step_s
+        step_supply(air.network, air_params.network, fed, gas)
+        step_conveyor(m.conveyor, params[0].conveyor, coils[_BELT], coils[_BELT + 1], at_s, gas.step_s)
+        for side in range(2):
+            _step_arm(
+                m.arms[side],
+                params[0].arms[side],
+                coils[len(ARM_COILS) * side : len(ARM_COILS) * (side + 1)],
+                air.network,
+                at_s,
+                gas,
+            )
+        settle_air(air, air_params, at_s + gas.step_s, gas)
