@@ -6,11 +6,8 @@ bytes of 0 or 1, words are 64-bit integers.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import reduce
 from typing import Final
 
 from controller.core.devices import (
@@ -27,6 +24,7 @@ from controller.core.devices import (
     is_32_bit_counter,
 )
 from controller.core.expr import And, Bit, Compare, CompiledCondition, Const, Counter, Expr, Not, Or, Timer, Word
+from controller.core.llvm_function import FunctionBody, function, module, name_of
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
 from controller.core.rungs import (
@@ -48,10 +46,7 @@ from controller.core.sequence import Sequence, Transfer
 
 _FIRST_RETENTIVE_TIMER: Final = 246
 _WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
-_PREDICATES: Final = {"==": "eq", "!=": "ne", "<": "slt", "<=": "sle", ">": "sgt", ">=": "sge"}
 _PARAMETERS: Final = "ptr %m, i64 %tick_100, i64 %tick_10, i64 %tick_1"
-_BIT_RANGE: Final = "!0 = !{i8 0, i8 2}"
-_MEMSET: Final = "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +70,12 @@ def translate(program: Program, layout: MemoryLayout) -> LlvmProgram:
     """
     edges = iter(range(layout.bits["E"].length))
     blocks = [_block(block, layout, edges) for block in program.blocks]
-    names = [_name(body) for body in blocks]
-    modules = [_module(name, _PARAMETERS, body) for name, body in zip(names, blocks, strict=True)]
+    names = [name_of(body) for body in blocks]
+    modules = [module([_function(name, _PARAMETERS, body)]) for name, body in zip(names, blocks, strict=True)]
     body = _scan(program, layout, names)
-    entry = _name(body)
+    entry = name_of(body)
     declarations = [f"declare void @{name}({_PARAMETERS})" for name in dict.fromkeys(names)]
-    modules.append(_module(entry, "ptr %m, i64 %now_ms, i64 %first", body, declarations))
+    modules.append(module([_function(entry, "ptr %m, i64 %now_ms, i64 %first", body)], declarations))
     return LlvmProgram(tuple(dict.fromkeys(modules)), entry)
 
 
@@ -90,25 +85,19 @@ def translate_condition(expr: Expr, layout: MemoryLayout) -> LlvmProgram:
     Its arguments are the addresses of the memory region, and of two regions for a `CompiledCondition`: outside data,
     and cells that it may change.
     """
-    code = _FunctionBody(layout, iter(()))
+    code = _ProgramBody(layout, iter(()))
     result = code.value(f"zext i1 {code.condition(expr)} to i64")
     code.add(f"ret i64 {result}")
-    entry = _name(code.text())
-    return LlvmProgram((f"define i64 @{entry}(ptr %m, ptr %s, ptr %c) {{\n{code.text()}\n}}\n{_BIT_RANGE}\n",), entry)
+    entry = name_of(code.text())
+    return LlvmProgram((module([function("i64", entry, "ptr %m, ptr %s, ptr %c", code.text())]),), entry)
 
 
-def _name(body: str) -> str:
-    return f"f_{hashlib.sha256(body.encode()).hexdigest()[:24]}"
-
-
-def _module(name: str, parameters: str, body: str, declarations: Iterable[str] = ()) -> str:
-    return "\n".join(
-        [_MEMSET, *declarations, f"define void @{name}({parameters}) {{", body, "  ret void", "}", _BIT_RANGE, ""]
-    )
+def _function(name: str, parameters: str, body: str) -> str:
+    return function("void", name, parameters, f"{body}\n  ret void")
 
 
 def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:
-    code = _FunctionBody(layout, edges)
+    code = _ProgramBody(layout, edges)
     for item in block.items:
         if isinstance(item, Sequence):
             code.sequence(item)
@@ -118,7 +107,7 @@ def _block(block: Block, layout: MemoryLayout, edges: Iterator[int]) -> str:
 
 
 def _scan(program: Program, layout: MemoryLayout, blocks: Iterable[str]) -> str:
-    code = _FunctionBody(layout, iter(()))
+    code = _ProgramBody(layout, iter(()))
     code.set_bit("M", RUN_MONITOR, "true")
     code.set_bit("M", INITIAL_PULSE, code.value("icmp ne i64 %first, 0"))
     code.set_bit("M", CLOCK_1_S, code.value(f"icmp slt i64 {code.value('srem i64 %now_ms, 1000')}, 500"))
@@ -139,50 +128,12 @@ def _transfers(program: Program) -> Iterator[Transfer]:
             yield from transfers
 
 
-class _FunctionBody:
-    """Builder of the body of one function. Conditions are values of type i1, and words are values of type i64."""
+class _ProgramBody(FunctionBody):
+    """Builder of the body of a block function or of the scan function."""
 
     def __init__(self, layout: MemoryLayout, edges: Iterator[int]) -> None:
-        self._layout = layout
+        super().__init__(layout)
         self._edges = edges
-        self._lines: list[str] = []
-        self._values = 0
-        self._labels = 0
-
-    def text(self) -> str:
-        return "\n".join(self._lines)
-
-    def add(self, line: str) -> None:
-        self._lines.append(f"  {line}")
-
-    def value(self, operation: str) -> str:
-        """Add an operation and return the name of its result."""
-        self._values += 1
-        self.add(f"%v{self._values} = {operation}")
-        return f"%v{self._values}"
-
-    # memory
-
-    def pointer(self, region: str, position: int) -> str:
-        """Add the address of a byte of a memory region, which is a parameter of the function."""
-        return self.value(f"getelementptr i8, ptr %{region}, i64 {position}")
-
-    def _pointer(self, position: int) -> str:
-        return self.pointer("m", position)
-
-    def bit(self, row: str, number: int) -> str:
-        byte = self.value(f"load i8, ptr {self._pointer(self._layout.bit(row, number))}, !range !0")
-        return self.value(f"trunc i8 {byte} to i1")
-
-    def set_bit(self, row: str, number: int, value: str) -> None:
-        byte = self.value(f"zext i1 {value} to i8")
-        self.add(f"store i8 {byte}, ptr {self._pointer(self._layout.bit(row, number))}")
-
-    def word(self, row: str, number: int) -> str:
-        return self.value(f"load i64, ptr {self._pointer(self._layout.word(row, number))}")
-
-    def set_word(self, row: str, number: int, value: str | int) -> None:
-        self.add(f"store i64 {value}, ptr {self._pointer(self._layout.word(row, number))}")
 
     def operand(self, operand: Word | int) -> str:
         return str(operand) if isinstance(operand, int) else self.word(_WORD_ROWS[operand.kind], operand.number)
@@ -198,7 +149,7 @@ class _FunctionBody:
             case And(operands):
                 return self.all_of(map(self.condition, operands))
             case Or(operands):
-                return reduce(lambda a, b: self.value(f"or i1 {a}, {b}"), map(self.condition, operands))
+                return self.any_of(map(self.condition, operands))
             case Const(value):
                 return "true" if value else "false"
             case Compare(relation, left, right):
@@ -206,34 +157,6 @@ class _FunctionBody:
             case CompiledCondition():
                 return expr.emit(self)
         raise TypeError(f"not a condition: {expr!r}")
-
-    def inverse(self, value: str) -> str:
-        return self.value(f"xor i1 {value}, true")
-
-    def all_of(self, values: Iterable[str]) -> str:
-        return reduce(lambda a, b: self.value(f"and i1 {a}, {b}"), values)
-
-    def compare(self, relation: str, left: str | int, right: str | int) -> str:
-        return self.value(f"icmp {_PREDICATES[relation]} i64 {left}, {right}")
-
-    def choice(self, condition: str, one: str | int, other: str | int) -> str:
-        return self.value(f"select i1 {condition}, i64 {one}, i64 {other}")
-
-    # control flow
-
-    @contextmanager
-    def on(self, condition: str) -> Iterator[None]:
-        """Execute the operations added in the `with` block only if the condition is true."""
-        inside, after = self._label(), self._label()
-        self.add(f"br i1 {condition}, label %{inside}, label %{after}")
-        self._lines.append(f"{inside}:")
-        yield
-        self.add(f"br label %{after}")
-        self._lines.append(f"{after}:")
-
-    def _label(self) -> str:
-        self._labels += 1
-        return f"l{self._labels}"
 
     # rungs
 
@@ -276,15 +199,13 @@ class _FunctionBody:
             case Rst(target):
                 self._reset(target)
             case ZoneReset(first, last):
-                start = self._pointer(self._layout.bit(first.kind, first.number))
-                size = last.number + 1 - first.number
-                self.add(f"call void @llvm.memset.p0.i64(ptr {start}, i8 0, i64 {size}, i1 false)")
+                self.clear_bits(first.kind, first.number, last.number)
             case Mov(source, target):
                 self.set_word(_WORD_ROWS[target.kind], target.number, self.operand(source))
             case Inc(target):
                 row = _WORD_ROWS[target.kind]
                 before = self.word(row, target.number)
-                after = self.choice(self.compare("<", before, WORD_MAX), self._sum(before, 1), WORD_MIN)
+                after = self.choice(self.compare("<", before, WORD_MAX), self.sum(before, 1), WORD_MIN)
                 self.set_word(row, target.number, after)
 
     def _reset(self, target: Bit | Word | Timer | Counter) -> None:
@@ -298,9 +219,6 @@ class _FunctionBody:
             case Counter(number):
                 self.set_word("CV", number, 0)
                 self.set_bit("C", number, "false")
-
-    def _sum(self, one: str, other: str | int) -> str:
-        return self.value(f"add i64 {one}, {other}")
 
     def _stop_timer(self, number: int) -> None:
         self.set_word("TV", number, 0)
@@ -332,7 +250,7 @@ class _FunctionBody:
         with self.on(when):
             start = self.word("TS", number)
             with self.on(self.compare(">=", start, 0)):
-                total = self._sum(self.word("TV", number), self.value(f"sub i64 {tick}, {start}"))
+                total = self.sum(self.word("TV", number), self.value(f"sub i64 {tick}, {start}"))
                 self.set_word("TV", number, self.choice(self.compare("<", total, WORD_MAX), total, WORD_MAX))
             self.set_word("TS", number, tick)
             with self.on(self.compare(">=", self.word("TV", number), self.operand(counts))):
@@ -348,7 +266,7 @@ class _FunctionBody:
                 self._count_both_ways(number, before, preset)
             else:
                 counting = self.compare("<", before, preset)
-                after = self.choice(counting, self._sum(before, 1), before)
+                after = self.choice(counting, self.sum(before, 1), before)
                 self.set_word("CV", number, after)
                 with self.on(self.compare(">=", after, preset)):
                     self.set_bit("C", number, "true")
@@ -356,9 +274,9 @@ class _FunctionBody:
 
     def _count_both_ways(self, number: int, before: str, preset: str) -> None:
         down = self.bit("M", 8000 + number)
-        after = self._sum(before, self.choice(down, -1, 1))
+        after = self.sum(before, self.choice(down, -1, 1))
         self.set_word("CV", number, after)
-        below = self._sum(preset, -1)
+        below = self.sum(preset, -1)
         reached = self.all_of((self.compare("==", before, below), self.compare("==", after, preset)))
         left = self.all_of((self.compare("==", before, preset), self.compare("==", after, below)))
         with self.on(reached):

@@ -1,43 +1,219 @@
-"""Speed of the FX2N engine for an instruction list, compared with an interpreter of the same list."""
+"""Speed of the FX2N engine: execution of an instruction list in different ways, and compilation to machine code."""
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from math import isnan, nan
+from random import Random
+from tempfile import TemporaryDirectory
 from typing import Final
 
+from controller.core.machine_code import MachineCode
+from controller.core.program import Program
+from controller.export.instruction_list import acting, export
+from controller.fx.engine.machine_functions import FxMachineCode, MachineFunctions
 from controller.fx.engine.plc import FxPlc
+from controller.fx.engine.translate import translate
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import DeviceOperand, Ladder
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.program.machine import build
+from plant_sim.benchmark.c_program import CProgram, compiled_c
 
 RUNGS: Final = 200
+INPUTS: Final = 256
 ROUNDS: Final = 30
 FX2N_NS: Final = 80.0
 """Execution time of a contact or coil on the FX2N, ns (docs/sources/fx2n.md 1.3, not verified)."""
+INSTRUCTION_GOAL_NS: Final = 8.0
+INTERPRETER_GOAL: Final = 10.0
+C_GOAL: Final = 3.0
+COMPILE_GOAL_S: Final = 5.0
+_COMPILE: Final = """
+import json
+from plant_sim.benchmark.fx_engine import first_compilations_s
+print(json.dumps(first_compilations_s()))
+"""
+
+
+@dataclass(frozen=True)
+class FxFigures:
+    """Figures of the FX2N engine; a scan of 200 seal-in rungs has 800 instructions.
+
+    Attributes:
+        machine_ns: CPU time per instruction as machine code, including the call of the scan from Python, ns.
+        c_ns: CPU time per instruction of a C program with the same rungs, including the call from Python, ns. The
+            figures of C are NaN if gcc is not installed.
+        shuffled_ns: CPU time per instruction as machine code for the same number of rungs with random contacts, in
+            random order, ns.
+        shuffled_c_ns: CPU time per instruction of a C program with these rungs, ns.
+        call_ns: CPU time of a call from Python to a C function that does nothing, divided by the number of
+            instructions, ns; it is included in the times above.
+        instruction_ns: CPU time per instruction as Python functions, ns.
+        interpreted_ns: CPU time per instruction with an interpreter of the same list, ns.
+        compile_program_s: CPU time to compile the program of the machine in a new process with an empty cache folder,
+            s.
+        compile_export_s: CPU time to compile the export of this program for an FX2N, s.
+        compile_rung_s: CPU time to compile the export again after a change to one rung, s.
+    """
+
+    machine_ns: float
+    c_ns: float
+    shuffled_ns: float
+    shuffled_c_ns: float
+    call_ns: float
+    instruction_ns: float
+    interpreted_ns: float
+    compile_program_s: float
+    compile_export_s: float
+    compile_rung_s: float
+
+    def fx_text(self) -> str:
+        """Return the figures with their goals as text."""
+        slower = self.interpreted_ns / self.instruction_ns
+        return "\n".join(
+            [
+                f"instruction of an FX list  {self._with_c(self.machine_ns, self.c_ns)}",
+                f"  random rungs             {self._with_c(self.shuffled_ns, self.shuffled_c_ns)}",
+                f"  Python functions         {self.instruction_ns:7.2f} ns CPU "
+                f"(goal: at most {INSTRUCTION_GOAL_NS:.0f})",
+                f"  interpreted              {self.interpreted_ns:7.2f} ns CPU, ratio {slower:.1f} to Python functions "
+                f"(goal: at least {INTERPRETER_GOAL:.0f})",
+                f"compilation, FX export     {self.compile_export_s:7.2f} s CPU (goal: at most {COMPILE_GOAL_S:.0f}), "
+                f"{self.compile_rung_s:.2f} s after a changed rung",
+                f"  program of the machine   {self.compile_program_s:7.2f} s CPU (goal: at most {COMPILE_GOAL_S:.0f})",
+            ]
+        )
+
+    def _with_c(self, machine_ns: float, c_ns: float) -> str:
+        if isnan(c_ns):
+            return f"{machine_ns:7.2f} ns CPU; C not measured, because gcc is not installed"
+        return (
+            f"{machine_ns:7.2f} ns CPU, C {c_ns:.2f} ns, ratio {machine_ns / c_ns:.2f} (goal: at most {C_GOAL:.0f}); "
+            f"call {self.call_ns:.2f} ns"
+        )
+
+
+def measure_fx() -> FxFigures:
+    """Measure the execution of the seal-in rungs, and the compilation in a new process."""
+    times_ns = instruction_ns()
+    with TemporaryDirectory() as folder:
+        printed = subprocess.run(  # noqa: S603 - our own code
+            [sys.executable, "-c", _COMPILE],
+            env=os.environ | {"XDG_CACHE_HOME": folder, "LOCALAPPDATA": folder},
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+    return FxFigures(*(round(figure, 3) for figure in (*times_ns, *json.loads(printed.stdout))))
 
 
 def seal_ins() -> Ladder:
     """Return 200 seal-in rungs: LD X, OR M, ANI X, OUT M."""
-    rungs = (f"LD X{2 * n % 256:o}\nOR M{n}\nANI X{(2 * n + 1) % 256:o}\nOUT M{n}\n" for n in range(RUNGS))
-    return read_il("".join(rungs) + "END\n")
+    return _ladder((2 * n % INPUTS, n, (2 * n + 1) % INPUTS) for n in range(RUNGS))
 
 
-def instruction_ns() -> tuple[float, float]:
-    """Return the CPU time per instruction of the seal-in rungs for the engine and for an interpreter, ns.
+def shuffled_seal_ins() -> Ladder:
+    """Return 200 seal-in rungs with random inputs, in random order of the coils."""
+    chance = Random(1)
+    return _ladder((chance.randrange(INPUTS), n, chance.randrange(INPUTS)) for n in chance.sample(range(RUNGS), RUNGS))
 
-    Each time is the minimum of thirty rounds, in which the engine and the interpreter alternate. The program runs from
-    step 0 to END; the fixed overhead of a scan, a few microseconds, is excluded from both.
+
+def _ladder(rungs: Iterable[tuple[int, int, int]]) -> Ladder:
+    return read_il("".join(f"LD X{on:o}\nOR M{m}\nANI X{off:o}\nOUT M{m}\n" for on, m, off in rungs) + "END\n")
+
+
+def instruction_ns() -> tuple[float, ...]:
+    """Return the CPU times per instruction of the seal-in rungs, ns, in the order of `FxFigures`.
+
+    Each is the minimum of thirty alternating rounds. The program runs from step 0 to END; the processing before and
+    after it, some microseconds, is excluded. Machine code and C are called in the same way.
     """
-    ladder = seal_ins()
-    plc, image = FxPlc(ladder, input_filter_ms=0), [n % 3 == 0 for n in range(256)]
+    ladder, shuffled = seal_ins(), shuffled_seal_ins()
+    image = [n % 3 == 0 for n in range(INPUTS)]
+    plc = FxPlc(ladder, input_filter_ms=0)
     plc.scan(0, image)
     program = [(each.name, each.operands[0]) for each in ladder.instructions if each.operands]
     steps = [(name, device.kind, device.number) for name, device in program if isinstance(device, DeviceOperand)]
-    engine = interpreter = float("inf")
+    works: _Works = {
+        "machine": (_machine_scan(ladder, image), 1000),
+        "shuffled": (_machine_scan(shuffled, image), 1000),
+        "python": (lambda: plc.execution.run(0), 100),
+        "interpreter": (lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10),
+    }
+    c, shuffled_c = compiled_c(ladder), compiled_c(shuffled)
+    if c is not None and shuffled_c is not None:
+        works |= {"c": (_c_scan(c, image), 1000), "shuffled c": (_c_scan(shuffled_c, image), 1000)}
+        works["call"] = (lambda: c.call(0, 0), 1000)
+    best_ns = _fastest_ns(works)
+    names = ("machine", "c", "shuffled", "shuffled c", "call", "python", "interpreter")
+    return tuple(best_ns.get(name, nan) / len(steps) for name in names)
+
+
+_Works = dict[str, tuple[Callable[[], object], int]]
+"""Function to measure and its number of calls in a round, by name."""
+
+
+def _machine_scan(ladder: Ladder, image: list[bool]) -> Callable[[], int]:
+    plc = FxPlc(ladder, input_filter_ms=0, execution=MachineFunctions)
+    plc.scan(0, image)
+    execution = plc.execution
+    assert isinstance(execution, MachineFunctions)  # noqa: S101 - narrows
+    return lambda: execution.scan(execution.address, 0)
+
+
+def _c_scan(program: CProgram, image: list[bool]) -> Callable[[], int]:
+    program.bits("X")[:] = bytes(image)
+    return lambda: program.scan(0, 0)
+
+
+def _fastest_ns(works: _Works) -> dict[str, float]:
+    """Return the shortest time of each function in alternating rounds, ns."""
+    best = dict.fromkeys(works, float("inf"))
     for _ in range(ROUNDS):
-        engine = min(engine, _ns(lambda: plc.program(0, 0, 0), 100))
-        interpreter = min(interpreter, _ns(lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10))
-    return engine / len(steps), interpreter / len(steps)
+        best = {name: min(best[name], _ns(*work)) for name, work in works.items()}
+    return best
+
+
+def first_compilations_s() -> tuple[float, float, float]:
+    """Return the CPU times to compile the program of the machine, its export, and the export with a changed rung, s."""
+    program = build(load_io_map(DEFAULT_IO_MAP)).program
+    ladder = exported(program)
+    return tuple(  # type: ignore[return-value]
+        _seconds(work)
+        for work in (
+            lambda: MachineCode(program),
+            lambda: FxMachineCode(translate(ladder)),
+            lambda: FxMachineCode(translate(with_changed_rung(ladder))),
+        )
+    )
+
+
+def exported(program: Program) -> Ladder:
+    """Return the program of the machine as an instruction list."""
+    return export(acting(program))
+
+
+def with_changed_rung(ladder: Ladder) -> Ladder:
+    """Return the list with one more contact in a rung halfway through the program."""
+    at = next(
+        i for i, each in enumerate(ladder.instructions) if i > len(ladder.instructions) // 2 and each.name == "AND"
+    )
+    titles = {index + (index > at): title for index, title in ladder.titles.items()}
+    instructions = (*ladder.instructions[: at + 1], *ladder.instructions[at:])
+    return replace(ladder, instructions=instructions, titles=titles)
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began_s = time.process_time()
+    work()
+    return time.process_time() - began_s
 
 
 def _ns(work: Callable[[], object], times: int) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Final
 
+from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import DeviceOperand, Ladder, LadderError
 from controller.fx.language.reading import load_ladder
@@ -99,7 +100,7 @@ def run_ladder_trial(
         LadderError: The program cannot be run.
     """
     plant = Plant(io_map, parameters, seed=seed, trays=trays)
-    module, plc = IoModule(plant, io_map), FxPlc(ladder)
+    module, plc = IoModule(plant, io_map), FxPlc(ladder, execution=fastest_execution)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
     scan_ms = SCAN_MS

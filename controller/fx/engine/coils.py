@@ -1,109 +1,187 @@
-"""Devices as Python source text: contacts, words, and the effect of a coil with and without power."""
+"""Devices in statements: contacts, words, and the effect of a coil with and without power."""
 
 from __future__ import annotations
 
-from controller.core.devices import MS_10, MS_100, is_32_bit_counter, timer_base_ms
-from controller.fx.engine.access import signed
+from typing import Final
+
+from controller.core.devices import WORD_MAX, is_32_bit_counter, timer_base_ms
+from controller.fx.engine.access import signed, width_of
+from controller.fx.engine.code import (
+    Arithmetic,
+    Branch,
+    Comparison,
+    Condition,
+    Conjunction,
+    Inverse,
+    Let,
+    LocalVariable,
+    RowElement,
+    Selection,
+    Statement,
+    Store,
+    Tick,
+    Value,
+)
 from controller.fx.engine.cpu import RETENTIVE_TIMERS, index_register
-from controller.fx.language.instruction import Constant, DeviceOperand, Operand, WordBit
+from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand, WordBit
+
+NOW: Final = LocalVariable("now")
+"""Power of the coil under translation."""
+_ELAPSED: Final = LocalVariable("v")
+_SIGN_BIT: Final = 15
 
 
-def contact(operand: Operand) -> str:
-    """Return a contact as a Python expression.
-
-    Examples:
-        >>> contact(DeviceOperand("X", 8)), contact(WordBit(100, 3))
-        ('X[8]', '(D[100] >> 3 & 1 == 1)')
-    """
+def contact(operand: Operand) -> Condition:
+    """Return a contact: a bit device or a bit of a register."""
     if isinstance(operand, WordBit):
-        return f"(D[{operand.number}] >> {operand.bit} & 1 == 1)"
+        bit = Arithmetic("&", Arithmetic(">>", RowElement("D", operand.number), operand.bit), 1)
+        return Comparison("==", bit, 1)
+    return _cell(operand)
+
+
+def _cell(operand: Operand) -> RowElement:
     assert isinstance(operand, DeviceOperand)  # noqa: S101 - operands are checked by the parser
-    return f"{operand.kind}[{operand.number}]"
+    return RowElement(operand.kind, operand.number)
 
 
-def plain_word(operand: Operand) -> str | None:
-    """Return a 16-bit word as a Python expression, or None if it needs more than a lookup.
+def plain_word(operand: Operand, *, wide: bool = False) -> Value | None:
+    """Return a word of 16 or 32 bits, or None if it is indexed or not supported in statements.
 
     Examples:
         >>> device = DeviceOperand("D", 5)
         >>> plain_word(device), plain_word(Constant(0xFFFF, "H")), plain_word(DeviceOperand("D", 5, "Z0"))
-        ('D[5]', '-1', None)
+        (RowElement(row='D', number=5), -1, None)
     """
     match operand:
         case Constant(value, _, ""):
-            return str(value - 0x10000 if value > 0x7FFF else value)
+            return signed(value, width_of(wide))
+        case Digits(digits, DeviceOperand(kind, number, "")):
+            return _group(kind, number, 4 * digits, wide)
+        case DeviceOperand("D", number, "") if wide:
+            low = Arithmetic("&", RowElement("D", number), 0xFFFF)
+            return Arithmetic("|", Arithmetic("<<", RowElement("D", number + 1), 16), low)
+        case DeviceOperand("C", number, "") if wide == is_32_bit_counter(number):
+            return RowElement("CV", number)
         case DeviceOperand("D", number, ""):
-            return f"D[{number}]"
-        case DeviceOperand("T", number, ""):
-            return f"TV[{number}]"
-        case DeviceOperand("C", number, "") if not is_32_bit_counter(number):
-            return f"CV[{number}]"
-        case DeviceOperand("V" | "Z" as kind, number, ""):
-            return f"D[{index_register(f'{kind}{number}')}]"
+            return RowElement("D", number)
+        case DeviceOperand("T", number, "") if not wide:
+            return RowElement("TV", number)
+        case DeviceOperand("V" | "Z" as kind, number, "") if not wide:
+            return RowElement("D", index_register(f"{kind}{number}"))
     return None
 
 
-def set_to(operand: Operand, *, on: bool) -> str:
-    """Return the statement for SET or RST; RST also clears the value of a timer or counter, and sets a word to 0."""
+def _group(kind: str, first: int, size: int, wide: bool) -> Value:
+    """Return the word of a bit group, low bit first; the highest bit is the sign only if the group fills the word."""
+    group: Value = Selection(RowElement(kind, first), 1, 0)
+    for n in range(1, size):
+        weight = signed(1 << n, width_of(wide))
+        group = Arithmetic("|", group, Selection(RowElement(kind, first + n), weight, 0))
+    return group
+
+
+def drive(operand: Operand, power: Condition) -> Statement:
+    """Return the statement that sets a bit to the power of its coil."""
+    if isinstance(operand, WordBit):
+        register = RowElement("D", operand.number)
+        mask = -1 << operand.bit if operand.bit == _SIGN_BIT else 1 << operand.bit
+        return Store(register, Selection(power, Arithmetic("|", register, mask), Arithmetic("&", register, ~mask)))
+    return Store(_cell(operand), power)
+
+
+def set_to(operand: Operand, *, on: bool) -> tuple[Statement, ...]:
+    """Return the statements for SET or RST; RST also clears the value of a timer or counter, and sets a word to 0."""
     match operand:
-        case WordBit(number, bit):
-            return f"put_bit({number}, {bit}, {on})"
         case DeviceOperand("T", n):
-            return f"TV[{n}] = 0; TS[{n}] = -1; T[{n}] = False"
+            return _stopped(n)
         case DeviceOperand("C", n):
-            return f"CV[{n}] = 0; C[{n}] = False"
+            return Store(RowElement("CV", n), 0), Store(RowElement("C", n), value=False)
         case DeviceOperand("D" | "V" | "Z"):
-            return f"{plain_word(operand)} = 0"
-    return f"{contact(operand)} = {on}"
+            register = plain_word(operand)
+            assert isinstance(register, RowElement)  # noqa: S101 - RST of an indexed register is rejected by the parser
+            return (Store(register, 0),)
+    return (drive(operand, on),)
 
 
-def driven_off(operand: Operand) -> str:
-    """Return the statement for a coil that is executed without power."""
+def driven_off(operand: Operand) -> tuple[Statement, ...]:
+    """Return the statements for a coil that is executed without power."""
     match operand:
-        case WordBit(number, bit):
-            return f"put_bit({number}, {bit}, False)"
         case DeviceOperand("C", n):
-            return f"CE[{n}] = False"
+            return (Store(RowElement("CE", n), value=False),)
         case DeviceOperand("T", n):
-            return f"TS[{n}] = -1" + ("" if n >= RETENTIVE_TIMERS else f"; TV[{n}] = 0; T[{n}] = False")
-    return f"{contact(operand)} = False"
+            return _stopped(n) if n < RETENTIVE_TIMERS else (Store(RowElement("TS", n), -1),)
+    return (drive(operand, power=False),)
 
 
-def timer(n: int, preset: Operand, power: str) -> list[str]:
-    """Return the statements for OUT T: an on-delay timer, or a retentive timer from T246 on."""
-    tick = {MS_100: "tick_100", MS_10: "tick_10"}.get(timer_base_ms(n), "tick_1")
-    counts = plain_word(preset)
+def _stopped(n: int) -> tuple[Statement, ...]:
+    """Return the statements that stop a timer and clear its value."""
+    return Store(RowElement("TS", n), -1), Store(RowElement("TV", n), 0), Store(RowElement("T", n), value=False)
+
+
+def timer_off(n: int) -> Statement:
+    """Return the statement for a timer that is not retentive and has no power."""
+    return Branch(Comparison(">=", RowElement("TS", n), 0), _stopped(n))
+
+
+def timer(n: int, preset: Operand, power: Condition) -> Statement:
+    """Return the statement for OUT T: an on-delay timer, or a retentive timer from T246 on."""
+    tick, counts = Tick(timer_base_ms(n)), plain_word(preset)
+    assert counts is not None  # noqa: S101 - a preset is a constant or a register without index
+    start, value, done = RowElement("TS", n), RowElement("TV", n), RowElement("T", n)
     if n >= RETENTIVE_TIMERS:
-        return [
-            f"if {power}:",
-            f"    if TS[{n}] >= 0: TV[{n}] = min(TV[{n}] + {tick} - TS[{n}], 32767)",
-            f"    TS[{n}] = {tick}",
-            f"    if TV[{n}] >= {counts}: T[{n}] = True",
-            f"else: TS[{n}] = -1",
-        ]
-    return [
-        f"if {power}:",
-        f"    if TS[{n}] < 0: TS[{n}] = {tick}",
-        f"    v = {tick} - TS[{n}]",
-        f"    T[{n}] = v >= {counts}",
-        f"    TV[{n}] = {counts} if v >= {counts} else v",
-        f"elif TS[{n}] >= 0: TS[{n}] = -1; TV[{n}] = 0; T[{n}] = False",
-    ]
-
-
-def counter(n: int, preset: Operand, power: str) -> list[str]:
-    """Return the statements for OUT C: count up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
-    if is_32_bit_counter(n):
-        counts = (
-            f"wide({preset.number})" if isinstance(preset, DeviceOperand) else signed(getattr(preset, "value", 0), 32)
+        total = Arithmetic("+", value, Arithmetic("-", tick, start))
+        limited = Selection(Comparison("<", total, WORD_MAX), total, WORD_MAX)
+        running = (
+            Branch(Comparison(">=", start, 0), (Store(value, limited),)),
+            Store(start, tick),
+            Branch(Comparison(">=", value, counts), (Store(done, value=True),)),
         )
-        count = [
-            f"    v, limit = CV[{n}], {counts}",
-            f"    CV[{n}] = (v + {2**31 - 1} if M[{8000 + n}] else v + {2**31 + 1}) % {2**32} - {2**31}",
-            f"    if v == limit - 1 and CV[{n}] == limit: C[{n}] = True",
-            f"    elif v == limit and CV[{n}] == limit - 1: C[{n}] = False",
-        ]
+        return Branch(power, running, (Store(start, -1),))
+    reached = Comparison(">=", _ELAPSED, counts)
+    on = (
+        Branch(Comparison("<", start, 0), (Store(start, tick),)),
+        Let(_ELAPSED, Arithmetic("-", tick, start)),
+        Store(done, reached),
+        Store(value, Selection(reached, counts, _ELAPSED)),
+    )
+    return Branch(power, on, (timer_off(n),))
+
+
+def annunciator(n: int, preset: Operand, state: Operand, power: Condition) -> tuple[Statement, ...]:
+    """Return the statements for ANS with a constant preset: a timer that sets an annunciator."""
+    set_state = Branch(Conjunction(NOW, RowElement("T", n)), (drive(state, power=True),))
+    return Let(NOW, power), timer(n, preset, NOW), set_state
+
+
+def counter(n: int, preset: Operand, power: Condition) -> tuple[Statement, ...]:
+    """Return the statements for OUT C: count up to the preset or, from C200 on, up and down with 32-bit wrap-around."""
+    value, done, before = RowElement("CV", n), RowElement("C", n), RowElement("CE", n)
+    if is_32_bit_counter(n):
+        counts = plain_word(preset, wide=True)
+        assert counts is not None  # noqa: S101 - a preset is a constant or a pair of registers without index
+        count = _count_both_ways(n, counts)
     else:
-        counts = plain_word(preset) or "0"
-        count = [f"    if CV[{n}] < {counts}: CV[{n}] += 1", f"    if CV[{n}] >= {counts}: C[{n}] = True"]
-    return [f"now = {power}", f"if now and not CE[{n}]:", *count, f"CE[{n}] = now"]
+        limit = plain_word(preset)
+        assert limit is not None  # noqa: S101 - a preset is a constant or a register without index
+        count = (
+            Branch(Comparison("<", value, limit), (Store(value, Arithmetic("+", value, 1)),)),
+            Branch(Comparison(">=", value, limit), (Store(done, value=True),)),
+        )
+    return Let(NOW, power), Branch(Conjunction(NOW, Inverse(before)), count), Store(before, NOW)
+
+
+def _count_both_ways(n: int, counts: Value) -> tuple[Statement, ...]:
+    """Return the statements for one pulse: the contact turns on or off when the value passes the preset."""
+    value, done, down = RowElement("CV", n), RowElement("C", n), RowElement("M", 8000 + n)
+    old, limit = LocalVariable("v"), LocalVariable("limit")
+    # the sum of value, direction and 2**31 is reduced to 32 bits; subtracting 2**31 then gives a signed number
+    shifted = Arithmetic("+", old, Selection(down, 2**31 - 1, 2**31 + 1))
+    below = Arithmetic("-", limit, 1)
+    reached = Conjunction(Comparison("==", old, below), Comparison("==", value, limit))
+    left = Conjunction(Comparison("==", old, limit), Comparison("==", value, below))
+    return (
+        Let(old, value),
+        Let(limit, counts),
+        Store(value, Arithmetic("-", Arithmetic("&", shifted, 2**32 - 1), 2**31)),
+        Branch(reached, (Store(done, value=True),), (Branch(left, (Store(done, value=False),)),)),
+    )

@@ -15,6 +15,38 @@ OUT_OF_RANGE: Final = 6706
 """Error code in D8067 for an operand that is out of range (from memory)."""
 
 
+CALL_DEPTH: Final = 5
+"""Nesting limit of subroutines (from memory)."""
+WATCHDOG_ERROR: Final = 6105
+"""Error code in D8061: the scan took longer than the limit in D8000 (from memory)."""
+CALL_ERROR: Final = 6607
+"""Error code in D8066: subroutines are nested too deeply (from memory)."""
+
+
+class CpuError(Exception):
+    """Raised for a fatal program error; the CPU stops with its outputs off.
+
+    Attributes:
+        code: Error code.
+        relay: Number of the error relay; the register with the same number contains the code.
+    """
+
+    def __init__(self, code: int, relay: int) -> None:
+        super().__init__(f"CPU error {code}, M{relay}")
+        self.code = code
+        self.relay = relay
+
+
+def watchdog_error() -> CpuError:
+    """Return the error of a scan that takes too long."""
+    return CpuError(WATCHDOG_ERROR, 8061)
+
+
+def call_error() -> CpuError:
+    """Return the error of subroutines that are nested too deeply."""
+    return CpuError(CALL_ERROR, 8066)
+
+
 class OperationError(ArithmeticError):
     """Raised for operands that are invalid at run time; M8067 and D8067 are set, and the CPU continues.
 

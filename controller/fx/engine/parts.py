@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder, LadderError, Pointer
+from controller.fx.language.instruction_set import steps
 
 END_POINTER = 63
 """Label of END: CJ P63 jumps to END (docs/sources/fx2n.md 1.1, from memory)."""
@@ -72,6 +73,20 @@ def number_of(instruction: Instruction) -> int:
     """Return the number of the first operand: a label, a state or a level."""
     operand = instruction.operands[0]
     return operand.number if isinstance(operand, Pointer | DeviceOperand) else int(getattr(operand, "number", 0))
+
+
+def steps_of(instructions: tuple[Instruction, ...], body: tuple[Part, ...]) -> int:
+    """Return the number of program steps of a body, including the instruction at its end."""
+    total = 0
+    for part in body:
+        match part:
+            case LadderStep(_, _, indexes):
+                total += sum(steps(instructions[i]) for i in indexes)
+            case Loop(_, inner):
+                total += steps_of(instructions, inner)
+            case _:
+                total += steps(instructions[part])
+    return total + 1
 
 
 class _PartReader:

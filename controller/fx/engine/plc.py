@@ -5,10 +5,8 @@ The module `special_devices` lists the special devices that have a function; all
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from collections.abc import Sequence as Rows
 from datetime import datetime, timedelta
-from functools import partial
 from typing import Final
 
 from controller.core.devices import (
@@ -17,46 +15,19 @@ from controller.core.devices import (
     LOWEST_ANNUNCIATOR,
     RETENTIVE,
     SIZES,
-    Memory,
 )
-from controller.core.expr import COMPARISONS
 from controller.core.input_filter import InputFilter
-from controller.fx.engine.access import bit_writer, reader
-from controller.fx.engine.applied.table import ACTIONS, LEVELS
-from controller.fx.engine.cpu import RETENTIVE_TIMERS, Cpu, OperationError, index_register
-from controller.fx.engine.parts import parts_of
-from controller.fx.engine.translate import LISTS, Translator
-from controller.fx.language.instruction import Instruction, Ladder, WordBit
-from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS, steps
+from controller.fx.engine.code import DEPTH, TRANSFERRED
+from controller.fx.engine.cpu import RETENTIVE_TIMERS, Cpu, CpuError, index_register
+from controller.fx.engine.execution import FxExecutionFactory
+from controller.fx.engine.operations import WATCHDOG_MS, Operations, Watchdog
+from controller.fx.engine.python_functions import PythonFunctions
+from controller.fx.engine.translate import translate
+from controller.fx.language.instruction import Ladder
 
-STEPS_A_MS: Final = 12_500
-"""Execution rate of the FX2N in basic steps per ms, for the watchdog: 0.08 us per step (fx2n.md 1.3, from memory)."""
-LONGEST_SCAN_MS: Final = 2_000
-"""Time limit of every scan, ms, even if the program uses WDT."""
-CALL_DEPTH: Final = 5
-"""Nesting limit of subroutines (from memory)."""
-WATCHDOG_ERROR: Final = 6105
-"""Error code in D8061: the scan took longer than the limit in D8000 (from memory)."""
-CALL_ERROR: Final = 6607
-"""Error code in D8066: subroutines are nested too deeply (from memory)."""
 FILTER_MS: Final = 8020
-WATCHDOG_MS: Final = 8000
 POWER_UP_WATCHDOG_MS: Final = 200
 CLOCK_REGISTERS: Final = 8013
-
-
-class CpuError(Exception):
-    """Raised for a fatal program error; the CPU stops with its outputs off.
-
-    Attributes:
-        code: Error code.
-        relay: Number of the error relay; the register with the same number contains the code.
-    """
-
-    def __init__(self, code: int, relay: int) -> None:
-        super().__init__(f"CPU error {code}, M{relay}")
-        self.code = code
-        self.relay = relay
 
 
 class FxPlc:
@@ -69,40 +40,44 @@ class FxPlc:
         running: Whether the PLC is in RUN.
         error: Error that has stopped the PLC; None = none.
         scans: Number of scans since the change from STOP to RUN.
-        program: Function that executes steps 0 to END, given the time in ticks of 100, 10 and 1 ms.
+        execution: Execution of the program.
     """
 
-    def __init__(self, ladder: Ladder, *, input_filter_ms: int = 10, clock: datetime | None = None) -> None:
+    def __init__(
+        self,
+        ladder: Ladder,
+        *,
+        input_filter_ms: int = 10,
+        clock: datetime | None = None,
+        execution: FxExecutionFactory | None = None,
+    ) -> None:
         """Load the program and go to RUN.
 
         Args:
             ladder: Parsed program.
             input_filter_ms: Filter time of X0-X17, ms; 0 disables all filters.
             clock: Time of day at 0 ms; None = 2000-01-01 00:00:00.
+            execution: Factory of the execution; None = `PythonFunctions`.
 
         Raises:
             LadderError: The program contains a part that this engine does not support.
             ValueError: The input filter is invalid.
         """
         self.ladder = ladder
-        self.cpu = Cpu()
-        self.memory: Memory = self.cpu.memory
+        self._translated = translate(ladder)
+        self.execution = (execution or PythonFunctions)(self._translated)
+        self.memory = self.execution.memory
+        self.cpu = Cpu(self.memory)
+        self._watchdog = Watchdog(self.cpu, self.execution.registers)
+        self._operations = Operations(ladder, self.cpu, self._watchdog)
+        self._link_operations()
         self.running = True
         self.error: CpuError | None = None
         self.scans = 0
         self._filter = InputFilter(self.memory.X, input_filter_ms)
         self._clock = clock or datetime(2000, 1, 1)
-        self._leaving: set[int] = set()
-        self._depth = 0
         self._last_ms: int | None = None
         self._no_outputs = [False] * SIZES["Y"]
-        self._steps_left = [0]
-        self._used_steps = 0
-        self._edges: list[bool] = []
-        self._were_active: list[bool] = []
-        self._space: dict[str, object] = {}
-        self._calls: dict[int, int] = {}
-        self.program = self._compile()
         self.cpu.latches = self._no_outputs.copy()
         self._filter_ms = input_filter_ms
         self._first_registers()
@@ -149,10 +124,10 @@ class FxPlc:
         self._set_special_devices(now_ms)
         if self.scans == 0:
             self._resume_timers()
-        self._used_steps = 0
-        self._steps_left[0] = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
+        self._watchdog.start()
+        self.execution.registers[DEPTH] = 0
         try:
-            self.program(now_ms // 100, now_ms // 10, now_ms)
+            self.execution.run(now_ms)
         except CpuError as error:
             self._fail(error)
             return self._no_outputs.copy()
@@ -168,7 +143,7 @@ class FxPlc:
         for timer in range(RETENTIVE_TIMERS, SIZES["T"]):
             self.memory.TS[timer] = -1  # time in STOP or without power does not count
         self._last_ms, self.memory.D[8010:8013] = None, [0] * 3
-        self._build_instructions()
+        self._link_operations()
 
     def stop(self) -> None:
         """Go from RUN to STOP: turn off outputs and clear non-latched memory, unless M8033 retains them."""
@@ -212,136 +187,25 @@ class FxPlc:
             memory.TV[number], memory.TS[number] = 0, -1
         for number in self._numbers("C", latched=latched):
             memory.CV[number], memory.CE[number] = 0, False
-        self._leaving.clear()
+        self._clear_transfers()
         if not latched:
-            self._edges[:] = [False] * len(self._edges)
-            self._were_active[:] = [False] * len(self._were_active)
+            for row in (memory.E, self.execution.activity):
+                row[:] = [False] * len(row)
+
+    def _clear_transfers(self) -> None:
+        self.execution.registers[TRANSFERRED] = 0
+        for state in self._translated.sources:
+            self.execution.leaving[state] = False
+
+    def _link_operations(self) -> None:
+        """Link new applied instructions, which have no state of earlier scans."""
+        self.execution.link(self._operations.functions(self._translated.operations))
 
     @staticmethod
     def _numbers(kind: str, *, latched: bool) -> list[int]:
         """Return the numbers of the latched or the non-latched devices of a kind, excluding special devices."""
         latched_numbers = {number for span in RETENTIVE.get(kind, ()) for number in span}
         return [number for number in range(min(SIZES[kind], 8000)) if (number in latched_numbers) == latched]
-
-    def _compile(self) -> Callable[[int, int, int], None]:
-        instructions = self.ladder.instructions
-        translation = Translator(instructions, parts_of(self.ladder)).translation()
-        self._edges += [False] * translation.edges
-        self._were_active += [False] * translation.step_count
-        lists = {"E": self._edges, "A": self._were_active, "W": self._steps_left}
-        space: dict[str, object] = {
-            name: lists[name] if name in lists else getattr(self.memory, name) for name in LISTS
-        }
-        space |= {
-            "call": self._call,
-            "watch": self._watch,
-            "overdue": _raise_watchdog_error,
-            "wide": self._wide,
-            "put_bit": self._put_bit,
-        }
-        for name, (target, sources) in translation.transfers.items():
-            space[name] = partial(self._transfer, target, sources)
-        at = self._places()
-        for i in translation.comparisons:
-            space[f"c{i}"] = self._comparison(instructions[i], at[i])
-        self._space, self._calls = space, {i: at[i] for i in translation.calls}
-        self._build_instructions()
-        exec(compile(translation.text, f"<{self.ladder.source}>", "exec"), space)  # noqa: S102 - checked text
-        return space["scan"]  # type: ignore[return-value]
-
-    def _build_instructions(self) -> None:
-        """Rebuild the applied instructions, which resets their internal state."""
-        for i, at in self._calls.items():
-            self._space[f"i{i}"] = self._instruction(self.ladder.instructions[i], at)
-
-    def _places(self) -> list[int]:
-        """Return the step number of each instruction."""
-        at, places = 0, []
-        for instruction in self.ladder.instructions:
-            places.append(at)
-            at += steps(instruction)
-        return places
-
-    def _instruction(self, instruction: Instruction, at: int) -> Callable[..., object]:
-        """Return the operation of an applied instruction; it sets M8067 if the operands are currently invalid."""
-        form = FORMS[instruction.name]
-        if form.kind.name == "FOR":
-            return self._repeats(instruction, at)
-        table = LEVELS if form.kind.name in LEVELS else ACTIONS
-        action: Callable[..., None] = table[form.kind.name](self.cpu, instruction.operands, form.wide)
-
-        def execute(*power: bool) -> None:
-            try:
-                action(*power)
-            except OperationError as error:
-                self._report_error(error, at)
-
-        return execute
-
-    def _repeats(self, instruction: Instruction, at: int) -> Callable[[], int]:
-        """Return a function that reads the loop count: 1 if the operand is below 1 or out of range (from memory)."""
-        count = reader(self.cpu, instruction.operands[0], wide=False)
-
-        def times() -> int:
-            try:
-                return max(1, count())
-            except OperationError as error:
-                self._report_error(error, at)
-                return 1
-
-        return times
-
-    def _comparison(self, instruction: Instruction, at: int) -> Callable[[], bool]:
-        form = FORMS[instruction.name]
-        left, right = (reader(self.cpu, operand, form.wide) for operand in instruction.operands)
-        join = next(join for join in JOINS if form.kind.name.startswith(join))
-        compare = COMPARISONS[RELATIONS[form.kind.name.removeprefix(join)]]
-
-        def compare_operands() -> bool:
-            try:
-                return compare(left(), right())
-            except OperationError as error:
-                self._report_error(error, at)
-                return False
-
-        return compare_operands
-
-    def _report_error(self, error: OperationError, at: int) -> None:
-        self.memory.M[8067], self.memory.D[8067], self.memory.D[8069] = True, error.code, at
-        self.memory.M[8004], self.memory.D[8004] = True, 8067
-
-    def _transfer(self, target: int, sources: tuple[int, ...]) -> None:
-        """Set the target state immediately; the source states are reset at END."""
-        self.memory.S[target] = True
-        self._leaving |= set(sources)
-        self._leaving.discard(target)
-
-    def _call(self, subroutine: Callable[[int, int, int], None], cost: int, *ticks: int) -> None:
-        self._steps_left[0] -= cost
-        if self._steps_left[0] < 0:
-            _raise_watchdog_error()
-        if self._depth == CALL_DEPTH:
-            raise CpuError(CALL_ERROR, 8066)
-        self._depth += 1
-        try:
-            subroutine(*ticks)
-        finally:
-            self._depth -= 1
-
-    def _watch(self) -> None:
-        """WDT: restart the watchdog; `LONGEST_SCAN_MS` still applies, so a WDT cannot keep an endless loop running."""
-        limit = self.memory.D[WATCHDOG_MS] * STEPS_A_MS
-        self._used_steps += limit - self._steps_left[0]
-        if self._used_steps > LONGEST_SCAN_MS * STEPS_A_MS:
-            _raise_watchdog_error()
-        self._steps_left[0] = limit
-
-    def _wide(self, number: int) -> int:
-        low, high = self.memory.D[number] & 0xFFFF, self.memory.D[number + 1]
-        return (high << 16) | low
-
-    def _put_bit(self, number: int, bit: int, on: bool) -> None:
-        bit_writer(self.cpu, WordBit(number, bit))(on)
 
     def _set_special_devices(self, now_ms: int) -> None:
         """Set the special devices driven by the CPU."""
@@ -370,9 +234,11 @@ class FxPlc:
     def _end(self) -> None:
         """Execute END: reset the source states of transfers, and update special devices."""
         memory, special = self.memory, self.memory.M
-        for state in self._leaving:
-            memory.S[state] = False
-        self._leaving.clear()
+        if self.execution.registers[TRANSFERRED]:
+            for state in self._translated.sources:
+                if self.execution.leaving[state]:
+                    memory.S[state] = False
+            self._clear_transfers()
         if special[8031]:
             special[8031] = False
             self.clear(latched=False)
@@ -392,8 +258,4 @@ class FxPlc:
         self.error, self.running = error, False
         self.memory.M[error.relay], self.memory.D[error.relay] = True, error.code
         self.memory.M[8004], self.memory.D[8004] = True, error.relay
-        self._leaving.clear()
-
-
-def _raise_watchdog_error() -> None:
-    raise CpuError(WATCHDOG_ERROR, 8061)
+        self._clear_transfers()

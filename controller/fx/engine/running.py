@@ -6,6 +6,7 @@ from typing import Final
 
 from controller.core.devices import SIZES
 from controller.fx.engine.cpu import index_register
+from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.stimulus import CURRENT_VALUES, Stimulus, Values, changes_until
 from controller.fx.language.instruction import Ladder
@@ -15,7 +16,7 @@ TIME: Final = "ms"
 
 
 def run(ladder: Ladder, stimulus: Stimulus) -> list[dict[str, int]]:
-    """Run a program from power-up.
+    """Run a program from power-up, as machine code if llvmlite is installed.
 
     Args:
         ladder: The program.
@@ -28,7 +29,7 @@ def run(ladder: Ladder, stimulus: Stimulus) -> list[dict[str, int]]:
     Raises:
         LadderError: The program contains a part that the engine does not support.
     """
-    plc = FxPlc(ladder, input_filter_ms=stimulus.input_filter_ms)
+    plc = FxPlc(ladder, input_filter_ms=stimulus.input_filter_ms, execution=fastest_execution)
     levels = [False] * SIZES["X"]
     _put(plc, levels, stimulus.initial)
     records: list[dict[str, int]] = []

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 
-from controller.core import machine_code
+from controller.core import object_code
 from controller.core.devices import WORD_MAX, WORD_MIN, Memory
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.core.llvm_ir import translate
@@ -47,7 +47,7 @@ def differences(one: Plc, other: Plc) -> list[str]:
 @pytest.fixture
 def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compile without a cache folder, so that arbitrary programs do not fill the user's cache."""
-    monkeypatch.setattr(machine_code, "_folder", lambda: None)
+    monkeypatch.setattr(object_code, "_folder", lambda: None)
 
 
 def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) -> None:
@@ -232,7 +232,7 @@ def test_values_written_between_scans_have_python_types() -> None:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return an empty cache folder that is used instead of the user's cache folder."""
-    monkeypatch.setattr(machine_code, "_folder", lambda: tmp_path)
+    monkeypatch.setattr(object_code, "_folder", lambda: tmp_path)
     return tmp_path
 
 
@@ -240,13 +240,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return the list of modules that are compiled during the test."""
     texts: list[str] = []
-    compile_module = machine_code._compile
+    compile_module = object_code._compile
 
     def recorded(text: str) -> bytes:
         texts.append(text)
         return compile_module(text)
 
-    monkeypatch.setattr(machine_code, "_compile", recorded)
+    monkeypatch.setattr(object_code, "_compile", recorded)
     return texts
 
 
@@ -283,7 +283,7 @@ def test_a_damaged_object_file_is_compiled_again(folder: Path, compiled: list[st
 def test_a_cache_that_cannot_be_written_does_not_prevent_execution(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(machine_code, "_folder", lambda: tmp_path / "missing")
+    monkeypatch.setattr(object_code, "_folder", lambda: tmp_path / "missing")
     MachineCode(two_blocks(0))
 
 

@@ -24,11 +24,14 @@ from plant_sim.scenario.file import load_scenario
 from plant_sim.scenario.run import run_scenario
 from plant_sim.twin import lock_step as twin_module
 from plant_sim.twin.trial import run_trial
+from tests.controller.export import fx_equality
 from tests.controller.export.fx_equality import EXPORTED, STEPS, Differs, Mirror, Pair, Recorded, stories
+from tests.controller.fx.engine.fx_pair import PairedPlc
 from tests.controller.program.interlock_scene import MACHINE
 from tests.sampling import first_of
 
 SCANS, NIGHTLY_SCANS, A_STORY = 50_000, 1_000_000, 5_000
+MACHINE_CODE_SCANS = 3_000
 SCENARIOS = sorted(SCENARIO_FILES.glob("*.yaml"))
 INVERTED = {"LD": "LDI", "LDI": "LD", "AND": "ANI", "ANI": "AND", "OR": "ORI", "ORI": "OR", "SET": "RST", "RST": "SET"}
 
@@ -48,6 +51,15 @@ def test_export_has_the_same_outputs_in_every_scan() -> None:
     assert sum(pair.scans for pair in pairs) == SCANS
     assert sum(pair.moving for pair in pairs) > SCANS // 3
     assert len(set().union(*(pair.visited for pair in pairs))) >= len(STEPS) - 8
+
+
+def test_export_has_equal_devices_as_machine_code_in_every_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`PairedPlc` compares all devices of both executions of the export, with late scans and power failures."""
+    monkeypatch.setattr(fx_equality, "FxPlc", PairedPlc)
+    *_, (pair, _) = stories(1, MACHINE_CODE_SCANS)
+    assert isinstance(pair.fx, PairedPlc)
+    assert pair.scans == MACHINE_CODE_SCANS
+    assert pair.moving > MACHINE_CODE_SCANS // 3
 
 
 @pytest.mark.nightly

@@ -8,7 +8,8 @@ import pytest
 
 from controller.cli.main import main as controller
 from controller.fx.drawing.ladder import draw
-from controller.fx.engine.plc import WATCHDOG_ERROR, FxPlc
+from controller.fx.engine.cpu import WATCHDOG_ERROR
+from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.running import run
 from controller.fx.engine.stimulus import load_stimulus
 from controller.fx.language.il import read_il
@@ -41,6 +42,24 @@ def test_nop_between_joined_steps_leaves_them_joined() -> None:
     assert not outputs(running, OFF)[0]
     running.memory.S[20] = True
     assert outputs(running, OFF)[0]
+
+
+# coils in many steps
+
+
+@pytest.mark.parametrize("count", [8, 9, 200])
+def test_a_coil_driven_by_many_steps_turns_off_after_the_last_active_one(count: int) -> None:
+    """When a step turns off, its coil is not affected while any other step that drives it is active."""
+    steps = [(f"STL S{n}", "LD X0", "OUT Y0", "LD X1", f"OUT M{n}") for n in range(count)]
+    running = plc(*(line for step in steps for line in step), "RET")
+    states = running.memory.S
+    states[0] = states[count - 1] = True
+    seen = []
+    for change in (None, 0, None, count - 1, None):
+        if change is not None:
+            states[change] = False
+        seen.append(outputs(running, ON)[0])
+    assert seen == [True, True, True, False, False]
 
 
 # time in STOP

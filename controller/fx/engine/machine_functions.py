@@ -1,0 +1,95 @@
+"""Execution of a translated program as machine code; operations are executed by Python functions."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Final
+
+from controller.core.memory_region import MemoryRegion
+from controller.core.object_code import LoadedModules
+from controller.fx.engine.code import TranslatedProgram
+from controller.fx.engine.cpu import call_error, watchdog_error
+from controller.fx.engine.execution import Functions
+from controller.fx.engine.llvm_part import CALLBACK, OVERDUE, STOPPED, TOO_DEEP, FxLayout
+from controller.fx.engine.llvm_program import llvm_modules
+
+_ENTRY: Final = "scan"
+_CALLBACK: Final = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+
+
+class FxMachineCode:
+    """Machine code of a program.
+
+    Attributes:
+        layout: Arrangement of its memory.
+        scan: Function that executes the program, given the address of the memory region and the time in ms.
+    """
+
+    def __init__(self, program: TranslatedProgram) -> None:
+        """Load the machine code, compiling the parts that are not in the cache."""
+        self.layout = FxLayout(program)
+        self._modules = LoadedModules(llvm_modules(program, self.layout))
+        self.scan: Callable[[int, int], int] = self._modules.function(
+            _ENTRY, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
+        )
+
+
+@lru_cache(maxsize=16)
+def machine_code_of(program: TranslatedProgram) -> FxMachineCode:
+    """Return the machine code of a program; all PLCs with the same program share it."""
+    return FxMachineCode(program)
+
+
+class MachineFunctions:
+    """Execution of a program as machine code on a memory in one region.
+
+    Attributes:
+        memory: All devices.
+        activity: Row A.
+        leaving: Row L.
+        registers: Row W.
+        scan: Function that executes the program, given the address of the memory region and the time in ms.
+        address: Address of the memory region.
+    """
+
+    def __init__(self, program: TranslatedProgram) -> None:
+        self._code = machine_code_of(program)
+        self._region = MemoryRegion(self._code.layout)
+        rows = self._region.rows
+        self.memory = self._region.memory
+        self.activity: list[bool] = rows["A"]
+        self.leaving: list[bool] = rows["L"]
+        self.registers: list[int] = rows["W"]
+        self.scan, self.address = self._code.scan, self._region.address
+        self._functions: Functions = {}
+        self._exception: BaseException | None = None
+        self._callback = _CALLBACK(self._execute)
+        self.registers[CALLBACK] = ctypes.cast(self._callback, ctypes.c_void_p).value or 0
+
+    def link(self, functions: Functions) -> None:
+        """Set the functions of the instructions that Python executes."""
+        self._functions = functions
+
+    def run(self, now_ms: int) -> None:
+        """Execute the program from step 0 to END."""
+        result = self.scan(self.address, now_ms)
+        if result == STOPPED:
+            exception, self._exception = self._exception, None
+            assert exception is not None  # noqa: S101 - only `_execute` returns this result
+            raise exception
+        if result == OVERDUE:
+            raise watchdog_error()
+        if result == TOO_DEEP:
+            raise call_error()
+
+    def _execute(self, index: int, drive: int) -> int:
+        """Execute an operation; -1 stops the machine code, because an exception cannot pass through it."""
+        try:
+            function = self._functions[index]
+            result = function() if drive < 0 else function(bool(drive))
+        except BaseException as exception:  # noqa: BLE001 - raised again by `run`
+            self._exception = exception
+            return -1
+        return result or 0
