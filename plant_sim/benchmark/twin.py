@@ -21,7 +21,7 @@ TRIAL_GOAL: Final = 7.0
 FLEET_GOAL: Final = 1.8
 SNAPSHOT_GOAL_US: Final = 100.0
 ROUNDS: Final = 3
-FLEET_TRIALS: Final = 40
+FLEET_TRIALS: Final = 120
 SNAPSHOTS: Final = 2_000
 WORKERS: Final = 2
 

@@ -168,7 +168,8 @@ def _frequencies_per_min(text: str) -> tuple[int, ...]:
 @contextmanager
 def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> Iterator[RunOptions]:
     """Yield the run options, with the study's defaults for missing options; show the progress during the run."""
-    from plant_sim.study.runner import SEEDLINGS, RunOptions  # noqa: PLC0415
+    from plant_sim.study.fleet import SEEDLINGS  # noqa: PLC0415
+    from plant_sim.study.runner import RunOptions  # noqa: PLC0415
 
     machine, io_map = load_machine(options.machine or DEFAULT_MACHINE), load_io_map(options.io_map or DEFAULT_IO_MAP)
     with study_progress() as progress:

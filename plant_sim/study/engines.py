@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import closing
 from dataclasses import dataclass
@@ -20,6 +20,8 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from plant_sim.study.errors import StudyError
 
 Result = TypeVar("Result")
+Progress = Callable[[int, int], None]
+"""Callback with the number of completed trials and their total."""
 
 CONNECT_LIMIT_S: Final = 10.0
 """Time limit for the connection to a scheduler, s."""
@@ -188,3 +190,33 @@ def _end_after(parent: int) -> None:
     while os.getppid() == parent:
         wait(_ORPHAN_S)
     os._exit(1)
+
+
+def spread(
+    jobs: Sequence[Callable[[], Result]], workers: int | None = None, progress: Progress | None = None
+) -> list[Result]:
+    """Run jobs in parallel processes.
+
+    Args:
+        jobs: The jobs; they must be picklable.
+        workers: Number of processes; 1 = this process, None = one per core.
+        progress: Callback after every completed job.
+
+    Returns:
+        Results in the order of the jobs.
+
+    Raises:
+        StudyError: The number of processes is invalid, or a process was killed.
+    """
+    engine = ProcessEngine(workers)
+    if len(jobs) <= 1:
+        engine = ProcessEngine(1)
+    elif workers is not None:
+        engine = ProcessEngine(min(workers, len(jobs)))
+    collected: list[Result] = []
+    with closing(engine.results(jobs, ordered=True)) as results:
+        for result in results:
+            collected.append(result)
+            if progress is not None:
+                progress(len(collected), len(jobs))
+    return collected

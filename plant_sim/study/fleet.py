@@ -12,10 +12,12 @@ import numpy as np
 from controller.iomap.loader import IoMap
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine
-from plant_sim.study.runner import SEEDLINGS, Progress, spread
+from plant_sim.study.engines import Progress, spread
 from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial
 
+SEEDLINGS: Final = 144
+"""Number of seedlings per trial in the paper: two trays."""
 MOST_IN_BATCH: Final = 20
 """Largest number of machines that a process runs before it returns their reports."""
 

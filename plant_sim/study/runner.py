@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from controller.iomap.loader import IoMap
 from plant_sim.machine.parameters import Machine
-from plant_sim.study.engines import ProcessEngine, Result
+from plant_sim.study.engines import Progress
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
+from plant_sim.study.fleet import SEEDLINGS, FleetMachine, run_fleet
 from plant_sim.twin.report import TrialReport
-from plant_sim.twin.trial import run_trial
 
-SEEDLINGS = 144
-"""Number of seedlings per trial in the paper: two trays."""
 MOST_SEEDLINGS = 72_000
 """Maximum number of seedlings: a thousand trays, the capacity of the magazine."""
 MOST_TRIALS = 100_000
 _MOST_REASONS = 5
-
-Progress = Callable[[int, int], None]
-"""Callback with the number of completed trials and their total."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,20 +63,13 @@ class RunOptions:
         """
         _check_numbers(len(settings), self.trials, self.seedlings)
         configurations = [(setting.machine(self.machine), setting.set_points()) for setting in settings]
-        jobs = [
-            partial(
-                run_trial,
-                seed=trial_seed(self.seed, index, trial),
-                seedlings=self.seedlings,
-                parameters=parameters,
-                set_points=set_points,
-                io_map=self.io_map,
-            )
+        fleet = [
+            FleetMachine(trial_seed(self.seed, index, trial), parameters, set_points, seedlings=self.seedlings)
             for index, (parameters, set_points) in enumerate(configurations)
             for trial in range(self.trials)
         ]
-        reports = spread(jobs, self.workers, self.progress)
-        return [reports[first : first + self.trials] for first in range(0, len(jobs), self.trials)]
+        reports = run_fleet(fleet, io_map=self.io_map, workers=self.workers, progress=self.progress)
+        return [reports[first : first + self.trials] for first in range(0, len(fleet), self.trials)]
 
     def command(self, study: str, file: Path | None = None, **study_options: object) -> str:
         """Return the command that reproduces a study, with every option that affects the result.
@@ -166,36 +152,6 @@ class OverallProgress:
             self._started += total
         self._done += 1
         self._progress(self._done, max(self._planned, self._started))
-
-
-def spread(
-    jobs: Sequence[Callable[[], Result]], workers: int | None = None, progress: Progress | None = None
-) -> list[Result]:
-    """Run jobs in parallel processes.
-
-    Args:
-        jobs: The jobs; they must be picklable.
-        workers: Number of processes; 1 = this process, None = one per core.
-        progress: Callback after every completed job.
-
-    Returns:
-        Results in the order of the jobs.
-
-    Raises:
-        StudyError: The number of processes is invalid, or a process was killed.
-    """
-    engine = ProcessEngine(workers)
-    if len(jobs) <= 1:
-        engine = ProcessEngine(1)
-    elif workers is not None:
-        engine = ProcessEngine(min(workers, len(jobs)))
-    collected: list[Result] = []
-    with closing(engine.results(jobs, ordered=True)) as results:
-        for result in results:
-            collected.append(result)
-            if progress is not None:
-                progress(len(collected), len(jobs))
-    return collected
 
 
 def trial_seed(seed: int, setting: int, trial: int) -> int:

@@ -20,9 +20,8 @@ from plant_sim.study.campaign.record import Record
 from plant_sim.study.campaign.run import CampaignPlan, execute
 from plant_sim.study.campaign.shards import Notice, ShardFolder, shard_schema
 from plant_sim.study.campaign.version import code_version
-from plant_sim.study.engines import Engine, WorkerLostError
+from plant_sim.study.engines import Engine, Progress, WorkerLostError
 from plant_sim.study.errors import StudyError
-from plant_sim.study.runner import Progress
 
 SHARD_RUNS: Final = 200
 """Default maximum number of runs in a result file."""

@@ -15,8 +15,9 @@ from plant_sim.machine.parameters import Machine
 from plant_sim.study.design_file import DesignReader, FactorDesign, design_keys
 from plant_sim.study.doe.regression import fit, terms
 from plant_sim.study.errors import StudyError
+from plant_sim.study.fleet import SEEDLINGS
 from plant_sim.study.report.parts import is_stem
-from plant_sim.study.runner import MOST_SEEDLINGS, MOST_TRIALS, SEEDLINGS
+from plant_sim.study.runner import MOST_SEEDLINGS, MOST_TRIALS
 from plant_sim.twin.report import TrialReport
 
 Model = Literal["none", "linear", "interactions", "quadratic"]

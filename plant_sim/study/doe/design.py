@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from plant_sim.study.errors import StudyError
 
@@ -176,6 +175,8 @@ def latin_hypercube(k: int, n: int, *, seed: int) -> NDArray[np.float64]:
     if k < 1 or n < 1 or seed < 0:
         text = f"{k} factors, {n} points, seed {seed}"
         raise StudyError(f"latin hypercube: {text}; must be at least one factor, one point and a seed of 0 or more")
+    from scipy.stats import qmc  # noqa: PLC0415 - importing it would delay every start of a worker
+
     sample: NDArray[np.float64] = qmc.LatinHypercube(d=k, rng=np.random.default_rng(seed)).random(n)
     return 2.0 * sample - 1.0
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-import statsmodels.api as sm
 from numpy.typing import NDArray
 from scipy import stats
+from statsmodels.regression.linear_model import OLS
 
 from plant_sim.common.polynomial import CONSTANT, Polynomial, model_matrix
 from plant_sim.study.errors import StudyError
@@ -182,7 +182,7 @@ def fit(coded: NDArray[np.float64], response: NDArray[np.float64], terms: Sequen
     _check_runs(coded, response, names)
     matrix = model_matrix(coded, names)
     _check_separable(matrix, names)
-    results = sm.OLS(response, matrix).fit()
+    results = OLS(response, matrix).fit()
     residual = _scatter(float(results.ssr), results)
     coefficients = _coefficients(names, results, has_error=residual > 0)
     anova = _anova(coded, names, results, residual)

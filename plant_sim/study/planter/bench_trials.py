@@ -14,7 +14,8 @@ from plant_sim.planter.parameters import Planter
 from plant_sim.planter.quality import injury_share, lodging_share
 from plant_sim.planter.scatter import Ground, Ranges, draw
 from plant_sim.planter.verdict import LODGED_DEG
-from plant_sim.study.runner import Progress, spread, trial_seed
+from plant_sim.study.engines import Progress, spread
+from plant_sim.study.runner import trial_seed
 from plant_sim.twin.report import binomial_interval
 
 _KM_H = 3.6

@@ -10,6 +10,7 @@ from plant_sim.planter.parameters import Planter
 from plant_sim.planter.quality import codes
 from plant_sim.planter.scatter import Ranges
 from plant_sim.study.doe.design import to_natural
+from plant_sim.study.engines import Progress
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment, cabbage_settings
 from plant_sim.study.planter.bench_fit import LodgingConstants, lodging_percent
 from plant_sim.study.planter.bench_model import BenchModel, bench_model
@@ -17,7 +18,7 @@ from plant_sim.study.planter.bench_trials import BenchCheck, BenchSetting, equat
 from plant_sim.study.planter.lodging_parts import check_parts, injury_parts, lodging_parts, seedling_parts
 from plant_sim.study.planter.tipping import Tipping, simulate_tipping
 from plant_sim.study.report.study import Study
-from plant_sim.study.runner import OverallProgress, Progress, command_line
+from plant_sim.study.runner import OverallProgress, command_line
 
 TRIALS: Final = 3
 """Number of trials of each run, of the bench check and of the field check. Source: cabbage paper, 3.1.2 and 4."""

@@ -17,11 +17,12 @@ from plant_sim.planter.parameters import Planter
 from plant_sim.planter.ratio import zero_speed_points
 from plant_sim.planter.scatter import Ground, Ranges
 from plant_sim.planter.verdict import PUSHED_M, FallVerdict
+from plant_sim.study.engines import Progress
 from plant_sim.study.planter.bench_fit import Values, rms
 from plant_sim.study.planter.verdicts import FallPoint, VerdictCount, count_verdicts
 from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.report.study import Study
-from plant_sim.study.runner import Progress, command_line
+from plant_sim.study.runner import command_line
 
 LOWEST_RATIO: Final = 0.8
 HIGHEST_RATIO: Final = 1.6

@@ -14,8 +14,8 @@ from plant_sim.planter.motion import Motion
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.scatter import Draw, Ground, Ranges, draw
 from plant_sim.planter.verdict import LODGED_DEG
+from plant_sim.study.engines import Progress, spread
 from plant_sim.study.errors import StudyError
-from plant_sim.study.runner import Progress, spread
 
 DEEPEST_M = 0.040
 """Largest simulated clearance between the tip of the planter and the bottom of the furrow, m."""

@@ -17,11 +17,12 @@ from plant_sim.planter.parameters import Planter
 from plant_sim.planter.scatter import Ranges
 from plant_sim.planter.verdict import PUSHED_M, FallVerdict
 from plant_sim.study.doe.design import to_natural
+from plant_sim.study.engines import Progress
 from plant_sim.study.paper_tables import CABBAGE_FACTORS, cabbage_experiment
 from plant_sim.study.planter.verdicts import FREQUENCY_PER_MIN, FallPoint, VerdictCount, count_verdicts, crossings
 from plant_sim.study.report.parts import Cell, Heading, Part, Picture, Table
 from plant_sim.study.report.study import Study
-from plant_sim.study.runner import Progress, command_line
+from plant_sim.study.runner import command_line
 
 REQUIRED: Final = 0.9
 """Smallest share of falls with the paper's verdict at which a case is reproduced."""

@@ -15,8 +15,9 @@ from plant_sim.planter.falls import motion_at
 from plant_sim.planter.parameters import Planter
 from plant_sim.planter.scatter import Ground, Ranges, draw
 from plant_sim.planter.verdict import FallVerdict, verdict_of
+from plant_sim.study.engines import Progress, spread
 from plant_sim.study.planter.bench_fit import Values
-from plant_sim.study.runner import Progress, spread, trial_seed
+from plant_sim.study.runner import trial_seed
 from plant_sim.twin.report import binomial_interval
 
 FREQUENCY_PER_MIN: Final = 56.0

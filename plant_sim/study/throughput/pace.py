@@ -12,10 +12,11 @@ from controller.iomap.loader import IoMap
 from controller.program.set_points import CUPS
 from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
+from plant_sim.study.engines import spread
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
 from plant_sim.study.row_motion import MotionWatch
-from plant_sim.study.runner import RunOptions, spread, trial_seed
+from plant_sim.study.runner import RunOptions, trial_seed
 from plant_sim.study.throughput.critical_path import Round, rounds
 from plant_sim.study.throughput.timeline import Timeline, TimelineRecorder
 from plant_sim.twin.lock_step import Twin

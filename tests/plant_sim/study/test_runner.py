@@ -15,6 +15,7 @@ import pytest
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study import runner
+from plant_sim.study.engines import spread
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
 from plant_sim.study.runner import (
@@ -23,7 +24,6 @@ from plant_sim.study.runner import (
     OverallProgress,
     RunOptions,
     incomplete_trials,
-    spread,
     trial_seed,
 )
 from plant_sim.twin.report import TrialReport
