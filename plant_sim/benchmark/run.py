@@ -10,17 +10,17 @@ from dataclasses import asdict, dataclass
 from controller.core.scan import Plc
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
+from controller.program.states import State
 from plant_sim.benchmark.fx_engine import FxFigures, measure_fx
 from plant_sim.benchmark.hmi import HmiFigures, measure_hmi
+from plant_sim.benchmark.twin import TwinFigures, measure_twin
 from plant_sim.line.command import result_of
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.lock_step import SCAN_MS, Twin
-from plant_sim.twin.trial import run_trial
 
 SCAN_GOAL_US = 50.0
 PLANT_GOAL = 1000.0
-TWIN_GOAL = 200.0
 WARM_START_GOAL_S = 1.0
 ROW_GOAL_S = 60.0
 
@@ -37,20 +37,16 @@ print(time.perf_counter() - began_s)
 
 
 @dataclass(frozen=True)
-class Figures(HmiFigures, FxFigures):
-    """Benchmark figures; those of the FX2N engine and of the operator interface are in `FxFigures` and `HmiFigures`.
+class Figures(HmiFigures, FxFigures, TwinFigures):
+    """Benchmark figures; see also `TwinFigures`, `FxFigures` and `HmiFigures`.
 
     Attributes:
         scan_us: CPU time of one scan of the complete program, mean over the recorded inputs of a trial, us.
         worst_scan_us: Mean CPU time of a scan in the slowest tenth of the trial, us.
         plant_us: CPU time for 10 ms of plant time with the outputs recorded in the same trial, us.
-        tick_us: CPU time of one tick of the twin (link, scan, memory, observers, plant), us.
-        plant_ratio: Ratio of simulated time to CPU time for the plant alone.
-        twin_ratio: Ratio of simulated time to CPU time for a complete trial in lock step, set-up included, with the
-            machine code of the plant loaded.
+        plant_ratio: Ratio of simulated time to CPU time for the plant alone, called from Python.
         warm_start_s: Start-up time of a new process, from its first import to the end of the first scan of a twin, with
             the machine code of the plant on disk, s.
-        simulated_s: Simulated time of the trial, s.
         cabbage_row_s: CPU time of one row of 1 km with the cabbage line, s.
         pepper_row_s: CPU time of two rows of 1 km with the pepper line, s.
         combined_row_s: CPU time of two rows of 1 km with the combined line, s.
@@ -60,9 +56,6 @@ class Figures(HmiFigures, FxFigures):
     worst_scan_us: float
     plant_us: float
     plant_ratio: float
-    tick_us: float
-    twin_ratio: float
-    simulated_s: float
     warm_start_s: float
     cabbage_row_s: float
     pepper_row_s: float
@@ -80,9 +73,7 @@ class Figures(HmiFigures, FxFigures):
                 f"  slowest tenth of a trial {self.worst_scan_us:7.1f} us CPU",
                 f"plant, 10 ms in 1 ms steps {self.plant_us:7.1f} us CPU, {self.plant_ratio:.0f} x real time "
                 f"(goal: at least {PLANT_GOAL:.0f})",
-                f"tick of the twin           {self.tick_us:7.1f} us CPU",
-                f"twin in lock step          {self.twin_ratio:7.0f} x real time over {self.simulated_s:.1f} s "
-                f"(goal: at least {TWIN_GOAL:.0f})",
+                self.twin_text(),
                 f"warm start of a process     {self.warm_start_s:6.2f} s (goal: at most {WARM_START_GOAL_S:.0f})",
                 self.fx_text(),
                 f"rows of 1 km, cabbage      {self.cabbage_row_s:7.2f} s CPU (goal: at most {ROW_GOAL_S:.0f})",
@@ -106,10 +97,7 @@ def measure(*, seed: int = 1) -> Figures:
         LiveError: A process of the operator interface failed, or its machine did not reach a required state.
     """
     Twin(seed=seed).scan()  # compiles or loads the plant
-    began_s = time.process_time()
-    report = run_trial(seed=seed)
-    trial_s = time.process_time() - began_s
-    inputs, outputs, tick_s = _record(seed, round(report.simulated_s * 1000) // SCAN_MS)
+    inputs, outputs = _record(seed)
     scans = _replay_scans(inputs)
     plant_s = _replay_plant(outputs, seed)
     count = len(inputs)
@@ -118,13 +106,11 @@ def measure(*, seed: int = 1) -> Figures:
     return Figures(
         **asdict(measure_hmi()),
         **asdict(measure_fx()),
+        **asdict(measure_twin(seed=seed)),
         scan_us=round(1e6 * sum(scans) / count, 2),
         worst_scan_us=round(1e6 * max(parts), 2),
         plant_us=round(1e6 * plant_s / count, 2),
         plant_ratio=round(count * SCAN_MS / 1000 / plant_s, 1),
-        tick_us=round(1e6 * tick_s / count, 2),
-        twin_ratio=round(report.simulated_s / trial_s, 1),
-        simulated_s=report.simulated_s,
         warm_start_s=round(_warm_start_s(), 3),
         cabbage_row_s=_row_s("cabbage", seed),
         pepper_row_s=_row_s("pepper", seed),
@@ -149,21 +135,25 @@ def _warm_start_s() -> float:
     )
 
 
-def _record(seed: int, scans: int) -> tuple[list[list[bool]], list[list[bool]], float]:
-    """Repeat the trial; return every X and Y image and the CPU time of the ticks."""
+def _record(seed: int) -> tuple[list[list[bool]], list[list[bool]]]:
+    """Return every X and Y image of a trial from power-up to Complete.
+
+    Raises:
+        NotReachedError: The trial does not complete.
+    """
     twin = Twin(seed=seed, set_points={"trays_target": 2})
     inputs: list[list[bool]] = []
     outputs: list[list[bool]] = []
-    began_s = time.process_time()
-    for number in range(scans):
-        if number == 1:  # the first scan ends in Stopped, the only state from which X0 starts homing
-            twin.press("start", for_ms=200)
-        inputs.append(twin.module.inputs())
-        twin.scan()
-        outputs.append(twin.runtime.released)
-        if twin.state == 4 and not twin.plant.box.start:
-            twin.press("start", for_ms=200)
-    return inputs, outputs, time.process_time() - began_s
+
+    def record(twin: Twin) -> None:
+        inputs.append(twin.plant.terminals.levels.tolist())
+        outputs.append(list(twin.runtime.released))
+
+    twin.watch(record)
+    twin.home()
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=600_000)
+    return inputs, outputs
 
 
 def _replay_scans(inputs: list[list[bool]]) -> list[float]:

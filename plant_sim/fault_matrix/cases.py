@@ -109,7 +109,7 @@ def _strikable(plant: Plant, kind: str) -> Collection[str]:
 def _subjects_of(plant: Plant, kind: str, only: str) -> list[Subject]:
     by_part: dict[str, list[str]] = {}
     for target in _strikable(plant, kind):
-        if target == only or not (only or target in plant.optional):
+        if target == only or not (only or target in plant.terminals.optional):
             by_part.setdefault(_row_of(kind, target), []).append(target)
     sizes: tuple[float | None, ...] = SIZES[kind] if FAULTS[kind].size is not None else (None,)
     return [Subject(kind, part, size, tuple(targets)) for part, targets in by_part.items() for size in sizes]

@@ -20,8 +20,9 @@ from plant_sim.devices.supply import Supply
 from plant_sim.faults import Fault, FaultSchedule
 from plant_sim.machine.arm import ArmPlant
 from plant_sim.machine.crop_limits import CropLimits
-from plant_sim.machine.kernel import ARM_COILS, MACHINE, MACHINE_PARAMS, POSITIONS, SENSORS, advance, read_sensors
+from plant_sim.machine.kernel import ARM_COILS, MACHINE, MACHINE_PARAMS, POSITIONS, advance
 from plant_sim.machine.parameters import Machine
+from plant_sim.machine.terminals import Terminals
 from plant_sim.pneumatics.flow import REFERENCE_KG_M3
 
 __all__ = ["ArmPlant", "Event", "Plant"]
@@ -32,7 +33,6 @@ _COIL_TAGS = (
     "tray_run",
     "tray_forward",
 )
-_BUTTON_TAGS = ("start", "stop", "emergency_stop", "reset")
 _INDICATOR_TAGS = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 _PLAIN_SENSORS: dict[str, bool] = {}
 """On/off sensors without a device model: level at power-up by tag."""
@@ -69,16 +69,12 @@ class Plant(Saved):
         params: Parameters of the machine, one `MACHINE_PARAMS` record; faults change it.
         limits: Limits within which no motion can affect a seedling.
         positions: Latest positions of all moving parts, as `advance` returns them.
-        levels: Raw levels of the inputs by X number, as last read.
-        terminals: X numbers and polarities of all sensors in kernel order, and `levels`.
+        terminals: Input terminals.
         coil_wires: Y number and polarity of every coil in kernel order.
         coils: Levels of the coils in kernel order.
         no_coils: Levels of the coils during an emergency stop.
         look_ms: Longest time between two looks at the motion, ms.
         steps_per_ms: Number of kernel steps per millisecond.
-        wired: Tags of the wired inputs.
-        optional: Tags of the wired inputs that a machine can run without.
-        broken_wires: Tags of the inputs whose terminals are off regardless of their sensors.
         faults: Fault schedule.
     """
 
@@ -151,10 +147,9 @@ class Plant(Saved):
         self._arms_met = False
         self.look_ms = machine.simulation.look_ms
         self.steps_per_ms = machine.simulation.steps_per_ms
-        self.broken_wires: set[str] = set()
         self._wire(io_map)
         self.faults = FaultSchedule(self, faults)
-        arrays = (self.state, self.params, self.coils, self.positions, self.levels)
+        arrays = (self.state, self.params, self.coils, self.positions, self.terminals.levels)
         self._bytes = [array.view(np.uint8) for array in arrays]
         self._parts = (
             *self.arms.values(),
@@ -190,20 +185,22 @@ class Plant(Saved):
         for sensor, state in zip(self._plain_sensors, sensors, strict=True):
             sensor.restore(state)
         self.broken_wires.clear()
-        self.broken_wires |= broken_wires
+        self.broken_wires.update(broken_wires)
 
     @property
     def x(self) -> list[bool]:
         """Current raw X image, as a new list."""
-        read_sensors(self.state, self.params, *self.terminals)
-        image: list[bool] = self.levels.tolist()
-        for tag, number, inverted in self._buttons:
-            image[number] = getattr(self.box, tag) != inverted
-        for sensor, number, inverted in self._other_sensors:
-            image[number] = sensor.read() != inverted
-        for tag in self.broken_wires:
-            image[self._number_of[tag]] = False
-        return image
+        return self.terminals.read(self.state, self.params)
+
+    @property
+    def wired(self) -> tuple[str, ...]:
+        """Tags of the wired inputs."""
+        return self.terminals.wired
+
+    @property
+    def broken_wires(self) -> set[str]:
+        """Tags of the inputs whose terminals are off regardless of their sensors."""
+        return self.terminals.broken_wires
 
     @property
     def y(self) -> list[bool]:
@@ -293,21 +290,6 @@ class Plant(Saved):
         advance(self.state, self.params, coils, fed, first, steps, self.positions)
         self.time_ms += for_ms
 
-    @property
-    def has_other_sensors(self) -> bool:
-        """True if a sensor is wired that `read_sensors` does not read."""
-        return bool(self._other_sensors)
-
-    @property
-    def fixed_levels(self) -> list[int]:
-        """Raw level of every input that does not depend on motion, by X number; -1 for the others."""
-        levels = [-1] * len(self.levels)
-        for tag, number, inverted in self._buttons:
-            levels[number] = getattr(self.box, tag) != inverted
-        for tag in self.broken_wires:
-            levels[self._number_of[tag]] = 0
-        return levels
-
     def look(self) -> bool:
         """Apply the motion since the last look, of which only the latest part can affect a seedling.
 
@@ -396,24 +378,8 @@ class Plant(Saved):
         }
 
     def _wire(self, io_map: IoMap) -> None:
-        """Connect terminals to sensors, buttons, coils and indicators once, so that a scan is fast."""
-        for point in io_map.inputs:
-            if point.tag not in self.sensors and point.tag not in _BUTTON_TAGS:
-                raise ValueError(f"{io_map.path}:{point.line}: {point.tag}: the machine has no such sensor or button")
-        points = [io_map.get(tag) for tag in SENSORS]
-        terminals = np.array([-1 if point is None else point.number for point in points])
-        inverted = np.array([point is not None and point.inverted for point in points])
-        self.levels = np.zeros(io_map.input_count, np.bool_)
-        self.terminals = (terminals, inverted, self.levels)
-        self._number_of = {point.tag: point.number for point in io_map.inputs}
-        self.wired = tuple(self._number_of)
-        self.optional = frozenset(point.tag for point in io_map.inputs if point.optional)
-        self._buttons = [(tag, io_map[tag].number, io_map[tag].inverted) for tag in _BUTTON_TAGS if tag in io_map]
-        self._other_sensors = [
-            (self.sensors[point.tag], point.number, point.inverted)
-            for point in io_map.inputs
-            if point.tag in self.sensors and point.tag not in SENSORS
-        ]
+        """Connect terminals, coils and indicators once, so that a scan is fast."""
+        self.terminals = Terminals(io_map, self.sensors, self.box)
         self.coil_wires = [(io_map[tag].number, io_map[tag].inverted) for tag in _COIL_TAGS]
         self.coils = np.zeros(len(_COIL_TAGS), np.bool_)
         self.no_coils = np.zeros(len(_COIL_TAGS), np.bool_)

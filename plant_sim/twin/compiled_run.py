@@ -51,7 +51,7 @@ class CompiledRun:
         self._cells = np.zeros(CELLS)
         control["state"], control["cells"] = plant.state.ctypes.data, self._cells.ctypes.data
         control["inputs_at"], control["outputs_at"] = layout.bit("X", 0), layout.bit("Y", 0)
-        self._inputs = np.zeros(len(plant.levels), INPUT)
+        self._inputs = np.zeros(len(plant.terminals.levels), INPUT)
         self._watched = np.zeros(0, WATCHED)
         self._triggers: list[Trigger] = []
         self._trigger_records = np.zeros(0, TRIGGER)
@@ -78,7 +78,7 @@ class CompiledRun:
             and self._plc.scans > 0
             and not self._module.tripped
             and not self._module.observers
-            and not self._plant.has_other_sensors
+            and not self._plant.terminals.has_other_sensors
         )
 
     def watch(self, devices: Iterable[Bit | Word], triggers: Iterable[Trigger]) -> None:
@@ -132,7 +132,7 @@ class CompiledRun:
         control["filter_ms"] = runtime.plc.input_filter.filter_ms
         control["report"], control["scans"] = True, 0
         self._trigger_records["holds"] = [trigger.holds for trigger in self._triggers]
-        self._inputs["fixed"] = plant.fixed_levels
+        self._inputs["fixed"] = plant.terminals.fixed_levels
         self._inputs["since_ms"] = -1
         for number, since_ms in runtime.plc.input_filter.since_ms.items():
             self._inputs["since_ms"][number] = since_ms
@@ -142,7 +142,7 @@ class CompiledRun:
             self._watched,
             self._trigger_records,
             self._inputs,
-            *plant.terminals,
+            *plant.terminals.arrays,
             self._outputs,
             plant.coils,
             plant.no_coils,
@@ -157,7 +157,7 @@ class CompiledRun:
                 control["report"] = False
                 plant.follow_drive()
                 scanned_ms = int(control["time_ms"]) + ahead_ms
-                runtime.adopt(scanned_ms, plant.levels.tolist())
+                runtime.adopt(scanned_ms, plant.terminals.levels.tolist())
                 on_change(scanned_ms)
             else:
                 break
@@ -175,7 +175,7 @@ class CompiledRun:
         plc.input_filter.since_ms = {
             number: since_ms for number, since_ms in enumerate(self._inputs["since_ms"].tolist()) if since_ms >= 0
         }
-        self._runtime.adopt(last_ms + int(control["ahead_ms"]), self._plant.levels.tolist())
+        self._runtime.adopt(last_ms + int(control["ahead_ms"]), self._plant.terminals.levels.tolist())
         self._runtime.submit_retentive()
         self._module.adopt(self._runtime.released, writes=scans, last_ms=last_ms)
         self._plant.adopt(time_ms, self._runtime.released)

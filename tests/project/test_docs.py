@@ -255,7 +255,7 @@ def test_the_performance_page_has_the_form_of_the_measurement() -> None:
     """The page lists the figures that scripts/bench prints; their values may differ."""
     number = r" *\d+(?:\.\d+)?"
     (page,) = blocks(DOCS / "performance.md", "text")
-    assert masked(page, number) == masked(Figures(*[1.0] * len(fields(Figures))).text(), number)
+    assert masked(page, number) == masked(Figures(*[1] * len(fields(Figures))).text(), number)
 
 
 # --- code ---------------------------------------------------------------------------------------
