@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
@@ -59,24 +59,6 @@ class FleetMachine:
     faults: tuple[Fault, ...] = ()
     seedlings: int = SEEDLINGS
 
-    def run(self, io_map: IoMap | None = None) -> TrialReport:
-        """Run the trial.
-
-        Args:
-            io_map: I/O map; None = the default map.
-
-        Raises:
-            FaultError: A fault is not possible in this plant.
-        """
-        return run_trial(
-            seed=self.seed,
-            seedlings=self.seedlings,
-            parameters=self.parameters,
-            set_points=self.set_points,
-            faults=self.faults,
-            io_map=io_map,
-        )
-
 
 def run_fleet(
     machines: Sequence[FleetMachine],
@@ -107,7 +89,7 @@ def run_fleet(
         if progress is not None:
             progress(min(done * size, len(machines)), len(machines))
 
-    reports = spread([partial(_run_batch, batch, io_map) for batch in batches], workers, report)
+    reports = spread([partial(_run_batch, run_trial, batch, io_map) for batch in batches], workers, report)
     return [report for batch in reports for report in batch]
 
 
@@ -120,5 +102,17 @@ def results(reports: Sequence[TrialReport]) -> np.ndarray:
     return array
 
 
-def _run_batch(machines: Sequence[FleetMachine], io_map: IoMap | None) -> list[TrialReport]:
-    return [machine.run(io_map) for machine in machines]
+def _run_batch(
+    trial: Callable[..., TrialReport], machines: Sequence[FleetMachine], io_map: IoMap | None
+) -> list[TrialReport]:
+    return [
+        trial(
+            seed=machine.seed,
+            seedlings=machine.seedlings,
+            parameters=machine.parameters,
+            set_points=machine.set_points,
+            faults=machine.faults,
+            io_map=io_map,
+        )
+        for machine in machines
+    ]

@@ -17,7 +17,7 @@ from plant_sim.cli import study as cli
 from plant_sim.cli import study_progress
 from plant_sim.cli.main import main
 from plant_sim.machine.parameters import DEFAULT_MACHINE
-from plant_sim.study import runner
+from plant_sim.study import fleet
 from plant_sim.study.pepper import calibration_study
 from plant_sim.study.pepper import response_surface as pepper_rsm
 from plant_sim.study.report.study import Study
@@ -56,7 +56,7 @@ def nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     def trial(**_: object) -> None:
         raise AssertionError("a trial ran")
 
-    monkeypatch.setattr(runner, "run_trial", trial)
+    monkeypatch.setattr(fleet, "run_trial", trial)
 
 
 def test_a_study_is_printed_and_written(own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.program.states import State
 from plant_sim.common.compiled import compiled_and_cached
 from plant_sim.faults import FAULTS, Fault
 from plant_sim.machine import plant as plant_module
 from plant_sim.machine.kernel import ARM_COILS, advance
 from plant_sim.pneumatics.chamber import CHAMBER, GAS, exchange, fill
-from plant_sim.twin.trial import run_trial
+from plant_sim.twin.lock_step import Twin
 from tests.plant_sim.machine.plain_kernel import advance_plainly
 from tests.plant_sim.machine.plain_kernel import exchange as plain_exchange
 from tests.plant_sim.machine.plant_rig import MACHINE, Rig
@@ -182,5 +183,8 @@ def test_many_random_machines(comparison: Comparison, seed: int) -> None:
 
 def test_a_complete_trial(comparison: Comparison) -> None:
     """A trial of six rows of seedlings, from homing to the last release."""
-    report = run_trial(seed=1, trays=1)
-    assert comparison.calls >= 100 * report.simulated_s
+    twin = Twin(seed=1, trays=1, set_points={"trays_target": 1}, step_by_step=True)
+    twin.home()
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=200_000)
+    assert comparison.calls >= 0.1 * twin.now_ms

@@ -14,7 +14,7 @@ import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.machine.parameters import load_machine
-from plant_sim.study import runner
+from plant_sim.study import fleet
 from plant_sim.study.engines import spread
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
@@ -115,7 +115,7 @@ def test_incomplete_trials_are_counted_and_the_first_are_listed() -> None:
 
 def test_workers_run_in_separate_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """One worker runs in the calling process; two workers run in other processes."""
-    monkeypatch.setattr(runner, "run_trial", process_id)
+    monkeypatch.setattr(fleet, "run_trial", process_id)
     here: list[list[object]] = list(map(list, options().run(SETTINGS)))
     assert here == [[os.getpid()], [os.getpid()]]
     there: list[list[object]] = list(map(list, options(trials=2, workers=2).run(SETTINGS)))
@@ -159,14 +159,14 @@ def test_seeds_differ_and_depend_only_on_their_numbers() -> None:
 def test_invalid_options_are_rejected_before_the_first_trial(
     monkeypatch: pytest.MonkeyPatch, settings: list[FactorSetting], trials: int, workers: int, complaint: str
 ) -> None:
-    monkeypatch.setattr(runner, "run_trial", nothing_runs)
+    monkeypatch.setattr(fleet, "run_trial", nothing_runs)
     with pytest.raises(StudyError, match=complaint):
         options(trials=trials, workers=workers).run(settings)
 
 
 @pytest.mark.parametrize("seedlings", [0, MOST_SEEDLINGS + 1])
 def test_an_invalid_number_of_seedlings_is_rejected(monkeypatch: pytest.MonkeyPatch, seedlings: int) -> None:
-    monkeypatch.setattr(runner, "run_trial", nothing_runs)
+    monkeypatch.setattr(fleet, "run_trial", nothing_runs)
     with pytest.raises(StudyError, match=f"^--seedlings {seedlings}: must be 1 to 72000$"):
         options(seedlings=seedlings).run(SETTINGS)
 
@@ -202,6 +202,6 @@ def dies(**_: object) -> TrialReport:
 
 
 def test_a_killed_process_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "run_trial", dies)
+    monkeypatch.setattr(fleet, "run_trial", dies)
     with pytest.raises(StudyError, match=r"^--workers: a process was killed, .*; use a smaller number$"):
         options(workers=2).run(SETTINGS)

@@ -19,7 +19,7 @@ from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.machine.parameters import Machine, load_machine
-from plant_sim.study import runner
+from plant_sim.study import fleet
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
 from plant_sim.study.pepper.calibration import shares_at
@@ -87,7 +87,7 @@ def no_chance(monkeypatch: pytest.MonkeyPatch) -> Expected:
     """Replace the trials with trials that have no random scatter."""
     stand_in = expected()
     stand_in.asked.clear()
-    monkeypatch.setattr(runner, "run_trial", stand_in)
+    monkeypatch.setattr(fleet, "run_trial", stand_in)
     return stand_in
 
 
@@ -95,7 +95,7 @@ def no_chance(monkeypatch: pytest.MonkeyPatch) -> Expected:
 def typical(study: Callable[[RunOptions], Study]) -> Study:
     """Return a study without random scatter, run once for all tests that only read it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "run_trial", expected())
+        patch.setattr(fleet, "run_trial", expected())
         return study(OPTIONS)
 
 
@@ -187,7 +187,7 @@ def breaking(monkeypatch: pytest.MonkeyPatch, no_chance: Expected, seeds: set[in
         report = no_chance(seed=seed, **rest)
         return trial(report.seedlings, 0, 0, of=report.seedlings, reason="jammed") if seed in seeds else report
 
-    monkeypatch.setattr(runner, "run_trial", breaks)
+    monkeypatch.setattr(fleet, "run_trial", breaks)
 
 
 @pytest.mark.parametrize("study", [single_study, rsm_study])
@@ -523,7 +523,7 @@ def test_an_optimum_above_100_percent_is_reported(monkeypatch: pytest.MonkeyPatc
     def trial_of(*, seed: int, seedlings: int, **_: object) -> TrialReport:
         return trial(seedlings * int(lots.integers(0, 2)), 0, 0, of=seedlings, seed=seed)
 
-    monkeypatch.setattr(runner, "run_trial", trial_of)
+    monkeypatch.setattr(fleet, "run_trial", trial_of)
     study = rsm_study(replace(OPTIONS, trials=1))
     optimum = json.loads(study.json())["optimum"]
     assert optimum["S"] > 100
@@ -577,7 +577,7 @@ def test_the_verification_compares_every_trial_with_those_of_the_paper(
     def trial_of(*, seed: int, **rest: Any) -> TrialReport:
         return lucky.get(seed) or no_chance(seed=seed, **rest)
 
-    monkeypatch.setattr(runner, "run_trial", trial_of)
+    monkeypatch.setattr(fleet, "run_trial", trial_of)
     study = rsm_study(replace(OPTIONS, trials=3))
     record, table = json.loads(study.json()), tables(study)["verification"]
     success = record["verification"]["S"]
