@@ -61,7 +61,7 @@ class TwinFigures:
     def twin_text(self) -> str:
         """Return the figures with their goals as text."""
         machine, steps = self.simulated_s / self.trial_s, self.simulated_s / self.step_by_step_s
-        rest_s = self.kernel_s - self.kernel_scan_s - self.kernel_plant_s
+        rest_s = max(0.0, self.kernel_s - self.kernel_scan_s - self.kernel_plant_s)
         shares = {
             "program": self.kernel_scan_s,
             "plant": self.kernel_plant_s,

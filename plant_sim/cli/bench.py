@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 
-from plant_sim.benchmark.run import measure
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments
 
 
@@ -17,6 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Measure and print the figures."""
+    from plant_sim.benchmark.run import measure  # noqa: PLC0415
+
     check_machine_arguments(options)
     figures = measure(seed=options.seed)
     print(json.dumps(figures.record()) if options.json else figures.text())

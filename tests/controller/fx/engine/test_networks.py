@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -138,9 +139,20 @@ def text_of(lines: list[Line]) -> Iterator[str]:
     yield "END"
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(NETWORKS | CONTROLLED, STORIES)
 def test_engine_and_stack_machine_agree_in_every_scan(lines: list[Line], story: list[Levels]) -> None:
+    compare(lines, story)
+
+
+@pytest.mark.nightly
+@settings(max_examples=1_000, deadline=None)
+@given(NETWORKS | CONTROLLED, STORIES)
+def test_engine_and_stack_machine_agree_on_a_thousand_networks(lines: list[Line], story: list[Levels]) -> None:
+    compare(lines, story)
+
+
+def compare(lines: list[Line], story: list[Levels]) -> None:
     plc = FxPlc(read_il("\n".join(text_of(lines))), input_filter_ms=0)
     machine = Machine()
     for n, levels in enumerate(story):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -92,9 +93,22 @@ def text_of(chart: Chart) -> str:
     return "\n".join([*lines, "RET", "END"])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(CHARTS, STORIES)
 def test_engine_agrees_with_the_rules_in_every_scan(chart: Chart, story: list[tuple[tuple[bool, ...], bool]]) -> None:
+    compare(chart, story)
+
+
+@pytest.mark.nightly
+@settings(max_examples=1_000, deadline=None)
+@given(CHARTS, STORIES)
+def test_engine_agrees_with_the_rules_on_a_thousand_charts(
+    chart: Chart, story: list[tuple[tuple[bool, ...], bool]]
+) -> None:
+    compare(chart, story)
+
+
+def compare(chart: Chart, story: list[tuple[tuple[bool, ...], bool]]) -> None:
     plc = FxPlc(read_il(text_of(chart)), input_filter_ms=0)
     machine = Machine()
     plc.memory.S[20] = True

@@ -310,6 +310,7 @@ def test_a_folder_is_used_by_one_process_at_a_time(
     assert capsys.readouterr().err == f"--out {out}: in use by another process; wait for it, or use another folder\n"
 
 
+@pytest.mark.nightly
 def test_a_killed_worker_process_does_not_end_the_campaign(long_table: list[dict[str, Any]], tmp_path: Path) -> None:
     file, out = written(tmp_path), tmp_path / "out"
     with interrupted(file, out) as process:

@@ -114,6 +114,7 @@ def test_a_killed_worker_does_not_change_the_results(tmp_path: Path) -> None:
     assert table(out) == table(tmp_path / "here")
 
 
+@pytest.mark.nightly
 def test_the_loss_of_all_workers_is_reported_in_one_line_and_the_campaign_can_be_continued(tmp_path: Path) -> None:
     """The first run of a worker takes several seconds, so a complete short campaign precedes."""
     file, out = written(tmp_path), tmp_path / "out"
@@ -166,6 +167,7 @@ def without_campaigns(folder: Path) -> None:
     (folder / "plant_sim/__init__.py").write_text('"""Another program."""\n')
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("other", "found"),
     [

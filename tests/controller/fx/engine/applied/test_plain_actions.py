@@ -64,7 +64,7 @@ def executed(plc: FxPlc, before: Memory) -> Memory:
     return plc.memory
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(ladders(), memories())
 @example(always("MUL D0 D1 D7999"), Memory())
 @example(always("MUL D0 D1 D8255"), Memory())
