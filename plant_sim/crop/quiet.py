@@ -31,7 +31,7 @@ class Quiet(NamedTuple):
         slide_m: Latest slide position, m.
         peak_pa: Highest clamping pressure, Pa.
         least_pa: Lowest clamping pressure while plugs are being pulled, Pa.
-        outside: 1 if a value was outside its limits at the latest look, else 0.
+        outside: `POSE_OUTSIDE` or `ROW_OUTSIDE` if a value was outside its limits at the latest look, else 0.
     """
 
     low: tuple[float, ...]
@@ -58,6 +58,10 @@ TRAYS = np.dtype([("followed_m", "f8"), ("passed_m", "f8"), ("low_m", "f8"), ("h
 `low_m` and `high_m` are exclusive limits.
 """
 
+POSE_OUTSIDE, ROW_OUTSIDE = 1.0, 2.0
+"""A position or the clamping pressure is outside its limits; or only the chain travel or the time, which affect
+nothing but the row of cups."""
+
 _MARGIN_M = 1e-9
 """Distance from a threshold within which a position counts as having reached it, m; covers rounding errors."""
 
@@ -76,6 +80,10 @@ def between(value: float, thresholds: Sequence[float]) -> tuple[float, float]:
         >>> [round(limit, 6) for limit in between(0.5, (0.2, 0.4, 0.6))]
         [0.4, 0.6]
     """
-    low = max((each for each in thresholds if each <= value), default=-math.inf)
-    high = min((each for each in thresholds if each >= value), default=math.inf)
+    low, high = -math.inf, math.inf
+    for threshold in thresholds:
+        if low < threshold <= value:
+            low = threshold
+        if value <= threshold < high:
+            high = threshold
     return low + _MARGIN_M, high - _MARGIN_M

@@ -23,6 +23,7 @@ class Sweep(Saved):
 
     __slots__ = (
         "_bed",
+        "_edges_m",
         "_gentle",
         "_gentle_x_m",
         "_in_contact",
@@ -51,6 +52,8 @@ class Sweep(Saved):
         self._seedlings = seedlings
         self._bed = bed
         self._report = report
+        sides_m = (column_m + side * reach.reach_m for column_m in reach.columns_m for side in (-1, 1))
+        self._edges_m = (*sides_m, reach.tray_edge_m)  # slide positions at which the claws reach or leave something
         self._passed = 0  # number of columns outward of the claw row
         self._gentle_x_m = 0.0  # last position with open, converged claws
         self._gentle = self._in_contact = False
@@ -99,11 +102,10 @@ class Sweep(Saved):
 
         The claw opening at which the claws are free of the stems is not included.
         """
-        reach, spec = self._reach, self._spec
-        sides_m = [column_m + side * reach.reach_m for column_m in reach.columns_m for side in (-1, 1)]
+        spec = self._spec
         gentle_m = [self._gentle_x_m - spec.grip_tolerance_m, self._gentle_x_m + spec.grip_tolerance_m]
         return (
-            [*sides_m, reach.tray_edge_m, *([] if self._gentle else gentle_m)],
+            [*self._edges_m, *([] if self._gentle else gentle_m)],
             [spec.stem_clearance_rise_m],
             [spec.pitch_tolerance_m],
         )

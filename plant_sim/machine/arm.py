@@ -225,6 +225,11 @@ class ArmPlant(Saved):
             grip.step(pose)
             self._sweep.step(pose)
 
+    def follow_cups(self, now_s: float, positions: list[float]) -> None:
+        """Apply the latest motion of the chain to the cups, if nothing else has an effect; arguments as in `follow`."""
+        _, _, _, _, chain_m, chain_m_s, *_ = positions
+        self.row.step(now_s, chain_m=chain_m, chain_m_s=chain_m_s)
+
     @property
     def is_clear_of_trays(self) -> bool:
         """True if the motion of a tray cannot affect the arm and its seedlings, whatever the trays do."""
@@ -270,15 +275,15 @@ class ArmPlant(Saved):
             between(claws_m, [self._grips_below_m, self._frees_above_m]),
             between(travel_m, travels_m),
         ]
+        if self._sweep.is_in_contact:  # evaluated at every look
+            limits[0] = (math.inf, -math.inf)
         low, high = zip(*limits, strict=True)
-        # an arm in contact with a column is evaluated at every look
-        until_s = -math.inf if self._sweep.is_in_contact else self.row.lands_s
         clamp_below_pa = self._holds_above_pa if grip.slipped else math.inf
         return Quiet(
             low,
             high,
             chain_below_m=self.row.leaves_at_m,
-            until_s=until_s,
+            until_s=self.row.lands_s,
             clamp_below_pa=clamp_below_pa,
             slips=self._slips,
             down_m=self._down_m,

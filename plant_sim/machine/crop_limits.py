@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from plant_sim.crop.bed import Bed
-from plant_sim.crop.quiet import QUIET, TRAYS, Quiet, between
+from plant_sim.crop.quiet import POSE_OUTSIDE, QUIET, ROW_OUTSIDE, TRAYS, Quiet, between
 from plant_sim.devices.conveyor import Conveyor
 from plant_sim.machine.arm import ArmPlant
 from plant_sim.machine.kernel import POSITIONS
@@ -68,12 +68,18 @@ class CropLimits:
         trays_move = self._follow_trays(positions[-1])
         for number, arm in enumerate(self._arms):
             quiet = self.quiet[number]
-            if quiet["outside"] or (trays_move and not arm.is_clear_of_trays):
+            outside = quiet["outside"]
+            if outside == POSE_OUTSIDE or (trays_move and not arm.is_clear_of_trays):
                 own = _own(positions, number)
                 arm.catch_up(Quiet._make(quiet.item()))
                 arm.follow(now_s, own)
                 self.quiet[number] = arm.limits(own, self._meet_m)
-            elif trays_move:
+                continue
+            if outside == ROW_OUTSIDE:
+                arm.follow_cups(now_s, _own(positions, number))
+                quiet["outside"], quiet["until_s"] = 0.0, arm.row.lands_s
+                quiet["chain_below_m"] = arm.row.leaves_at_m
+            if trays_move:
                 arm.pass_trays()
         if trays_move:
             self._limit_trays()

@@ -12,7 +12,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from plant_sim.common.compiled import compiled, compiled_and_cached
-from plant_sim.crop.quiet import AXES
+from plant_sim.crop.quiet import AXES, POSE_OUTSIDE, ROW_OUTSIDE
 from plant_sim.machine.kernel import POSITIONS, advance, read_sensors
 
 ADJUSTABLE: Final = 16
@@ -229,8 +229,11 @@ def _is_quiet(quiet: Any, trays: Any, positions: Any, now_s: float) -> bool:
     all_quiet = bool(trays_m == trays.followed_m or trays.low_m < trays_m < trays.high_m)
     for side in range(2):
         limits, first = quiet[side], len(POSITIONS) * side
-        if _is_outside(limits, positions, first, now_s):
-            limits.outside = 1.0
+        if positions[first + 4] >= limits.chain_below_m or now_s >= limits.until_s:
+            limits.outside = ROW_OUTSIDE
+            all_quiet = False
+        if _is_outside(limits, positions, first):
+            limits.outside = POSE_OUTSIDE
             all_quiet = False
             continue
         clamp_pa = positions[first + 9]
@@ -244,12 +247,10 @@ def _is_quiet(quiet: Any, trays: Any, positions: Any, now_s: float) -> bool:
 
 
 @compiled
-def _is_outside(limits: Any, positions: Any, first: int, now_s: float) -> Any:
-    """Return True if a value of an arm, whose positions begin at `first`, is outside its limits."""
+def _is_outside(limits: Any, positions: Any, first: int) -> Any:
+    """Return True if a position or the clamping pressure of an arm, whose values begin at `first`, is outside."""
     for axis in range(len(AXES)):
         if not limits.low[axis] < positions[first + axis] < limits.high[axis]:
             return True
-    if positions[first + 4] >= limits.chain_below_m or now_s >= limits.until_s:
-        return True
     slipped, regains = positions[first + 8] != limits.slips, positions[first + 9] >= limits.clamp_below_pa
     return slipped or regains

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.crop.quiet import between
+from plant_sim.crop.quiet import POSE_OUTSIDE, ROW_OUTSIDE, between
 from plant_sim.crop.seedling import Location
 from plant_sim.machine.kernel import POSITIONS
 from plant_sim.machine.parameters import load_machine
@@ -79,11 +79,11 @@ def is_quiet(plant: Plant) -> bool:
         quiet = False
     for side in range(2):
         limits, own = plant.limits.quiet[side], plant.positions[ARM * side : ARM * (side + 1)]
+        if own[CHAIN] >= limits["chain_below_m"] or plant.time_ms / 1000 >= limits["until_s"]:
+            limits["outside"], quiet = ROW_OUTSIDE, False
         inside = bool(np.all(limits["low"] < own[:CHAIN]) and np.all(own[:CHAIN] < limits["high"]))
-        inside &= own[CHAIN] < limits["chain_below_m"] and plant.time_ms / 1000 < limits["until_s"]
-        inside &= own[SLIPS] == limits["slips"] and own[CLAMP] < limits["clamp_below_pa"]
-        if not inside:
-            limits["outside"], quiet = 1.0, False
+        if not inside or own[SLIPS] != limits["slips"] or own[CLAMP] >= limits["clamp_below_pa"]:
+            limits["outside"], quiet = POSE_OUTSIDE, False
             continue
         limits["slide_m"], limits["peak_pa"] = own[SLIDE], max(limits["peak_pa"], own[CLAMP])
         if limits["down_m"] - own[LIFT] > limits["gripped_rise_m"]:
