@@ -21,8 +21,8 @@ from plant_sim.twin.monitors import collect_violations
 STORIES = 200
 NIGHTLY_STORIES = 1_000
 BATCH = 25
-LONG = 10
-"""One story in ten is long and monitored."""
+LONG = 5
+"""One story in five is long and monitored."""
 MACHINE = load_machine()
 CASES: list[Subject] = subjects(Twin(trays=1).plant)
 COMMANDS = ("hold", "unhold", "complete", "abort", "left_loaded_no", "right_loaded_yes", "tray_none", "tray_full")
@@ -105,7 +105,7 @@ def story(twin: Twin, seed: int) -> Iterator[None]:
     twin.scan()
     if draws.random() < 0.8:
         twin.press("start")
-        yield from attempt(twin, State.IDLE, 20_000)
+        yield from attempt(twin, State.IDLE, 9_000)
         twin.run_for(200)
         twin.press("start")
         yield from attempt(twin, State.EXECUTE, 1_000)
