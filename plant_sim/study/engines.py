@@ -134,8 +134,9 @@ class DaskEngine:
         """Return a client of the scheduler that prints no log messages."""
         from distributed import Client  # noqa: PLC0415 - an optional dependency
 
-        for name in ("distributed", *logging.getLogger("distributed").manager.loggerDict):
-            if name.partition(".")[0] == "distributed":
+        # the event loop of the client reports a lost connection as well, in addition to the error of this engine
+        for name in ("distributed", "tornado.application", *logging.getLogger("distributed").manager.loggerDict):
+            if name.partition(".")[0] in {"distributed", "tornado"}:
                 logging.getLogger(name).disabled = True
         connect: Any = Client  # without type annotations
         try:
