@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import operator
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, NoReturn
@@ -63,14 +64,14 @@ class Bit(Expr):
         return device_name(self.kind, self.number)
 
 
-class CompiledCondition(Expr):
+class CompiledCondition(Expr, ABC):
     """Condition over data outside the PLC, which exists only as machine code; a program cannot contain it."""
 
     __slots__ = ()
 
+    @abstractmethod
     def emit(self, code: Any) -> str:
         """Add the evaluation to an LLVM function and return the name of the result, of type i1."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from controller.core.scan import Plc
 from controller.io.runtime import Runtime
 from plant_sim.links.io_module import IoModule
 from plant_sim.twin.conditions import CELLS
-from plant_sim.twin.kernel import CHANGE, COIL, CONDITION, INPUT, LOOK, RUN, TRIGGER, WATCHED, run
+from plant_sim.twin.kernel import CHANGE, COIL, INPUT, LOOK, RUN, TRIGGER, WATCHED, run
 from plant_sim.twin.watchers import Trigger
 
 _WORD_ROWS: Final = {"D": "D", "T": "TV", "C": "CV"}
@@ -109,19 +109,26 @@ class CompiledRun:
         return bool(code.holds(int(self._control[0]["memory"]), state.ctypes.data, cells.ctypes.data))
 
     def ticks(
-        self, until_ms: int, condition: Expr | None, *, now_ms: int, on_change: Callable[[int], None]
-    ) -> tuple[int, bool]:
-        """Run until a time, or until a condition is met after a tick.
+        self,
+        until_ms: int,
+        condition: Expr | None,
+        *,
+        now_ms: int,
+        report: bool,
+        observe: Callable[[int], None] | None,
+    ) -> tuple[int, int]:
+        """Run until a time, until a condition is met after a tick, or until a scan must be reported.
 
         Args:
             until_ms: Time of the controller, ms, a number of complete ticks from now.
             condition: Condition over the devices of the program; None = none.
             now_ms: Time of the controller, ms.
-            on_change: Function that is called with the time of each scan in which a watched device has changed, and of
-                the first scan.
+            report: True if the first scan must be reported, because the devices may have been changed from outside.
+            observe: Function that is called with the time of each scan to be reported and does not affect the machine.
+                None = such a scan ends the run before the plant has advanced.
 
         Returns:
-            Time of the controller, ms, and True if the condition was met.
+            Time of the controller, ms, and the reason for the end: `UNTIL`, `CONDITION` or `CHANGE`.
         """
         control, plant, runtime = self._control[0], self._plant, self._runtime
         control["time_ms"] = control["due_ms"] = begin_ms = plant.time_ms
@@ -130,7 +137,7 @@ class CompiledRun:
         control["condition"] = 0 if condition is None else self._code_of(condition).address
         control["fed"] = not plant.box.emergency_stop
         control["filter_ms"] = runtime.plc.input_filter.filter_ms
-        control["report"], control["scans"] = True, 0
+        control["report"], control["scans"] = report, 0
         self._trigger_records["holds"] = [trigger.holds for trigger in self._triggers]
         self._inputs["fixed"] = plant.terminals.fixed_levels
         self._inputs["since_ms"] = -1
@@ -153,16 +160,13 @@ class CompiledRun:
             if reason == LOOK:
                 plant.time_ms = int(control["time_ms"])
                 control["report"] |= plant.look()
-            elif reason == CHANGE:
+            elif reason == CHANGE and observe is not None:
                 control["report"] = False
-                plant.follow_drive()
-                scanned_ms = int(control["time_ms"]) + ahead_ms
-                runtime.adopt(scanned_ms, plant.terminals.levels.tolist())
-                on_change(scanned_ms)
+                observe(int(control["time_ms"]) + ahead_ms)
             else:
                 break
         self._leave(begin_ms)
-        return int(control["time_ms"]) + ahead_ms, reason == CONDITION
+        return int(control["time_ms"]) + ahead_ms, reason
 
     def _leave(self, begin_ms: int) -> None:
         """Transfer the result to the runtime, the module and the plant."""

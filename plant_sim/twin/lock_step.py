@@ -30,6 +30,7 @@ from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
 from plant_sim.twin.conditions import CELLS, Interpreter
+from plant_sim.twin.kernel import CHANGE, CONDITION
 from plant_sim.twin.watchers import Watched
 
 SCAN_MS = 10
@@ -191,8 +192,7 @@ class Twin(Watched):
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
         self._call_watchers(now_ms, self._begun(self._holds))
-        self.module.advance(SCAN_MS)
-        self.clock.advance(SCAN_MS)
+        self._advance_plant()
 
     def run_for(self, ms: int) -> None:
         """Run for a time, rounded down to complete scans."""
@@ -250,27 +250,38 @@ class Twin(Watched):
         run = self._compiled
         if run is None or self._watches_every_scan:
             return False
+        report = True
         while self.now_ms < until_ms and run.serves(self.runtime) and self.runtime.observers == [self._log]:
             if self._releases:
                 self._release_buttons(self.now_ms)
-            stop_ms = min((until_ms, *self._releases.values(), *self._next_action_ms(self.now_ms)))
-            fault_ms = self.plant.faults.next_ms
-            if fault_ms is not None:
-                stop_ms = min(stop_ms, self.now_ms + fault_ms - self.plant.time_ms)
-            stop_ms = self.now_ms + max(stop_ms - self.now_ms, 0) // SCAN_MS * SCAN_MS
+            stop_ms = self._last_tick_ms(until_ms)
             if stop_ms <= self.now_ms:
                 return False
-            now_ms, is_met = run.ticks(stop_ms, condition, now_ms=self.now_ms, on_change=self._report)
+            # watchers may change anything, so that the tick is completed in Python
+            observe = None if self._has_watchers else self.runtime.notify_observers
+            now_ms, reason = run.ticks(stop_ms, condition, now_ms=self.now_ms, report=report, observe=observe)
+            report = False
             self.clock.advance(now_ms - self.now_ms)
-            if is_met:
+            if reason == CHANGE:
+                self.runtime.notify_observers(now_ms)
+                self._call_watchers(now_ms, run.begun())
+                self._advance_plant()
+            if reason == CONDITION or (reason == CHANGE and self._is_met(condition)):
                 return True
         return False
 
-    def _report(self, now_ms: int) -> None:
-        """Call observers and monitors after a scan in machine code."""
-        self.clock.advance(now_ms - self.now_ms)
-        self.runtime.notify_observers(now_ms)
-        self._call_watchers(now_ms, self._compiled.begun() if self._compiled else ())
+    def _last_tick_ms(self, until_ms: int) -> int:
+        """Return the end of the last tick that contains no release of a button, periodic action or fault, ms."""
+        stop_ms = min((until_ms, *self._releases.values(), *self._next_action_ms(self.now_ms)))
+        fault_ms = self.plant.faults.next_ms
+        if fault_ms is not None:
+            stop_ms = min(stop_ms, self.now_ms + fault_ms - self.plant.time_ms)
+        return stop_ms - (stop_ms - self.now_ms) % SCAN_MS
+
+    def _advance_plant(self) -> None:
+        """Advance the plant to the next scan."""
+        self.module.advance(SCAN_MS)
+        self.clock.advance(SCAN_MS)
 
     def _on_watchers_changed(self) -> None:
         """Adapt the devices that interrupt a run in machine code to the observers and monitors."""

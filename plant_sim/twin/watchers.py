@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -37,7 +38,7 @@ class Trigger:
         self.holds, self.cells[:] = saved
 
 
-class Watched:
+class Watched(ABC):
     """Base class of a twin: functions that are called after its scans."""
 
     def __init__(self) -> None:
@@ -84,6 +85,10 @@ class Watched:
         self._on_watchers_changed()
 
     @property
+    def _has_watchers(self) -> bool:
+        return bool(self._monitors or self._triggers)
+
+    @property
     def _watches_every_scan(self) -> bool:
         return any(devices is None for _, devices in self._monitors)
 
@@ -126,5 +131,6 @@ class Watched:
             trigger.restore(state)
         return before != (self._monitors, self._triggers)
 
+    @abstractmethod
     def _on_watchers_changed(self) -> None:
-        raise NotImplementedError
+        """Adapt to other monitors and triggers."""

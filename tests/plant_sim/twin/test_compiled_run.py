@@ -11,12 +11,12 @@ import pytest
 from controller.core import input_filter
 from controller.program.states import State
 from plant_sim.fault_matrix.cases import Subject, subjects
-from plant_sim.faults import FaultError
+from plant_sim.faults import Fault, FaultError
 from plant_sim.machine.parameters import Machine, MachineError, load_machine
 from plant_sim.twin.conditions import Advances, Quantity
 from plant_sim.twin.kernel import ADJUSTABLE, FIXED_FILTER_MS
 from plant_sim.twin.lock_step import NotReachedError, Twin
-from plant_sim.twin.monitors import collect_violations
+from plant_sim.twin.monitors import UnsafeError, collect_violations
 
 STORIES = 200
 NIGHTLY_STORIES = 1_000
@@ -199,6 +199,55 @@ def test_a_run_without_change_needs_few_calls_of_python(monkeypatch: pytest.Monk
     assert twin.plc.scans - before > 4_000
     assert not scans
     assert 50 < len(looks) < 0.1 * (twin.plc.scans - before)
+
+
+@pytest.mark.parametrize("act", ["emergency stop", "button", "fault", "command"])
+def test_an_action_of_a_trigger_takes_effect_at_once(act: str) -> None:
+    """Whatever a trigger does while the twin runs in machine code has the effect of the run step by step."""
+    images, acted_ms = [], []
+    for step_by_step in (True, False):
+        twin = Twin(trays=1, step_by_step=step_by_step)
+        twin.home()
+        twin.start()
+
+        def action(twin: Twin = twin) -> None:
+            acted_ms.append(twin.now_ms)
+            if act == "emergency stop":
+                twin.plant.box.emergency_stop = True
+            elif act == "button":
+                twin.press("stop")
+            elif act == "command":
+                twin.command("hold")
+            else:
+                at_ms = twin.plant.time_ms + 3
+                twin.plant.faults.add(Fault("jammed", "left.slide", start_ms=at_ms, end_ms=at_ms + 50))
+
+        twin.when(Quantity("arms.0.slide.position_m") > 0.05, action)
+        twin.run_for(20_000)
+        images.append(image(twin))
+    assert images[0] == images[1]
+    assert len(acted_ms) >= 2
+
+
+def test_a_violation_leaves_a_twin_that_can_go_on() -> None:
+    """An exception of a monitor ends the run after its scan, with all times as in a run step by step."""
+    times = []
+    for step_by_step in (True, False):
+        twin = Twin(trays=1, step_by_step=step_by_step)
+        twin.home()
+        twin.start()
+
+        def fail() -> None:
+            raise UnsafeError("found")
+
+        twin.when(Quantity("arms.0.slide.position_m") > 0.05, fail)
+        with pytest.raises(UnsafeError, match="found"):
+            twin.run_for(20_000)
+        times.append((twin.now_ms, twin.plant.time_ms, twin.plc.scans, twin.module.last_write_ms))
+        twin.unwatch()
+        twin.run_for(1_000)
+        times.append((twin.now_ms, twin.plant.time_ms, twin.plc.scans, twin.module.last_write_ms))
+    assert times[:2] == times[2:]
 
 
 def test_a_condition_over_the_plant_ends_a_run() -> None:
