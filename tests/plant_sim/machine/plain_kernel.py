@@ -15,8 +15,8 @@ from plant_sim.devices.spreader import step_spreader
 from plant_sim.machine.kernel import ARM_COILS, _any_busy, _update_clamp
 from plant_sim.pneumatics.chamber import _nonlinear_share, move, resize, settle
 from plant_sim.pneumatics.cylinder import _move, _move_coupled, _push_n, is_at_rest
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_KG_M3, flow
-from plant_sim.pneumatics.supply import _compress
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, flow
+from plant_sim.pneumatics.supply import step_supply
 from plant_sim.pneumatics.valve import exhaust_opening, step_valve, supply_opening
 
 _BELT = 2 * len(ARM_COILS)
@@ -29,21 +29,6 @@ def in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:
         return 0.0
     share = one_m3_s_pa / other_m3_s_pa
     return one_m3_s_pa / math.sqrt(1.0 + share * share)
-
-
-def tube_conductance_m3_s_pa(inner_m: float, length_m: float) -> float:
-    """Return the sonic conductance of a smooth tube, m3/(s Pa).
-
-    Args:
-        inner_m: Inner diameter, m.
-        length_m: Length, m.
-
-    Source: docs/sources/plant.md 1.3, a rule of thumb quoted from memory and not verified.
-
-    >>> round(1e8 * tube_conductance_m3_s_pa(0.004, 1.45), 2)
-    1.05
-    """
-    return 0.029 * inner_m**2 / math.sqrt(length_m / inner_m**1.25 + 510.0)
 
 
 @compiled
@@ -191,49 +176,6 @@ def step_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, o
     minus_m3 = params.minus.dead_m3 + params.minus_area_m2 * (params.stroke_m - c.piston_m)
     step_line(c.plus, params.plus, params.valve, spool, minus_pa, plus_share, plus_m3, manifold, outside, gas)
     step_line(c.minus, params.minus, params.valve, -spool, plus_pa, minus_share, minus_m3, manifold, outside, gas)
-
-
-@compiled
-def step_supply(s: Any, params: Any, fed: bool, gas: Any) -> None:
-    """Advance the supply by one time step."""
-    step_s, critical = gas.step_s, params.critical_ratio
-    _compress(s, params, step_s)
-    _regulate(s.receiver, s.header, params.regulated_pa, params.band_pa, params.regulator_m3_s_pa, critical, step_s)
-    check(s.receiver, s.claw_reservoir, params.crack_pa, params.check_m3_s_pa, critical, step_s)
-    check(s.claw_reservoir, s.receiver, 0.0, params.slip_m3_s_pa, critical, step_s)
-    _regulate(
-        s.claw_reservoir,
-        s.claw_manifold,
-        params.claw_regulated_pa,
-        params.band_pa,
-        params.claw_regulator_m3_s_pa,
-        critical,
-        step_s,
-    )
-    s.fed_s = s.fed_s + step_s if fed else 0.0
-    if s.fed_s > params.dump_delay_s:
-        if s.manifold.pressure_pa >= params.soft_until * s.header.pressure_pa:
-            s.soft_started = 1
-        through = params.main_m3_s_pa if s.soft_started else params.soft_m3_s_pa
-        exchange(s.header, s.manifold, through, critical, step_s)
-    else:
-        s.soft_started = 0
-        exchange(s.manifold, s.outside, params.vent_m3_s_pa, critical, step_s)
-    exchange(s.manifold, s.outside, params.leak_m3_s_pa, critical, step_s)
-
-
-@compiled
-def _regulate(
-    a: Any, b: Any, gauge_pa: float, band_pa: float, conductance_m3_s_pa: float, critical: float, step_s: float
-) -> None:
-    """Pass air from `a` to `b` up to a set pressure."""
-    lacking_pa = gauge_pa + ATMOSPHERE_PA - b.pressure_pa
-    if lacking_pa <= 0.0:
-        return
-    # the opening is limited so that the pressure does not overshoot within the step
-    fills_m3_s_pa = lacking_pa / (b.stiffness * step_s * REFERENCE_KG_M3 * a.pressure_pa)
-    through = min(conductance_m3_s_pa * min(lacking_pa / band_pa, 1.0), fills_m3_s_pa)
-    check(a, b, 0.0, through, critical, step_s)
 
 
 @compiled

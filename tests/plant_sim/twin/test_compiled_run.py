@@ -203,7 +203,7 @@ def test_a_run_without_change_needs_few_calls_of_python(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("act", ["emergency stop", "button", "fault", "command"])
 def test_an_action_of_a_trigger_takes_effect_at_once(act: str) -> None:
-    """Whatever a trigger does while the twin runs in machine code has the effect of the run step by step."""
+    """An action of a trigger has the same effect in machine code as step by step."""
     images, acted_ms = [], []
     for step_by_step in (True, False):
         twin = Twin(trays=1, step_by_step=step_by_step)
