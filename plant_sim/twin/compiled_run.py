@@ -13,7 +13,6 @@ from controller.core.memory_layout import WORD_BYTES, MemoryLayout
 from controller.core.scan import Plc
 from controller.io.runtime import Runtime
 from plant_sim.links.io_module import IoModule
-from plant_sim.twin.conditions import CELLS
 from plant_sim.twin.kernel import CHANGE, COIL, INPUT, LOOK, RUN, TRIGGER, WATCHED, run
 from plant_sim.twin.watchers import Trigger
 
@@ -48,8 +47,7 @@ class CompiledRun:
         control["look_ms"] = plant.look_ms
         control["steps_per_ms"] = plant.steps_per_ms
         control["memory"], control["program"] = execution.region_address, execution.scan_address
-        self._cells = np.zeros(CELLS)
-        control["state"], control["cells"] = plant.state.ctypes.data, self._cells.ctypes.data
+        control["state"] = plant.state.ctypes.data
         control["inputs_at"], control["outputs_at"] = layout.bit("X", 0), layout.bit("Y", 0)
         self._inputs = np.zeros(len(plant.terminals.levels), INPUT)
         self._watched = np.zeros(0, WATCHED)
@@ -98,15 +96,16 @@ class CompiledRun:
         self._trigger_records["begun"] = 0
         return [self._triggers[number] for number in numbers]
 
-    def holds(self, condition: Expr, cells: np.ndarray) -> bool:
+    def holds(self, condition: Expr, cells: np.ndarray | None = None) -> bool:
         """Return True if a condition is true.
 
         Args:
             condition: The condition.
-            cells: Values stored from scan to scan.
+            cells: Values stored by an `Advances` condition.
         """
         code, state = self._code_of(condition), self._plant.state
-        return bool(code.holds(int(self._control[0]["memory"]), state.ctypes.data, cells.ctypes.data))
+        cells_at = 0 if cells is None else cells.ctypes.data
+        return bool(code.holds(int(self._control[0]["memory"]), state.ctypes.data, cells_at))
 
     def ticks(
         self,

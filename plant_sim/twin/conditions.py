@@ -13,7 +13,7 @@ from controller.core.expr import And, CompiledCondition, Expr, Not, Or, evaluate
 from plant_sim.machine.kernel import MACHINE
 
 CELLS: Final = 2
-"""Number of values that a condition can store from scan to scan."""
+"""Number of values that an `Advances` condition stores from scan to scan."""
 _CELLS: Final = "c"
 _STATE: Final = "s"
 
@@ -94,7 +94,8 @@ class Exceeds(CompiledCondition):
 class Advances(CompiledCondition):
     """Condition that is true while a value has risen by more than a tolerance since another condition became true.
 
-    The rise is measured from the lowest value since then. The condition must be evaluated after every scan.
+    The rise is measured from the lowest value since then. As this is stored from scan to scan, the condition can be
+    used in a trigger only, once.
 
     Attributes:
         quantity: The value.
@@ -122,6 +123,31 @@ class Advances(CompiledCondition):
         return str(code.all_of((active, risen)))
 
 
+def check_advances(condition: Expr, allowed: int) -> None:
+    """Check the number of `Advances` in a condition.
+
+    Args:
+        condition: The condition.
+        allowed: Largest number.
+
+    Raises:
+        ValueError: There are more.
+    """
+    if _count_advances(condition) > allowed:
+        raise ValueError("Advances: can be used in the condition of a trigger only, once")
+
+
+def _count_advances(condition: Expr) -> int:
+    match condition:
+        case Advances(_, _, during):
+            return 1 + _count_advances(during)
+        case Not(operand):
+            return _count_advances(operand)
+        case And(operands) | Or(operands):
+            return sum(_count_advances(operand) for operand in operands)
+    return 0
+
+
 class Interpreter:
     """Evaluation of conditions by interpretation; the reference for machine code."""
 
@@ -135,12 +161,12 @@ class Interpreter:
         self._memory = memory
         self._state = state
 
-    def holds(self, condition: Expr, cells: np.ndarray) -> bool:
+    def holds(self, condition: Expr, cells: np.ndarray | None = None) -> bool:
         """Return True if a condition is true.
 
         Args:
             condition: The condition.
-            cells: Values stored from scan to scan.
+            cells: Values stored by an `Advances` condition.
         """
         match condition:
             case Not(operand):
@@ -154,7 +180,7 @@ class Interpreter:
             case Exceeds(quantity, limit, below):
                 value = quantity.read(self._state)
                 return value < limit if below else value > limit
-            case Advances(quantity, tolerance, during):
+            case Advances(quantity, tolerance, during) if cells is not None:
                 active, value = self.holds(during, cells), quantity.read(self._state)
                 lowest = min(float(cells[0]), value) if cells[1] else value
                 cells[:] = lowest, active

@@ -41,7 +41,6 @@ RUN = np.dtype(
         ("program", "i8"),
         ("condition", "i8"),
         ("state", "i8"),
-        ("cells", "i8"),
         ("inputs_at", "i8"),
         ("outputs_at", "i8"),
     ]
@@ -51,7 +50,7 @@ RUN = np.dtype(
 `time_ms` is the plant time, `due_ms` the plant time of the next scan, `ahead_ms` the time of the controller less the
 plant time, and `scans` the number of scans in this run. With `report`, the run ends after its next scan. `memory`,
 `program` and `condition` are the addresses of the device memory, the scan function and the condition function, 0 if
-there is none; `state` and `cells` those of its other arguments. `inputs_at` and `outputs_at` are the positions of X0
+there is none, and `state` is that of the `MACHINE` record. `inputs_at` and `outputs_at` are the positions of X0
 and Y0 in the device memory.
 """
 
@@ -145,7 +144,7 @@ def run(
     r = control[0]
     while True:
         if r.time_ms == r.due_ms:
-            if r.scans > 0 and r.condition != 0 and _holds(r.condition, r.memory, r.state, r.cells) != 0:
+            if r.scans > 0 and r.condition != 0 and _holds(r.condition, r.memory, r.state, 0) != 0:
                 return CONDITION
             if r.time_ms >= r.until_ms:
                 return UNTIL

@@ -29,7 +29,7 @@ from plant_sim.machine.parameters import Machine, load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
-from plant_sim.twin.conditions import CELLS, Interpreter
+from plant_sim.twin.conditions import Interpreter, check_advances
 from plant_sim.twin.kernel import CHANGE, CONDITION
 from plant_sim.twin.watchers import Watched
 
@@ -112,7 +112,6 @@ class Twin(Watched):
         self._set_points = set_points_of(self.parameters) | dict(set_points or {})
         self.runtime: Runtime
         self._releases: dict[str, int] = {}
-        self._cells = np.zeros(CELLS)
         self._compiled: CompiledRun | None = None
         self.power_on()
 
@@ -224,7 +223,12 @@ class Twin(Watched):
         Args:
             condition: As for `run_until`.
             for_ms: Time, ms, rounded up to complete scans.
+
+        Raises:
+            ValueError: The condition contains `Advances`.
         """
+        if not callable(condition):
+            check_advances(condition, allowed=0)
         return self._run(self.now_ms - -for_ms // SCAN_MS * SCAN_MS, condition)
 
     def run_until_state(self, *states: State, within_ms: int) -> int:
@@ -291,9 +295,9 @@ class Twin(Watched):
     def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
         if condition is None or callable(condition):
             return condition is not None and condition()
-        return self._holds(condition, self._cells)
+        return self._holds(condition)
 
-    def _holds(self, condition: Expr, cells: np.ndarray) -> bool:
+    def _holds(self, condition: Expr, cells: np.ndarray | None = None) -> bool:
         """Return True if a condition is true, by machine code if the controller executes it, else by interpretation."""
         run = self._compiled
         if run is not None and run.executes(self.runtime):

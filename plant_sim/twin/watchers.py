@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from controller.core.expr import Bit, Expr, Word
-from plant_sim.twin.conditions import CELLS
+from plant_sim.twin.conditions import CELLS, check_advances
 
 
 @dataclass(eq=False)
@@ -28,6 +28,14 @@ class Trigger:
     action: Callable[[], None]
     holds: bool = False
     cells: np.ndarray = field(default_factory=lambda: np.zeros(CELLS))
+
+    def __post_init__(self) -> None:
+        """Check the condition.
+
+        Raises:
+            ValueError: It contains `Advances` more than once.
+        """
+        check_advances(self.condition, allowed=1)
 
     def save(self) -> Any:
         """Return the current state."""
@@ -64,6 +72,9 @@ class Watched(ABC):
         Args:
             condition: Condition over the devices of the program and the state of the plant.
             action: The action.
+
+        Raises:
+            ValueError: The condition contains `Advances` more than once.
         """
         self._triggers.append(Trigger(condition, action))
         self._on_watchers_changed()

@@ -287,3 +287,15 @@ def test_an_advance_is_measured_from_the_lowest_value_since_the_condition(step_b
         twin.plant.left.place(x_m=x_m, y_m=y_m)
         twin.scan()
     assert begun == [pytest.approx(0.233, abs=1e-3)]
+
+
+def test_an_advance_can_be_used_in_a_trigger_only_once() -> None:
+    twin = Twin(trays=1)
+    x = Quantity("arms.0.slide.position_m")
+    once = Advances(x, 0.010, during=x > 0.0)
+    twin.when(once & (x > 0.1), lambda: None)
+    for condition in (once & once, ~once | once, Advances(x, 0.010, during=once)):
+        with pytest.raises(ValueError, match="Advances: can be used in the condition of a trigger only, once"):
+            twin.when(condition, lambda: None)
+    with pytest.raises(ValueError, match="Advances: can be used in the condition of a trigger only, once"):
+        twin.runs_until(once, for_ms=10)
