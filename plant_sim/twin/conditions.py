@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -16,6 +17,7 @@ CELLS: Final = 2
 """Number of values that an `Advances` condition stores from scan to scan."""
 _CELLS: Final = "c"
 _STATE: Final = "s"
+_DOUBLE: Final = struct.Struct("=d")
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Quantity:
         Args:
             state: One `MACHINE` record.
         """
-        return float(np.frombuffer(state.data.cast("B"), np.float64, 1, self.offset)[0])
+        return float(_DOUBLE.unpack_from(state.view(np.uint8), self.offset)[0])
 
     def load(self, code: Any) -> str:
         """Add the instructions that load the value to an LLVM function; return the name of the result."""
