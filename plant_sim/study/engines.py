@@ -8,9 +8,10 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeVar
 
@@ -71,17 +72,37 @@ class ProcessEngine:
         Raises:
             WorkerLostError: A process was killed.
         """
+        try:
+            yield from self._start(jobs, ordered=ordered)
+        except TerminatedWorkerError:
+            raise WorkerLostError(
+                "--workers: a process was killed, possibly for lack of memory; use a smaller number"
+            ) from None
+
+
+    @contextmanager
+    def preparing(self, prepare: Callable[[], object]) -> Iterator[None]:
+        """Start the processes and let them execute a function while this process executes the body of the context.
+
+        Args:
+            prepare: The function; it must be picklable.
+        """
+        if self.workers == 1:
+            yield
+            return
+        jobs = [prepare] * (self.workers or joblib.cpu_count())
+        with closing(self._start(jobs, ordered=False)) as prepared:
+            yield
+            deque(prepared, maxlen=0)
+
+    def _start(self, jobs: Iterable[Callable[[], Result]], *, ordered: bool) -> Generator[Result, None, None]:
+        """Start the jobs; return the generator of their results."""
         pool: dict[str, Any] = (
             {}
             if self.workers == 1
             else {"backend": "loky", "initializer": _prepare_process, "initargs": (os.getpid(),)}
         )
-        try:
-            yield from _parallel(jobs, ordered=ordered, n_jobs=-1 if self.workers is None else self.workers, **pool)
-        except TerminatedWorkerError:
-            raise WorkerLostError(
-                "--workers: a process was killed, possibly for lack of memory; use a smaller number"
-            ) from None
+        return _parallel(jobs, ordered=ordered, n_jobs=-1 if self.workers is None else self.workers, **pool)
 
 
 @dataclass(frozen=True, slots=True)

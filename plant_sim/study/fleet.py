@@ -13,6 +13,7 @@ from controller.iomap.loader import IoMap
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.engines import Progress, spread
+from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.report import TrialReport
 from plant_sim.twin.trial import run_trial
 
@@ -91,6 +92,11 @@ def run_fleet(
 
     reports = spread([partial(_run_batch, run_trial, batch, io_map) for batch in batches], workers, report)
     return [report for batch in reports for report in batch]
+
+
+def load_twin(machine: Machine, io_map: IoMap) -> None:
+    """Load the machine code of a twin, so that the first trial of this process starts at once."""
+    Twin(parameters=machine, io_map=io_map)
 
 
 def results(reports: Sequence[TrialReport]) -> np.ndarray:

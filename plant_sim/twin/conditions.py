@@ -65,7 +65,7 @@ class Quantity:
         Args:
             state: One `MACHINE` record.
         """
-        return float(_DOUBLE.unpack_from(state.view(np.uint8), self.offset)[0])
+        return float(_DOUBLE.unpack_from(state.view(np.uint8).data, self.offset)[0])
 
     def load(self, code: Any) -> str:
         """Add the instructions that load the value to an LLVM function; return the name of the result."""
