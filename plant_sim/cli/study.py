@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -168,17 +167,12 @@ def _frequencies_per_min(text: str) -> tuple[int, ...]:
 
 @contextmanager
 def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> Iterator[RunOptions]:
-    """Yield the run options, with the study's defaults for missing options; show the progress during the run.
-
-    The processes of the run start at once, while a study that is imported in the context is loaded.
-    """
-    from plant_sim.study.engines import ProcessEngine  # noqa: PLC0415
-    from plant_sim.study.fleet import SEEDLINGS, load_twin  # noqa: PLC0415
+    """Yield the run options, with the study's defaults for missing options; show the progress during the run."""
+    from plant_sim.study.fleet import SEEDLINGS  # noqa: PLC0415
     from plant_sim.study.runner import RunOptions  # noqa: PLC0415
 
     machine, io_map = load_machine(options.machine or DEFAULT_MACHINE), load_io_map(options.io_map or DEFAULT_IO_MAP)
-    prepared = ProcessEngine(options.workers).preparing(partial(load_twin, machine, io_map))
-    with study_progress() as progress, prepared:
+    with study_progress() as progress:
         yield RunOptions(
             trials=trials if options.trials is None else options.trials,
             seed=seed if options.seed is None else options.seed,
@@ -193,7 +187,7 @@ def _run_options(options: argparse.Namespace, *, trials: int, seed: int = 1) -> 
 
 
 def _pepper_single(options: argparse.Namespace) -> Study:
-    with _run_options(options, trials=5) as run_options:
+    with _run_options(options, trials=5) as run_options, run_options.prepared():
         from plant_sim.study.pepper.single_factor import single_study  # noqa: PLC0415
 
         return single_study(run_options)
@@ -205,7 +199,7 @@ def _pepper_rsm(options: argparse.Namespace) -> Study:
 
         with busy("analysing the paper's table"):
             return paper_study()
-    with _run_options(options, trials=5) as run_options:
+    with _run_options(options, trials=5) as run_options, run_options.prepared():
         from plant_sim.study.pepper.response_surface import rsm_study  # noqa: PLC0415
 
         return rsm_study(run_options)

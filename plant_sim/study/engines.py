@@ -79,9 +79,8 @@ class ProcessEngine:
                 "--workers: a process was killed, possibly for lack of memory; use a smaller number"
             ) from None
 
-
     @contextmanager
-    def preparing(self, prepare: Callable[[], object]) -> Iterator[None]:
+    def prepared(self, prepare: Callable[[], object]) -> Iterator[None]:
         """Start the processes and let them execute a function while this process executes the body of the context.
 
         Args:
@@ -90,10 +89,11 @@ class ProcessEngine:
         if self.workers == 1:
             yield
             return
-        jobs = [prepare] * (self.workers or joblib.cpu_count())
-        with closing(self._start(jobs, ordered=False)) as prepared:
+        results = self._start([prepare] * (self.workers or joblib.cpu_count()), ordered=False)
+        try:
             yield
-            deque(prepared, maxlen=0)
+        finally:
+            deque(results, maxlen=0)
 
     def _start(self, jobs: Iterable[Callable[[], Result]], *, ordered: bool) -> Generator[Result, None, None]:
         """Start the jobs; return the generator of their results."""

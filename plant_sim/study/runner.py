@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from controller.iomap.loader import IoMap
 from plant_sim.machine.parameters import Machine
-from plant_sim.study.engines import Progress
+from plant_sim.study.engines import ProcessEngine, Progress
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
-from plant_sim.study.fleet import SEEDLINGS, FleetMachine, run_fleet
+from plant_sim.study.fleet import SEEDLINGS, FleetMachine, load_twin, run_fleet
 from plant_sim.twin.report import TrialReport
 
 MOST_SEEDLINGS = 72_000
@@ -70,6 +72,17 @@ class RunOptions:
         ]
         reports = run_fleet(fleet, io_map=self.io_map, workers=self.workers, progress=self.progress)
         return [reports[first : first + self.trials] for first in range(0, len(fleet), self.trials)]
+
+    @contextmanager
+    def prepared(self) -> Iterator[None]:
+        """Start the processes of the trials while the body of the context, such as imports, is executed.
+
+        Raises:
+            StudyError: A number is invalid.
+        """
+        _check_numbers(1, self.trials, self.seedlings)
+        with ProcessEngine(self.workers).prepared(partial(load_twin, self.machine, self.io_map)):
+            yield
 
     def command(self, study: str, file: Path | None = None, **study_options: object) -> str:
         """Return the command that reproduces a study, with every option that affects the result.
