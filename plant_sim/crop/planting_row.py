@@ -68,24 +68,7 @@ class PlantingRow(Saved):
         "recent",
     )
 
-    __slots__ = (
-        "_catch_m",
-        "_causes",
-        "_contents",
-        "_empty_since_filled",
-        "_falls",
-        "_last_passed",
-        "_leaves_at_m",
-        "_losses",
-        "_pitch_m",
-        "_report",
-        "_seedlings",
-        "_side",
-        "missed_cups",
-        "off_m",
-        "passed",
-        "recent",
-    )
+    __slots__ = (*SAVED, "_catch_m", "_pitch_m", "_report", "_seedlings", "_side")
 
     def __init__(self, side: str, seedlings: Seedlings, report: Report, *, pitch_m: float, catch_m: float) -> None:
         """Initialise with empty cups.
