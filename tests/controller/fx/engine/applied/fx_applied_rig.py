@@ -10,6 +10,7 @@ from controller.fx.engine.applied.table import ACTIONS, LEVELS
 from controller.fx.engine.cpu import Cpu, index_register
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand
 from controller.fx.language.instruction_set import FORMS
+from tests.controller.core.core_rig import copied
 
 State = Mapping[str, int | bool]
 
@@ -85,11 +86,6 @@ class Bench:
             poke(expected, name, value)
         self.run(text)
         assert_same(self.memory, expected)
-
-
-def copied(memory: Memory) -> Memory:
-    """Return a copy of a memory."""
-    return Memory(**{field: getattr(memory, field).copy() for field in Memory.__slots__})
 
 
 def assert_same(memory: Memory, expected: Memory) -> None:

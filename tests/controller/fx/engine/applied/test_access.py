@@ -11,7 +11,8 @@ from controller.fx.engine.applied.table import ACTIONS, LEVELS
 from controller.fx.engine.cpu import OperationError
 from controller.fx.language.instruction import DeviceOperand, WordBit
 from controller.fx.language.instruction_set import FORMS
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, copied, operand
+from tests.controller.core.core_rig import copied
+from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, operand
 
 FLOW = {"CJ", "CALL", "SRET", "FEND", "WDT", "FOR", "NEXT"}
 INT_16 = st.integers(-(2**15), 2**15 - 1)

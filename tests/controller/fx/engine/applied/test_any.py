@@ -12,7 +12,8 @@ from controller.fx.engine.applied.table import ACTIONS, LEVELS
 from controller.fx.engine.cpu import Cpu, OperationError, index_register
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand
 from controller.fx.language.instruction_set import FORMS, OPERAND_KINDS, Form
-from tests.controller.fx.engine.applied.fx_applied_rig import assert_same, copied
+from tests.controller.core.core_rig import copied
+from tests.controller.fx.engine.applied.fx_applied_rig import assert_same
 from tests.sampling import examples
 
 WORD = st.integers(-(2**15), 2**15 - 1)

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from controller.core.devices import SIZES
 from controller.fx.engine.cpu import OperationError
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, copied
+from tests.controller.core.core_rig import copied
+from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
 
 
 @pytest.mark.parametrize(

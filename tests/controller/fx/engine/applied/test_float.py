@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, copied
+from tests.controller.core.core_rig import copied
+from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
 
 SINGLES = st.floats(-(2.0**50), 2.0**50, width=32).filter(lambda value: value == 0 or abs(value) > 1e-15)
 NAN, INFINITY = {"D0": 0, "D1": 0x7FC0}, {"D0": 0, "D1": 0x7F80}

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from controller.fx.engine.cpu import OperationError
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same, copied
+from tests.controller.core.core_rig import copied
+from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same
 
 INDIVIDUAL, ZERO, STEP, CYCLE, CONTINUOUS = range(5)
 ZERO_START, START, STOP = 5, 6, 7

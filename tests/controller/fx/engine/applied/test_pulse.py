@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.applied.pulse import profile, pulses_after
 from controller.fx.engine.cpu import OperationError
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same, copied
+from tests.controller.core.core_rig import copied
+from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same
 
 
 def total(bench: Bench, low: int = 8140) -> int:

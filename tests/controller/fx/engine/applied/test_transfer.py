@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
-from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, copied
+from tests.controller.core.core_rig import copied
+from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
 
 BLOCK = {f"D{n}": n for n in range(10, 16)}
 
