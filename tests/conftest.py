@@ -6,10 +6,12 @@ from typing import Final
 from zlib import crc32
 
 import pytest
+from hypothesis import settings
 
 from controller.program.tags import SIDES
 from plant_sim.twin.lock_step import Twin
 from tests.paths import ROOT
+from tests.sampling import NIGHTLY
 
 GC_ALLOCATIONS: Final = 50_000
 """Allocations between garbage collections; the default of 700 takes 8 % of the time of a run."""
@@ -26,8 +28,13 @@ SAMPLED: Final = tuple(
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the plant and the program, or load their cached machine code, in the process that starts the workers."""
+    """Compile the plant and the program, or load their cached machine code, in the process that starts the workers.
+
+    The number of Hypothesis examples depends on whether the long tests are selected.
+    """
     gc.set_threshold(GC_ALLOCATIONS)
+    if f"not {NIGHTLY}" not in config.option.markexpr:
+        settings.load_profile(NIGHTLY)
     if not hasattr(config, "workerinput"):
         assert Twin().plant.x
 

@@ -6,6 +6,7 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -25,7 +26,12 @@ def sources(*folders: str) -> Iterator[Path]:
 
 def trees(*folders: str) -> Iterator[tuple[Path, ast.Module]]:
     for path in sources(*folders):
-        yield path, ast.parse(path.read_text(encoding="utf-8"))
+        yield path, tree(path)
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def test_no_class_name_is_used_twice() -> None:
@@ -44,7 +50,7 @@ def test_no_docstring_begins_with_a_question_word() -> None:
         for path, tree in trees(*PACKAGES, "tests")
         for node in ast.walk(tree)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
-        and QUESTION.match(ast.get_docstring(node) or "")
+        and QUESTION.match((ast.get_docstring(node, clean=False) or "").lstrip())
     ]
     assert found == []
 

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Sequence as Rows
 from pathlib import Path
 
-from hypothesis import settings
-
+from controller.core.devices import Memory
 from controller.core.expr import Bit, Word
 from controller.core.program import Block, Program
 from controller.core.retentive_store import FileStore
@@ -16,12 +15,18 @@ from controller.core.rungs import Rung
 from controller.core.scan import Plc
 from controller.core.sequence import Sequence
 from controller.io.retentive_writer import ThreadedRetentiveWriter
+from tests.sampling import examples
 
 PATIENT_S = 20.0
 """Timeout for events that must occur, s; long enough for a slow computer."""
 
-THOROUGH = settings(deadline=None, max_examples=200)
+THOROUGH = examples(60, nightly=200)
 """Settings of property tests, without a deadline because a slow computer must not fail a test."""
+
+
+def copied(memory: Memory) -> Memory:
+    """Return a copy of a memory."""
+    return Memory(**{field: getattr(memory, field).copy() for field in Memory.__slots__})
 
 
 def x(number: int) -> Bit:

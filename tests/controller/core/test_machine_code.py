@@ -72,7 +72,7 @@ def check_arbitrary_program(items: list[Rung | Sequence], story: list[Scanned]) 
 
 
 @pytest.mark.usefixtures("uncached")
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(programs(), STIMULI)
 def test_arbitrary_programs_have_equal_devices_after_every_scan(
     items: list[Rung | Sequence], story: list[Scanned]

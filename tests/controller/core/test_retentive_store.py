@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import os
 import random
@@ -20,8 +19,9 @@ from controller.core.program import Block, Program
 from controller.core.retentive_store import FORMAT, DamagedStoreError, FileStore, MemoryStore
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.scan import Plc
-from tests.controller.core.core_rig import THOROUGH, Bench, d, m, program_of, s, x
+from tests.controller.core.core_rig import THOROUGH, Bench, copied, d, m, program_of, s, x
 from tests.paths import ROOT
+from tests.sampling import examples
 
 VALUES = {"C100": 1, "CN100": 3, "D512": -32_768, "D513": 32_767, "M500": 0, "M501": 1}
 
@@ -107,7 +107,7 @@ def test_a_power_cycle_changes_no_retentive_device(inputs: list[set[int]], off_a
 def test_memory_of_another_program_is_rejected_and_changes_nothing(foreign: dict[str, int]) -> None:
     bench = Bench(*COUNTING)
     bench.scan(0, 2)
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     with pytest.raises(ValueError, match="retentive devices of another program: "):
         bench.plc.restore_retained(foreign)
     assert bench.memory == before
@@ -155,7 +155,7 @@ def test_the_retentive_image_changes_with_every_retentive_device() -> None:
 # ---- the file -------------------------------------------------------------------------------------------------
 
 
-@settings(THOROUGH, max_examples=30)
+@settings(deadline=None, max_examples=30)
 @given(st.dictionaries(st.text(max_size=8), st.integers(-(2**31), 2**31 - 1), max_size=20))
 def test_saved_values_are_loaded(tmp_path_factory: pytest.TempPathFactory, values: dict[str, int]) -> None:
     store = FileStore(tmp_path_factory.getbasetemp() / "round trip.json")
@@ -210,7 +210,7 @@ def test_every_truncation_is_detected(store: FileStore) -> None:
         assert not loads(store), f"truncated to {size} bytes"
 
 
-@settings(THOROUGH, max_examples=60)
+@examples(20, nightly=60)
 @given(st.data())
 def test_any_other_damage_is_detected(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     store = FileStore(tmp_path_factory.getbasetemp() / "damaged.json")

@@ -267,15 +267,16 @@ class Recorded:
         plc = FxPlc(ladder, input_filter_ms=0)
         return next((n for n, scan in enumerate(self.scans) if _replayed(plc, scan) != scan[3]), None)
 
-    def first_difference(self, ladder: Ladder) -> int | None:
-        """Return the number of the first scan after which outputs, relays or states differ from the export, or None."""
-        reference, plc = FxPlc(EXPORTED, input_filter_ms=0), FxPlc(ladder, input_filter_ms=0)
-        for number, scan in enumerate(self.scans):
-            if _replayed(plc, scan) != _replayed(reference, scan):
-                return number
-            if plc.memory.M != reference.memory.M or plc.memory.S != reference.memory.S:
-                return number
-        return None
+    def without_difference(self, ladders: list[Ladder]) -> list[Ladder]:
+        """Return the programs whose outputs, relays and states are equal to those of the export after every scan."""
+        reference = FxPlc(EXPORTED, input_filter_ms=0)
+        equal = [FxPlc(ladder, input_filter_ms=0) for ladder in ladders]
+        for scan in self.scans:
+            expected = _replayed(reference, scan), reference.memory.M, reference.memory.S
+            equal = [plc for plc in equal if (_replayed(plc, scan), plc.memory.M, plc.memory.S) == expected]
+            if not equal:
+                break
+        return [plc.ladder for plc in equal]
 
 
 def _replayed(plc: FxPlc, scan: Scan) -> list[bool]:

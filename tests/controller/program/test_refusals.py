@@ -5,7 +5,6 @@ A search over the devices that the obstacles read finds a situation in which exa
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable
 from dataclasses import fields
 from random import Random
@@ -20,11 +19,12 @@ from controller.program.refusals import Refusal, refusal_text
 from controller.program.states import MOVING, RUNNING, Mode, State
 from controller.program.tags import FULL, IN_DOUBT
 from controller.program.texts import CANNOT, ORDERS, REFUSALS
+from tests.controller.core.core_rig import copied
 from tests.controller.program.interlock_scene import MACHINE, TAGS
 
 CONTROL = TAGS.machine
 PLC = Plc(MACHINE.program, input_filter_ms=0)
-NEW = copy.deepcopy(PLC.memory)
+NEW = copied(PLC.memory)
 LEVELS = [False] * MACHINE.io_map.input_count
 for point in MACHINE.io_map.inputs:
     LEVELS[point.number] = point.level(False)
@@ -96,7 +96,7 @@ def look_for(memory: Memory, wanted: list[tuple[Expr, bool]], seed: int) -> None
 
 def situation(command: Command, index: int, seed: int) -> Memory:
     """Return a memory in which only one obstacle of a command is active, or none if `index` is -1."""
-    memory = copy.deepcopy(NEW)
+    memory = copied(NEW)
     for number, level in enumerate(LEVELS):
         memory.X[number] = level
     memory.set_word("D", CONTROL.mode.number, Mode.CONTINUOUS)
@@ -119,7 +119,7 @@ def after(memory: Memory, *presses: Bit) -> Memory:
     for bit in presses:
         PLC.press(bit)
     PLC.scan(10_000, memory.X[: len(LEVELS)])
-    return copy.deepcopy(PLC.memory)
+    return copied(PLC.memory)
 
 
 def differing(one: Memory, other: Memory) -> set[str]:
@@ -128,6 +128,7 @@ def differing(one: Memory, other: Memory) -> set[str]:
     return {
         f"{kind}{number}"
         for kind in ("X", "Y", "M", "S", "C", "D", "CV")
+        if getattr(one, kind) != getattr(other, kind)
         for number, (a, b) in enumerate(zip(getattr(one, kind), getattr(other, kind), strict=True))
         if a != b and number not in apart.get(kind, ())
     }

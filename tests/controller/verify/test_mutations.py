@@ -61,7 +61,7 @@ REDUNDANT: dict[tuple[str, ...], str] = {
     **{(name,): "the other rule of the pair remains" for names in PAIRS for name in names},
 }
 """Arm rules and pairs of rules that can be removed without violating any requirement, each with the reason."""
-SELECTED_RULES = ("belt at rest", "lift clear")
+SELECTED_RULES = ("lift clear", "belt at rest")
 
 
 def assert_violated_without(rules: tuple[str, ...], requirements: tuple[str, ...]) -> None:
@@ -261,7 +261,7 @@ UNDETECTED: dict[str, Change] = {
 detect them."""
 
 
-@pytest.mark.parametrize("mutation", first_of(SELECTED_MUTATIONS, 3))
+@pytest.mark.parametrize("mutation", first_of(SELECTED_MUTATIONS, 2))
 def test_mutation_violates_a_goal(mutation: str) -> None:
     """Each mutation violates a goal that the unmodified program satisfies."""
     change, goal = MUTATIONS[mutation]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 import z3
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.core.devices import (
@@ -43,10 +43,11 @@ from controller.verify.model import Model
 from controller.verify.timing import LONG, ExactTimers, FreeTimers, Timing
 from tests.controller.core.core_rig import d, m, s, t, x
 from tests.controller.verify.verify_rig import specification_of
+from tests.sampling import examples
 
 COMMAND, SET_POINT = m(8), d(512)
 SET_POINT_DEFAULT = 3
-SCANS = settings(deadline=None, max_examples=60)
+SCANS = examples(25, nightly=60)
 """Settings with fewer examples because a symbolic scan takes about a thousand times as long as a real one."""
 
 DOWN = m(8200)

@@ -6,7 +6,8 @@ import os
 import pkgutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,8 @@ PACKAGE = Path(plant_sim.__file__).parent
 WITHOUT_HOME = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA")
 
 
-def compiled_files() -> set[Path]:
+@cache
+def compiled_files() -> frozenset[Path]:
     """Return the source files of all compiled functions of the package."""
     for module in pkgutil.walk_packages(plant_sim.__path__, "plant_sim."):
         if not module.name.endswith("__main__"):
@@ -27,19 +29,21 @@ def compiled_files() -> set[Path]:
     modules = [module for name, module in sys.modules.items() if name.startswith("plant_sim.")]
     functions = [each for module in modules for each in vars(module).values() if isinstance(each, Dispatcher)]
     files = {Path(function.py_func.__code__.co_filename) for function in functions}
-    return {file for file in files if file.is_relative_to(PACKAGE)}
+    return frozenset(file for file in files if file.is_relative_to(PACKAGE))
 
 
-def imported_files(file: Path) -> set[Path]:
+@cache
+def imported_files(file: Path) -> frozenset[Path]:
     """Return the package files that a file imports from; their constants are compiled into its machine code."""
     imports = [node.module for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.ImportFrom)]
     paths = [PACKAGE.parent.joinpath(*name.split(".")).with_suffix(".py") for name in imports if name]
-    return {path for path in paths if path.is_relative_to(PACKAGE) and path.exists()}
+    return frozenset(path for path in paths if path.is_relative_to(PACKAGE) and path.exists())
 
 
 def missing_sources(patterns: Iterable[str]) -> set[Path]:
     """Return the source files of machine code that match none of the patterns."""
-    needed, pending = set(), compiled_files()
+    needed: set[Path] = set()
+    pending: Set[Path] = compiled_files()
     while pending:
         needed |= pending
         pending = {path for file in pending for path in imported_files(file)} - needed

@@ -56,7 +56,6 @@ class Pooled(NamedTuple):
 class Tractor:
     """Monitor that stops the tractor for some time whenever both arms wait over their cups with seedlings."""
 
-    stops: bool
     _until_ms: int = 0
     _stopped_at: set[int] = field(default_factory=set)
 
@@ -68,7 +67,7 @@ class Tractor:
         is_loaded = all(
             twin.plant.arms[side].grip.held and twin.in_step(f"{side} arm", "wait for cups") for side in SIDES
         )
-        if self.stops and is_loaded and cycles not in self._stopped_at:
+        if is_loaded and cycles not in self._stopped_at:
             self._stopped_at.add(cycles)
             self._until_ms = twin.now_ms + STANDSTILL_MS
             twin.plant.planting_frequency_per_min = 0.0
@@ -83,18 +82,19 @@ def trial(
     stops: bool = False,
 ) -> tuple[TrialReport, list[RowMotion]]:
     """Run one tray on a machine with changed parameters and return the report and the rows' motion."""
-    watch, tractor = MotionWatch(), Tractor(stops)
+    watch = MotionWatch()
 
-    def on_scan(twin: Twin) -> None:
-        watch(twin)
-        tractor(twin)
+    def prepare(twin: Twin) -> None:
+        twin.watch(watch, devices=())
+        if stops:
+            twin.watch(Tractor())
 
     report = run_trial(
         seed=seed,
         trays=1,
         parameters=load_machine().with_values(dict(values or {})),
         faults=faults,
-        prepare=lambda twin: twin.watch(on_scan),
+        prepare=prepare,
         set_points={} if release_lead is None else {"release_lead": release_lead},
     )
     return report, watch.rows

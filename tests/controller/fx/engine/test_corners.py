@@ -8,12 +8,14 @@ import pytest
 
 from controller.cli.main import main as controller
 from controller.fx.drawing.ladder import draw
+from controller.fx.engine import operations
 from controller.fx.engine.cpu import WATCHDOG_ERROR
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.running import run
 from controller.fx.engine.stimulus import load_stimulus
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import LadderError
+from tests.sampling import first_of
 
 OFF, ON = [False] * 16, [True] + [False] * 15
 
@@ -47,7 +49,7 @@ def test_nop_between_joined_steps_leaves_them_joined() -> None:
 # coils in many steps
 
 
-@pytest.mark.parametrize("count", [8, 9, 200])
+@pytest.mark.parametrize("count", first_of([8, 9, 60, 200], 3))
 def test_a_coil_driven_by_many_steps_turns_off_after_the_last_active_one(count: int) -> None:
     """When a step turns off, its coil is not affected while any other step that drives it is active."""
     steps = [(f"STL S{n}", "LD X0", "OUT Y0", "LD X1", f"OUT M{n}") for n in range(count)]
@@ -112,7 +114,9 @@ def test_plain_timer_retained_by_m8033_continues_from_its_value() -> None:
     ],
     ids=["WDT in an endless loop", "60 to the fifth calls"],
 )
-def test_endless_scans_are_stopped(lines: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("longest_ms", first_of([500, operations.LONGEST_SCAN_MS]))
+def test_endless_scans_are_stopped(lines: tuple[str, ...], longest_ms: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(operations, "LONGEST_SCAN_MS", longest_ms)
     running = plc(*lines)
     assert running.scan(0, ON) == [False] * 256
     assert running.error is not None

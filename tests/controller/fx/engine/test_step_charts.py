@@ -93,7 +93,7 @@ def text_of(chart: Chart) -> str:
     return "\n".join([*lines, "RET", "END"])
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(CHARTS, STORIES)
 def test_engine_agrees_with_the_rules_in_every_scan(chart: Chart, story: list[tuple[tuple[bool, ...], bool]]) -> None:
     compare(chart, story)

@@ -103,7 +103,7 @@ def test_an_implausible_switch_is_checked_before_it_is_trusted(step: str, switch
         presses += 1
         twin.press("start")
         twin.run_for(100)
-        twin.run_until(lambda: twin.state in {State.IDLE, State.HELD}, within_ms=60_000, what="Idle or Held")
+        twin.run_until_state(State.IDLE, State.HELD, within_ms=60_000)
     assert f"left: {device} switches" in twin.alarms()
     sensor.stuck = None
     home_again(twin)

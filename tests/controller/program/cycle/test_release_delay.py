@@ -22,12 +22,15 @@ def landings_m(per_min: float, *, then_per_min: float | None = None, faults: tup
     parameters = MACHINE.with_values({"cups.planting_frequency_per_min": per_min})
     twin = Twin(trays=1, parameters=parameters, set_points={"trays_target": 1, "no_cups": 150}, faults=faults)
     watch = MotionWatch()
-    twin.watch(watch)
+
+    def change_speed(twin: Twin) -> None:
+        if then_per_min is not None and len(watch.rows) == 2:
+            twin.plant.planting_frequency_per_min = then_per_min
+
+    twin.watch(watch, devices=())
+    twin.watch(change_speed, devices=())
     twin.home(within_ms=60_000)
     twin.start()
-    if then_per_min is not None:
-        twin.run_until(lambda: len(watch.rows) == 2, within_ms=120_000)
-        twin.plant.planting_frequency_per_min = then_per_min
     twin.run_until_state(State.COMPLETE, within_ms=400_000)
     return [row.throw_along_m for row in watch.rows]
 

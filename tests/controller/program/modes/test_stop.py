@@ -89,15 +89,21 @@ def test_stop_in_any_step_finishes_the_cycle_and_goes_home(step: str) -> None:
 # cups at rest
 
 
-def both_waiting(set_points: dict[str, int] | None = None) -> tuple[Twin, ChangeRecorder]:
-    """Return a machine whose arms both hold their first row over moving cups, and a recording of the cups."""
+def both_waiting(set_points: dict[str, int] | None = None) -> Twin:
+    """Return a machine whose arms both hold their first row over moving cups."""
     twin = at_work({"trays_target": 1} | (set_points or {}))
-    sensors = {side: twin.plant.arms[side].cups.pulse for side in SIDES}
-    cups = ChangeRecorder(twin, lambda _: {side for side in SIDES if sensors[side].read()})
     step = "wait to lower" if twin.plc.read(twin.machine.tags.sp.descend_at_count) else "wait for cups"
     for side in SIDES:
         until_picking(twin, side, 1)
     twin.run_until(all_of(*(twin.step_of(f"{side} arm", step) for side in SIDES)), within_ms=20_000, what=step)
+    return twin
+
+
+def both_counting() -> tuple[Twin, ChangeRecorder]:
+    """Return a machine whose arms both hold their first row over moving cups, and a recording of the cups."""
+    twin = both_waiting()
+    sensors = {side: twin.plant.arms[side].cups.pulse for side in SIDES}
+    cups = ChangeRecorder(twin, lambda _: {side for side in SIDES if sensors[side].read()})
     twin.run_for(1_400)  # one cup passes each arm
     return twin, cups
 
@@ -111,7 +117,7 @@ def first_without_cups(cups: ChangeRecorder) -> Side:
 
 
 def test_arms_with_rows_over_cups_at_rest_suspend_the_machine_until_the_cups_move() -> None:
-    twin, cups = both_waiting()
+    twin, cups = both_counting()
     halt_tractor(twin)
     twin.run_until_state(State.SUSPENDED, within_ms=10_000)
     first = first_without_cups(cups)
@@ -139,7 +145,7 @@ def test_an_arm_that_arrives_over_cups_at_rest_waits_three_cup_intervals() -> No
 
 def test_slow_cups_do_not_suspend() -> None:
     """At 18 cups/min, which is a cup interval of 3.3 s, the machine is not suspended."""
-    twin, _ = both_waiting()
+    twin = both_waiting()
     twin.plant.planting_frequency_per_min = 18.0
     twin.run_for(30_000)
     assert "SUSPENDED" not in states(twin)
@@ -147,7 +153,7 @@ def test_slow_cups_do_not_suspend() -> None:
 
 def nearly_counted(other: Side, cups: int) -> Twin:
     """Return a machine whose arms both wait for cups, with this many cups left before arm `other` releases its row."""
-    twin, _ = both_waiting()
+    twin = both_waiting()
     counter = tags_of(twin, other).cup_counter.value
     twin.run_until(counter.equals(12 - cups), within_ms=20_000, what=f"{cups} cups to come")
     return twin
@@ -195,7 +201,7 @@ def test_a_stop_over_cups_at_rest_parks_the_rows_and_a_start_resumes_with_them(
     descend_at_count: int, waits_in: str
 ) -> None:
     """In Suspended without cups, X24 parks both arms raised and closed; pressing X0 twice resumes work."""
-    twin, _ = both_waiting({"descend_at_count": descend_at_count})
+    twin = both_waiting({"descend_at_count": descend_at_count})
     halt_tractor(twin)
     twin.run_for(10_000)
     assert twin.state == State.SUSPENDED
@@ -220,7 +226,7 @@ def test_a_stop_over_cups_at_rest_parks_the_rows_and_a_start_resumes_with_them(
 
 def test_a_stop_before_the_third_cup_interval_waits_for_it_before_parking() -> None:
     """After X24 the arm waits for the cup timeout before it parks, because the next cup may still arrive."""
-    twin, cups = both_waiting()
+    twin, cups = both_counting()
     halt_tractor(twin)
     twin.run_for(1_500)
     press_stop(twin)

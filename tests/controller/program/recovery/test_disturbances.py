@@ -21,14 +21,15 @@ UNBIDDEN_MS = 500
 
 
 def pull_the_cable(twin: Twin, for_ms: int) -> None:
-    """Disconnect the field I/O for a given time, then let the link reopen."""
-    cable = CableLink(twin.module)
+    """Disconnect the field I/O for a given time and let the link reopen, then use the previous link again."""
+    link, cable = twin.runtime.link, CableLink(twin.module)
     cable.open()
     twin.runtime._link = cable
     cable.pulled = True
     twin.run_for(for_ms)
     cable.pulled = False
     twin.run_for(1_000)
+    twin.runtime._link = link
 
 
 def check_trial(twin: Twin, route: Route) -> None:
@@ -203,7 +204,7 @@ def test_cups_are_not_counted_by_the_loss_and_return_of_the_link() -> None:
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     counter = tags_of(twin, "left").cup_counter.value
-    twin.run_until(lambda: twin.plc.read(counter) == 3, within_ms=30_000)
+    twin.run_until(counter.equals(3), within_ms=30_000)
     twin.plant.planting_frequency_per_min = 0.0
     sensor = arm_of(twin, "left").sensors["cup_pulse"]
     sensor.stuck = True
@@ -282,7 +283,7 @@ def test_an_arm_that_left_home_by_itself_raises_an_alarm_and_causes_no_collision
     twin = at_work({"trays_target": 1})
     until_picking(twin, "right", 3)
     left, right = (arm_of(twin, side) for side in SIDES)
-    twin.run_until(lambda: twin.in_step("left arm", "wait at feed"), within_ms=30_000)
+    twin.run_until(twin.step_of("left arm", "wait at feed"), within_ms=30_000)
     assert twin.in_step("right arm", "approach row")
     left.place(x_m=0.01)
     twin.run_for(3 * SCAN_MS)

@@ -7,6 +7,7 @@ from functools import cache
 
 import pytest
 
+from controller.core.expr import all_of, any_of
 from controller.program.states import State
 from controller.program.tags import ROWS, SIDES, TAKEN
 from plant_sim.twin.lock_step import SCAN_MS, Twin
@@ -106,12 +107,9 @@ def test_power_loss_as_the_last_row_leaves_its_tray_counts_the_tray_once(into_ms
     """If power is lost as the lift leaves its lower limit, the row and the tray are counted at power-up."""
     twin = at_work({"trays_target": 1}, parameters=BRISK)
     rows = [tags_of(twin, side).rows[row] for side in SIDES for row in ROWS]
-    lifting = [twin.machine.cycles[side]["lift from row"] for side in SIDES]
-    twin.run_until(
-        lambda: sum(twin.plc.read(row) != TAKEN for row in rows) == 1 and any(map(twin.plc.read, lifting)),
-        within_ms=90_000,
-        what="the last row is lifted",
-    )
+    lifting = any_of(*(twin.machine.cycles[side]["lift from row"] for side in SIDES))
+    last = any_of(*(all_of(*(row.differs(TAKEN) if row is one else row.equals(TAKEN) for row in rows)) for one in rows))
+    twin.run_until(all_of(last, lifting), within_ms=90_000, what="the last row is lifted")
     twin.run_for(into_ms)
     twin.power_cycle(OFF_MS)
     assert home_again(twin) == set()

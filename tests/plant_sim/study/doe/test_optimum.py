@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from plant_sim.common.polynomial import Polynomial
@@ -12,6 +12,7 @@ from plant_sim.study.doe.design import central_composite, full_factorial
 from plant_sim.study.doe.optimum import best, best_location_interval, pareto
 from plant_sim.study.doe.regression import Fit, fit, terms
 from plant_sim.study.errors import StudyError
+from tests.sampling import examples
 
 LOW, HIGH = (-1.0, -1.0), (1.0, 1.0)
 GRID = full_factorial([np.linspace(-1, 1, 41).tolist()] * 2)
@@ -69,7 +70,7 @@ def test_the_interval_of_the_location_shrinks_with_the_scatter() -> None:
     assert (again[0].tolist(), again[1].tolist()) == (once[0].tolist(), once[1].tolist())
 
 
-@settings(deadline=None, max_examples=40)
+@examples(15, nightly=40)
 @given(quadratics, st.booleans())
 def test_no_point_within_the_bounds_is_better_than_the_optimum(surface: Polynomial, maximise: bool) -> None:
     point, value = best(surface, LOW, HIGH, maximise=maximise)
@@ -82,7 +83,7 @@ def test_no_point_within_the_bounds_is_better_than_the_optimum(surface: Polynomi
         assert value <= everywhere.min() + 1e-5
 
 
-@settings(deadline=None, max_examples=15)
+@examples(6, nightly=15)
 @given(quadratics, quadratics)
 def test_no_setting_dominates_the_front(a: Polynomial, b: Polynomial) -> None:
     front = pareto(a, b, LOW, HIGH, 9)

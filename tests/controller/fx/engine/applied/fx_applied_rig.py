@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Callable, Mapping
 
@@ -11,6 +10,7 @@ from controller.fx.engine.applied.table import ACTIONS, LEVELS
 from controller.fx.engine.cpu import Cpu, index_register
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand
 from controller.fx.language.instruction_set import FORMS
+from tests.controller.core.core_rig import copied
 
 State = Mapping[str, int | bool]
 
@@ -81,7 +81,7 @@ class Bench:
 
     def changes_only(self, text: str, after: State) -> None:
         """Run an instruction once and check that it sets these devices to these values and changes no others."""
-        expected = copy.deepcopy(self.memory)
+        expected = copied(self.memory)
         for name, value in after.items():
             poke(expected, name, value)
         self.run(text)
@@ -93,6 +93,7 @@ def assert_same(memory: Memory, expected: Memory) -> None:
     different = {
         f"{field}[{n}]": (was, wanted)
         for field in Memory.__slots__
+        if getattr(memory, field) != getattr(expected, field)
         for n, (was, wanted) in enumerate(zip(getattr(memory, field), getattr(expected, field), strict=True))
         if was != wanted
     }

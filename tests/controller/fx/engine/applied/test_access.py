@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,6 +11,7 @@ from controller.fx.engine.applied.table import ACTIONS, LEVELS
 from controller.fx.engine.cpu import OperationError
 from controller.fx.language.instruction import DeviceOperand, WordBit
 from controller.fx.language.instruction_set import FORMS
+from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, operand
 
 FLOW = {"CJ", "CALL", "SRET", "FEND", "WDT", "FOR", "NEXT"}
@@ -166,7 +165,7 @@ OUTSIDE = [
 @pytest.mark.parametrize(("text", "index", "wide"), OUTSIDE)
 def test_out_of_range_operand_is_neither_read_nor_written(text: str, index: int, wide: bool) -> None:
     bench = Bench({"Z0": index})
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     for use in (reader(bench.cpu, operand(text), wide), lambda: writer(bench.cpu, operand(text), wide)(-1)):
         with pytest.raises(OperationError) as error:
             use()
@@ -177,7 +176,7 @@ def test_out_of_range_operand_is_neither_read_nor_written(text: str, index: int,
 @pytest.mark.parametrize(("text", "index"), [("M0Z0", -1), ("M3071Z0", 1), ("X0Z0", 256), ("S999Z0", 1), ("Y0Z0", -8)])
 def test_out_of_range_bit_is_rejected(text: str, index: int) -> None:
     bench = Bench({"Z0": index})
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     with pytest.raises(OperationError):
         bit_reader(bench.cpu, operand(text))()
     with pytest.raises(OperationError):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import copy
+from itertools import cycle, islice
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.core.devices import SIZES, Memory
@@ -12,7 +12,9 @@ from controller.fx.engine.applied.table import ACTIONS, LEVELS
 from controller.fx.engine.cpu import Cpu, OperationError, index_register
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand
 from controller.fx.language.instruction_set import FORMS, OPERAND_KINDS, Form
+from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import assert_same
+from tests.sampling import examples
 
 WORD = st.integers(-(2**15), 2**15 - 1)
 SMALL = st.integers(-2, 40)
@@ -58,13 +60,13 @@ def memories(draw: st.DrawFn) -> Memory:
     memory = Memory()
     values = draw(st.lists(SMALL | WORD, min_size=5, max_size=9))
     for words in (memory.D, memory.TV, memory.CV):
-        words[:] = [values[n % len(values)] for n in range(len(words))]
+        words[:] = islice(cycle(values), len(words))
     for name in INDEXES:
         memory.D[index_register(name)] = draw(st.integers(-30, 30) | WORD)
     for kind in "XYMSTC":
         levels = draw(st.lists(st.booleans(), min_size=3, max_size=11))
         cells = memory.bits(kind)
-        cells[:] = [levels[n % len(levels)] for n in range(len(cells))]
+        cells[:] = islice(cycle(levels), len(cells))
     return memory
 
 
@@ -77,12 +79,12 @@ def assert_sound(memory: Memory) -> None:
     assert all(isinstance(bit, bool) for kind in "XYMSTC" for bit in memory.bits(kind))
 
 
-@settings(max_examples=100, deadline=None)
+@examples(50, nightly=100)
 @given(instructions(), memories())
 def test_instruction_runs_or_changes_nothing(instruction: tuple[Form, tuple[Operand, ...]], memory: Memory) -> None:
     form, operands = instruction
     name, cpu = form.kind.name, Cpu(memory, now_ms=12_345, terminals=[True] * 32)
-    before = copy.deepcopy(memory)
+    before = copied(memory)
     try:
         if name in ACTIONS:
             ACTIONS[name](cpu, operands, form.wide)()

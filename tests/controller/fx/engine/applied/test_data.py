@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import copy
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.core.devices import SIZES
 from controller.fx.engine.cpu import OperationError
+from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
 
 
@@ -83,7 +82,7 @@ def test_result(text: str, before: State, after: State) -> None:
 def test_error_changes_nothing(text: str, before: State) -> None:
     bench = Bench(before)
     bench.cpu.terminals = [False] * SIZES["X"]
-    expected = copy.deepcopy(bench.memory)
+    expected = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.run(text)
     assert_same(bench.memory, expected)

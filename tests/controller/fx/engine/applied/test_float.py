@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import struct
 
 import pytest
@@ -10,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
+from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
 
 SINGLES = st.floats(-(2.0**50), 2.0**50, width=32).filter(lambda value: value == 0 or abs(value) > 1e-15)
@@ -83,7 +83,7 @@ def test_result(text: str, before: State, after: State) -> None:
 )
 def test_error_changes_nothing(text: str, before: State) -> None:
     bench = Bench(before)
-    expected = copy.deepcopy(bench.memory)
+    expected = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.run(text)
     assert_same(bench.memory, expected)
@@ -110,7 +110,7 @@ def test_results_are_rounded_to_the_nearest_single(a: float, b: float) -> None:
 def test_both_registers_are_written_or_none() -> None:
     before: State = single(0, 2.0)
     bench = Bench({**before, "Z0": -5})
-    expected = copy.deepcopy(bench.memory)
+    expected = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.run("DEMUL D0 D0 D4Z0")
     assert_same(bench.memory, expected)

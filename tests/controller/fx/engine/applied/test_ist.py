@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
-
 import pytest
 
 from controller.fx.engine.cpu import OperationError
+from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same
 
 INDIVIDUAL, ZERO, STEP, CYCLE, CONTINUOUS = range(5)
@@ -191,7 +190,7 @@ def test_flags_of_the_program_are_unchanged() -> None:
 def test_without_drive_nothing_changes() -> None:
     panel = Panel(CYCLE)
     panel.memory.X[16 + START] = panel.memory.X[16 + STOP] = True
-    before = copy.deepcopy(panel.memory)
+    before = copied(panel.memory)
     panel.ist(False)
     assert_same(panel.memory, before)
 
@@ -209,7 +208,7 @@ def test_without_drive_nothing_changes() -> None:
 )
 def test_error_changes_nothing(text: str) -> None:
     bench = Bench({"S25": 1, "M3065": 1, "X371": 1, "X20": 1})
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.level(text)(True)
     assert_same(bench.memory, before)

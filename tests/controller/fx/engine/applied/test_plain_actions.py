@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from controller.core.devices import SIZES, Memory
@@ -16,6 +16,7 @@ from controller.fx.language.instruction import Constant, DeviceOperand, Digits, 
 from controller.fx.language.instruction_set import FORMS, OPERAND_KINDS
 from tests.controller.fx.engine.applied.fx_applied_rig import assert_same
 from tests.controller.fx.engine.applied.test_any import memories
+from tests.sampling import examples
 
 ALWAYS_ON = "X377"
 """Contact that no instruction writes."""
@@ -64,7 +65,7 @@ def executed(plc: FxPlc, before: Memory) -> Memory:
     return plc.memory
 
 
-@settings(max_examples=120, deadline=None)
+@examples(40, nightly=120)
 @given(ladders(), memories())
 @example(always("MUL D0 D1 D7999"), Memory())
 @example(always("MUL D0 D1 D8255"), Memory())

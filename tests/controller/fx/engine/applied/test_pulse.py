@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 
 import pytest
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 
 from controller.fx.engine.applied.pulse import profile, pulses_after
 from controller.fx.engine.cpu import OperationError
+from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import Bench, assert_same
 
 
@@ -92,7 +92,7 @@ def test_plsy_at_y1_has_a_separate_total() -> None:
 
 def test_undriven_instruction_does_not_change_output_and_flag() -> None:
     bench = Bench({"Y0": 1, "M8029": 1})
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     for text in ("PLSY K10 K1 Y0", "PLSR K100 K200 K100 Y0", "PWM K1 K2 Y0"):
         bench.level(text)(False)
     assert_same(bench.memory, before)
@@ -118,7 +118,7 @@ def test_undriven_instruction_does_not_change_output_and_flag() -> None:
 )
 def test_error_changes_nothing(text: str) -> None:
     bench = Bench({"Z0": -1})
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.level(text)(True)
     assert_same(bench.memory, before)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import copy
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.fx.engine.cpu import OperationError
+from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits
 
 TIME = {"D0": 10, "D1": 30, "D2": 50}
@@ -75,7 +74,7 @@ def test_absd_in_32_bits() -> None:
 )
 def test_absd_out_of_range(text: str) -> None:
     bench = Bench({"M0": 1})
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.level(text)(True)
     assert_same(bench.memory, before)
@@ -188,7 +187,7 @@ def test_stmr_a_drive_shorter_than_the_timer() -> None:
 def test_stmr_without_drive_does_nothing_and_does_not_start_its_timer() -> None:
     bench = Bench()
     stmr = bench.level("STMR T10 K3 M0")
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     stmr(False)
     assert_same(bench.memory, before)
 
@@ -257,7 +256,7 @@ def test_ramp_without_drive_retains_its_value_and_restarts() -> None:
 @pytest.mark.parametrize("text", ["RAMP D1 D2 D3 K0", "RAMP D1 D2 D7999 K4"])
 def test_ramp_out_of_range(text: str) -> None:
     bench = Bench({"D1": 5, "D2": 6})
-    before = copy.deepcopy(bench.memory)
+    before = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.level(text)(True)
     assert_same(bench.memory, before)
@@ -314,7 +313,7 @@ def test_clock(text: str, before: State, after: State) -> None:
 )
 def test_clock_error_changes_nothing(text: str, before: State) -> None:
     bench = Bench(before)
-    expected = copy.deepcopy(bench.memory)
+    expected = copied(bench.memory)
     with pytest.raises(OperationError):
         bench.run(text)
     assert_same(bench.memory, expected)
