@@ -19,6 +19,7 @@ from controller.common.command_line import CommandLine
 from controller.common.extras import EXTRAS
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from tests.paths import ROOT
+from tests.sampling import first_of
 
 COMMAND_LINES = (CONTROLLER, PLANT)
 OPTIONAL = {
@@ -39,27 +40,40 @@ def python(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=110)
 
 
-def imported(line: CommandLine) -> dict[str, set[str]]:
-    """Return the optional modules that each command imports for its help text.
+FORKS = """
+import contextlib, io, json, os, sys
 
-    The parser of each command is built in a fork of an interpreter that has imported only the table of commands and,
-    for the plant, numba and numpy, which many of its commands import and which load slowly.
-    """
-    program = (
-        "import json, os, sys\n"
-        f"{'import numba, numpy' if line is PLANT else ''}\n"
-        f"from {line.package}.cli.main import COMMAND_LINE\n"
-        "for name in COMMAND_LINE.commands:\n"
-        "    if child := os.fork():\n"
-        "        assert os.waitpid(child, 0)[1] == 0, name\n"
-        "        continue\n"
-        "    COMMAND_LINE.parser({name}).format_help()\n"
-        f"    print(json.dumps([name, *sorted({set(OPTIONAL)!r} & set(sys.modules))]), flush=True)\n"
-        "    os._exit(0)\n"
-    )
+def forked(work, cases):
+    "Print the JSON record that a function returns for each case, each in a fork of this process."
+    for case in cases:
+        if child := os.fork():
+            assert os.waitpid(child, 0)[1] == 0, case
+            continue
+        print(json.dumps([case, work(case)]), flush=True)
+        os._exit(0)
+"""
+"""Start of a program that examines several cases, each in a fork of an interpreter that has loaded common modules."""
+COMMON = {"controller": "controller.program.machine", "plant_sim": "plant_sim.twin.trial"}
+"""Module of each package that many of its commands import and that imports no optional module of `OPTIONAL`."""
+
+
+def imported(line: CommandLine) -> dict[str, set[str]]:
+    """Return the optional modules that each command imports for its help text."""
+    program = f"""{FORKS}
+import {COMMON[line.package]}
+from {line.package}.cli.main import COMMAND_LINE
+
+def work(name):
+    COMMAND_LINE.parser({{name}}).format_help()
+    return sorted(optional & set(sys.modules))
+
+optional = {set(OPTIONAL)!r}
+assert not optional & set(sys.modules)
+forked(work, COMMAND_LINE.commands)
+"""
     done = python(program)
     assert done.returncode == 0, done.stderr
-    return {name: set(modules) for name, *modules in map(json.loads, done.stdout.splitlines())}
+    return {name: set(modules) for name, modules in map(json.loads, done.stdout.splitlines())}
 
 
 @pytest.mark.parametrize("line", COMMAND_LINES, ids=lambda line: line.package)
@@ -87,34 +101,61 @@ def test_the_program_name_is_that_of_the_console_command(monkeypatch: pytest.Mon
         assert PLANT.parser(()).prog == name
 
 
-@pytest.mark.parametrize(
-    ("package", "arguments", "module"),
-    [
-        ("controller", ("prove",), "z3"),
-        ("controller", ("panel",), "uvicorn"),
-        ("plant_sim", ("plot", "run.parquet"), "matplotlib"),
-        ("plant_sim", ("planter", "--plot", "motion.png"), "matplotlib"),
-        ("plant_sim", ("air",), "pyarrow"),
-        ("plant_sim", ("trial", "--record", "run.parquet"), "pyarrow"),
-        ("plant_sim", ("serve", "--record", "run.parquet", "--port", "0"), "pyarrow"),
-        ("plant_sim", ("study", "throughput"), "joblib"),
-        ("plant_sim", ("study", "campaign", "x.yaml", "--out", "x"), "pyarrow"),
-        (
-            "plant_sim",
-            ("study", "campaign", "x.yaml", "--out", "x", "--engine", "dask", "--scheduler", "tcp://127.0.0.1:1"),
-            "distributed",
-        ),
-        ("plant_sim", ("trial",), "numpy"),
+NEEDING_AN_EXTRA = {
+    "controller": [
+        ("prove", "z3"),
+        ("panel", "uvicorn"),
     ],
-)
-def test_a_missing_extra_is_one_line_with_the_install_command(
-    package: str, arguments: tuple[str, ...], module: str
-) -> None:
-    program = f"import sys\nsys.modules[{module!r}] = None\nfrom {package}.cli.main import main\n"
-    program += "sys.exit(main(sys.argv[1:]))\n"
-    done = python(program, *arguments)
+    "plant_sim": [
+        ("plot run.parquet", "matplotlib"),
+        ("planter --plot motion.png", "matplotlib"),
+        ("air", "pyarrow"),
+        ("trial --record run.parquet", "pyarrow"),
+        ("serve --record run.parquet --port 0", "pyarrow"),
+        ("study throughput", "joblib"),
+        ("study campaign x.yaml --out x", "pyarrow"),
+        ("study campaign x.yaml --out x --engine dask --scheduler tcp://127.0.0.1:1", "distributed"),
+    ],
+}
+"""Commands of each package, each with the optional module that is missing."""
+WITHOUT_MODULE = """
+def work(case):
+    command, module = case
+    sys.modules[module] = None
+    from {package}.cli.main import main
+    output, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
+        code = main(command.split())
+    return code, output.getvalue(), errors.getvalue()
+"""
+
+
+@pytest.mark.parametrize("package", NEEDING_AN_EXTRA)
+def test_a_missing_extra_is_one_line_with_the_install_command(package: str) -> None:
+    cases = NEEDING_AN_EXTRA[package]
+    hidden = {module for _, module in cases}
+    program = f"""{FORKS}{WITHOUT_MODULE.format(package=package)}
+import {COMMON[package]}
+assert not {hidden!r} & set(sys.modules)
+forked(work, {cases!r})
+"""
+    done = python(program)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    assert found == [[[*case], [2, "", missing_extra(*case)]] for case in cases]
+
+
+def missing_extra(command: str, module: str) -> str:
     hint = f"{module} is not installed; run: pip install 'seedling-transplanter[{EXTRAS[module]}]'"
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"{arguments[0]}: {hint}\n")
+    return f"{command.split(maxsplit=1)[0]}: {hint}\n"
+
+
+def test_a_missing_dependency_of_the_plant_is_one_line_with_the_install_command() -> None:
+    program = (
+        "import sys\nsys.modules['numpy'] = None\nfrom plant_sim.cli.main import main\nsys.exit(main(['trial']))\n"
+    )
+    done = python(program)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", missing_extra("trial", "numpy"))
 
 
 WITHOUT_POSIX = """
@@ -134,19 +175,17 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
 
 @pytest.mark.parametrize(
     ("package", "arguments", "expected"),
-    [
-        ("controller", ("ladder", "export", "--format", "gx-csv", "--out", "{folder}/program.csv"), "\nfits\n"),
-        ("controller", ("prove", "--short", "--goal", "left: down away from feed"), "proved"),
-        ("plant_sim", ("trial", "--trays", "1"), "seedlings 72: "),
-        ("plant_sim", ("study", "cabbage-rsm", "--data", "printed"), "="),
-        pytest.param(
-            "plant_sim",
-            ("study", "throughput", "--frequencies", "45", "--workers", "1", "--seedlings", "12"),
-            "=",
-            marks=pytest.mark.nightly,
-        ),
-    ],
-    ids=["ladder", "prove", "trial", "study of a table", "study with trials"],
+    first_of(
+        [
+            ("controller", ("ladder", "export", "--format", "gx-csv", "--out", "{folder}/program.csv"), "\nfits\n"),
+            ("plant_sim", ("trial", "--trays", "1"), "seedlings 72: "),
+            ("controller", ("prove", "--short", "--goal", "left: down away from feed"), "proved"),
+            ("plant_sim", ("study", "cabbage-rsm", "--data", "printed"), "="),
+            ("plant_sim", ("study", "throughput", "--frequencies", "45", "--workers", "1", "--seedlings", "12"), "="),
+        ],
+        2,
+    ),
+    ids=["ladder", "trial", "prove", "study of a table", "study with trials"],
 )
 def test_a_command_runs_without_posix(package: str, arguments: tuple[str, ...], expected: str, tmp_path: Path) -> None:
     """The commands ladder, prove, trial and study run without POSIX modules, as on Windows, where GX Works2 runs."""

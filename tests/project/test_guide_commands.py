@@ -1,13 +1,15 @@
 """Every command of every guide, executed as printed, in a separate folder for each page.
 
-The commands of a page run in order, because later ones read files that earlier ones have written. Files that a page
-expects its reader to have (``my.il``, ``my_map.yaml``, ...) are created beforehand. Servers use free ports and are
-stopped with Ctrl-C when they are ready.
+By default, a command that is on several pages runs on the first of them, and of some commands only the options are
+checked; the complete pages run with ``--nightly``. The commands of a page run in order, because later ones read files
+that earlier ones have written. Files that a page expects its reader to have (``my.il``, ``my_map.yaml``, ...) are
+created beforehand. Servers use free ports and are stopped with Ctrl-C when they are ready.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -20,13 +22,16 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 import pytest
 
+from controller.cli.main import COMMAND_LINE as CONTROLLER
 from controller.cli.main import main as controller_main
 from controller.iomap.loader import DEFAULT_IO_MAP
+from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.cli.main import main as plant_main
+from plant_sim.common.paper_items import PaperName, paper_items
 from tests.paths import DOCS, ROOT
 
 PAGES: Final = {
@@ -34,6 +39,7 @@ PAGES: Final = {
     for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
     if page.exists()
 }
+LINES: Final = {"controller": CONTROLLER, "plant_sim": PLANT}
 MAIN: Final = {"controller": controller_main, "plant_sim": plant_main}
 LIMIT_S: Final = 600
 START_LIMIT_S: Final = 60
@@ -47,8 +53,21 @@ NOT_RUN_COUNT: Final = 2
 RUN_ELSEWHERE: Final = re.compile(r"scripts/test\b|\.venv/bin/python -m controller prove$")
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
 scenario guide, and test_prove.py runs the complete proof."""
+PAPERS: Final = {
+    f".venv/bin/python -m {command}"
+    for paper in get_args(PaperName)
+    for item in paper_items(paper)
+    for command in item.commands
+}
+"""Commands that test_papers.py runs."""
 SLOW: Final = {
+    '.venv/bin/python -m controller prove --without "left: down at feed only" --goal "left: down away from feed" '
+    "--traces traces",
+    '.venv/bin/python -m controller replay --without "left: down at feed only" traces/left-down-away-from-feed.json',
+    ".venv/bin/python -m controller run --hmi-port 5021",
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim planter --figure 9 --plot var/planter.gif",
+    ".venv/bin/python -m plant_sim serve --watchdog-ms 500",
     ".venv/bin/python -m plant_sim study planter-lodging --out var/planter-lodging",
     ".venv/bin/python -m plant_sim study planter-release --out var/planter-release",
     ".venv/bin/python -m plant_sim study planter-verdicts --out var/planter-verdicts",
@@ -56,7 +75,9 @@ SLOW: Final = {
     "scripts/bench",
     "scripts/run --real-time",
 }
-"""Commands that take more than 20 s; they are run only with ``--nightly``."""
+"""Commands that are run only with ``--nightly``: those that take more than 2 s, commands that read their files, and
+servers like those of docs/first-run.md.
+"""
 SERVERS: Final = {"serve", "run"}
 EXPECTED_CODES: Final = {"prove --without": 1, "replay --without": 1}
 """Non-zero exit codes of commands that report a violated requirement, by a part of the command."""
@@ -69,14 +90,24 @@ def commands(page: Path) -> list[str]:
     return [line.strip() for _, block in blocks for line in block.splitlines() if line.strip()]
 
 
-def runnable(page: Path, *, slow: bool) -> list[str]:
-    """Return the commands of a page for the default run, or those for the nightly run."""
-    chosen = [command for command in commands(page) if command not in NOT_RUN and not RUN_ELSEWHERE.match(command)]
-    return [command for command in chosen if (command in SLOW) == slow]
+def runnable(page: Path) -> list[str]:
+    """Return the commands of a page that are run here."""
+    return [command for command in commands(page) if command not in NOT_RUN and not RUN_ELSEWHERE.match(command)]
 
 
-def with_commands(*, slow: bool) -> list[str]:
-    return [name for name, page in PAGES.items() if runnable(page, slow=slow)]
+def chosen() -> dict[str, list[str]]:
+    """Return the commands of each page for the default run, without pages that have none."""
+    done = SLOW | PAPERS
+    pages = {}
+    for name, page in PAGES.items():
+        pages[name] = [command for command in runnable(page) if command not in done]
+        done = done | {*pages[name]}
+    return {name: found for name, found in pages.items() if found}
+
+
+BY_DEFAULT: Final = chosen()
+COMPLETE: Final = {name: found for name, page in PAGES.items() if (found := runnable(page)) != BY_DEFAULT.get(name, [])}
+"""Commands of the pages of which only some or none are run by default."""
 
 
 @pytest.fixture
@@ -176,21 +207,24 @@ def served(arguments: list[str], folder: Path, ready: str) -> Iterator[subproces
                 os.killpg(process.pid, signal.SIGKILL)
 
 
-def serve(command: str, folder: Path) -> None:
-    """Start a server command with free ports and stop it; for a controller, a plant is also started."""
-    arguments = shlex.split(command)
-    port = str(free_port())
+def serve(commands: list[str], folder: Path) -> None:
+    """Start server commands with free ports and stop them; a controller without a plant gets one."""
+    port = ""
     with ExitStack() as stack:
-        if arguments[0] == "scripts/run":
-            ports = ["--port", port, "--hmi-port", "0", "--panel-port", "0"]
-            stack.enter_context(served([*arguments, *ports], folder, "Execute"))
-        elif "plant_sim" in arguments:
-            stack.enter_context(served([*arguments, "--port", port], folder, "plant listening on"))
-        else:
-            plant = [sys.executable, "-m", "plant_sim", "serve", "--port", port]
-            stack.enter_context(served(plant, folder, "plant listening on"))
-            patient = ["--timeout-ms", "5000", "--link-limit-ms", "10000"]
-            stack.enter_context(served([*arguments, "--port", port, *patient, "--hmi-port", "0"], folder, "Stopped"))
+        for arguments in map(shlex.split, commands):
+            if arguments[0] == "scripts/run":
+                ports = ["--port", str(free_port()), "--hmi-port", "0", "--panel-port", "0"]
+                stack.enter_context(served([*arguments, *ports], folder, "Execute"))
+                continue
+            if "plant_sim" in arguments or not port:
+                port = str(free_port())
+                plant = arguments if "plant_sim" in arguments else [sys.executable, "-m", "plant_sim", "serve"]
+                stack.enter_context(served([*plant, "--port", port], folder, "plant listening on"))
+            if "plant_sim" not in arguments:
+                patient = ["--timeout-ms", "5000", "--link-limit-ms", "10000"]
+                stack.enter_context(
+                    served([*arguments, "--port", port, *patient, "--hmi-port", "0"], folder, "Stopped")
+                )
 
 
 def is_server(command: str) -> bool:
@@ -202,7 +236,7 @@ def is_server(command: str) -> bool:
 
 def recorded_history(folder: Path) -> None:
     """Run a controller so that a history exists, as after a first run."""
-    serve(f"{sys.executable} -m controller run", folder)
+    serve([f"{sys.executable} -m controller run"], folder)
 
 
 def exported_program(folder: Path) -> None:
@@ -229,33 +263,40 @@ PREPARED: Final[Mapping[str, Callable[[Path], None]]] = {
 }
 
 
-def check(name: str, folder: Path, capsys: pytest.CaptureFixture[str], *, slow: bool) -> None:
-    """Run the commands of a page, and check their exit codes and output."""
+def check(name: str, commands: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Run commands of a page, and check their exit codes and output; consecutive servers run together."""
     if name in PREPARED:
         PREPARED[name](folder)
-    for command in runnable(PAGES[name], slow=slow):
-        if is_server(command):
-            serve(command, folder)
+    for are_servers, group in itertools.groupby(commands, is_server):
+        if are_servers:
+            serve([*group], folder)
             continue
-        code, output, errors = run(command, folder, capsys)
-        expected = next((code for part, code in EXPECTED_CODES.items() if part in command), 0)
-        assert code == expected, f"{name}: {command}: {code}\n{errors}"
-        assert "Traceback" not in errors
-        if "--json" in command:
-            json.loads(output)
+        for command in group:
+            code, output, errors = run(command, folder, capsys)
+            expected = next((code for part, code in EXPECTED_CODES.items() if part in command), 0)
+            assert code == expected, f"{name}: {command}: {code}\n{errors}"
+            assert "Traceback" not in errors
+            if "--json" in command:
+                json.loads(output)
 
 
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize("name", with_commands(slow=False))
+@pytest.mark.parametrize("name", BY_DEFAULT)
 def test_the_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(name, folder, capsys, slow=False)
+    check(name, BY_DEFAULT[name], folder, capsys)
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(3_600)
-@pytest.mark.parametrize("name", with_commands(slow=True))
-def test_the_slow_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(name, folder, capsys, slow=True)
+@pytest.mark.parametrize("name", COMPLETE)
+def test_all_commands_of_a_page_run(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    check(name, COMPLETE[name], folder, capsys)
+
+
+@pytest.mark.parametrize("command", sorted(command for command in SLOW if command.startswith(".venv/bin/python")))
+def test_the_options_of_a_slow_command_exist(command: str) -> None:
+    _, _, program, *words = shlex.split(command)
+    LINES[program].parser({words[0]}).parse_args(words)
 
 
 def test_every_exception_is_on_a_page() -> None:
@@ -265,3 +306,11 @@ def test_every_exception_is_on_a_page() -> None:
     assert set(NOT_RUN) | SLOW <= everything
     programs = {shlex.split(command)[0] for command in everything}
     assert programs <= {".venv/bin/python", "scripts/run", "scripts/test", "scripts/bench"}
+
+
+def test_every_command_of_the_pages_is_run() -> None:
+    everything = {command for page in PAGES.values() for command in runnable(page)}
+    by_default = {command for found in BY_DEFAULT.values() for command in found}
+    complete = {command for found in COMPLETE.values() for command in found}
+    assert by_default | complete == everything
+    assert everything - by_default <= SLOW | PAPERS

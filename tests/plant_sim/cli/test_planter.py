@@ -85,6 +85,7 @@ def test_a_figure_is_drawn(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("plant_sim.planter.drawing.gif.FRAMES_PER_S", 2)
     record_of(capsys, *arguments)
     (path,) = tmp_path.iterdir()
     assert path.read_bytes().startswith(start)

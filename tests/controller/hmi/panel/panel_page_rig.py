@@ -7,11 +7,12 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+from urllib.parse import urlsplit
 
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
@@ -188,11 +189,9 @@ class PanelProcess:
         slow: Whether the panel's jog lease is lengthened for a machine that `LiveMachine.slow` has slowed down.
     """
 
-    def __init__(
-        self, live: LiveMachine, folder: Path, *, first_run: bool = False, port: int = 0, slow: bool = False
-    ) -> None:
-        users = folder / ("first-users.json" if first_run else "users.json")
-        if not first_run and not users.exists():
+    def __init__(self, live: LiveMachine, folder: Path, *, slow: bool = False) -> None:
+        users = folder / "users.json"
+        if not users.exists():
             Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
         tags = folder / "tags.csv"
         tags.write_text(tag_csv(), encoding="utf-8")
@@ -208,23 +207,40 @@ class PanelProcess:
             str(tags),
             "--history",
             str(folder / "history.sqlite"),
-            "--port",
-            str(port),
             "--users",
             str(users),
         ]
 
     def __enter__(self) -> Self:
-        self.process = subprocess.Popen(self._arguments, stdout=subprocess.PIPE, text=True)
-        assert self.process.stdout is not None
-        line = self.process.stdout.readline()
-        assert line.startswith("panel at "), line
-        self.url = line.removeprefix("panel at ").strip()
+        self._start(port=0)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self._end()
+
+    @contextmanager
+    def restarted(self) -> Iterator[None]:
+        """Stop the panel during the block; start it again on the same port at the end."""
+        self._end()
+        try:
+            yield
+        finally:
+            self._start(port=urlsplit(self.url).port or 0)
+
+    def send(self, number: int) -> None:
+        if self.process.poll() is None:
+            os.kill(self.process.pid, number)
+
+    def _start(self, port: int) -> None:
+        self.process = subprocess.Popen([*self._arguments, "--port", str(port)], stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line.startswith("panel at "), line
+        self.url = line.removeprefix("panel at ").strip()
+
+    def _end(self) -> None:
         self.send(signal.SIGCONT)
         self.process.terminate()
         try:
@@ -234,7 +250,3 @@ class PanelProcess:
             self.process.wait()
             if self.process.stdout is not None:
                 self.process.stdout.close()
-
-    def send(self, number: int) -> None:
-        if self.process.poll() is None:
-            os.kill(self.process.pid, number)

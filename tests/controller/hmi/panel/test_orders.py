@@ -12,9 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from controller.hmi.panel.orders.messages import MessageError, read_order
+from controller.io.forcing import LEASE_MS
 from controller.io.pace import Pace
 from controller.program.states import Mode, State
-from plant_sim.twin.lock_step import Twin
+from plant_sim.twin.lock_step import SCAN_MS, Twin
 from tests.controller.hmi.panel.panel_rig import Browser, PanelRig
 from tests.plant_sim.twin.twin_rig import switched_on
 
@@ -170,7 +171,7 @@ def test_forcing_ends_with_the_browser(tmp_path: Path) -> None:
             browser.until(lambda view: view["machine"]["state"] == State.STOPPED)
             assert browser.order(type="force", point="X22", level=1)["ok"] is True
             browser.until(lambda view: view["forced"] == ["X22"] and view["io"]["X22"] == 1)
-            rig.for_scans(250)  # longer than the forcing timeout of the controller: the panel renews it
+            rig.for_scans(LEASE_MS // SCAN_MS + 20)  # longer than the lease of the controller: the panel renews it
             assert forcing.levels == {0o22: True}
             assert browser.order(type="force", point="X5", level=0)["ok"] is True
             assert browser.order(type="force", point="X22", level=2)["ok"] is True

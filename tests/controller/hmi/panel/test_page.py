@@ -96,12 +96,19 @@ def manual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
 class Screen:
     """Page in a browser; no unexpected event may occur during the test.
 
+    Args:
+        user: User who is logged in when the page opens; None for a page without a login.
+
     Attributes:
         unexpected: Console errors, and requests to hosts other than the panel.
     """
 
-    def __init__(self, browser: Browser, url: str, width: int = 1280, height: int = 800) -> None:
-        self._context = browser.new_context(viewport={"width": width, "height": height})
+    def __init__(self, browser: Browser, url: str, user: str | None = None) -> None:
+        self._context = browser.new_context(viewport={"width": 1280, "height": 800})
+        if user is not None:
+            data = {"user": user, "password": PASSWORDS[user]}
+            answer = self._context.request.post(f"{url}/api/login", data=data, headers={"origin": url})
+            assert answer.ok, answer.text()
         self.page: Page = self._context.new_page()
         self.page.set_default_timeout(TIMEOUT_MS)
         self.unexpected: list[str] = []
@@ -155,6 +162,25 @@ class Screen:
             self.unexpected.append(f"request to {url}")
 
 
+@pytest.fixture(scope="module")
+def screens(stopped: Station, browser: Browser) -> Iterator[dict[str, Screen]]:
+    """Yield a page of the stopped machine for each user, shared by the tests; each test must leave it without a dialog
+    and in English.
+    """
+    with ExitStack() as stack:
+        yield {user: stack.enter_context(Screen(browser, stopped.panel.url, user)) for user in PASSWORDS}
+
+
+@pytest.fixture(params=["operate"])
+def screen(request: pytest.FixtureRequest, screens: dict[str, Screen]) -> Iterator[Screen]:
+    """Yield the page of a user, by default the operator, on its first tab."""
+    shared = screens[request.param]
+    shared.open(PAGES[0])
+    yield shared
+    unexpected, shared.unexpected[:] = [*shared.unexpected], []
+    assert unexpected == []
+
+
 def expect_state(screen: Screen, state: State) -> None:
     expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[state].en, timeout=TIMEOUT_MS)
 
@@ -166,8 +192,7 @@ def clear(screen: Screen, live: LiveMachine) -> None:
 
 
 def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
-    """Log in, start manual mode if necessary, and return the jog button of an output."""
-    screen.log_in("maintain")
+    """Start manual mode if necessary, and return the jog button of an output."""
     screen.open("manual")
     if live.state != State.EXECUTE:
         live.fast()
@@ -181,6 +206,13 @@ def ready_to_jog(screen: Screen, live: LiveMachine) -> Locator:
     button = screen.find(f"main [data-jog='{OUTPUT}']")
     expect(button).not_to_have_attribute("aria-disabled", "true", timeout=TIMEOUT_MS)
     return button
+
+
+def until_renewed(live: LiveMachine) -> None:
+    """Wait until the output has been on for longer than a lease that is not renewed."""
+    held_from_ms = live.now_ms
+    live.until(lambda: live.now_ms > held_from_ms + JOG_LEASE_MS + 2 * SCAN_MS, "held")
+    assert live.on(OUTPUT), "not renewed"
 
 
 def recent_cups(live: LiveMachine) -> dict[str, str]:
@@ -231,38 +263,59 @@ def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
         expect(screen.find("[data-chart='Pressures']")).to_be_visible()
 
 
-@pytest.mark.timeout(240)
-def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
-    """A manually operated run, as in the README, completes, and the page shows the seedling counts of its report.
+@contextmanager
+def manual_run(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Start a manually operated run as in the README; yield it and the address of its page.
 
-    The times of the button presses determine how long the seedlings are held and how many break. The expected counts
-    are therefore taken from the report, which counts each of the 72 seedlings once.
+    On SIGINT the run stops its own processes.
     """
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = str(reserved.getsockname()[1])
     command = [
-        sys.executable,
-        "-m",
-        "plant_sim",
-        "run",
-        "--by-hand",
-        "--keep",
-        "--trays",
-        "1",
-        "--pace",
-        str(FLAT_OUT),
-        "--port",
-        port,
-        "--hmi-port",
-        "0",
-        "--panel-port",
-        "0",
+        *(sys.executable, "-m", "plant_sim", "run", "--by-hand", "--keep", "--trays", "1", "--pace", str(FLAT_OUT)),
+        *("--port", port, "--hmi-port", "0", "--panel-port", "0"),
     ]
-    run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    run = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        assert run.stdout is not None
         assert run.stderr is not None
         url = next(line for line in run.stderr if line.startswith("panel at ")).removeprefix("panel at ").strip()
+        yield run, url
+    finally:
+        run.send_signal(signal.SIGINT)
+        run.communicate()
+
+
+def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
+    """A manually operated run asks for both passwords, and the buttons of its page start and stop the machine."""
+    with manual_run(tmp_path) as (run, url):
+        with Screen(browser, url) as screen:
+            screen.set_first_passwords()
+            screen.log_in("operate")
+            screen.press("[data-box=start]")
+            expect_state(screen, State.IDLE)
+            screen.press("[data-box=start]")
+            expect_state(screen, State.EXECUTE)
+            screen.press("[data-command=abort]")
+            expect_state(screen, State.ABORTED)
+            screen.find("[data-action=logout]").click()
+            expect(screen.find("[data-fact=level]")).to_have_text(texts.TEXTS["level.view"].en)
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
+    assert run.returncode == 130
+    assert "outputs set to their safe levels" in errors
+    assert "Traceback" not in errors
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(240)
+def test_complete_manual_run_shows_the_counts_of_its_report(tmp_path: Path, browser: Browser) -> None:
+    """A manually operated run completes, and the page shows the seedling counts of its report.
+
+    The times of the button presses determine how long the seedlings are held and how many break. The expected counts
+    are therefore taken from the report, which counts each of the 72 seedlings once.
+    """
+    with manual_run(tmp_path) as (run, url):
+        assert run.stdout is not None
         with Screen(browser, url) as screen:
             screen.set_first_passwords()
             screen.log_in("operate")
@@ -277,59 +330,53 @@ def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: B
             expect(screen.find("[data-fact=lost]")).to_have_text(" / ".join(map(str, lost)))
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
-    finally:
-        run.send_signal(signal.SIGINT)  # on SIGINT the run stops its own processes
-        run.communicate()
     assert run.returncode == 0, errors
     assert in_cups + sum(lost) == total == 72
     assert in_cups > 60
     assert "Traceback" not in errors
 
 
-def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station, browser: Browser) -> None:
+def test_emergency_stop_is_shown_on_every_page_and_acknowledged(stopped: Station, screen: Screen) -> None:
     live = stopped.live
-    with Screen(browser, stopped.panel.url) as screen:
-        screen.log_in("operate")
-        screen.press("[data-box=emergency_stop]")
-        live.until_state(State.ABORTED)
-        banner = screen.find("[data-part=banner]")
-        for page in PAGES:
-            screen.open(page)
-            expect(banner).to_have_attribute("data-alarm", "900")
-            expect(banner).to_have_attribute("data-priority", "safety")
-            expect(banner).to_contain_text("[First-out] Emergency stop pressed (unacknowledged)")
-        screen.open("alarms")
-        expect(screen.find("[data-alarm='900'] [data-action=shelve]")).to_have_count(0)
-        screen.press("[data-banner=acknowledge]")
-        expect(banner).to_contain_text("(acknowledged)")
-        expect(screen.find("[data-banner=acknowledge]")).to_be_hidden()
-        expect(screen.find("li[data-alarm='900']")).to_have_attribute("data-state", "acknowledged")
-        expect(screen.find("[data-table=journal] tbody tr").first).to_contain_text(texts.TEXTS["level.operate"].en)
-        screen.open("overview")
-        expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "true")
-        screen.press("[data-box=emergency_stop]")
-        expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "false")
-        expect(banner).to_contain_text("latched")
-        clear(screen, live)
+    screen.press("[data-box=emergency_stop]")
+    live.until_state(State.ABORTED)
+    banner = screen.find("[data-part=banner]")
+    for page in PAGES:
+        screen.open(page)
+        expect(banner).to_have_attribute("data-alarm", "900")
+        expect(banner).to_have_attribute("data-priority", "safety")
+        expect(banner).to_contain_text("[First-out] Emergency stop pressed (unacknowledged)")
+    screen.open("alarms")
+    expect(screen.find("[data-alarm='900'] [data-action=shelve]")).to_have_count(0)
+    screen.press("[data-banner=acknowledge]")
+    expect(banner).to_contain_text("(acknowledged)")
+    expect(screen.find("[data-banner=acknowledge]")).to_be_hidden()
+    expect(screen.find("li[data-alarm='900']")).to_have_attribute("data-state", "acknowledged")
+    expect(screen.find("[data-table=journal] tbody tr").first).to_contain_text(texts.TEXTS["level.operate"].en)
+    screen.open("overview")
+    expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "true")
+    screen.press("[data-box=emergency_stop]")
+    expect(screen.find("[data-box=emergency_stop]")).to_have_attribute("aria-pressed", "false")
+    expect(banner).to_contain_text("latched")
+    clear(screen, live)
 
 
 def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> None:
     live = manual.live
     with Screen(browser, manual.panel.url) as screen:
+        screen.log_in("maintain")
         button = ready_to_jog(screen, live)
         for end in ("up", "leave", "blur"):
             button.hover()
             screen.page.mouse.down()
             live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on, to end by {end}")
-            held_from_ms = live.now_ms
-            live.until(lambda since=held_from_ms: live.now_ms > since + JOG_LEASE_MS + 2 * SCAN_MS, "held")  # type: ignore[misc]
-            assert live.on(OUTPUT), "not renewed"
-            if end == "leave":
-                screen.page.mouse.move(5, 5)
-            elif end == "blur":
-                screen.page.evaluate("() => window.dispatchEvent(new Event('blur'))")
-            else:
+            if end == "up":
+                until_renewed(live)
                 screen.page.mouse.up()
+            elif end == "leave":
+                screen.page.mouse.move(5, 5)
+            else:
+                screen.page.evaluate("() => window.dispatchEvent(new Event('blur'))")
             live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off by {end}")
             screen.page.mouse.up()
         for key in ("Space", "Enter"):
@@ -340,21 +387,21 @@ def test_output_follows_pointer_and_key(manual: Station, browser: Browser) -> No
             live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off after {key}")
 
 
-@pytest.mark.parametrize("loss", ["page closed", "panel frozen", "panel killed"])
+@pytest.mark.parametrize("loss", first_of(["panel frozen", "page closed", "panel killed"]))
 def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, browser: Browser, loss: str) -> None:
     live = manual.live
     with ExitStack() as stack:
         panel = (
-            manual.panel if loss == "page closed" else stack.enter_context(PanelProcess(live, manual.folder, slow=True))
+            stack.enter_context(PanelProcess(live, manual.folder, slow=True))
+            if loss == "panel killed"
+            else manual.panel
         )
-        screen = stack.enter_context(Screen(browser, panel.url))
+        screen = stack.enter_context(Screen(browser, panel.url, "maintain"))
         button = ready_to_jog(screen, live)
         button.hover()
         screen.page.mouse.down()
         live.until(lambda: live.on(OUTPUT), f"{OUTPUT} on")
-        held_from_ms = live.now_ms
-        live.until(lambda: live.now_ms > held_from_ms + JOG_LEASE_MS + 2 * SCAN_MS, "held")
-        assert live.on(OUTPUT), "not renewed"
+        until_renewed(live)
         if loss == "page closed":
             screen.page.close()
         else:
@@ -363,28 +410,27 @@ def test_lost_socket_releases_the_output_within_the_timeout(manual: Station, bro
         live.until(lambda: not live.on(OUTPUT), f"{OUTPUT} off")
         # the last request may still be in transit and take effect one scan later
         assert live.last_on_ms(OUTPUT) - lost_ms <= JOG_LEASE_MS + 2 * SCAN_MS
+        panel.send(signal.SIGCONT)  # the page waits for a frozen panel when it closes
         screen.unexpected.clear()  # the browser reports the closed socket of a killed panel
 
 
-def test_refused_jog_ends_and_shows_the_reason(stopped: Station, browser: Browser) -> None:
+@pytest.mark.parametrize("screen", ["maintain"], indirect=True)
+def test_refused_jog_ends_and_shows_the_reason(stopped: Station, screen: Screen) -> None:
     live = stopped.live
-    with Screen(browser, stopped.panel.url) as screen:
-        screen.log_in("maintain")
-        screen.open("manual")
-        button = screen.find(f"main [data-jog='{OUTPUT}']")
-        expect(button).to_have_attribute("aria-disabled", "true")
-        button.click(force=True)
-        expect(screen.find("[data-part=notice]")).to_contain_text("Cannot")
-        expect(button).to_have_attribute("aria-pressed", "false")
-        assert not any(OUTPUT in outputs for _, outputs in live.levels)
+    screen.open("manual")
+    button = screen.find(f"main [data-jog='{OUTPUT}']")
+    expect(button).to_have_attribute("aria-disabled", "true")
+    button.click(force=True)
+    expect(screen.find("[data-part=notice]")).to_contain_text("Cannot")
+    expect(button).to_have_attribute("aria-pressed", "false")
+    assert not any(OUTPUT in outputs for _, outputs in live.levels)
 
 
 def test_outdated_values_are_distinguished_from_a_pause(
     live: LiveMachine, panel: PanelProcess, browser: Browser
 ) -> None:
-    with Screen(browser, panel.url) as screen:
+    with Screen(browser, panel.url, "operate") as screen:
         stale, paused = screen.find("[data-part=stale]"), screen.find("[data-part=paused]")
-        screen.log_in("operate")
         screen.press("[data-pace='0']")
         expect(paused).to_be_visible()
         assert live.pace.percent == PAUSED
@@ -403,23 +449,15 @@ def test_outdated_values_are_distinguished_from_a_pause(
 
 
 def test_page_reconnects_after_a_restart_of_the_panel(stopped: Station, browser: Browser) -> None:
-    with PanelProcess(stopped.live, stopped.folder) as first:
-        screen = Screen(browser, first.url)
-        screen.page.goto(first.url)
+    with PanelProcess(stopped.live, stopped.folder) as panel:
+        screen = Screen(browser, panel.url)  # not entered: the browser reports the lost connection
+        screen.page.goto(panel.url)
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
-    expect(screen.find("[data-part=stale]")).to_be_visible()
-    with PanelProcess(stopped.live, stopped.folder, port=urlsplit(first.url).port or 0):
+        with panel.restarted():
+            expect(screen.find("[data-part=stale]")).to_be_visible()
         expect(screen.find("[data-part=stale]")).to_be_hidden(timeout=TIMEOUT_MS)
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
         screen.page.context.close()
-
-
-def test_first_run_asks_for_both_passwords(stopped: Station, browser: Browser) -> None:
-    with PanelProcess(stopped.live, stopped.folder, first_run=True) as panel, Screen(browser, panel.url) as screen:
-        screen.set_first_passwords()
-        screen.log_in("operate")
-        screen.find("[data-action=logout]").click()
-        expect(screen.find("[data-fact=level]")).to_have_text(texts.TEXTS["level.view"].en)
 
 
 def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> None:
@@ -433,44 +471,41 @@ def test_view_level_is_asked_to_log_in(stopped: Station, browser: Browser) -> No
         expect(screen.find("[data-force]").first).to_be_hidden()
 
 
-def test_parameter_is_checked_before_it_is_sent(stopped: Station, browser: Browser) -> None:
+def test_parameter_is_checked_before_it_is_sent(stopped: Station, screen: Screen) -> None:
     live = stopped.live
     clamp = live.machine.tags.sp.clamp
-    with Screen(browser, stopped.panel.url) as screen:
-        screen.log_in("operate")
-        screen.open("parameters")
-        row = screen.find("[data-set-point=clamp]")
-        for value, message in (("5", "100 to 2000"), ("205", "multiple of 10"), ("-1", "number"), ("", "number")):
-            row.locator("input").fill(value)
-            row.locator("button").click()
-            expect(row.locator("[role=alert]")).to_contain_text(message)
-        assert live.runtime.plc.read(clamp) == 20
-        row.locator("input").fill("300")
-        row.locator("input").press("Enter")
-        live.until(lambda: live.runtime.plc.read(clamp) == 30, "clamp")
-        expect(screen.find("[data-fact=clamp]")).to_have_text("300 ms")
-        expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
+    screen.open("parameters")
+    row = screen.find("[data-set-point=clamp]")
+    for value, message in (("5", "100 to 2000"), ("205", "multiple of 10"), ("-1", "number"), ("", "number")):
+        row.locator("input").fill(value)
+        row.locator("button").click()
+        expect(row.locator("[role=alert]")).to_contain_text(message)
+    assert live.runtime.plc.read(clamp) == 20
+    row.locator("input").fill("300")
+    row.locator("input").press("Enter")
+    live.until(lambda: live.runtime.plc.read(clamp) == 30, "clamp")
+    expect(screen.find("[data-fact=clamp]")).to_have_text("300 ms")
+    expect(screen.find("[data-set-point=arms_may_meet] input")).to_have_count(0)
 
 
-def test_forced_input_is_shown_on_every_page(stopped: Station, browser: Browser) -> None:
+@pytest.mark.parametrize("screen", ["maintain"], indirect=True)
+def test_forced_input_is_shown_on_every_page(stopped: Station, screen: Screen) -> None:
     live = stopped.live
-    with Screen(browser, stopped.panel.url) as screen:
-        screen.log_in("maintain")
-        screen.press("[data-command=mode_manual]")
-        expect(screen.find("header [data-fact=mode]")).to_have_text(MODES[Mode.MANUAL].en.capitalize())
-        screen.open("io")
-        screen.press("[data-force='X22=1']")
-        live.until(lambda: live.runtime.plc.memory.X[0o22], "X22 forced")
-        expect(screen.find("[data-address=X22]")).to_have_attribute("data-forced", "1")
-        expect(screen.find("[data-part=forced]")).to_contain_text("X22")
-        screen.open("trends")
-        expect(screen.find("[data-part=forced]")).to_be_visible()
-        screen.open("io")
-        screen.press("[data-force='X22=2']")
-        expect(screen.find("[data-part=forced]")).to_be_hidden()
-        screen.open("overview")
-        screen.press("[data-command=mode_continuous]")
-        live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.CONTINUOUS, "continuous")
+    screen.press("[data-command=mode_manual]")
+    expect(screen.find("header [data-fact=mode]")).to_have_text(MODES[Mode.MANUAL].en.capitalize())
+    screen.open("io")
+    screen.press("[data-force='X22=1']")
+    live.until(lambda: live.runtime.plc.memory.X[0o22], "X22 forced")
+    expect(screen.find("[data-address=X22]")).to_have_attribute("data-forced", "1")
+    expect(screen.find("[data-part=forced]")).to_contain_text("X22")
+    screen.open("trends")
+    expect(screen.find("[data-part=forced]")).to_be_visible()
+    screen.open("io")
+    screen.press("[data-force='X22=2']")
+    expect(screen.find("[data-part=forced]")).to_be_hidden()
+    screen.open("overview")
+    screen.press("[data-command=mode_continuous]")
+    live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.CONTINUOUS, "continuous")
 
 
 def test_selected_language_is_stored(stopped: Station, browser: Browser) -> None:
@@ -500,54 +535,56 @@ VISIBLE_TEXTS = """() => {
 """Script that returns all texts of the page except tag names and the names of the languages."""
 
 
-def test_every_page_is_chinese(stopped: Station, browser: Browser) -> None:
+def test_every_page_is_chinese(stopped: Station, screen: Screen) -> None:
     """After an emergency stop and a refused command, every text on every page and in the login dialog is Chinese."""
     live = stopped.live
-    with Screen(browser, stopped.panel.url) as screen:
-        screen.log_in("operate")
-        screen.press("[data-box=emergency_stop]")
-        live.until_state(State.ABORTED)
-        screen.press("[data-banner=acknowledge]")
-        screen.find("[data-action=language]").select_option("zh")
-        screen.find("[data-command=start]").click(force=True)
-        expect(screen.find("[data-part=notice]")).to_contain_text(CANNOT.zh.partition("{")[0])
-        for page in PAGES:
-            screen.open(page)
-            if page == "alarms":
-                expect(screen.find("[data-table=journal] tbody tr").first).to_be_visible()
-            shown = screen.page.evaluate(VISIBLE_TEXTS)
-            assert len(shown) > 40
-            assert [text for text in shown if latin_words(text)] == [], page
-            assert [text for text in shown if CHINESE.search(text) and punctuation_errors(text)] == [], page
-        screen.find("[data-action=login]").click()
+    screen.press("[data-box=emergency_stop]")
+    live.until_state(State.ABORTED)
+    screen.press("[data-banner=acknowledge]")
+    screen.find("[data-action=language]").select_option("zh")
+    screen.find("[data-command=start]").click(force=True)
+    expect(screen.find("[data-part=notice]")).to_contain_text(CANNOT.zh.partition("{")[0])
+    for page in PAGES:
+        screen.open(page)
+        if page == "alarms":
+            expect(screen.find("[data-table=journal] tbody tr").first).to_be_visible()
         shown = screen.page.evaluate(VISIBLE_TEXTS)
-        assert [text for text in shown if latin_words(text)] == [], "login dialog"
-        screen.find("dialog [data-action=close]").click()
-        screen.open("overview")
-        screen.press("[data-box=emergency_stop]")
-        clear(screen, live)
+        assert len(shown) > 40
+        assert [text for text in shown if latin_words(text)] == [], page
+        assert [text for text in shown if CHINESE.search(text) and punctuation_errors(text)] == [], page
+    screen.find("[data-action=login]").click()
+    shown = screen.page.evaluate(VISIBLE_TEXTS)
+    assert [text for text in shown if latin_words(text)] == [], "login dialog"
+    screen.find("dialog [data-action=close]").click()
+    screen.open("overview")
+    screen.press("[data-box=emergency_stop]")
+    clear(screen, live)
+    screen.find("[data-action=language]").select_option("en")
+
+
+SMALL_CONTROLS = """() => [...document.querySelectorAll("button, input, select")]
+  .filter((one) => one.checkVisibility({ visibilityProperty: true }))
+  .map((one) => ({ text: one.outerHTML, box: one.getBoundingClientRect() }))
+  .filter(({ box }) => box.width > 0 && box.height > 0 && !(box.width >= 44 && box.height >= 44))
+  .map(({ text, box }) => `${text} is ${box.width} px wide and ${box.height} px high`)"""
+"""Script that returns the visible controls that are less than 44 px wide or high."""
 
 
 @pytest.mark.parametrize(("width", "height"), first_of([(390, 844), (800, 1280), (1280, 800)]))
-def test_every_page_fits_with_named_controls_of_touch_size(
-    stopped: Station, browser: Browser, width: int, height: int
-) -> None:
-    with Screen(browser, stopped.panel.url, width, height) as screen:
-        screen.log_in("maintain")
-        for page in PAGES:
-            screen.open(page)
-            excess = screen.page.evaluate("() => document.documentElement.scrollWidth - window.innerWidth")
-            assert excess <= 0, f"{page} is {excess} px too wide"
-            for button in screen.find("button:visible, input:visible, select:visible").all():
-                box = button.bounding_box()
-                assert box is not None
-                assert box["height"] >= 44, f"{page}: {button.inner_text()} is {box['height']} px high"
-                assert box["width"] >= 44, f"{page}: {button.inner_text()} is {box['width']} px wide"
-            nameless = screen.page.evaluate(
-                "() => [...document.querySelectorAll('button, input, select')].filter((one) => !one.textContent.trim()"
-                " && !one.labels?.length && !one.getAttribute('aria-label')).map((one) => one.outerHTML)"
-            )
-            assert nameless == []
+@pytest.mark.parametrize("screen", ["maintain"], indirect=True)
+def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width: int, height: int) -> None:
+    screen.page.set_viewport_size({"width": width, "height": height})
+    for page in PAGES:
+        screen.open(page)
+        excess = screen.page.evaluate("() => document.documentElement.scrollWidth - window.innerWidth")
+        assert excess <= 0, f"{page} is {excess} px too wide"
+        small = screen.page.evaluate(SMALL_CONTROLS)
+        assert small == [], page
+        nameless = screen.page.evaluate(
+            "() => [...document.querySelectorAll('button, input, select')].filter((one) => !one.textContent.trim()"
+            " && !one.labels?.length && !one.getAttribute('aria-label')).map((one) => one.outerHTML)"
+        )
+        assert nameless == []
 
 
 def test_tabs_are_selected_with_the_arrow_keys(stopped: Station, browser: Browser) -> None:

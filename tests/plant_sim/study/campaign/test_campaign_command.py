@@ -138,7 +138,7 @@ def interrupted(file: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def test_kill_9_loses_no_run_and_repeats_none(long_table: list[dict[str, Any]], tmp_path: Path) -> None:
-    """The process is killed when some files exist; its worker processes end, and the same command completes it."""
+    """The process is killed when some files exist; its worker processes end, and one process completes the campaign."""
     file, out = written(tmp_path), tmp_path / "out"
     with interrupted(file, out) as process:
         workers = psutil.Process(process.pid).children(recursive=True)
@@ -148,7 +148,7 @@ def test_kill_9_loses_no_run_and_repeats_none(long_table: list[dict[str, Any]], 
     assert len(workers) >= 2
     assert psutil.wait_procs(workers, timeout=30)[1] == []
 
-    assert campaign(file, out, "--shard", "2", *LONG, workers=2) == 0
+    assert campaign(file, out, "--shard", "2", *LONG) == 0
     assert table(out) == long_table
     assert len(set(keys(out))) == len(keys(out)) == LONG_RUNS
     assert set(before) < set(keys(out))
@@ -278,18 +278,15 @@ def test_a_full_disk_is_reported_in_one_line_and_the_stored_runs_remain(
     """The operating system limits the size of files, so that a result file cannot be written."""
     file, out = complete
     before = table(out)
-    arguments = command(file, out, "--trials", "3", "--workers", "1", "--shard", "4")
-    done = subprocess.run(
-        arguments,
-        check=False,
-        capture_output=True,
-        text=True,
-        env=environment(),
-        timeout=100,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)),
-    )
-    assert done.returncode == 2, done.stderr
-    (line,) = (line for line in done.stderr.splitlines() if not line[0].isdigit())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        code = campaign(file, out, "--trials", "3", "--shard", "4")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    errors = capsys.readouterr().err
+    assert code == 2, errors
+    (line,) = (line for line in errors.splitlines() if not line[0].isdigit())
     assert line == (
         f"--out {out}: cannot be written (File too large); free some disk space or use another folder; {SMALL_RUNS} of "
         "24 runs are stored, the same command computes the others"

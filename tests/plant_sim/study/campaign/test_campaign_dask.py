@@ -136,6 +136,7 @@ def test_the_loss_of_all_workers_is_reported_in_one_line_and_the_campaign_can_be
     assert len(set(keys(out))) == len(keys(out)) == LONG_RUNS
 
 
+@pytest.mark.nightly
 def test_the_loss_of_the_scheduler_is_reported_in_one_line(tmp_path: Path) -> None:
     file, out = written(tmp_path), tmp_path / "out"
     with (
