@@ -52,6 +52,7 @@ class CompiledRun:
         self._inputs = np.zeros(len(plant.terminals.levels), INPUT)
         self._watched = np.zeros(0, WATCHED)
         self._triggers: list[Trigger] = []
+        self._trigger_codes: dict[Trigger, MachineCondition] = {}
         self._trigger_records = np.zeros(0, TRIGGER)
         self._outputs = np.array(plant.coil_wires, COIL)
         self._arguments = (
@@ -86,8 +87,10 @@ class CompiledRun:
         self._watched["at"] = places
         self._triggers = list(triggers)
         self._trigger_records = np.zeros(len(self._triggers), TRIGGER)
-        for record, trigger in zip(self._trigger_records, self._triggers, strict=True):
-            record["condition"] = self._code_of(trigger.condition).address
+        codes = [self._code_of(trigger.condition) for trigger in self._triggers]
+        self._trigger_codes = dict(zip(self._triggers, codes, strict=True))
+        for record, trigger, code in zip(self._trigger_records, self._triggers, codes, strict=True):
+            record["condition"] = code.address
             record["cells"] = trigger.cells.ctypes.data
 
     def begun(self) -> list[Trigger]:
@@ -96,16 +99,16 @@ class CompiledRun:
         self._trigger_records["begun"] = 0
         return [self._triggers[number] for number in numbers]
 
-    def holds(self, condition: Expr, cells: np.ndarray | None = None) -> bool:
-        """Return True if a condition is true.
+    def holds(self, condition: Expr) -> bool:
+        """Return True if a condition is true."""
+        return self._holds(self._code_of(condition), 0)
 
-        Args:
-            condition: The condition.
-            cells: Values stored by an `Advances` condition.
-        """
-        code, state = self._code_of(condition), self._plant.state
-        cells_at = 0 if cells is None else cells.ctypes.data
-        return bool(code.holds(int(self._control[0]["memory"]), state.ctypes.data, cells_at))
+    def trigger_holds(self, trigger: Trigger) -> bool:
+        """Return True if the condition of a watched trigger is true."""
+        return self._holds(self._trigger_codes[trigger], trigger.cells.ctypes.data)
+
+    def _holds(self, code: MachineCondition, cells_at: int) -> bool:
+        return bool(code.holds(int(self._control[0]["memory"]), self._plant.state.ctypes.data, cells_at))
 
     def ticks(
         self,

@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from controller.core.clock import SimulatedClock
 from controller.core.expr import Bit, Expr, any_of
 from controller.core.machine_code import MachineExecution
@@ -31,7 +29,7 @@ from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.compiled_run import CompiledRun
 from plant_sim.twin.conditions import Interpreter, check_advances
 from plant_sim.twin.kernel import CHANGE, CONDITION
-from plant_sim.twin.watchers import Watched
+from plant_sim.twin.watchers import Trigger, Watched
 
 SCAN_MS = 10
 
@@ -190,7 +188,7 @@ class Twin(Watched):
         if self._releases:
             self._release_buttons(now_ms)
         self.runtime.tick(now_ms)
-        self._call_watchers(now_ms, self._begun(self._holds))
+        self._call_watchers(now_ms, self._begun(self._trigger_holds))
         self._advance_plant()
 
     def run_for(self, ms: int) -> None:
@@ -295,14 +293,23 @@ class Twin(Watched):
     def _is_met(self, condition: Expr | Callable[[], bool] | None) -> bool:
         if condition is None or callable(condition):
             return condition is not None and condition()
-        return self._holds(condition)
+        run = self._executed
+        return run.holds(condition) if run is not None else self._interpreter.holds(condition)
 
-    def _holds(self, condition: Expr, cells: np.ndarray | None = None) -> bool:
-        """Return True if a condition is true, by machine code if the controller executes it, else by interpretation."""
-        run = self._compiled
-        if run is not None and run.executes(self.runtime):
-            return run.holds(condition, cells)
-        return Interpreter(self.plc.memory, self.plant.state).holds(condition, cells)
+    def _trigger_holds(self, trigger: Trigger) -> bool:
+        run = self._executed
+        if run is not None:
+            return run.trigger_holds(trigger)
+        return self._interpreter.holds(trigger.condition, trigger.cells)
+
+    @property
+    def _executed(self) -> CompiledRun | None:
+        """Compiled run, if the controller executes its machine code."""
+        return self._compiled if self._compiled is not None and self._compiled.executes(self.runtime) else None
+
+    @property
+    def _interpreter(self) -> Interpreter:
+        return Interpreter(self.plc.memory, self.plant.state)
 
     def press(self, button: str, for_ms: int = 100) -> None:
         """Press a push button; it is released automatically after `for_ms`."""

@@ -111,11 +111,11 @@ class Watched(ABC):
         """Return the time of the next call of every periodic action, ms."""
         return [now_ms + -now_ms % period_ms for period_ms, _ in self._periodic]
 
-    def _begun(self, holds: Callable[[Expr, np.ndarray], bool]) -> list[Trigger]:
+    def _begun(self, is_true: Callable[[Trigger], bool]) -> list[Trigger]:
         """Evaluate all triggers; return those whose conditions have become true."""
         begun = []
         for trigger in self._triggers:
-            held, trigger.holds = trigger.holds, holds(trigger.condition, trigger.cells)
+            held, trigger.holds = trigger.holds, is_true(trigger)
             if trigger.holds and not held:
                 begun.append(trigger)
         return begun

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from controller.core.expr import Expr
@@ -15,7 +14,6 @@ from plant_sim.machine.plant import Event
 from plant_sim.scenario.file import load_scenario
 from plant_sim.scenario.run import run_scenario
 from plant_sim.twin import monitors
-from plant_sim.twin.conditions import CELLS
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.monitors import CREEP_M, Monitor, SafetyRule, UnsafeError, centre_from_m, collect_violations, guard
 
@@ -78,14 +76,17 @@ class Check:
 
     def __init__(self, twin: Twin, monitor: Monitor) -> None:
         self._rules: list[SafetyRule] = list(monitor(twin))
-        self._cells = [np.zeros(CELLS) for _ in self._rules]
-        self._holds = twin._holds
+        for rule in self._rules:
+            if isinstance(rule.violated, Expr):
+                twin.when(rule.violated, lambda: None)
+        self._twin = twin
+        self._triggers = {trigger.condition: trigger for trigger in twin._triggers}
 
     def text(self) -> str | None:
         """Return the description of a violation; None if there is none."""
-        for rule, cells in zip(self._rules, self._cells, strict=True):
+        for rule in self._rules:
             violated = rule.violated
-            if self._holds(violated, cells) if isinstance(violated, Expr) else violated():
+            if self._twin._trigger_holds(self._triggers[violated]) if isinstance(violated, Expr) else violated():
                 return rule.text()
         return None
 
