@@ -68,6 +68,10 @@ SLOW: Final = {
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
     ".venv/bin/python -m plant_sim planter --figure 9 --plot var/planter.gif",
     ".venv/bin/python -m plant_sim serve --watchdog-ms 500",
+    ".venv/bin/python -m plant_sim study campaign docs/examples/campaign.yaml --trials 1 --seedlings 12 "
+    "--out var/campaign",
+    ".venv/bin/python -m plant_sim study campaign docs/examples/campaign.yaml --trials 2 --seedlings 12 "
+    "--out var/campaign",
     ".venv/bin/python -m plant_sim study planter-lodging --out var/planter-lodging",
     ".venv/bin/python -m plant_sim study planter-release --out var/planter-release",
     ".venv/bin/python -m plant_sim study planter-verdicts --out var/planter-verdicts",

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import httpx
 import pytest
 
 from controller.cli.main import main as controller_main
@@ -321,9 +322,16 @@ class TcpMachine:
         return State(self.plc.read(self.state))
 
 
-@pytest.mark.parametrize("trays", first_of([1, 2]))
-def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int) -> None:
-    """In lock step, a trial of two processes over Modbus has the same events and counts as one in a single process."""
+WHOLE_TRIAL = 20_000
+"""Number of scans that is sufficient for homing or for a trial."""
+
+
+@pytest.mark.parametrize(("trays", "scans"), first_of([(1, 3_000), (1, WHOLE_TRIAL), (2, WHOLE_TRIAL)]))
+def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int, scans: int) -> None:
+    """In lock step, a trial of two processes over Modbus has the same events and counts as one in a single process.
+
+    By default the trials are compared 30 s after the start.
+    """
     with ExitStack() as stack:
         _, port = stack.enter_context(
             plant_process("--lock-step-ms", str(SCAN_MS), "--seed", "7", "--trays", str(trays))
@@ -337,7 +345,7 @@ def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int) -> None:
         for until in (State.IDLE, State.COMPLETE):
             operator.hold("start", pressed=True)
             near.plant.box.start = True
-            for number in range(20_000):
+            for number in range(scans):
                 near.scan()
                 state = far.scan()
                 if number == 10:
@@ -345,11 +353,14 @@ def test_a_trial_over_modbus_equals_the_trial_in_process(trays: int) -> None:
                     near.plant.box.start = False
                 if state == until:
                     break
-            assert near.state == state == until
+            assert near.state == state
+            assert state == until or scans < WHOLE_TRIAL
         assert far.events == near.events
         counts = counts_of(operator.telemetry())
     assert counts == near.plant.counts()
-    assert counts.in_cups + counts.P + counts.D + counts.T == counts.total == 72 * trays
+    assert counts.total == 72 * trays
+    assert counts.in_cups >= 12
+    assert counts.in_cups + counts.P + counts.D + counts.T == counts.total or scans < WHOLE_TRIAL
 
 
 def test_the_trial_command_prints_one_reproducible_json_object(capsys: pytest.CaptureFixture[str]) -> None:
@@ -422,20 +433,20 @@ def test_the_watchdog_switches_outputs_off_when_the_controller_is_killed_or_hang
     assert after["tripped_at_ms"] - after["last_write_ms"] == watchdog_ms + 1
 
 
-def test_the_live_run_is_stopped_by_ctrl_c_in_order() -> None:
-    """Ctrl-C ends controller and plant of a live run cleanly: safe outputs are written and the ports are released."""
+def test_the_live_run_is_stopped_by_ctrl_c_in_order(tmp_path: Path) -> None:
+    """Ctrl-C ends panel, controller and plant of a live run: safe outputs are written and the ports are released."""
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = reserved.getsockname()[1]
     command = [
         *(sys.executable, "-m", "plant_sim", "run", "--pace", "5000", "--trays", "10"),
-        *("--port", str(port), "--hmi-port", "0", "--no-panel"),
+        *("--port", str(port), "--hmi-port", "0", "--panel-port", "0"),
     ]
-    live = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    live = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert live.stderr is not None
-        for line in live.stderr:
-            if "Execute" in line:
-                break
+        url = next(line for line in live.stderr if line.startswith("panel at ")).removeprefix("panel at ").strip()
+        assert httpx.get(url, timeout=LIMIT_S).status_code == 200
+        assert any("Execute" in line for line in live.stderr)
         live.send_signal(signal.SIGINT)
         _, errors = live.communicate(timeout=LIMIT_S)
     finally:

@@ -186,12 +186,13 @@ class PanelProcess:
     """Panel in a separate process.
 
     Args:
+        first_run: Whether no passwords have been set.
         slow: Whether the panel's jog lease is lengthened for a machine that `LiveMachine.slow` has slowed down.
     """
 
-    def __init__(self, live: LiveMachine, folder: Path, *, slow: bool = False) -> None:
+    def __init__(self, live: LiveMachine, folder: Path, *, first_run: bool = False, slow: bool = False) -> None:
         users = folder / "users.json"
-        if not users.exists():
+        if not first_run and not users.exists():
             Users(users, CHEAP).set_first({"operate": PASSWORDS["operate"], "maintain": PASSWORDS["maintain"]})
         tags = folder / "tags.csv"
         tags.write_text(tag_csv(), encoding="utf-8")

@@ -263,11 +263,13 @@ def test_trial_started_by_the_box_shows_the_counts_of_the_plant(
         expect(screen.find("[data-chart='Pressures']")).to_be_visible()
 
 
-@contextmanager
-def manual_run(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Start a manually operated run as in the README; yield it and the address of its page.
+@pytest.mark.nightly
+@pytest.mark.timeout(240)
+def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
+    """A manually operated run, as in the README, completes, and the page shows the seedling counts of its report.
 
-    On SIGINT the run stops its own processes.
+    The times of the button presses determine how long the seedlings are held and how many break. The expected counts
+    are therefore taken from the report, which counts each of the 72 seedlings once.
     """
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = str(reserved.getsockname()[1])
@@ -275,47 +277,11 @@ def manual_run(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
         *(sys.executable, "-m", "plant_sim", "run", "--by-hand", "--keep", "--trays", "1", "--pace", str(FLAT_OUT)),
         *("--port", port, "--hmi-port", "0", "--panel-port", "0"),
     ]
-    run = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
+        assert run.stdout is not None
         assert run.stderr is not None
         url = next(line for line in run.stderr if line.startswith("panel at ")).removeprefix("panel at ").strip()
-        yield run, url
-    finally:
-        run.send_signal(signal.SIGINT)
-        run.communicate()
-
-
-def test_live_run_is_operated_manually_in_the_browser(tmp_path: Path, browser: Browser) -> None:
-    """A manually operated run asks for both passwords, and the buttons of its page start and stop the machine."""
-    with manual_run(tmp_path) as (run, url):
-        with Screen(browser, url) as screen:
-            screen.set_first_passwords()
-            screen.log_in("operate")
-            screen.press("[data-box=start]")
-            expect_state(screen, State.IDLE)
-            screen.press("[data-box=start]")
-            expect_state(screen, State.EXECUTE)
-            screen.press("[data-command=abort]")
-            expect_state(screen, State.ABORTED)
-            screen.find("[data-action=logout]").click()
-            expect(screen.find("[data-fact=level]")).to_have_text(texts.TEXTS["level.view"].en)
-        run.send_signal(signal.SIGINT)
-        _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
-    assert run.returncode == 130
-    assert "outputs set to their safe levels" in errors
-    assert "Traceback" not in errors
-
-
-@pytest.mark.nightly
-@pytest.mark.timeout(240)
-def test_complete_manual_run_shows_the_counts_of_its_report(tmp_path: Path, browser: Browser) -> None:
-    """A manually operated run completes, and the page shows the seedling counts of its report.
-
-    The times of the button presses determine how long the seedlings are held and how many break. The expected counts
-    are therefore taken from the report, which counts each of the 72 seedlings once.
-    """
-    with manual_run(tmp_path) as (run, url):
-        assert run.stdout is not None
         with Screen(browser, url) as screen:
             screen.set_first_passwords()
             screen.log_in("operate")
@@ -330,6 +296,9 @@ def test_complete_manual_run_shows_the_counts_of_its_report(tmp_path: Path, brow
             expect(screen.find("[data-fact=lost]")).to_have_text(" / ".join(map(str, lost)))
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=TIMEOUT_MS / 1_000)
+    finally:
+        run.send_signal(signal.SIGINT)  # on SIGINT the run stops its own processes
+        run.communicate()
     assert run.returncode == 0, errors
     assert in_cups + sum(lost) == total == 72
     assert in_cups > 60
@@ -448,11 +417,19 @@ def test_outdated_values_are_distinguished_from_a_pause(
         expect(screen.find("[data-fact=link]")).to_contain_text("No data")
 
 
-def test_page_reconnects_after_a_restart_of_the_panel(stopped: Station, browser: Browser) -> None:
-    with PanelProcess(stopped.live, stopped.folder) as panel:
+def test_first_run_asks_for_both_passwords_and_the_page_survives_a_restart(
+    stopped: Station, browser: Browser, tmp_path: Path
+) -> None:
+    """The first page sets both passwords, logs in and out, and reconnects to a panel that has been restarted."""
+    with PanelProcess(stopped.live, tmp_path, first_run=True) as panel:
         screen = Screen(browser, panel.url)  # not entered: the browser reports the lost connection
         screen.page.goto(panel.url)
+        screen.set_first_passwords()
+        screen.log_in("operate")
+        screen.find("[data-action=logout]").click()
+        expect(screen.find("[data-fact=level]")).to_have_text(texts.TEXTS["level.view"].en)
         expect(screen.find("[data-fact=link]")).to_contain_text(texts.TEXTS["link.live"].en)
+        assert screen.unexpected == []
         with panel.restarted():
             expect(screen.find("[data-part=stale]")).to_be_visible()
         expect(screen.find("[data-part=stale]")).to_be_hidden(timeout=TIMEOUT_MS)
@@ -508,16 +485,17 @@ def test_forced_input_is_shown_on_every_page(stopped: Station, screen: Screen) -
     live.until(lambda: live.runtime.plc.read(live.machine.tags.machine.mode) == Mode.CONTINUOUS, "continuous")
 
 
-def test_selected_language_is_stored(stopped: Station, browser: Browser) -> None:
-    with Screen(browser, stopped.panel.url) as screen:
-        expect_state(screen, State.STOPPED)
-        screen.find("[data-action=language]").select_option("zh")
-        for _ in range(2):
-            expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[State.STOPPED].zh)
-            expect(screen.find("[data-command=start]")).to_have_text(texts.TEXTS["command.start"].zh)
-            for page in PAGES:
-                expect(screen.find(f"[role=tab][data-page={page}]")).to_have_text(texts.TEXTS[f"page.{page}"].zh)
+def test_selected_language_is_stored(screen: Screen) -> None:
+    expect_state(screen, State.STOPPED)
+    screen.find("[data-action=language]").select_option("zh")
+    for shown in ("selected", "reloaded"):
+        expect(screen.find("header [data-fact=state]")).to_contain_text(STATES[State.STOPPED].zh)
+        expect(screen.find("[data-command=start]")).to_have_text(texts.TEXTS["command.start"].zh)
+        tabs = [texts.TEXTS[f"page.{page}"].zh for page in PAGES]
+        expect(screen.find("[role=tab]")).to_have_text(tabs)
+        if shown == "selected":
             screen.page.reload()
+    screen.find("[data-action=language]").select_option("en")
 
 
 VISIBLE_TEXTS = """() => {
@@ -587,13 +565,12 @@ def test_every_page_fits_with_named_controls_of_touch_size(screen: Screen, width
         assert nameless == []
 
 
-def test_tabs_are_selected_with_the_arrow_keys(stopped: Station, browser: Browser) -> None:
-    with Screen(browser, stopped.panel.url) as screen:
-        screen.find("[role=tab][data-page=overview]").focus()
-        for page in (*PAGES[1:], PAGES[0]):
-            screen.page.keyboard.press("ArrowRight")
-            expect(screen.find("[role=tab]:focus")).to_have_attribute("data-page", page)
-            expect(screen.find("main")).to_have_attribute("data-page", page)
+def test_tabs_are_selected_with_the_arrow_keys(screen: Screen) -> None:
+    screen.find("[role=tab][data-page=overview]").focus()
+    for page in (*PAGES[1:], PAGES[0]):
+        screen.page.keyboard.press("ArrowRight")
+        expect(screen.find("[role=tab]:focus")).to_have_attribute("data-page", page)
+        expect(screen.find("main")).to_have_attribute("data-page", page)
 
 
 STATIC = app.STATIC
