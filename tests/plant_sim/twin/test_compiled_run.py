@@ -15,7 +15,7 @@ from plant_sim.faults import Fault, FaultError
 from plant_sim.machine.parameters import Machine, MachineError, load_machine
 from plant_sim.twin.conditions import Advances, Quantity
 from plant_sim.twin.kernel import ADJUSTABLE, FIXED_FILTER_MS
-from plant_sim.twin.lock_step import NotReachedError, Twin
+from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
 from plant_sim.twin.monitors import UnsafeError, collect_violations
 
 STORIES = 200
@@ -228,6 +228,28 @@ def test_an_action_of_a_trigger_takes_effect_at_once(act: str) -> None:
         images.append(image(twin))
     assert images[0] == images[1]
     assert len(acted_ms) >= 2
+
+
+@pytest.mark.parametrize(("kind", "where"), [("jammed", "left.slide"), ("stuck_off", "left.lift_down")])
+def test_a_fault_begins_and_ends_in_the_same_millisecond(kind: str, where: str) -> None:
+    """A fault has the same effect in machine code as step by step, at whichever millisecond of a tick it changes."""
+    images: list[list[object]] = []
+    for step_by_step in (True, False):
+        twin = Twin(trays=1, step_by_step=step_by_step)
+        twin.home()
+        twin.start()
+        twin.run_until(Quantity("arms.0.slide.position_m") > 0.05, within_ms=20_000)
+        moving = twin.snapshot()
+        images.append([])
+        for offset_ms in range(2 * SCAN_MS):
+            twin.restore(moving)
+            start_ms = twin.plant.time_ms + 50 + offset_ms
+            twin.plant.faults.add(Fault(kind, where, start_ms=start_ms, end_ms=start_ms + 103))
+            twin.run_for(100)
+            images[-1].append(image(twin))
+            twin.run_for(200)
+            images[-1].append(image(twin))
+    assert images[0] == images[1]
 
 
 def test_a_violation_leaves_a_twin_that_can_go_on() -> None:
