@@ -11,7 +11,7 @@ from controller.cli.machine import add_io_map, machine_of
 from controller.common.errors import InputError
 from controller.core.clock import MonotonicClock
 from controller.core.specification import Specification
-from controller.program.proof import specification as specification_of
+from controller.program.requirements.proof import specification as specification_of
 from controller.verify.cells import ModelError
 from controller.verify.report import Report, prove
 

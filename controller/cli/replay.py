@@ -9,7 +9,7 @@ from pathlib import Path
 from controller.cli.machine import add_io_map, machine_of
 from controller.common.errors import InputError
 from controller.core.specification import Specification
-from controller.program.proof import specification as specification_of
+from controller.program.requirements.proof import specification as specification_of
 from controller.verify.cells import ModelError
 from controller.verify.model import Model
 from controller.verify.trace import Trace, breaks

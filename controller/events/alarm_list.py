@@ -15,9 +15,9 @@ from typing import Final
 
 from controller.core.expr import Word, evaluate
 from controller.core.scan import Plc
-from controller.program.alarm_texts import ALARM_REFUSALS, ALARM_STATES
 from controller.program.alarms import Alarm
-from controller.program.texts import Language, Text
+from controller.program.texts.alarms import ALARM_REFUSALS, ALARM_STATES
+from controller.program.texts.operator import Language, Text
 
 LONGEST_SHELF_MS: Final = 8 * 3_600_000
 """Longest shelving time, ms: one shift, so that each shift makes its own decision."""

@@ -14,8 +14,8 @@ from controller.program.machine import Transplanter
 from controller.program.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
-from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Language
-from controller.program.texts import SIDES as SIDE_TEXTS
+from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Language
+from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
 GapCause = Literal["none", "tray", "centre", "row"]
 """Cause of missed cups: the arm waited for a tray or for the other arm to leave the centre, or the arm's own motion

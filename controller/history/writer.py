@@ -30,7 +30,7 @@ from controller.events.production import (
     TrayEvent,
 )
 from controller.history.file import HistoryFile, HistoryRow
-from controller.program.texts import Language, Text
+from controller.program.texts.operator import Language, Text
 
 DEFAULT_HISTORY: Final = Path("var/history.sqlite")
 """Default file, in the folder of the retentive memory."""

@@ -18,9 +18,9 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
-from controller.program.alarm_texts import ALARMS, AlarmText
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
-from controller.program.texts import SIDES as SIDE_TEXTS
+from controller.program.texts.alarms import ALARMS, AlarmText
+from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
 SLIDE_LIMIT_MS: Final = 5_000
 """Time limit for slide motion, ms: twice the 2.6 s of the longest stroke (378.5 mm at 800 mm row spacing, 0.143 m/s),

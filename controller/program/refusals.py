@@ -14,7 +14,7 @@ from controller.core.rungs import Inc, Mov, Out, Rst, Rung
 from controller.program.commands import Command
 from controller.program.states import HOMED_FROM, MODE_CHANGES, RUNNING, Mode, State
 from controller.program.tags import IN_PLACE, SIDES, Side, Tags
-from controller.program.texts import CANNOT, ORDERS, REFUSALS, Language
+from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS, Language
 
 
 class Refusal(IntEnum):

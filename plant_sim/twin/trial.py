@@ -9,7 +9,7 @@ from pathlib import Path
 from controller.events.production import as_record
 from controller.iomap.loader import IoMap
 from controller.program.states import State
-from controller.program.texts import STATES, Language
+from controller.program.texts.operator import STATES, Language
 from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.faults import Fault
 from plant_sim.machine.parameters import Machine

@@ -17,7 +17,7 @@ from controller.io.loop import BOUNDS_US, LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
 from controller.program.tags import SIDES, Side
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 STATUS_WORDS: Final = 330
 """Length of the R area, words."""

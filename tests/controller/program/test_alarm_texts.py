@@ -10,12 +10,12 @@ import pytest
 from controller.core.sequence import Step
 from controller.events.alarm_list import AlarmState
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.alarm_texts import ALARM_REFUSALS, ALARM_STATES
 from controller.program.alarms import Alarm
 from controller.program.machine import build
 from controller.program.tags import SIDES
-from controller.program.texts import SIDES as SIDE_TEXTS
-from controller.program.texts import Text
+from controller.program.texts.alarms import ALARM_REFUSALS, ALARM_STATES
+from controller.program.texts.operator import SIDES as SIDE_TEXTS
+from controller.program.texts.operator import Text
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 WIRES = (*MACHINE.io_map.inputs, *MACHINE.io_map.outputs, *MACHINE.io_map.unwired)

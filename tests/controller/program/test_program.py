@@ -12,11 +12,11 @@ from controller.core.devices import timer_base_ms
 from controller.core.expr import Bit, Word, leaves
 from controller.core.rungs import Annunciate, OnDelay
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
-from controller.program.alarm_texts import ALARMS
 from controller.program.machine import build
 from controller.program.states import MOVING, State
 from controller.program.tags import Tags
-from controller.program.texts import QUESTIONS, STATES, Text
+from controller.program.texts.alarms import ALARMS
+from controller.program.texts.operator import QUESTIONS, STATES, Text
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from tests.plant_sim.twin.twin_rig import (
     ALARM,

@@ -18,7 +18,7 @@ from controller.program.commands import Command
 from controller.program.refusals import Refusal, refusal_text
 from controller.program.states import MOVING, RUNNING, Mode, State
 from controller.program.tags import FULL, IN_DOUBT
-from controller.program.texts import CANNOT, ORDERS, REFUSALS
+from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS
 from tests.controller.core.core_rig import copied
 from tests.controller.program.interlock_scene import MACHINE, TAGS
 

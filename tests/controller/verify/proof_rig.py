@@ -16,7 +16,7 @@ from controller.core.sequence import Sequence
 from controller.core.specification import Specification
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
-from controller.program.proof import specification
+from controller.program.requirements.proof import specification
 from controller.verify.cells import SymbolicMemory, condition
 from controller.verify.model import Frame, Goal, Model
 from controller.verify.solving import goal_switches, new_solver, switch

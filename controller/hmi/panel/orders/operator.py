@@ -29,7 +29,7 @@ from controller.program.commands import Command
 from controller.program.machine import Transplanter
 from controller.program.refusals import Refusal
 from controller.program.states import Mode, State
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 OUTCOME_SCANS: Final = 3
 """Number of scans after which a command has been executed or refused."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from controller.hmi.panel.orders.login import AccessLevel
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 LEVELS: Final = {
     "none": Text("Not logged in", "未登录"),

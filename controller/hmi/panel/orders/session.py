@@ -12,7 +12,7 @@ from controller.hmi.panel.orders.replies import reply_text
 from controller.program.commands import Command
 from controller.program.machine import Transplanter
 from controller.program.refusals import Refusal, refusal_text
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 Button = Literal["start", "stop", "emergency_stop", "reset"]
 MOMENTARY: Final[tuple[Button, ...]] = ("start", "stop", "reset")

@@ -7,7 +7,7 @@ from typing import Final
 from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word
 from controller.hmi.panel.view.texts import TEXTS
 from controller.program.tags import SIDES
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 _AND: Final = Text(" and ", " 且 ")
 _OR: Final = Text(" or ", " 或 ")

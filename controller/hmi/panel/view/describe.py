@@ -16,8 +16,8 @@ from controller.program.commands import JOGGED, Command
 from controller.program.machine import Transplanter
 from controller.program.set_points import CUPS
 from controller.program.tags import ROWS, SIDES
-from controller.program.texts import MODES, QUESTIONS, REASONS, STATES, Text
-from controller.program.texts import SIDES as SIDE_TEXTS
+from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Text
+from controller.program.texts.operator import SIDES as SIDE_TEXTS
 
 LANGUAGES: Final = ("en", "zh")
 

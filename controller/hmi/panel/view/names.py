@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from controller.iomap.loader import POINT_NAMES
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 _COMMANDS: Final = {
     f"command.{name}": text

@@ -16,7 +16,7 @@ from controller.hmi.panel.orders.session import obstacle_text, refused_text
 from controller.program.machine import Transplanter
 from controller.program.refusals import Refusal
 from controller.program.tags import ROWS, SIDES, Side
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 Json = dict[str, Any]
 

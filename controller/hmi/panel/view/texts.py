@@ -10,8 +10,8 @@ from typing import Final
 
 from controller.hmi.panel.orders.replies import LEVELS
 from controller.hmi.panel.view.names import NAMES
-from controller.program.alarm_texts import ALARM_STATES
-from controller.program.texts import Text
+from controller.program.texts.alarms import ALARM_STATES
+from controller.program.texts.operator import Text
 
 _FORMATS: Final = {
     "format.labelled": Text("{label}: {text}", "{label}：{text}"),

@@ -47,7 +47,7 @@ from controller.hmi.panel.web.guard import Guard
 from controller.hmi.panel.web.sockets import BrowserSocket, ViewBroadcaster
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 _log = logging.getLogger(__name__)
 

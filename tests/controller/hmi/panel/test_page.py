@@ -21,7 +21,7 @@ from controller.hmi.panel.web import app
 from controller.io.pace import FLAT_OUT, PAUSED
 from controller.program.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
-from controller.program.texts import CANNOT, MODES, STATES
+from controller.program.texts.operator import CANNOT, MODES, STATES
 from plant_sim.crop.seedling import Location
 from tests.controller.hmi.panel.panel_page_rig import PASSWORDS, SCAN_MS, LiveMachine, PanelProcess
 from tests.controller.hmi.panel.test_chinese import CHINESE, latin_words, punctuation_errors

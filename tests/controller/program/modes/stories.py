@@ -14,7 +14,7 @@ from controller.core.expr import Bit
 from controller.core.scan import Plc
 from controller.core.specification import Specification
 from controller.program.machine import Transplanter
-from controller.program.proof import specification
+from controller.program.requirements.proof import specification
 from controller.program.states import Mode, State
 from tests.controller.program.modes.stand_in import StandIn
 

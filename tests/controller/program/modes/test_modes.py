@@ -7,7 +7,7 @@ import pytest
 from controller.events.production import ModeEvent, RefusalEvent
 from controller.program.states import MODE_CHANGES, Mode, State
 from controller.program.tags import SIDES
-from controller.program.texts import MODES
+from controller.program.texts.operator import MODES
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import home_again, press_emergency_stop
 from tests.controller.program.modes.hands import change_mode, stop

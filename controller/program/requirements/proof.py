@@ -9,10 +9,10 @@ from controller.core.expr import Expr, Word, all_of, any_of
 from controller.core.sequence import Sequence
 from controller.core.specification import Invariant, Specification
 from controller.program.machine import Transplanter
-from controller.program.safety import ArmMonitor, Safety
+from controller.program.requirements.safety import ArmMonitor, Safety
+from controller.program.requirements.ways_out import ways_out
 from controller.program.states import MOVING, Mode, State
 from controller.program.tags import IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN, Side
-from controller.program.ways_out import ways_out
 
 
 def specification(machine: Transplanter) -> Specification:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from controller.program.texts import Text
+from controller.program.texts.operator import Text
 
 
 class AlarmText(NamedTuple):

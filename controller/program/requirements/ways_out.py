@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from controller.core.expr import Bit, Expr, Not, all_of, any_of
 from controller.core.specification import WayOut
 from controller.program.machine import Transplanter
-from controller.program.safety import any_coil
+from controller.program.requirements.safety import any_coil
 from controller.program.states import HOMED_FROM, State
 
 Presses = Mapping[Bit, bool]

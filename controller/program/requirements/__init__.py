@@ -1,0 +1,1 @@
+"""Requirements of the machine: safety, supporting invariants, and ways out of every situation."""

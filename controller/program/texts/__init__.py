@@ -1,0 +1,1 @@
+"""Texts for operators in English and Chinese."""
