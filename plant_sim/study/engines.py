@@ -72,12 +72,8 @@ class ProcessEngine:
         Raises:
             WorkerLostError: A process was killed.
         """
-        try:
+        with _loss_reported():
             yield from self._start(jobs, ordered=ordered)
-        except TerminatedWorkerError:
-            raise WorkerLostError(
-                "--workers: a process was killed, possibly for lack of memory; use a smaller number"
-            ) from None
 
     @contextmanager
     def prepared(self, prepare: Callable[[], object]) -> Iterator[None]:
@@ -85,6 +81,9 @@ class ProcessEngine:
 
         Args:
             prepare: The function; it must be picklable.
+
+        Raises:
+            WorkerLostError: A process was killed.
         """
         if self.workers == 1:
             yield
@@ -93,7 +92,8 @@ class ProcessEngine:
         try:
             yield
         finally:
-            deque(results, maxlen=0)
+            with _loss_reported():
+                deque(results, maxlen=0)
 
     def _start(self, jobs: Iterable[Callable[[], Result]], *, ordered: bool) -> Generator[Result, None, None]:
         """Start the jobs; return the generator of their results."""
@@ -198,6 +198,17 @@ def _parallel(jobs: Iterable[Callable[[], Result]], *, ordered: bool, **options:
     parallel = joblib.Parallel(return_as="generator" if ordered else "generator_unordered", **options)
     results: Generator[Result, None, None] = parallel(joblib.delayed(job)() for job in jobs)
     return results
+
+
+@contextmanager
+def _loss_reported() -> Iterator[None]:
+    """Report the loss of a process as a `WorkerLostError`."""
+    try:
+        yield
+    except TerminatedWorkerError:
+        raise WorkerLostError(
+            "--workers: a process was killed, possibly for lack of memory; use a smaller number"
+        ) from None
 
 
 def _prepare_process(parent: int) -> None:

@@ -21,7 +21,7 @@ _SOURCES: Final[Mapping[Path, tuple[str, ...]]] = {
         "events/*.py",
         "io/*.py",
         "iomap/*.py",
-        "program/*.py",
+        "program/**/*.py",
     ),
     Path(plant_sim.__file__).parent: (
         "common/*.py",

@@ -10,12 +10,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import psutil
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.machine.parameters import load_machine
 from plant_sim.study import fleet
-from plant_sim.study.engines import spread
+from plant_sim.study.engines import ProcessEngine, WorkerLostError, spread
 from plant_sim.study.errors import StudyError
 from plant_sim.study.factors import FactorSetting
 from plant_sim.study.runner import (
@@ -125,6 +126,22 @@ def test_workers_run_in_separate_processes(monkeypatch: pytest.MonkeyPatch) -> N
 def process_id(**_: object) -> int:
     """Stand in for a trial and return the process id."""
     return os.getpid()
+
+
+def test_prepared_processes_run_the_jobs() -> None:
+    """The processes exist at the end of the context and are not replaced."""
+    with ProcessEngine(2).prepared(os.getpid):
+        pass
+    prepared = {process.pid for process in psutil.Process().children()}
+    assert {*ProcessEngine(2).results([os.getpid] * 4, ordered=False)} <= prepared
+
+
+def test_a_process_killed_while_it_is_prepared_is_reported() -> None:
+    with (
+        pytest.raises(WorkerLostError, match="--workers: a process was killed"),
+        ProcessEngine(2).prepared(partial(os._exit, 1)),
+    ):
+        pass
 
 
 def test_seeds_differ_and_depend_only_on_their_numbers() -> None:
