@@ -334,7 +334,6 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
             Annunciate(arm.t_doubt[name], IN_DOUBT_MS, alarm, when=works & arm.doubt[name])
             for name, alarm in alarms.switches.items()
         ),
-        *(Set(arm.distrusted[name], when=alarm & arm.doubt[name]) for name, alarm in alarms.switches.items()),
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup),

@@ -10,7 +10,7 @@ from controller.core.program import Block
 from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, PulseFalling, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
-from controller.program.places import places
+from controller.program.places import leaving, places
 from controller.program.set_points import CUPS, FIRST_RELEASE_DELAY_X10_MS, LONGEST_FLAG_MS
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_DOUBT, IN_PLACE, IN_PROGRESS, ROWS, TAKEN, ArmTags, Side, Tags
@@ -177,7 +177,7 @@ def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
     A row in progress that has not been lifted is in doubt.
     """
     unknown = FIRST_SCAN & ~a.claws_known
-    lifted = all_of(FIRST_SCAN, real, ~a.down, ~a.at_feed)
+    lifted = all_of(FIRST_SCAN, real, ~a.reached["down"], ~a.at_feed)
     rows: list[Rung] = []
     for row in a.rows.values():
         rows += [
@@ -246,7 +246,7 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     driven = a.loaded & (a.coils["slide_inward"] | a.coils["slide_outward"])
     raising = any_of(steps["lift from row"], home["raise loaded"], jogged)
     already_up = all_of(a.loaded, a.up, ~a.at_feed, ~steps["close claws"])
-    lifted = driven | (real & any_of(raising & ~a.down, already_up))
+    lifted = driven | (real & any_of(raising & ~a.sensed_down, already_up))
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE
@@ -356,9 +356,10 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
     ]
 
 
-def coils_memory(a: ArmTags) -> list[Rung]:
+def coils_memory(tags: Tags, a: ArmTags) -> list[Rung]:
     """Return the rungs that record the effect of the coils; they follow the outputs in the scan."""
     return [
+        *leaving(tags, a),
         Rst(a.on_row, when=a.coils["slide_inward"] | a.coils["slide_outward"]),
         Set(a.on_row, when=a.coils["claws_close"] & ~a.sensed_at_feed),
     ]

@@ -34,7 +34,10 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
             waits_for="an answer from the operator",
             go=[
                 To("put back", when=~a.ask & a.row_in_progress & a.down & ~a.at_feed),
-                To("lower to put back", when=all_of(~a.ask, a.on_row, a.at_wanted_row, a.row_in_progress, ~a.clamped)),
+                To(
+                    "lower to put back",
+                    when=all_of(~a.ask, a.on_row, a.at_wanted_row, a.row_in_progress, ~a.clamped | a.sensed_down),
+                ),
                 To("raise loaded", when=~a.ask & a.loaded & ~a.at_feed),
                 To("out low", when=~a.ask & ~a.at_feed & a.down),
                 To("raise empty", when=~a.ask & ~a.at_feed),

@@ -131,13 +131,13 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             "not yet spread",
             "the motor would run against its end stop",
             ("spread",),
-            ~a.sensed_spread | a.distrusted["belt"],
+            ~(a.sensed_spread & a.reached["spread"]),
         ),
         (
             "not yet converged",
             "the motor would run against its end stop",
             ("converge",),
-            ~a.sensed_converged | a.distrusted["belt"],
+            ~(a.sensed_converged & a.reached["converged"]),
         ),
         (
             "close only at row or feed",

@@ -1,8 +1,11 @@
-"""Confirmed positions of an arm ("places"), derived from plausible switches.
+"""Confirmed positions of an arm ("places"), derived from the switches and from the motion that led to them.
 
-A switch is plausible if it is the only switch of its device that is on and the travel time has elapsed. Without this
+A switch alone does not confirm a place, because it can fail on at any time, also while the machine rests. A place is
+*reached* if its switch comes on while the device is driven and not sooner than the device can be there, or if the
+device has been driven to that end for the time of a full stroke. It remains reached until a coil drives the device
+away. A place is confirmed while it is reached and its switch is the only one of its device that is on. Without this
 check a stuck switch would end a motion halfway: the arm would move out to feed while still in the tray, or down before
-it is over the cups. An implausible switch confirms no position, so the step waits and an alarm names the switches.
+it is over the cups. An implausible switch confirms no place, so the step waits and an alarm names the switches.
 """
 
 from __future__ import annotations
@@ -11,9 +14,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from controller.core.expr import Bit, Expr, any_of
+from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.rungs import OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
-from controller.program.tags import ROWS, ArmTags, Tags
+from controller.program.interlocks import BELT, LIFT, SLIDE
+from controller.program.tags import ROWS, ArmTags, MachineTags, Tags
 
 LIFT_LEAST_MS: Final = 250
 """Shortest plausible travel time of the lift, ms. 138 mm (150 mm less both switch bands) take 0.7 s at 0.2 m/s, or
@@ -36,14 +40,33 @@ REST_MS: Final = 1_000
 
 
 @dataclass(frozen=True, slots=True)
+class Place:
+    """One place of a device.
+
+    Attributes:
+        here: Relay: the place is confirmed.
+        was_here: Relay: the last confirmed place of the device.
+        reached: Retentive relay: the device has reached the place and has not been driven away since.
+        away: Coils that drive the device away from the place.
+        towards: Coil that drives the device against its end stop at the place; None if there is no end stop.
+    """
+
+    here: Bit
+    was_here: Bit
+    reached: Bit
+    away: Expr
+    towards: Expr | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class SwitchedDevice:
     """One device of an arm and its switches.
 
     Attributes:
         arm: Arm of the device.
         name: One of `DEVICES`; part of the names of its relays.
-        places: Relays for the place and the last place, by switch, beginning with the place farthest from the others.
-        to_end: Coil that drives the device to an end of its stroke, by the switch at that end.
+        coils: Condition that a coil drives the device.
+        places: Places by switch, beginning with the place farthest from the others.
         whole_ms: Time for the full stroke with margin, ms.
         travelled: Relay: the shortest travel time to any other place has elapsed.
         among_rows: Relay: the shortest travel time between two places other than the first has elapsed.
@@ -51,8 +74,8 @@ class SwitchedDevice:
 
     arm: ArmTags
     name: str
-    places: Mapping[Expr, tuple[Bit, Bit]]
-    to_end: Mapping[Expr, Expr]
+    coils: Expr
+    places: Mapping[Expr, Place]
     whole_ms: int
     travelled: Bit
     among_rows: Bit | None = None
@@ -66,94 +89,131 @@ class SwitchedDevice:
         """Return the condition that only this switch of the device is on."""
         return switch & ~any_of(*(other for other in self.places if other is not switch))
 
-    def rungs(self, restart: Bit) -> Iterator[Rung]:
-        """Yield the rungs that check the switches for plausibility and store the last place.
+    def rungs(self, machine: MachineTags, driven: Expr) -> Iterator[Rung]:
+        """Yield the rungs that confirm the places of the device and store the last place.
 
         Args:
-            restart: Relay that restarts the check from the current switch states.
+            machine: Tags of the machine.
+            driven: Condition that the coils in the output image are on at the terminals.
         """
-        placed, distrusted = self.arm.placed[self.name], self.arm.distrusted[self.name]
+        under_way, placed = self.arm.under_way[self.name], self.arm.placed[self.name]
         pressed = self.arm.t_pressed[self.name]
-        driven = any_of(*(self.alone(switch) & coil for switch, coil in self.to_end.items()))
-        yield OnDelay(pressed, self.whole_ms, when=distrusted & driven)
-        yield Set(self.travelled, when=restart & self.nowhere)
-        for switch, (_, was_here) in self.places.items():
-            yield Rst(was_here, when=restart & any_of(*(self.alone(other) for other in self._others(switch))))
+        pressing = any_of(
+            *(self.alone(s) & ~p.reached & p.towards for s, p in self.places.items() if p.towards is not None)
+        )
+        yield OnDelay(pressed, self.whole_ms, when=pressing & driven)
+        yield Set(self.travelled, when=machine.places_anew & self.nowhere)
+        yield Set(under_way, when=all_of(self.nowhere, self.coils, driven))
+        yield Rst(under_way, when=~self.coils)
         first = next(iter(self.places))
-        for switch, (here, was_here) in self.places.items():
-            trusted = [was_here, self.travelled, restart & ~distrusted]
+        for switch, place in self.places.items():
+            plausible = [place.was_here, self.travelled]
             if self.among_rows is not None and switch is not first:
-                trusted.append(self.among_rows)
-            if switch in self.to_end:
-                trusted.append(pressed.done)
-            yield Out(here, when=self.alone(switch) & any_of(*trusted))
-        for switch, (here, was_here) in self.places.items():
-            yield Set(was_here, when=here)
-            yield Rst(was_here, when=any_of(*(self.places[other][0] for other in self._others(switch))))
-        yield Out(placed, when=any_of(*(here for here, _ in self.places.values())))
+                plausible.append(self.among_rows)
+            arrived = under_way & any_of(*plausible)
+            if place.towards is not None:
+                arrived = arrived | (pressed.done & place.towards)
+            yield Rst(place.reached, when=machine.entered_resetting & ~self.alone(switch))
+            yield Set(place.reached, when=self.alone(switch) & arrived)
+            yield Out(place.here, when=self.alone(switch) & place.reached)
+        for switch, place in self.places.items():
+            yield Set(place.was_here, when=place.here)
+            yield Rst(place.was_here, when=any_of(*(self.places[other].here for other in self._others(switch))))
+        yield Out(placed, when=any_of(*(place.here for place in self.places.values())))
         yield Rst(self.travelled, when=placed)
         if self.among_rows is not None:
             yield Rst(self.among_rows, when=placed)
-        yield Rst(distrusted, when=placed)
-        known = any_of(*(was_here for _, was_here in self.places.values()))
+        known = any_of(*(place.was_here for place in self.places.values()))
         sensed = ~placed & any_of(*self.places)
+        early = known & under_way
         yield Out(
-            self.arm.doubt[self.name], when=sensed & (known | ~any_of(*(self.alone(switch) for switch in self.places)))
+            self.arm.doubt[self.name], when=sensed & (early | ~any_of(*(self.alone(switch) for switch in self.places)))
         )
+
+    def leaving(self) -> Iterator[Rung]:
+        """Yield the rungs that end a place when a coil drives the device away; they follow the outputs in the scan.
+
+        A slide that reaches a row is still driven in that scan.
+        """
+        for place in self.places.values():
+            passing = FALSE if place.towards is not None else self.arm.under_way[self.name]
+            yield Rst(place.reached, when=place.away & ~passing)
 
     def _others(self, switch: Expr) -> list[Expr]:
         return [other for other in self.places if other is not switch]
 
 
-def places(tags: Tags, a: ArmTags) -> list[Rung]:
-    """Return the rungs that derive the places of an arm from its switches.
-
-    At power-up and at the start of homing, a switch is trusted if it is the only one of its device that is on. If none
-    is on, the device is between two places. If a switch of the device has been found implausible, a switch at
-    an end is trusted only after the device has been driven towards that end for the time of a full stroke.
-    """
-    restart, coils = tags.machine.places_anew, a.coils
-    at_rows = {a.sensed_at_pick[row]: (a.at_pick[row], a.was_at_pick[row]) for row in ROWS}
+def devices(tags: Tags, a: ArmTags) -> tuple[SwitchedDevice, SwitchedDevice, SwitchedDevice]:
+    """Return the lift, the belt and the slide of an arm."""
+    coils = a.coils
+    extend, retract, spread, converge, inward, outward = (coils[name] for name in (*LIFT, *BELT, *SLIDE))
     lift = SwitchedDevice(
         a,
         "lift",
-        {a.sensed_down: (a.down, a.was_down), a.sensed_up: (a.up, a.was_up)},
-        {a.sensed_down: coils["lift_extend"], a.sensed_up: coils["lift_retract"]},
+        extend | retract,
+        {
+            a.sensed_down: Place(a.down, a.was_down, a.reached["down"], retract, extend),
+            a.sensed_up: Place(a.up, a.was_up, a.reached["up"], extend, retract),
+        },
         LIFT_WHOLE_MS,
         a.lift_travelled,
     )
     belt = SwitchedDevice(
         a,
         "belt",
-        {a.sensed_spread: (a.is_spread, a.was_spread), a.sensed_converged: (a.is_converged, a.was_converged)},
-        {a.sensed_spread: coils["spread"], a.sensed_converged: coils["converge"]},
+        spread | converge,
+        {
+            a.sensed_spread: Place(a.is_spread, a.was_spread, a.reached["spread"], converge, spread),
+            a.sensed_converged: Place(a.is_converged, a.was_converged, a.reached["converged"], spread, converge),
+        },
         BELT_WHOLE_MS,
         a.belt_travelled,
     )
+    at_rows = {
+        a.sensed_at_pick[row]: Place(a.at_pick[row], a.was_at_pick[row], a.reached[f"pick {row}"], inward | outward)
+        for row in ROWS
+    }
     slide = SwitchedDevice(
         a,
         "slide",
-        {a.sensed_at_feed: (a.at_feed, a.was_at_feed), **at_rows},
-        {a.sensed_at_feed: coils["slide_outward"]},
+        inward | outward,
+        {a.sensed_at_feed: Place(a.at_feed, a.was_at_feed, a.reached["feed"], inward, outward), **at_rows},
         SLIDE_WHOLE_MS,
         a.slide_travelled,
         a.slide_hopped,
     )
+    return lift, belt, slide
+
+
+def places(tags: Tags, a: ArmTags) -> list[Rung]:
+    """Return the rungs that confirm the places of an arm.
+
+    At the start of homing a device with no switch on is between two places, so that any place is plausible next. A
+    switch that came on at rest confirms a place at an end only after the device has been driven towards that end for
+    the time of a full stroke, and a row not at all.
+    """
+    machine, driven = tags.machine, ~tags.system.outputs_held
+    lift, belt, slide = devices(tags, a)
     return [
         OnDelay(a.t_lift_way, LIFT_LEAST_MS, when=lift.nowhere),
         Set(a.lift_travelled, when=a.t_lift_way.done),
-        *lift.rungs(restart),
+        *lift.rungs(machine, driven),
         OnDelay(a.t_belt_way, BELT_LEAST_MS, when=belt.nowhere),
         Set(a.belt_travelled, when=a.t_belt_way.done),
-        *belt.rungs(restart),
+        *belt.rungs(machine, driven),
         OnDelay(a.t_slide_way, tags.sp.slide_least, when=slide.nowhere),
         OnDelay(a.t_slide_hop, HOP_LEAST_MS, when=slide.nowhere),
         Set(a.slide_travelled, when=a.t_slide_way.done),
         Rst(a.slide_hopped, when=a.was_at_feed),
         Set(a.slide_hopped, when=a.t_slide_hop.done & ~a.was_at_feed),
-        *slide.rungs(restart),
+        *slide.rungs(machine, driven),
         *_rest(a),
     ]
+
+
+def leaving(tags: Tags, a: ArmTags) -> list[Rung]:
+    """Return the rungs that end a place when a coil drives its device away; they follow the outputs in the scan."""
+    return [rung for device in devices(tags, a) for rung in device.leaving()]
 
 
 def _rest(a: ArmTags) -> list[Rung]:

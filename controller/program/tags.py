@@ -25,6 +25,9 @@ ROWS: Final = (1, 2, 3)
 DEVICES: Final = ("lift", "slide", "belt")
 """Devices of an arm that move between switches."""
 
+PLACES: Final = ("down", "up", "feed", *(f"pick {row}" for row in ROWS), "spread", "converged")
+"""Places of an arm at which a device has a switch."""
+
 TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
 """States of a row of seedlings."""
 
@@ -84,7 +87,7 @@ class MachineTags:
         self.resetting = m.bit("resetting", "state is Resetting")
         self.entered_resetting = m.bit("entered Resetting", "first scan of Resetting")
         self.places_anew = m.bit(
-            "places reset", "power-up or start of homing: places are derived from the present switch states"
+            "places reset", "power-up or start of homing: a device with no switch on is between two places"
         )
         self.entered_starting = m.bit("entered Starting", "first scan of Starting or Unholding")
         self.running = m.bit("running", "state is Starting, Execute, Suspending, Suspended, Unsuspending or Unholding")
@@ -203,6 +206,9 @@ class ArmTags:
         self.fault = m.bit("fault", "an alarm of this arm is set")
         self.off_home = m.bit("off home", "the arm should be at home but is not")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
+        self.under_way = {
+            name: m.bit(f"{name} under way", f"the {name} has been between two places while driven") for name in DEVICES
+        }
 
         self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
         self.claws_closed = retentive_m.bit("claws closed", "the last claw command was to close")
@@ -211,12 +217,9 @@ class ArmTags:
         self.on_row = retentive_m.bit(
             "on row", "the claws have closed at a row, and the slide has not been driven since"
         )
-        self.distrusted = {
-            name: retentive_m.bit(
-                f"{name} switch distrusted",
-                f"switches of the {name} are not trusted until it has been driven to its end stop",
-            )
-            for name in DEVICES
+        self.reached = {
+            place: retentive_m.bit(f"reached {place}", f"{place} was reached, and the device not driven away since")
+            for place in PLACES
         }
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
         self.missed_cups = retentive_d.word("missed cups", "cups missed since the last reset of the counts")

@@ -174,7 +174,8 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         "converge with a load": ("converging would tear the seedlings", converges & monitor.holds),
         "belt against its end stop": (
             "the motor may run against its end stop only after a switch has been found implausible",
-            ~a.distrusted["belt"] & ((spreads & a.sensed_spread) | (converges & a.sensed_converged)),
+            (spreads & a.sensed_spread & a.reached["spread"])
+            | (converges & a.sensed_converged & a.reached["converged"]),
         ),
         "converge away from feed": ("claws may change their pitch only at feed", converges & ~feed),
         "load released away from its cups and row": (
