@@ -9,10 +9,14 @@ from controller.core.expr import Expr, Word, all_of, any_of
 from controller.core.sequence import Sequence
 from controller.core.specification import Invariant, Specification
 from controller.program.machine import Transplanter
+from controller.program.places import devices
+from controller.program.requirements.positions import PositionMonitor
 from controller.program.requirements.safety import ArmMonitor, Safety
 from controller.program.requirements.ways_out import ways_out
 from controller.program.states import MOVING, Mode, State
 from controller.program.tags import IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN, Side
+
+_NAMES = {"lift": ("down", "up"), "slide": ("feed", "pick 1", "pick 2", "pick 3"), "belt": ("spread", "converged")}
 
 
 def specification(machine: Transplanter) -> Specification:
@@ -119,6 +123,7 @@ def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str,
         "clamped claws have closed for their dwell time": _implies(a.clamped, monitor.gripped),
         "with claws closed at a row, the slide has not moved": _implies(a.on_row, monitor.unmoved),
         "the slide has not left a row in progress": _implies(in_progress & monitor.holds, monitor.unmoved | driven),
+        **dict(_of_positions(machine, side, monitor.positions)),
         "an arrival at the next row is stored": _implies(monitor.arrived, a.passed),
         "the release delay of a load starts only after a cup": _implies(
             cycle["release delay"], monitor.released | ~monitor.holds
@@ -134,3 +139,28 @@ def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str,
             monitor.in_centre, a.in_centre | ~any_of(a.at_feed, a.cycling, working)
         ),
     }
+
+
+def _of_positions(machine: Transplanter, side: Side, monitor: PositionMonitor) -> Iterator[tuple[str, Expr]]:
+    """Yield the invariants that relate the confirmed places of an arm to the places where it certainly is."""
+    a = machine.tags.arms[side]
+    for device in devices(machine.tags, a):
+        travelled = {"lift": a.lift_travelled, "slide": a.slide_travelled, "belt": a.belt_travelled}[device.name]
+        last = [place.was_here for place in device.places.values()]
+        yield f"the {device.name} has one last place", all_of(*(~(p & q) for p, q in itertools.combinations(last, 2)))
+        yield (
+            f"the {device.name} is under way only between places",
+            _implies(a.under_way[device.name] & device.coils, monitor.between[device.name]),
+        )
+        for name, place in zip(_NAMES[device.name], device.places.values(), strict=True):
+            if place.towards is None:
+                passing = _implies(place.reached & place.away, a.under_way[device.name])
+                yield f"a driven slide passes the row it has reached: {name}", passing
+            yield (
+                f"the device is certainly at a place it has reached: {name}",
+                _implies(place.reached, monitor.verified[name]),
+            )
+            yield f"the last place is near: {name}", _implies(monitor.near[name], place.was_here & ~travelled)
+    yield "the time between rows has not elapsed near a row", _implies(a.slide_hopped, ~monitor.near_row)
+    for coil, on in monitor.driven.items():
+        yield f"the monitor records the coil: {coil}", _implies(a.coils[coil], on)

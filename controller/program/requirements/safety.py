@@ -7,7 +7,7 @@ tests check this as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from controller.core.expr import Bit, Expr, all_of, any_of
 from controller.core.program import Block
@@ -16,6 +16,7 @@ from controller.core.specification import Requirement
 from controller.program.alarms import Annunciators
 from controller.program.areas import Area
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
+from controller.program.requirements.positions import PositionMonitor
 from controller.program.tags import FIRST_SCAN, IN_PLACE, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
 
 
@@ -25,6 +26,7 @@ class ArmMonitor:
     def __init__(self, tags: Tags, side: Side) -> None:
         m = Area("M", 470 + 9 * SIDES.index(side), 478 + 9 * SIDES.index(side), f"{side} monitor")
         self._tags, self._side = tags, side
+        self.positions = PositionMonitor(tags, side)
         self.open = m.bit("open", "the claws have opened for their dwell time since they last closed")
         self.gripped = m.bit("gripped", "the claws have closed for their dwell time since they last opened, or unknown")
         self.holds = m.bit("holds", "the claws have closed at a row since they last opened, or unknown")
@@ -37,15 +39,18 @@ class ArmMonitor:
     @property
     def remembered(self) -> tuple[Bit, ...]:
         """Bits that are retained through a loss of power."""
-        return (self.open, self.gripped, self.holds, self.unmoved, self.arrived, self.in_centre)
+        own = (self.open, self.gripped, self.holds, self.unmoved, self.arrived, self.in_centre)
+        return (*own, *self.positions.remembered)
 
     def rungs(self) -> list[Rung]:
         """Return the rungs of the monitor; they follow the outputs in the scan."""
         tags, a = self._tags, self._tags.arms[self._side]
         y, commands = a.coils, tags.commands
         yes, no, discard = (table[self._side] for table in (commands.loaded_yes, commands.loaded_no, commands.discard))
-        over_row = ~a.sensed_at_feed
+        certainly = self.positions.certainly
+        over_row = ~certainly("feed")
         return [
+            *self.positions.places(),
             Set(self.open, when=a.t_opening.done),
             Rst(self.open, when=y["claws_close"]),
             Set(self.gripped, when=any_of(a.t_closing.done, yes, discard, FIRST_SCAN & ~a.claws_known)),
@@ -58,10 +63,11 @@ class ArmMonitor:
             Rst(self.released, when=a.t_opening.done | ~tags.machine.motion),
             Set(self.discarded, when=discard),
             Rst(self.discarded, when=a.t_opening.done),
-            Rst(self.arrived, when=a.sensed_at_feed),
+            Rst(self.arrived, when=certainly("feed")),
             Set(self.arrived, when=_at_or_beyond_next_row(a)),
-            Rst(self.in_centre, when=a.sensed_at_feed | (a.sensed_at_pick[2] & ~y["slide_inward"])),
+            Rst(self.in_centre, when=certainly("feed") | (certainly("pick 2") & ~y["slide_inward"])),
             Set(self.in_centre, when=(y["slide_inward"] & a.row_is[3]) | a.sensed_at_pick[3]),
+            *self.positions.motion(),
         ]
 
 
@@ -111,7 +117,7 @@ class Safety:
         self.monitors = Block("monitors", tuple(rungs))
         self.requirements = (
             *(each for side in SIDES for each in _of_arm(tags, side, self.arms, any_of(*alarms.of_side(side)))),
-            *_of_machine(tags, self.machine, alarms.tray_jam | alarms.tray_lost),
+            *_of_machine(tags, self.arms, self.machine, alarms.tray_jam | alarms.tray_lost),
         )
 
     @property
@@ -123,11 +129,12 @@ class Safety:
 def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Expr) -> Iterator[Requirement]:
     a, monitor = tags.arms[side], monitors[side]
     other = monitors["right" if side == "left" else "left"]
-    y, tray, up, down, feed = a.coils, tags.tray, a.sensed_up, a.sensed_down, a.sensed_at_feed
+    y, tray, certainly = a.coils, tags.tray, monitor.positions.certainly
+    up, down, feed, spread, converged = (certainly(place) for place in ("up", "down", "feed", "spread", "converged"))
     inward, outward, raises, lowers = (y[name] for name in (*SLIDE, *reversed(LIFT)))
     spreads, converges, opens, closes = (y[name] for name in (*BELT, *CLAWS))
     belt, slide_or_lift = spreads | converges, any_of(*(y[name] for name in (*SLIDE, *LIFT)))
-    over_cups = all_of(feed, down, a.sensed_spread, monitor.released | monitor.discarded)
+    over_cups = all_of(feed, down, spread, monitor.released | monitor.discarded)
     never = {
         **{
             f"{one} with {two}": ("two opposing coils of a valve or motor must not be on together", y[one] & y[two])
@@ -135,7 +142,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         },
         "inward, not down": ("the arm would collide with the tray or pass over it", inward & ~down),
         "inward, claws not open": ("closed claws tear the seedlings", inward & ~monitor.open),
-        "inward, not converged": ("spread claws do not fit between the seedlings", inward & ~a.sensed_converged),
+        "inward, not converged": ("spread claws do not fit between the seedlings", inward & ~converged),
         "inward, no tray at rest": (
             "the arm moves in only over a tray at rest",
             inward & ~all_of(tray.edge, tray.phase.equals(IN_PLACE)),
@@ -151,7 +158,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         ),
         "close away from row and feed": (
             "claws may close only at the next row or at feed",
-            closes & ~feed & ~(down & _at_next_row(a)),
+            closes & ~feed & ~(down & _at_next_row(a, certainly)),
         ),
         "up, claws neither open nor clamped": (
             "over the tray the lift moves up only with the claws clamped or open",
@@ -173,7 +180,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         "belt with slide or lift": ("slide and lift must be at rest while the belt runs", belt & slide_or_lift),
         "converge with a load": ("converging would tear the seedlings", converges & monitor.holds),
         "belt against its end stop": (
-            "the motor may run against its end stop only after a switch has been found implausible",
+            "the motor may run against its end stop only to verify a switch",
             (spreads & a.sensed_spread & a.reached["spread"])
             | (converges & a.sensed_converged & a.reached["converged"]),
         ),
@@ -190,12 +197,14 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
     return (Requirement(f"{side}: {name}", reason, when) for name, (reason, when) in never.items())
 
 
-def _at_next_row(a: ArmTags) -> Expr:
-    """Return the condition that the slide is at the first row that is not taken."""
+def _at_next_row(a: ArmTags, certainly: Callable[[str], Expr]) -> Expr:
+    """Return the condition that the slide is certainly at the first row that is not taken."""
     return any_of(
         *(
             all_of(
-                a.sensed_at_pick[row], a.rows[row].differs(TAKEN), *(a.rows[k].equals(TAKEN) for k in ROWS if k < row)
+                certainly(f"pick {row}"),
+                a.rows[row].differs(TAKEN),
+                *(a.rows[k].equals(TAKEN) for k in ROWS if k < row),
             )
             for row in ROWS
         )
@@ -206,12 +215,15 @@ def _at_or_beyond_next_row(a: ArmTags) -> Expr:
     return any_of(*(a.row_is[row] & a.sensed_at_pick[pick] for row in ROWS for pick in ROWS if pick >= row))
 
 
-def _of_machine(tags: Tags, monitor: MachineMonitor, tray_fault: Expr) -> Iterator[Requirement]:
+def _of_machine(
+    tags: Tags, monitors: dict[Side, ArmMonitor], monitor: MachineMonitor, tray_fault: Expr
+) -> Iterator[Requirement]:
     machine, x = tags.machine, tags.x
     moves = any_coil(tags)
     arms = tags.arms.values()
     run, forward = tags.tray.driven["tray_run"], tags.tray.driven["tray_forward"]
-    away, entering = any_of(*(~a.sensed_at_feed for a in arms)), any_of(*(a.coils["slide_inward"] for a in arms))
+    away = any_of(*(~arm.positions.certainly("feed") for arm in monitors.values()))
+    entering = any_of(*(a.coils["slide_inward"] for a in arms))
     never = {
         "motion during an emergency stop": ("no motion during an emergency stop", moves & x.emergency_stop),
         "motion without inputs": ("no motion while the field link is lost", moves & tags.system.link_lost),
