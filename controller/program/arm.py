@@ -356,10 +356,10 @@ def _claws_memory(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence, relea
     ]
 
 
-def coils_memory(tags: Tags, a: ArmTags) -> list[Rung]:
+def coils_memory(a: ArmTags) -> list[Rung]:
     """Return the rungs that record the effect of the coils; they follow the outputs in the scan."""
     return [
-        *leaving(tags, a),
+        *leaving(a),
         Rst(a.on_row, when=a.coils["slide_inward"] | a.coils["slide_outward"]),
         Set(a.on_row, when=a.coils["claws_close"] & ~a.sensed_at_feed),
     ]

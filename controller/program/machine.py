@@ -94,7 +94,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         planting_block(tags, alarms, cycles),
         alarm_block(tags, alarms, arm_alarms, sequences),
         output_block(tags, io_map, rules, rules_tray),
-        Block("coil memory", tuple(rung for side in SIDES for rung in arm.coils_memory(tags, tags.arms[side]))),
+        Block("coil memory", tuple(rung for side in SIDES for rung in arm.coils_memory(tags.arms[side]))),
         block_register(tags, rules, rules_tray),
         Block("commands consumed", (tags.commands.consumed(),)),
     )

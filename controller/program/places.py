@@ -143,7 +143,7 @@ class SwitchedDevice:
         return [other for other in self.places if other is not switch]
 
 
-def devices(tags: Tags, a: ArmTags) -> tuple[SwitchedDevice, SwitchedDevice, SwitchedDevice]:
+def devices(a: ArmTags) -> tuple[SwitchedDevice, SwitchedDevice, SwitchedDevice]:
     """Return the lift, the belt and the slide of an arm."""
     coils = a.coils
     extend, retract, spread, converge, inward, outward = (coils[name] for name in (*LIFT, *BELT, *SLIDE))
@@ -193,7 +193,7 @@ def places(tags: Tags, a: ArmTags) -> list[Rung]:
     the time of a full stroke, and a row not at all.
     """
     machine, driven = tags.machine, ~tags.system.outputs_held
-    lift, belt, slide = devices(tags, a)
+    lift, belt, slide = devices(a)
     return [
         OnDelay(a.t_lift_way, LIFT_LEAST_MS, when=lift.nowhere),
         Set(a.lift_travelled, when=a.t_lift_way.done),
@@ -211,9 +211,9 @@ def places(tags: Tags, a: ArmTags) -> list[Rung]:
     ]
 
 
-def leaving(tags: Tags, a: ArmTags) -> list[Rung]:
+def leaving(a: ArmTags) -> list[Rung]:
     """Return the rungs that end a place when a coil drives its device away; they follow the outputs in the scan."""
-    return [rung for device in devices(tags, a) for rung in device.leaving()]
+    return [rung for device in devices(a) for rung in device.leaving()]
 
 
 def _rest(a: ArmTags) -> list[Rung]:

@@ -83,13 +83,17 @@ class PositionMonitor:
         device = next(name for name, places in _AT.items() if place in places)
         return self._device(device).switches[place] & self.verified[place]
 
+    def driven_away(self, place: str) -> Expr:
+        """Return the condition that a coil drove the device away from a place in the last scan."""
+        name = next(name for name, places in _AT.items() if place in places)
+        return any_of(*(self.driven[coil] for coil in _COILS[name] if coil != _END_COIL.get(place)))
+
     def places(self) -> Iterator[Rung]:
         """Yield the rungs of the places; they follow the outputs in the scan and do not yet include their effect."""
         for name, place in self._places():
             device = self._device(name)
-            away = any_of(*(self.driven[coil] for coil in _COILS[name] if coil != _END_COIL.get(place)))
             passing = FALSE if place in _END_COIL else self.between[name]
-            yield Rst(self.verified[place], when=away & ~passing)
+            yield Rst(self.verified[place], when=self.driven_away(place) & ~passing)
             yield Set(self.verified[place], when=device.alone(place) & self._arrived(name, place))
 
     def motion(self) -> Iterator[Rung]:
@@ -114,7 +118,7 @@ class PositionMonitor:
 
     def _arrived(self, name: str, place: str) -> Expr:
         """Return the condition that a switch that is on is verified in this scan."""
-        others = [self.near[other] for other in _AT[name] if other != place]
+        others: list[Expr] = [self.near[other] for other in _AT[name] if other != place]
         if place in _PICKS:
             rows = any_of(*(self.near[other] for other in _PICKS if other != place))
             others = [self.near["feed"], rows & self.near_row]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 
-from controller.core.expr import Expr, Word, all_of, any_of
+from controller.core.expr import FALSE, Expr, Word, all_of, any_of
 from controller.core.sequence import Sequence
 from controller.core.specification import Invariant, Specification
 from controller.program.machine import Transplanter
@@ -144,7 +144,7 @@ def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str,
 def _of_positions(machine: Transplanter, side: Side, monitor: PositionMonitor) -> Iterator[tuple[str, Expr]]:
     """Yield the invariants that relate the confirmed places of an arm to the places where it certainly is."""
     a = machine.tags.arms[side]
-    for device in devices(machine.tags, a):
+    for device in devices(a):
         travelled = {"lift": a.lift_travelled, "slide": a.slide_travelled, "belt": a.belt_travelled}[device.name]
         last = [place.was_here for place in device.places.values()]
         yield f"the {device.name} has one last place", all_of(*(~(p & q) for p, q in itertools.combinations(last, 2)))
@@ -160,7 +160,12 @@ def _of_positions(machine: Transplanter, side: Side, monitor: PositionMonitor) -
                 f"the device is certainly at a place it has reached: {name}",
                 _implies(place.reached, monitor.verified[name]),
             )
+            passing = monitor.between[device.name] if place.towards is None else FALSE
+            yield (
+                f"no coil has driven away from a place that is reached: {name}",
+                _implies(place.reached & monitor.driven_away(name), passing),
+            )
             yield f"the last place is near: {name}", _implies(monitor.near[name], place.was_here & ~travelled)
     yield "the time between rows has not elapsed near a row", _implies(a.slide_hopped, ~monitor.near_row)
     for coil, on in monitor.driven.items():
-        yield f"the monitor records the coil: {coil}", _implies(a.coils[coil], on)
+        yield f"the monitor records the coil: {coil}", _implies(a.coils[coil], on) & _implies(on, a.coils[coil])
