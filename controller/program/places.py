@@ -117,6 +117,8 @@ class SwitchedDevice:
             yield Set(place.reached, when=self.alone(switch) & arrived)
             yield Out(place.here, when=self.alone(switch) & place.reached)
         for switch, place in self.places.items():
+            elsewhere = any_of(*(self.alone(other) for other in self._others(switch)))
+            yield Rst(place.was_here, when=machine.places_anew & elsewhere)
             yield Set(place.was_here, when=place.here)
             yield Rst(place.was_here, when=any_of(*(self.places[other].here for other in self._others(switch))))
         yield Out(placed, when=any_of(*(place.here for place in self.places.values())))
@@ -125,9 +127,8 @@ class SwitchedDevice:
             yield Rst(self.among_rows, when=placed)
         known = any_of(*(place.was_here for place in self.places.values()))
         sensed = ~placed & any_of(*self.places)
-        early = known & under_way
         yield Out(
-            self.arm.doubt[self.name], when=sensed & (early | ~any_of(*(self.alone(switch) for switch in self.places)))
+            self.arm.doubt[self.name], when=sensed & (known | ~any_of(*(self.alone(switch) for switch in self.places)))
         )
 
     def leaving(self) -> Iterator[Rung]:
@@ -188,9 +189,9 @@ def devices(a: ArmTags) -> tuple[SwitchedDevice, SwitchedDevice, SwitchedDevice]
 def places(tags: Tags, a: ArmTags) -> list[Rung]:
     """Return the rungs that confirm the places of an arm.
 
-    At the start of homing a device with no switch on is between two places, so that any place is plausible next. A
-    switch that came on at rest confirms a place at an end only after the device has been driven towards that end for
-    the time of a full stroke, and a row not at all.
+    At the start of homing any place is plausible next for a device that is not at the place last confirmed. A switch
+    that came on at rest confirms a place at an end only after the device has been driven towards that end for the time
+    of a full stroke, and a row not at all.
     """
     machine, driven = tags.machine, ~tags.system.outputs_held
     lift, belt, slide = devices(a)

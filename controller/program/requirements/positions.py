@@ -15,7 +15,7 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.rungs import Out, Rst, Rung, Set
 from controller.program.areas import Area
 from controller.program.interlocks import BELT, LIFT, SLIDE
-from controller.program.tags import DEVICES, FIRST_SCAN, PLACES, ROWS, SIDES, ArmTags, Side, Tags
+from controller.program.tags import DEVICES, PLACES, ROWS, SIDES, ArmTags, Side, Tags
 
 _COILS = {"lift": LIFT, "slide": SLIDE, "belt": BELT}
 _PICKS = tuple(f"pick {row}" for row in ROWS)
@@ -105,11 +105,10 @@ class PositionMonitor:
             yield Set(self.between[name], when=moving & device.nowhere)
             yield from (Out(self.driven[coil], when=on) for coil, on in device.coils.items())
         for name, place in self._places():
-            device, here = self._device(name), self._here(name)
-            elapsed = device.least.done | (self._restarts & device.nowhere)
-            yield Rst(self.near[place], when=any_of(FIRST_SCAN, elapsed, *here.values()))
+            elapsed, here = self._device(name).least.done, self._here(name)
+            yield Rst(self.near[place], when=any_of(self._restarts, elapsed, *here.values()))
             yield Set(self.near[place], when=here[place])
-        yield Rst(self.near_row, when=FIRST_SCAN | self._arm.t_slide_hop.done)
+        yield Rst(self.near_row, when=self._restarts | self._arm.t_slide_hop.done)
         yield Set(self.near_row, when=any_of(*self._arm.at_pick.values()))
 
     @staticmethod

@@ -89,7 +89,7 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
     loaded, closed, clamped = (bool(scene.has(bit)) for bit in (arm.loaded, arm.claws_closed, arm.clamped))
     down, up, feed = ("lift_down" in place), ("lift_up" in place), ("slide_at_feed" in place)
     is_jogged = bool(scene.has(TAGS.machine.jogging))
-    trusted = not scene.has(arm.distrusted["belt"])
+    reached = {place for place in ("spread", "converged") if scene.has(arm.reached[place])}
     return [
         *((f"{one} against {two}", {one, two} <= on) for one, two in (SLIDE, LIFT, BELT, CLAWS)),
         ("in emergency stop", bool(on) and "emergency_stop" in scene.sensed),
@@ -103,8 +103,11 @@ def arm_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
         ("down away from feed", "lift_extend" in on and not feed and not putting_back(scene, side)),
         ("spread away from feed or not up", "spread" in on and not (up and feed)),
         ("converge away from feed or loaded", "converge" in on and (loaded or not feed)),
-        ("spread against its end", "spread" in on and f"{side}.claws_spread" in scene.sensed and trusted),
-        ("converge against its end", "converge" in on and f"{side}.claws_converged" in scene.sensed and trusted),
+        ("spread against its end", "spread" in on and f"{side}.claws_spread" in scene.sensed and "spread" in reached),
+        (
+            "converge against its end",
+            "converge" in on and f"{side}.claws_converged" in scene.sensed and "converged" in reached,
+        ),
         (
             "close away from row and feed",
             "claws_close" in on and not feed and not (scene.has(arm.at_wanted_row) and down),

@@ -131,7 +131,7 @@ def test_required_devices_are_retentive() -> None:
     wanted += [word for word, _ in tags.sp.defaults]
     for arm in tags.arms.values():
         wanted += [arm.loaded, arm.claws_closed, arm.claws_known, arm.clamped, *arm.rows.values()]
-        wanted += [arm.missed_cups, arm.cycles, arm.on_row, *arm.distrusted.values()]
+        wanted += [arm.missed_cups, arm.cycles, arm.on_row, *arm.reached.values()]
     assert retentive == set(wanted)
 
 

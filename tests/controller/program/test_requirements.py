@@ -14,6 +14,15 @@ from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS
 
 SAFETY = Safety(TAGS, MACHINE.alarms)
 REQUIREMENTS = {each.name: each.never for each in SOUND.requirements}
+PLACE_OF = {
+    "lift_down": "down",
+    "lift_up": "up",
+    "slide_at_feed": "feed",
+    **{f"slide_at_pick_{row}": f"pick {row}" for row in ROWS},
+    "claws_spread": "spread",
+    "claws_converged": "converged",
+}
+"""Place of each switch of an arm."""
 MOVES = "lift_extend"
 """Arbitrary motion coil."""
 
@@ -156,6 +165,8 @@ class Situation:
         for arm in TAGS.arms.values():
             for row in ROWS:
                 self.memory.D[arm.rows[row].number] = FULL
+            for bit in (*arm.reached.values(), *SAFETY.arms[arm.side].positions.verified.values()):
+                self.set_true(bit)
 
     def set_true(self, condition: Expr) -> None:
         """Set the terminal or relay in a condition such that the condition is true."""
@@ -228,8 +239,13 @@ def situation(on: set[str], side: Side) -> Memory:
     return here.memory
 
 
-def breaks(requirement: str, on: set[str], side: Side) -> bool:
-    return evaluate(REQUIREMENTS[requirement], situation(on, side))
+def breaks(requirement: str, on: set[str], side: Side, *, unverified: str | None = None) -> bool:
+    memory = situation(on, side)
+    if unverified is not None:
+        named, _, place = unverified.rpartition(".")
+        arm: Side = "right" if named == "right" else "left" if named == "left" else side
+        memory.M[SAFETY.arms[arm].positions.verified[PLACE_OF[place]].number] = False
+    return evaluate(REQUIREMENTS[requirement], memory)
 
 
 def _named(value: Side | Case) -> str:
@@ -254,6 +270,22 @@ def test_a_requirement_of_the_machine_forbids_exactly_what_is_demanded(case: Cas
     on = set(case.on.split())
     assert breaks(case.requirement, on, "left")
     assert not breaks(case.requirement, on ^ {case.turned}, "left")
+
+
+@pytest.mark.parametrize(
+    ("side", "case"),
+    [
+        *((side, case) for side, case in CASES_OF_AN_ARM if case.turned in PLACE_OF and "belt against" not in case[0]),
+        *(("left", case) for case in CASES_OF_THE_MACHINE if case.turned.partition(".")[2] in PLACE_OF),
+    ],
+    ids=_named,
+)
+def test_a_switch_that_is_not_verified_permits_nothing(side: Side, case: Case) -> None:
+    """A switch that is on permits a motion only if it was verified since its device was last driven away."""
+    requirement = case.requirement if case in CASES_OF_THE_MACHINE else f"{side}: {case.requirement}"
+    on = set(case.on.split()) ^ {case.turned}
+    assert not breaks(requirement, on, side)
+    assert breaks(requirement, on, side, unverified=case.turned)
 
 
 def test_every_requirement_states_a_demand() -> None:
