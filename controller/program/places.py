@@ -125,11 +125,11 @@ class SwitchedDevice:
         yield Rst(self.travelled, when=placed)
         if self.among_rows is not None:
             yield Rst(self.among_rows, when=placed)
-        known = any_of(*(place.was_here for place in self.places.values()))
-        sensed = ~placed & any_of(*self.places)
-        yield Out(
-            self.arm.doubt[self.name], when=sensed & (known | ~any_of(*(self.alone(switch) for switch in self.places)))
+        elsewhere = any_of(
+            *(self.alone(s) & self.places[other].was_here for s in self.places for other in self._others(s))
         )
+        several = any_of(*self.places) & ~any_of(*(self.alone(switch) for switch in self.places))
+        yield Out(self.arm.doubt[self.name], when=~placed & (elsewhere | several))
 
     def leaving(self) -> Iterator[Rung]:
         """Yield the rungs that end a place when a coil drives the device away; they follow the outputs in the scan.
