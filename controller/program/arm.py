@@ -177,7 +177,7 @@ def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
     A row in progress that has not been lifted is in doubt.
     """
     unknown = FIRST_SCAN & ~a.claws_known
-    lifted = all_of(FIRST_SCAN, real, ~a.reached["down"], ~a.at_feed)
+    lifted = all_of(FIRST_SCAN, real, ~a.sensed_down, ~a.reached["down"], ~a.at_feed)
     rows: list[Rung] = []
     for row in a.rows.values():
         rows += [

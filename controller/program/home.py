@@ -19,8 +19,9 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
     """Return the homing sequence; its first step selects the first of these rules that applies.
 
     1. Claws in an unknown state count as closed and loaded (`arm.conditioning`); rule 3 or 5 then applies.
-    2. A row in progress is put back and stays full if the arm is still down, or if the arm rose without a command
-       before the claws had gripped, because half-closed claws must not lift a row.
+    2. A row in progress is put back and stays full if the lift has not left its lower limit, or if the arm rose
+       without a command before the claws had gripped, because half-closed claws must not lift a row. A lift that has
+       been driven is first lowered to verify its switch. Claws that are closed but empty are opened likewise.
     3. A loaded arm away from feed moves fully up, then out.
     4. An empty arm away from feed moves out without rising if it is down, otherwise up and then out.
     5. A loaded arm at feed moves up and stays there, ready to start.
@@ -33,7 +34,8 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
             "decide",
             waits_for="an answer from the operator",
             go=[
-                To("put back", when=~a.ask & a.row_in_progress & a.down & ~a.at_feed),
+                To("put back", when=all_of(~a.ask, a.row_in_progress, a.down, ~a.sensed_at_feed)),
+                To("put back", when=all_of(~a.ask, ~a.loaded, a.claws_closed, a.down, ~a.at_feed)),
                 To(
                     "lower to put back",
                     when=all_of(~a.ask, a.on_row, a.at_wanted_row, a.row_in_progress, ~a.clamped | a.sensed_down),
@@ -160,7 +162,7 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     at rest.
     """
     a, commands, machine = tags.arms[side], tags.commands, tags.machine
-    open_row = a.row_in_doubt | (a.row_in_progress & a.at_feed)
+    open_row = a.row_in_doubt | (a.row_in_progress & a.sensed_at_feed)
     discard = commands.discard[side]
     accepted = ~machine.motion | home["decide"]
     yes, no = accepted & (commands.loaded_yes[side] | discard), accepted & commands.loaded_no[side]
@@ -168,13 +170,13 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     for row in a.rows.values():
         rows += [
             Mov(TAKEN, row, when=yes & open_row & (row >= IN_PROGRESS)),
-            Mov(IN_PROGRESS, row, when=no & ~a.at_feed & row.equals(IN_DOUBT)),
-            Mov(FULL, row, when=no & a.at_feed & (row >= IN_PROGRESS)),
+            Mov(IN_PROGRESS, row, when=no & ~a.sensed_at_feed & row.equals(IN_DOUBT)),
+            Mov(FULL, row, when=no & a.sensed_at_feed & (row >= IN_PROGRESS)),
         ]
     return [
         *(Set(bit, when=yes & open_row) for bit in (a.loaded, a.claws_closed, a.clamped)),
         Set(a.discard, when=all_of(discard, a.loaded, accepted | machine.jogging)),
-        Rst(a.loaded, when=no & open_row & a.at_feed),
+        Rst(a.loaded, when=no & open_row & a.sensed_at_feed),
         *rows,
         Out(a.ask, when=open_row),
     ]
