@@ -175,7 +175,7 @@ def test_cups_at_twice_the_planting_rate_are_all_counted(side: Side) -> None:
     twin = machine()
     twin.home()
     twin.plant.planting_frequency_per_min = 150.0
-    twin.run_for(3_000)
+    twin.run_for(3_200)
     cups = Cups(twin, side)
     counted: list[int] = []
     twin.watch(lambda twin: counted.append(twin.plc.read(tags_of(twin, side).cup)))

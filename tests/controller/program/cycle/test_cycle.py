@@ -34,10 +34,10 @@ BUMPER_MM = 2.0  # travel prevented by the bumper at feed
 RELEASE_DELAY_MS = 270  # 533 ms from the pulse until the cup is below the claws, less 250 to open and fall
 LATE_MS = 45
 """Tolerance of a phase, ms: one scan for reading, one for filtering, and 2 mm more overshoot than the minimum."""
-START_IN_MS = 720
-"""Tolerance of inward travel, ms: 317 cm3 in front of the piston vent from 5.9 to 5.2 bar (35 N on 491 mm2).
+START_IN_MS = 760
+"""Tolerance of inward travel, ms: 317 cm3 in front of the piston vent from 6.0 to 5.2 bar (35 N on 491 mm2).
 
-Through 0.735e-9 m3/(s Pa) this takes 0.4 s; the rest is margin.
+Through 0.735e-9 m3/(s Pa) this takes 0.45 s; the rest is margin.
 """
 START_OUT_MS = 350
 """Tolerance of outward travel, ms: the same calculation with 120 to 160 cm3."""

@@ -411,7 +411,7 @@ def test_the_same_tray_is_refused_after_memory_loss() -> None:
     twin.run_for(300)
     assert (twin.state, twin.plc.read(asking)) == (State.RESETTING, 1)
     twin.command("tray_same")
-    twin.run_until_state(State.HELD, within_ms=3_000)
+    twin.run_until_state(State.HELD, within_ms=10_000)
     assert twin.plc.read(asking) == 1
     twin.command("tray_full")
     twin.scan()

@@ -77,6 +77,18 @@ class Rig:
         for act in story.acts:
             act.on(self)
 
+    @property
+    def state(self) -> State:
+        """PackML state after the last scan."""
+        return State(self._plc.memory.D[self.tags.machine.state.number])
+
+    def scan_until(self, ms: int, when: Callable[[], bool], *, at_most: int) -> None:
+        """Run scans with a period of `ms` until a condition is true, but not more than `at_most` scans."""
+        for _ in range(at_most):
+            self.scan(ms)
+            if when():
+                return
+
     def read(self, device: Bit) -> int:
         """Read a device after a scan."""
         return self._plc.read(device)
@@ -317,7 +329,7 @@ class GoOn:
             for name in commands:
                 rig.press(name)
             rig.scan(10, 3)
-        rig.scan(50, 110)
+        rig.scan_until(50, lambda: rig.state is not State.RESETTING, at_most=300)
         rig.press("start")
         rig.scan(10, 2)
         self.work.on(rig)
@@ -347,10 +359,7 @@ class Await:
 
     def on(self, rig: Rig) -> None:
         """Perform the action on a rig."""
-        for _ in range(self.scans):
-            rig.scan(50)
-            if rig.read(self.step):
-                return
+        rig.scan_until(50, lambda: bool(rig.read(self.step)), at_most=self.scans)
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,8 @@ def test_a_row_not_yet_lifted_is_put_back_and_stays_full(side: Side, step: str, 
     held = len(arm_of(twin, side).grip.held)
     assert held == (0 if into_ms == 0 else 12)
     recorder = homed(twin)
-    assert output_order(recorder, side) == ["claws_open", "slide_outward", *EMPTY_AT_FEED]
+    lowered = ["lift_extend"] if step == "lift from row" else []
+    assert output_order(recorder, side) == [*lowered, "claws_open", "slide_outward", *EMPTY_AT_FEED]
     (put_back_ms, done_ms), _ = times(recorder, side, "claws_open")
     (outward_ms, _), (press_ms, pressed_ms) = times(recorder, side, "slide_outward")
     assert done_ms - put_back_ms in range(200, 230)
@@ -297,8 +298,9 @@ def test_a_row_at_feed_stays_ready_and_start_resumes_with_it(
 @pytest.mark.parametrize("step", ["converge", "wait at feed"])
 def test_an_empty_arm_at_feed_opens_moves_up_converges_and_moves_down(side: Side, step: str) -> None:
     twin = stopped_in(side, step, 200 if step == "converge" else 0)
+    verified = [] if twin.plc.read(tags_of(twin, side).reached["feed"]) else ["slide_outward"]
     recorder = homed(twin)
-    assert output_order(recorder, side) == (SPREAD_AT_FEED if step == "converge" else EMPTY_AT_FEED)
+    assert output_order(recorder, side) == [*verified, *(SPREAD_AT_FEED if step == "converge" else EMPTY_AT_FEED)]
     ((open_ms, shut_ms),) = times(recorder, side, "claws_open")
     ((up_ms, _),) = times(recorder, side, "lift_retract")
     assert shut_ms - open_ms in range(200, 230)

@@ -163,7 +163,7 @@ def test_answer_no_for_an_arm_opened_and_moved_to_feed_manually_leaves_its_row_f
     answer(twin, f"{side}_loaded_no")
     recorder = ChangeRecorder.of_outputs(twin)
     assert home_again(twin) == set()
-    assert came_on(recorder, side)[:2] == ["claws_open", "lift_retract"]
+    assert came_on(recorder, side)[:2] == ["claws_open", "slide_outward"]
     assert rows(twin, side) == [TAKEN, FULL, FULL]
     assert at_initial_state(twin, side)
     finish(twin)
