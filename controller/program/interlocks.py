@@ -53,7 +53,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
     jogged = machine.jogs[f"{side}.claws_open"]
     opening_place = any_of(
         all_of(a.at_feed, a.down, a.is_spread, cycle["open claws"]),
-        all_of(home["put back"], a.row_in_progress, a.down, ~a.sensed_at_feed),
+        all_of(home["put back"], a.row_in_progress, a.down, ~a.at_feed, ~a.sensed_at_feed),
         all_of(home["open at feed"], a.at_feed, a.down, a.is_spread),
         all_of(jogged, a.row_in_progress, a.at_wanted_row, a.down),
         all_of(jogged, a.discard, a.at_feed, a.down, a.is_spread),

@@ -38,6 +38,8 @@ def anything(random: Random, plc: Plc) -> None:
         plc.write(arm.passed, not ordinary and random.random() < 0.5)
         for bit in (arm.lift_travelled, arm.slide_travelled, arm.belt_travelled):
             plc.write(bit, random.random() < 0.8)
+        for bit in arm.reached.values():
+            plc.write(bit, ordinary or random.random() < 0.8)
         for row in ROWS:
             plc.write(arm.rows[row], random.choice((0, 0, 1, 2, 3)))
     plc.write(TAGS.tray.phase, IN_PLACE if ordinary else random.randrange(4))
