@@ -145,7 +145,7 @@ class Undisturbed(NamedTuple):
         counts: Final location of the seedlings.
         cycles: Rows thrown (released over the cups).
         twin: The twin, which is reused by the cases.
-        starts: Instants of the trial in Execute, `START_MS` apart, up to the first violation, if any.
+        starts: Instants of the trial in Execute, `START_MS` apart from its beginning, up to the first violation, if any.
     """
 
     begins_ms: int
@@ -164,7 +164,7 @@ def undisturbed(setting: MatrixSetup) -> Undisturbed:
     twin.home()
     twin.start()
     begins_ms = twin.now_ms
-    starts: list[CaseStart] = []
+    starts = [CaseStart(begins_ms, twin.snapshot(), dict(signal.entered_ms))] if not trips else []
     complete = twin.machine.tags.machine.state.equals(State.COMPLETE)
     while not twin.runs_until(complete, for_ms=START_MS):
         if twin.now_ms - begins_ms > setting.trays * TRAY_LIMIT_MS:
@@ -205,16 +205,16 @@ def run_case(fault: Fault, setting: MatrixSetup) -> Outcome:
         if start is None:
             twin.home()
             twin.start()
-        _work(twin, outcome, setting.trays)
+        work(twin, outcome, setting.trays)
     except NotReachedError as error:
         outcome.reason = str(error)
     outcome.signal = first_signal.signal
     outcome.state = outcome.state or twin.state.name
-    _account(twin, outcome, reference, setting.trays)
+    account(twin, outcome, reference, setting.trays)
     return outcome
 
 
-def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
+def work(twin: Twin, outcome: Outcome, trays: int) -> None:
     """Run to Complete, with recovery by the operator after every stop.
 
     Raises:
@@ -228,10 +228,10 @@ def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
         outcome.rounds += 1
         if outcome.rounds > ROUNDS:
             raise NotReachedError(f"repeated stops; {twin.situation()}")
-        _recover(twin, outcome)
+        recover(twin, outcome)
 
 
-def _recover(twin: Twin, outcome: Outcome) -> None:
+def recover(twin: Twin, outcome: Outcome) -> None:
     """Observe the machine, repair the fault, clear the stop, answer the questions, home the machine and start it.
 
     Raises:
@@ -240,7 +240,7 @@ def _recover(twin: Twin, outcome: Outcome) -> None:
     if twin.state is State.HELD:
         outcome.away += away_from_feed(twin)
     twin.run_for(OBSERVATION_MS)
-    _note_questions(twin, outcome)
+    note_questions(twin, outcome)
     if any(fault.name == outcome.fault.name for fault in twin.plant.faults.active):
         repair(twin, outcome.fault)
     if twin.state is State.SUSPENDED:
@@ -256,7 +256,7 @@ def _recover(twin: Twin, outcome: Outcome) -> None:
         return
     if twin.state is State.ABORTED:
         clear(twin)
-    _note_questions(twin, outcome)
+    note_questions(twin, outcome)
     for question in home_again(twin):
         _note(twin, outcome, question)
     twin.start()
@@ -269,7 +269,7 @@ def away_from_feed(twin: Twin) -> list[str]:
     return [side for side in SIDES if not twin.plc.read(arms[side].fault) and twin.plant.arms[side].slide.x_m > feed_m]
 
 
-def _note_questions(twin: Twin, outcome: Outcome) -> None:
+def note_questions(twin: Twin, outcome: Outcome) -> None:
     for question in questions(twin):
         _note(twin, outcome, question)
 
@@ -281,7 +281,7 @@ def _note(twin: Twin, outcome: Outcome, question: str) -> None:
         outcome.in_doubt += twin.plant.counts().in_tray if question == "tray" else CELLS_ALONG
 
 
-def _account(twin: Twin, outcome: Outcome, reference: Undisturbed, trays: int) -> None:
+def account(twin: Twin, outcome: Outcome, reference: Undisturbed, trays: int) -> None:
     """Check the counts and compare them with those of the undisturbed trial."""
     counts = outcome.counts = twin.plant.counts()
     outcome.lost = (counts.total - counts.in_cups) - (reference.counts.total - reference.counts.in_cups)
