@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from controller.events.production import AlarmEvent, StateEvent
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
-from plant_sim.crop.seedling import SeedlingCounts
-from plant_sim.fault_matrix.run import MatrixSetup, Outcome, recover, thrown, undisturbed, work
-from plant_sim.fault_matrix.situations import ARM_SWITCHES, TRAY_SWITCH, come_to_rest, twin_at
-from plant_sim.fault_matrix.stops import STOPS, Stop
+from plant_sim.crop.seedling import TRAY_CELLS, SeedlingCounts
+from plant_sim.fault_matrix.run import RESTS, ROUNDS, TRAY_LIMIT_MS, MatrixSetup, Outcome, recover, thrown, undisturbed
+from plant_sim.fault_matrix.situations import TRAY_SWITCH, come_to_rest, twin_at
+from plant_sim.fault_matrix.stops import Stop
 from plant_sim.faults import Fault
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from plant_sim.twin.monitors import collect_violations
 from plant_sim.twin.recovery import HOMING_LIMIT_MS, answer_truly, begin_homing, questions
+from plant_sim.twin.trial import ROWS_A_TRAY
 
 KINDS: Final = ("stuck_on", "stuck_off")
 UNAWARE_MS: Final = 500
@@ -50,6 +51,11 @@ class RestCase(NamedTuple):
         """Full name of the switch."""
         return self.switch if self.switch == TRAY_SWITCH else f"{self.side}.{self.switch}"
 
+    @property
+    def name(self) -> str:
+        """Kind and full name of the switch."""
+        return f"{self.kind}:{self.target}" if self.kind else "no fault"
+
 
 @dataclass
 class RestOutcome:
@@ -64,6 +70,7 @@ class RestOutcome:
         state: State of the machine when the operator looked for a fault; empty if he did not.
         trips: Monitor violations, by kind.
         rounds: Number of times that the operator repaired and homed the machine.
+        passed: True if a tray passed through the machine undetected, and the operator ended the trial without it.
         reason: Reason for an incomplete trial or wrong counts; empty if there is none.
     """
 
@@ -75,17 +82,16 @@ class RestOutcome:
     state: str = ""
     trips: dict[str, str] = field(default_factory=dict)
     rounds: int = 0
+    passed: bool = False
     reason: str = ""
 
-
-def cases_of(stop: str, at_ms: int, side: Side, *, with_tray: bool) -> Iterator[RestCase]:
-    """Yield the cases of a rest situation: every switch of the arm, and of the tray if requested, stuck on and off."""
-    for switch in (*ARM_SWITCHES, *((TRAY_SWITCH,) if with_tray else ())):
-        for kind in KINDS:
-            yield RestCase(stop, at_ms, side, kind, switch)
+    @property
+    def is_harmed(self) -> bool:
+        """True if a monitor tripped or a seedling was lost."""
+        return bool(self.trips) or self.lost > 0
 
 
-def run_at_rest(stop: Stop, at_ms: int, cases: list[RestCase], setting: MatrixSetup) -> list[RestOutcome]:
+def run_at_rest(stop: Stop, at_ms: int, cases: Sequence[RestCase], setting: MatrixSetup) -> list[RestOutcome]:
     """Run cases of one stop at one moment, and the same stop without a fault first.
 
     Args:
@@ -100,28 +106,25 @@ def run_at_rest(stop: Stop, at_ms: int, cases: list[RestCase], setting: MatrixSe
     twin = twin_at(at_ms, setting)
     come_to_rest(twin, stop)
     resting = twin.snapshot()
-    reference = _run(twin, stop, RestCase(stop.name, at_ms, SIDES[0]), setting)
+    reference = _run(twin, stop, RestCase(stop.name, at_ms, SIDES[0], switch=TRAY_SWITCH), setting)
     outcomes = [reference]
     for case in cases:
         twin.restore(resting)
         outcome = _run(twin, stop, case, setting)
-        outcome.lost = _lost(outcome.counts) - _lost(reference.counts)
+        outcome.lost -= reference.lost
         outcomes.append(outcome)
     return outcomes
-
-
-def stop_of(name: str) -> Stop:
-    """Return the kind of stop of this name."""
-    return next(stop for stop in STOPS if stop.name == name)
 
 
 def _run(twin: Twin, stop: Stop, case: RestCase, setting: MatrixSetup) -> RestOutcome:
     twin.unwatch()
     outcome = RestOutcome(case, twin.plant.counts())
-    outcome.trips = collect_violations(twin)
-    since = len(twin.events)
+    trips = collect_violations(twin)
+    since, incidents = len(twin.events), len(twin.plant.events)
     struck_ms = twin.now_ms
-    book = Outcome(Fault(case.kind or KINDS[0], case.target if case.kind else TRAY_SWITCH, twin.plant.time_ms), outcome.counts, 0)
+    book = Outcome(
+        Fault(case.kind or KINDS[0], case.target if case.kind else TRAY_SWITCH, twin.plant.time_ms), outcome.counts, 0
+    )
     if case.kind:
         twin.plant.faults.add(book.fault)
     try:
@@ -129,13 +132,36 @@ def _run(twin: Twin, stop: Stop, case: RestCase, setting: MatrixSetup) -> RestOu
             twin.run_for(UNAWARE_MS)
         stop.end(twin)
         _go_on(twin, stop, book)
-        work(twin, book, setting.trays)
+        _work(twin, book)
     except NotReachedError as error:
         outcome.reason = str(error)
     outcome.counts, outcome.rounds, outcome.state = twin.plant.counts(), book.rounds, book.state
     _note_signal(twin, outcome, since, struck_ms)
+    before = {event.kind.value for event in twin.plant.events[:incidents]}
+    after = {event.kind.value: f"{event.text}, at {event.time_ms} ms" for event in twin.plant.events[:incidents:-1]}
+    outcome.trips = {kind: text for kind, text in trips.items() if kind not in before} | after
     _check_counts(twin, outcome, book, setting)
     return outcome
+
+
+def _work(twin: Twin, book: Outcome) -> None:
+    """Run to Complete, with recovery by the operator after every stop; a repaired machine empties one more tray."""
+    while True:
+        twin.run_until_state(State.COMPLETE, *RESTS, within_ms=2 * TRAY_LIMIT_MS)
+        if twin.state is State.COMPLETE:
+            return
+        if book.rounds >= ROUNDS:
+            raise NotReachedError(f"repeated stops; {twin.situation()}")
+        _look_for_fault(twin, book)
+
+
+def _look_for_fault(twin: Twin, book: Outcome) -> None:
+    book.state = book.state or twin.state.name
+    book.rounds += 1
+    recover(twin, book)
+    tags = twin.machine.tags
+    done, target = twin.plc.read(tags.machine.trays_done), twin.plc.read(tags.sp.trays_target)
+    twin.plc.write(tags.sp.trays_target, min(done + 1, target))
 
 
 def _go_on(twin: Twin, stop: Stop, book: Outcome) -> None:
@@ -159,9 +185,7 @@ def _go_on(twin: Twin, stop: Stop, book: Outcome) -> None:
         twin.run_for(1_000)
         twin.press("stop")
         twin.run_until_state(State.STOPPED, within_ms=START_LIMIT_MS)
-    book.state = book.state or twin.state.name
-    book.rounds += 1
-    recover(twin, book)
+    _look_for_fault(twin, book)
 
 
 def _note_signal(twin: Twin, outcome: RestOutcome, since: int, struck_ms: int) -> None:
@@ -178,21 +202,17 @@ def _note_signal(twin: Twin, outcome: RestOutcome, since: int, struck_ms: int) -
             return
 
 
-def _lost(counts: SeedlingCounts) -> int:
-    return counts.total - counts.in_cups
-
-
 def _check_counts(twin: Twin, outcome: RestOutcome, book: Outcome, setting: MatrixSetup) -> None:
-    """Record wrong counts of trays and rows of a completed trial."""
+    """Record the losses, and wrong counts of trays and rows; the trays after the last one of the trial are not lost."""
+    target = twin.plc.read(twin.machine.tags.sp.trays_target)
+    outcome.lost = outcome.counts.total - outcome.counts.in_cups - TRAY_CELLS * (setting.trays - target)
+    outcome.passed = book.passed
     if outcome.reason:
         return
-    complaints = []
-    if book.passed:
-        complaints.append("a tray passed undetected")
-    if (done := twin.plc.read(twin.machine.tags.machine.trays_done)) != setting.trays:
-        complaints.append(f"{done} trays counted, not {setting.trays}")
-    if (rows := thrown(twin)) != undisturbed(setting).cycles:
-        complaints.append(f"{rows} rows counted, not {undisturbed(setting).cycles}")
+    complaints = ["a tray passed undetected"] if book.passed else []
+    if (done := twin.plc.read(twin.machine.tags.machine.trays_done)) != target:
+        complaints.append(f"{done} trays counted, not {target}")
+    expected = undisturbed(setting).cycles - ROWS_A_TRAY * (setting.trays - target)
+    if (rows := thrown(twin)) != expected:
+        complaints.append(f"{rows} rows counted, not {expected}")
     outcome.reason = "; ".join(complaints)
-
-

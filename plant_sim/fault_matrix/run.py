@@ -145,7 +145,7 @@ class Undisturbed(NamedTuple):
         counts: Final location of the seedlings.
         cycles: Rows thrown (released over the cups).
         twin: The twin, which is reused by the cases.
-        starts: Instants of the trial in Execute, `START_MS` apart from its beginning, up to the first violation, if any.
+        starts: Instants of the trial, from entering Execute `START_MS` apart, up to the first violation, if any.
     """
 
     begins_ms: int
@@ -205,16 +205,16 @@ def run_case(fault: Fault, setting: MatrixSetup) -> Outcome:
         if start is None:
             twin.home()
             twin.start()
-        work(twin, outcome, setting.trays)
+        _work(twin, outcome, setting.trays)
     except NotReachedError as error:
         outcome.reason = str(error)
     outcome.signal = first_signal.signal
     outcome.state = outcome.state or twin.state.name
-    account(twin, outcome, reference, setting.trays)
+    _account(twin, outcome, reference, setting.trays)
     return outcome
 
 
-def work(twin: Twin, outcome: Outcome, trays: int) -> None:
+def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
     """Run to Complete, with recovery by the operator after every stop.
 
     Raises:
@@ -240,7 +240,7 @@ def recover(twin: Twin, outcome: Outcome) -> None:
     if twin.state is State.HELD:
         outcome.away += away_from_feed(twin)
     twin.run_for(OBSERVATION_MS)
-    note_questions(twin, outcome)
+    _note_questions(twin, outcome)
     if any(fault.name == outcome.fault.name for fault in twin.plant.faults.active):
         repair(twin, outcome.fault)
     if twin.state is State.SUSPENDED:
@@ -256,7 +256,7 @@ def recover(twin: Twin, outcome: Outcome) -> None:
         return
     if twin.state is State.ABORTED:
         clear(twin)
-    note_questions(twin, outcome)
+    _note_questions(twin, outcome)
     for question in home_again(twin):
         _note(twin, outcome, question)
     twin.start()
@@ -269,7 +269,7 @@ def away_from_feed(twin: Twin) -> list[str]:
     return [side for side in SIDES if not twin.plc.read(arms[side].fault) and twin.plant.arms[side].slide.x_m > feed_m]
 
 
-def note_questions(twin: Twin, outcome: Outcome) -> None:
+def _note_questions(twin: Twin, outcome: Outcome) -> None:
     for question in questions(twin):
         _note(twin, outcome, question)
 
@@ -281,7 +281,7 @@ def _note(twin: Twin, outcome: Outcome, question: str) -> None:
         outcome.in_doubt += twin.plant.counts().in_tray if question == "tray" else CELLS_ALONG
 
 
-def account(twin: Twin, outcome: Outcome, reference: Undisturbed, trays: int) -> None:
+def _account(twin: Twin, outcome: Outcome, reference: Undisturbed, trays: int) -> None:
     """Check the counts and compare them with those of the undisturbed trial."""
     counts = outcome.counts = twin.plant.counts()
     outcome.lost = (counts.total - counts.in_cups) - (reference.counts.total - reference.counts.in_cups)

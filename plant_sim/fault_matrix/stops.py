@@ -15,7 +15,11 @@ REST_MS: Final = 1_500
 """Time from the end of a stop until the fault, ms: the program compares the switches of an arm that has been at rest
 for 1 s."""
 OFF_MS: Final = 2_000
-"""Duration of a loss of power or link, ms; every motion has ended by then."""
+"""Duration of a loss of power, ms; every motion has ended by then."""
+CUT_MS: Final = 600
+"""Duration of a loss of the link after its detection, ms; every motion has ended by then."""
+BOOT_MS: Final = 500
+"""Time after power-up until the operator acts, ms."""
 FINISH_MS: Final = 60_000
 """Time limit for the arms to finish their cycles, ms; they may have to wait for cups or for a tray."""
 LINK_MS: Final = 2_000
@@ -67,7 +71,7 @@ def _restore_power(twin: Twin) -> None:
     """Switch everything on; the operator waits until the controller has written its outputs."""
     twin.plant.box.emergency_stop = False
     twin.power_on()
-    twin.run_for(REST_MS)
+    twin.run_for(BOOT_MS)
 
 
 def _lose_link(twin: Twin) -> None:
@@ -76,7 +80,7 @@ def _lose_link(twin: Twin) -> None:
         twin.scan()  # not in machine code, which presumes a working link
         if twin.runtime.link_lost:
             break
-    twin.run_for(REST_MS)
+    twin.run_for(CUT_MS)
 
 
 def _restore_link(twin: Twin) -> None:
