@@ -1,4 +1,4 @@
-"""Command ``faults``: the fault matrix, with its cases distributed over processes."""
+"""Command ``faults``: both tables of the fault matrix, with their cases distributed over processes."""
 
 from __future__ import annotations
 
@@ -6,20 +6,39 @@ import argparse
 import os
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
+from plant_sim.fault_matrix import report, rest_report
 from plant_sim.fault_matrix.cases import Subject, subjects
-from plant_sim.fault_matrix.report import MatrixRow, summary, write_report
+from plant_sim.fault_matrix.report import MatrixRow
+from plant_sim.fault_matrix.rest_report import RestResult
+from plant_sim.fault_matrix.rest_table import (
+    Selection,
+    jobs_at,
+    jobs_of,
+    periods,
+    results_of,
+    run_job,
+    search,
+    selection,
+)
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
-from plant_sim.faults import Fault, FaultError
+from plant_sim.fault_matrix.situations import Spell
+from plant_sim.fault_matrix.stops import STOPS
+from plant_sim.faults import FaultError
+from plant_sim.twin.lock_step import SCAN_MS
+
+Task = TypeVar("Task")
+Done = TypeVar("Done")
 
 MOMENTS = 10
 """Default number of random moments per fault."""
@@ -37,6 +56,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="inject only this fault; may be repeated",
     )
     parser.add_argument("--moments", type=int, default=MOMENTS, help="random moments per fault")
+    parser.add_argument(
+        "--at-rest",
+        action="store_true",
+        help="let position switches stick after a stop, in every rest situation of the trial, instead of during motion",
+    )
+    parser.add_argument(
+        "--stop",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help=f"with --at-rest: only this kind of stop; may be repeated ({', '.join(stop.name for stop in STOPS)})",
+    )
+    parser.add_argument(
+        "--every",
+        type=int,
+        default=None,
+        metavar="MS",
+        help="with --at-rest: stop at all moments of the trial with this distance, a multiple of 10 ms",
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="parallel processes")
     parser.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the table, CSV and JSON")
 
@@ -56,15 +94,63 @@ def run(options: argparse.Namespace) -> int:
     machine_of(options)  # prints warnings about ratings
     _check(options)
     setting = MatrixSetup(options.seed, options.trays, options.io_map, options.machine)
+    return _run_at_rest(options, setting) if options.at_rest else _run_in_motion(options, setting)
+
+
+def _run_in_motion(options: argparse.Namespace, setting: MatrixSetup) -> int:
     chosen = subjects(setting.twin().plant, options.fault)
     folder = _create_folder(options.out) if options.out is not None else None
     start_s = time.perf_counter()
     rows = run_matrix(chosen, setting, moments=options.moments, jobs=options.jobs)
-    print(summary(rows, time.perf_counter() - start_s))
+    print(report.summary(rows, time.perf_counter() - start_s))
     if folder is not None:
-        for path in write_report(rows, folder):
+        for path in report.write_report(rows, folder):
             print(path)
     return 1 if any(row.findings for row in rows) else 0
+
+
+def _run_at_rest(options: argparse.Namespace, setting: MatrixSetup) -> int:
+    chosen = selection(options.stop, options.fault)
+    folder = _create_folder(options.out) if options.out is not None else None
+    start_s = time.perf_counter()
+    results = run_table(chosen, setting, every_ms=options.every, jobs=options.jobs)
+    print(rest_report.summary(results, time.perf_counter() - start_s))
+    if folder is not None:
+        for path in rest_report.write_report(results, folder):
+            print(path)
+    return 1 if any(result.findings for result in results) else 0
+
+
+def run_table(chosen: Selection, setting: MatrixSetup, *, every_ms: int | None, jobs: int) -> list[RestResult]:
+    """Run the cases of the second table.
+
+    Args:
+        chosen: Kinds of stop, and faults.
+        setting: Machine and trial.
+        every_ms: Distance of the moments of the stop, ms; None = once in every rest situation.
+        jobs: Parallel processes; 1 = this process only.
+
+    Returns:
+        The results in the order of the moments, each stop without a fault first.
+    """
+    trial = undisturbed(setting)
+    if every_ms is not None:
+        tasks = jobs_at(range(trial.begins_ms, trial.ends_ms, every_ms), chosen)
+    else:
+        stretches = periods(setting)
+        spells: list[Spell] = []
+        look = partial(search, setting=setting, stops=chosen.stops)
+        with _progress(len(stretches)) as progress, _results(look, stretches, jobs) as found:
+            for some in found:
+                spells += some
+                progress.update(progress.task_ids[0], advance=1, description="rest situations")
+        tasks = jobs_of(spells, chosen)
+    results: list[RestResult] = []
+    with _progress(len(tasks)) as progress, _results(partial(run_job, setting=setting), tasks, jobs) as outcomes:
+        for task, of_task in zip(tasks, outcomes, strict=True):
+            results += results_of(task, of_task)
+            progress.update(progress.task_ids[0], advance=1, description=task.stop)
+    return results
 
 
 def run_matrix(chosen: Sequence[Subject], setting: MatrixSetup, *, moments: int, jobs: int) -> list[MatrixRow]:
@@ -85,8 +171,9 @@ def run_matrix(chosen: Sequence[Subject], setting: MatrixSetup, *, moments: int,
         for subject in chosen
         for fault in subject.faults(moments, seed=setting.seed, from_ms=reference.begins_ms, to_ms=reference.ends_ms)
     ]
+    run_one = partial(run_case, setting=setting)
     outcomes: dict[Subject, list[Outcome]] = {subject: [] for subject in chosen}
-    with _progress(len(cases)) as progress, _results([fault for _, fault in cases], setting, jobs) as results:
+    with _progress(len(cases)) as progress, _results(run_one, [fault for _, fault in cases], jobs) as results:
         for (subject, _), outcome in zip(cases, results, strict=True):
             outcomes[subject].append(outcome)
             progress.update(progress.task_ids[0], advance=1, description=str(subject))
@@ -101,15 +188,14 @@ def _progress(cases: int) -> Progress:
 
 
 @contextmanager
-def _results(faults: Sequence[Fault], setting: MatrixSetup, jobs: int) -> Iterator[Iterator[Outcome]]:
-    """Yield the outcomes of the cases; leaving the context early cancels the cases that have not started."""
-    run_one = partial(run_case, setting=setting)
+def _results(run_one: Callable[[Task], Done], tasks: Sequence[Task], jobs: int) -> Iterator[Iterator[Done]]:
+    """Yield the results of the tasks; leaving the context early cancels the tasks that have not started."""
     if jobs == 1:
-        yield map(run_one, faults)
+        yield map(run_one, tasks)
         return
     pool = ProcessPoolExecutor(jobs, initializer=_ignore_interrupts)
     try:
-        yield pool.map(run_one, faults)
+        yield pool.map(run_one, tasks)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -126,6 +212,10 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("moments", "jobs"):
         if not 1 <= getattr(options, name) <= 1000:
             raise FaultError(f"--{name} {getattr(options, name)}: must be 1 to 1000")
+    if not options.at_rest and (options.stop or options.every is not None):
+        raise FaultError("--stop and --every: apply only with --at-rest")
+    if options.every is not None and (options.every < SCAN_MS or options.every % SCAN_MS):
+        raise FaultError(f"--every {options.every}: must be a multiple of {SCAN_MS} ms")
 
 
 def _create_folder(folder: Path) -> Path:

@@ -145,7 +145,7 @@ class Undisturbed(NamedTuple):
         counts: Final location of the seedlings.
         cycles: Rows thrown (released over the cups).
         twin: The twin, which is reused by the cases.
-        starts: Instants of the trial in Execute, `START_MS` apart, up to the first violation, if any.
+        starts: Instants of the trial, from entering Execute `START_MS` apart, up to the first violation, if any.
     """
 
     begins_ms: int
@@ -164,7 +164,7 @@ def undisturbed(setting: MatrixSetup) -> Undisturbed:
     twin.home()
     twin.start()
     begins_ms = twin.now_ms
-    starts: list[CaseStart] = []
+    starts = [CaseStart(begins_ms, twin.snapshot(), dict(signal.entered_ms))] if not trips else []
     complete = twin.machine.tags.machine.state.equals(State.COMPLETE)
     while not twin.runs_until(complete, for_ms=START_MS):
         if twin.now_ms - begins_ms > setting.trays * TRAY_LIMIT_MS:
@@ -228,10 +228,10 @@ def _work(twin: Twin, outcome: Outcome, trays: int) -> None:
         outcome.rounds += 1
         if outcome.rounds > ROUNDS:
             raise NotReachedError(f"repeated stops; {twin.situation()}")
-        _recover(twin, outcome)
+        recover(twin, outcome)
 
 
-def _recover(twin: Twin, outcome: Outcome) -> None:
+def recover(twin: Twin, outcome: Outcome) -> None:
     """Observe the machine, repair the fault, clear the stop, answer the questions, home the machine and start it.
 
     Raises:

@@ -17,17 +17,27 @@ class InProcessLink(Saved):
 
     As with a network connection, the link remains closed after any `LinkDown` until `open` is called again. It
     transfers images only; plant time is advanced elsewhere.
+
+    Attributes:
+        is_cut: True while the cable is disconnected; nothing is transferred, and the link cannot be opened.
     """
 
-    SAVED = ("_is_open",)
+    SAVED = ("_is_open", "is_cut")
 
     def __init__(self, module: IoModule) -> None:
         """Create a closed link to a module."""
         self._module = module
         self._is_open = False
+        self.is_cut = False
 
     def open(self) -> None:
-        """Open the link; no effect if it is open."""
+        """Open the link; no effect if it is open.
+
+        Raises:
+            LinkDown: The cable is disconnected.
+        """
+        if self.is_cut:
+            raise LinkDown("field I/O in process: the cable is disconnected")
         self._is_open = True
 
     def read_inputs(self) -> list[bool]:
@@ -83,5 +93,6 @@ class InProcessLink(Saved):
         self._is_open = False
 
     def _require_open(self) -> None:
-        if not self._is_open:
+        if self.is_cut or not self._is_open:
+            self._is_open = False
             raise LinkDown("field I/O in process: the link is not open")

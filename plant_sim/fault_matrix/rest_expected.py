@@ -1,0 +1,48 @@
+"""Expectation for the second table: harm that no program can prevent, each with its reason, and the findings."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from plant_sim.fault_matrix.at_rest import RestCase, RestOutcome
+from plant_sim.fault_matrix.expected import EXPECTED, Expectation
+
+NO_HARM: Final = Expectation()
+"""A switch that sticks at rest is told before any harm, or does no harm."""
+
+_PASSED_ROW: Final = (
+    "the slide brakes at the only switch of a row. Until it should have arrived, a machine with a dead switch cannot be "
+    "distinguished from one with a slower slide, so the arm overruns the row, into the standing seedlings beyond. It is "
+    "low with its claws open and converged, so no seedling is damaged. A second switch of each row, or a position "
+    "sensor on the slide, would tell; see the recorded evidence below"
+)
+_TRAY_PASSES: Final = EXPECTED["stuck_off"]["tray_front_edge"].note
+
+AT_REST: Final[dict[tuple[str, str], Expectation]] = {
+    **{
+        ("stuck_off", f"slide_at_pick_{row}"): Expectation(harm=frozenset({"arm_through_tray"}), note=_PASSED_ROW)
+        for row in (1, 2, 3)
+    },
+    ("stuck_off", "tray_front_edge"): Expectation(loses=True, note=_TRAY_PASSES, stops=3),
+}
+"""Expectations by kind and switch; `NO_HARM` for all others."""
+
+
+def expectation_at_rest(case: RestCase) -> Expectation:
+    """Return the expectation for a case."""
+    return AT_REST.get((case.kind, case.switch), NO_HARM)
+
+
+def complaints(outcome: RestOutcome) -> list[str]:
+    """Return the deviations of an outcome from the expectation, one line each."""
+    expected = expectation_at_rest(outcome.case)
+    found = [f"monitor {kind}: {text}" for kind, text in outcome.trips.items() if kind not in expected.harm]
+    if outcome.passed and expected.loses:
+        return found
+    if outcome.lost > 0:
+        found.append(f"seedlings lost{'' if outcome.signal else ' without a signal'}: {outcome.lost}")
+    if outcome.rounds > (expected.stops if outcome.case.kind else 0):
+        found.append(f"stopped again after the repair: {outcome.rounds - 1} times")
+    if outcome.reason:
+        found.append(f"not recovered: {outcome.reason}")
+    return found

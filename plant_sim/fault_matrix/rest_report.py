@@ -1,0 +1,186 @@
+"""Reports of the second table: a row per stop and switch as Markdown, its cases as CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from plant_sim.fault_matrix.at_rest import RestOutcome
+from plant_sim.fault_matrix.rest_expected import complaints, expectation_at_rest
+from plant_sim.fault_matrix.situations import Situation
+from plant_sim.fault_matrix.stops import STOPS
+
+HEADING = ("stop", "fault", "runs", "first signal", "harm", "lost", "repairs", "findings")
+COLUMNS = (
+    "stop",
+    "at_ms",
+    "fault",
+    "switches",
+    "memory",
+    "first_signal",
+    "after_ms",
+    "state",
+    "repairs",
+    "lost",
+    "monitors",
+    "reason",
+    "findings",
+)
+
+
+class RestResult(NamedTuple):
+    """Case with its rest situation and its outcome.
+
+    Attributes:
+        situation: Rest situation; without switches and memory if the moments were chosen regardless of them.
+        outcome: The outcome.
+    """
+
+    situation: Situation
+    outcome: RestOutcome
+
+    @property
+    def fault(self) -> str:
+        """Kind and switch, without the side; empty for the stop without a fault."""
+        case = self.outcome.case
+        return f"{case.kind}:{case.switch}" if case.kind else ""
+
+    @property
+    def findings(self) -> list[str]:
+        """Deviations from the expectation."""
+        return complaints(self.outcome)
+
+
+def markdown(results: Sequence[RestResult]) -> str:
+    """Return the table, the limits of detection and the findings as Markdown."""
+    rows: dict[tuple[int, str], list[RestResult]] = {}
+    order = {stop.name: number for number, stop in enumerate(STOPS)}
+    for result in results:
+        rows.setdefault((order[result.situation.stop], result.fault), []).append(result)
+    lines = [_line(HEADING), _line(["---"] * len(HEADING))]
+    lines += [_line(_cells(STOPS[number].name, fault, rows[number, fault])) for number, fault in sorted(rows)]
+    notes = {
+        f"- `{result.fault}`: {note}" for result in results if (note := expectation_at_rest(result.outcome.case).note)
+    }
+    lines += ["", "### Limits of detection at rest", "", *sorted(notes)] if notes else []
+    findings = [f"- {finding}" for finding in all_findings(results)]
+    return "\n".join([*lines, "", "### Findings at rest", "", *(findings or ["None."]), ""])
+
+
+def all_findings(results: Iterable[RestResult]) -> list[str]:
+    """Return all findings, one line each, beginning with the stop, its moment and the fault."""
+    return [
+        f"{result.situation.stop} at {result.outcome.case.at_ms} ms, {result.outcome.case.name}: {finding}"
+        for result in results
+        for finding in result.findings
+    ]
+
+
+def records(results: Iterable[RestResult]) -> list[dict[str, object]]:
+    """Return every case as one flat record."""
+    return [_record(result) for result in results]
+
+
+def as_csv(results: Iterable[RestResult]) -> str:
+    """Return every case as one line of CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {key: "; ".join(value) if isinstance(value, list) else value for key, value in record.items()}
+        for record in records(results)
+    )
+    return text.getvalue()
+
+
+def write_report(results: Sequence[RestResult], folder: Path) -> list[Path]:
+    """Write the table to a folder; return the files.
+
+    Raises:
+        OSError: The folder is not writable.
+    """
+    texts = {
+        "fault-matrix-at-rest.md": f"# Fault matrix at rest\n\n{markdown(results)}",
+        "fault-matrix-at-rest.csv": as_csv(results),
+        "fault-matrix-at-rest.json": json.dumps(records(results), indent=1) + "\n",
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in texts]
+
+
+def summary(results: Sequence[RestResult], wall_s: float) -> str:
+    """Return a summary of the table as text."""
+    faulty = [result for result in results if result.fault]
+    situations = len({result.situation for result in results})
+    told = sum(bool(result.outcome.signal) for result in faulty)
+    findings = all_findings(results)
+    by_kind = Counter(
+        (result.fault, result.situation.stop, _kind(finding)) for result in results for finding in result.findings
+    )
+    return "\n".join(
+        [
+            f"{situations} rest situations, {len(faulty)} cases in {wall_s:.0f} s: {told} with a signal, "
+            f"{sum(result.outcome.is_harmed for result in faulty)} with harm",
+            f"findings: {len(findings) or 'none'}",
+            *(f"{count:5d}  {fault}, {stop}: {kind}" for (fault, stop, kind), count in sorted(by_kind.items())),
+        ]
+    )
+
+
+def _kind(finding: str) -> str:
+    """Return the beginning of a finding, up to the first detail."""
+    return finding.partition(":")[0].partition(";")[0]
+
+
+def _record(result: RestResult) -> dict[str, object]:
+    outcome = result.outcome
+    return {
+        "stop": result.situation.stop,
+        "at_ms": outcome.case.at_ms,
+        "fault": outcome.case.name,
+        "switches": [*result.situation.switches],
+        "memory": [*result.situation.memory],
+        "first_signal": outcome.signal,
+        "after_ms": outcome.signal_after_ms if outcome.signal else None,
+        "state": outcome.state,
+        "repairs": outcome.rounds,
+        "lost": outcome.lost,
+        "monitors": [f"{kind}: {text}" for kind, text in outcome.trips.items()],
+        "reason": outcome.reason,
+        "findings": result.findings,
+    }
+
+
+def _cells(stop: str, fault: str, results: Sequence[RestResult]) -> tuple[str, ...]:
+    outcomes = [result.outcome for result in results]
+    findings = sum(len(result.findings) for result in results)
+    return (
+        stop,
+        f"`{fault}`" if fault else "none",
+        str(len(outcomes)),
+        _counted(outcome.signal for outcome in outcomes if outcome.signal) or "-",
+        _counted(kind for outcome in outcomes for kind in outcome.trips) or "-",
+        _range([outcome.lost for outcome in outcomes]),
+        _range([outcome.rounds for outcome in outcomes]),
+        str(findings) if findings else "-",
+    )
+
+
+def _counted(names: Iterable[str]) -> str:
+    """Return names with their frequencies, most frequent first."""
+    return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common())
+
+
+def _range(numbers: Sequence[int]) -> str:
+    low, high = min(numbers), max(numbers)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _line(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
