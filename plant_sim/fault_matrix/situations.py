@@ -81,7 +81,7 @@ def remembered(arm: ArmTags) -> dict[str, Expr]:
         "claws known": arm.claws_known,
         "on row": arm.on_row,
         "discard": arm.discard,
-        **{f"{name} distrusted": bit for name, bit in arm.distrusted.items()},
+        **{f"reached {place}": bit for place, bit in arm.reached.items()},
         **{f"was {name}": bit for name, bit in last.items()},
     }
 

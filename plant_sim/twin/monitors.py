@@ -179,6 +179,7 @@ def collect_violations(twin: Twin) -> dict[str, str]:
                 _attach(twin, rule, partial(note, monitor.__name__, rule.text))
 
     def collect(twin: Twin) -> None:
+        del seen[len(twin.plant.events) :]  # after a restore
         for event in twin.plant.events[len(seen) :]:
             seen.append(event)
             trips.setdefault(event.kind.value, f"{event.text}, at {event.time_ms} ms")

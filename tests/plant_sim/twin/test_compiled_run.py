@@ -106,7 +106,7 @@ def story(twin: Twin, seed: int) -> Iterator[None]:
     is_long = seed % LONG == 0
     if is_long or draws.random() < 0.4:
         twin.press("start")
-        yield from attempt(twin, State.IDLE, 9_000)
+        yield from attempt(twin, State.IDLE, 15_000)
         twin.run_for(200)
         twin.press("start")
         yield from attempt(twin, State.EXECUTE, 1_000)
