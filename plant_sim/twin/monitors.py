@@ -167,7 +167,7 @@ def collect_violations(twin: Twin) -> dict[str, str]:
         filled while the twin runs.
     """
     trips: dict[str, str] = {}
-    seen: list[Event] = []
+    seen: list[Event] = [*twin.plant.events]
 
     def note(name: str, text: Callable[[], str]) -> None:
         if name not in trips:
