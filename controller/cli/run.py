@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -15,6 +13,7 @@ from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.file_lock import FileLockError, lock_file
 from controller.common.modbus.rtu import SerialLine
+from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock, utc_ms
 from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
@@ -25,7 +24,7 @@ from controller.events.production import Event, ProductionLog
 from controller.events.writer import EventWriter, ServingEvent
 from controller.history.schema import HistoryError
 from controller.history.writer import HistoryWriter
-from controller.hmi.console import Console, OrderError
+from controller.hmi.console import Console, ConsoleReader
 from controller.hmi.modbus.server import DEFAULT_PORT, HmiOptions, HmiServer
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.modbus_tcp import ModbusTcpLink
@@ -103,7 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run until SIGINT or SIGTERM and return the exit code, which is 1 if the safe outputs could not be written.
+    """Run until the request to stop and return the exit code, which is 1 if the safe outputs could not be written.
 
     Raises:
         InputError: An option or a file is invalid.
@@ -114,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
     except ValueError as error:
         raise InputError(f"--input-filter-ms: {error}") from error
-    stop = threading.Event()
+    stop: StopRequest = options.stop
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
         link = ModbusTcpLink(
@@ -137,8 +136,6 @@ def run(options: argparse.Namespace) -> int:
         )
         figures = LoopFigures()
         stack.enter_context(_operator_interfaces(runtime, figures, pace, options))
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: stop.set())
         if not _wait_for_field(link, options, stop):
             return 0
         if pace is None:
@@ -266,8 +263,7 @@ def _operator_interfaces(
             stack.enter_context(server)
             printer.write(ServingEvent(runtime.now_ms, server.port))
         if not options.no_console and sys.stdin is not None:  # None = closed by the parent process
-            console = Console(runtime, alarms)
-            threading.Thread(target=_read_console, args=(console,), name="console", daemon=True).start()
+            stack.enter_context(ConsoleReader(Console(runtime, alarms), sys.stdin.fileno()))
         yield
 
 
@@ -337,7 +333,7 @@ def _set_points(machine: Transplanter, assignments: Sequence[str]) -> list[tuple
     return values
 
 
-def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: threading.Event) -> bool:
+def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: Stop) -> bool:
     """Wait until the field I/O responds, with periodic reports while it does not; return False if `stop` is set."""
     tries = 0
     while not stop.is_set():
@@ -353,12 +349,3 @@ def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: thre
             print(f"field I/O at {options.host}:{options.port} responds", file=sys.stderr, flush=True)
             return True
     return False
-
-
-def _read_console(console: Console) -> None:
-    """Read orders from standard input until end of file; undecodable bytes are replaced."""
-    for line in sys.stdin.buffer:
-        try:
-            console.execute(line.decode(errors="replace"))
-        except OrderError as error:
-            print(error, file=sys.stderr, flush=True)

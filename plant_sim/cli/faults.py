@@ -15,6 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from controller.common.stop_request import interrupts_blocked
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
 from plant_sim.fault_matrix.cases import Subject, subjects
 from plant_sim.fault_matrix.report import MatrixRow, summary, write_report
@@ -109,7 +110,9 @@ def _results(faults: Sequence[Fault], setting: MatrixSetup, jobs: int) -> Iterat
         return
     pool = ProcessPoolExecutor(jobs, initializer=_ignore_interrupts)
     try:
-        yield pool.map(run_one, faults)
+        with interrupts_blocked():
+            outcomes = pool.map(run_one, faults)
+        yield outcomes
     finally:
         pool.shutdown(cancel_futures=True)
 

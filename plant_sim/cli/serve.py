@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve until Ctrl-C or SIGTERM.
+    """Serve until the request to stop.
 
     Raises:
         InputError: An option or a file is invalid, or the port is in use.
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
             )
             module.observers.append(stack.enter_context(recorder).sample)
         try:
-            asyncio.run(serve(server, listening=listening))
+            asyncio.run(serve(server, options.stop, listening=listening))
         except OSError as error:
             reason = error.strerror or str(error)
             text = f"cannot listen on {options.host}:{options.port}: {reason}; {listening_remedy(error)}"
