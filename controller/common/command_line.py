@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import NoReturn, Protocol, cast
 
@@ -142,6 +143,7 @@ class CommandLine:
             return INTERRUPTED
 
 
+@cache
 def version() -> str:
     """Return the version of the installed package."""
     return importlib.metadata.version(DISTRIBUTION)
