@@ -15,14 +15,20 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
-from pymodbus.pdu.bit_message import ReadDiscreteInputsRequest, WriteMultipleCoilsRequest
-from pymodbus.pdu.register_message import WriteMultipleRegistersRequest
+from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest, WriteMultipleCoilsRequest
+from pymodbus.pdu.mei_message import ReadDeviceInformationRequest
+from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, WriteMultipleRegistersRequest
 
-from controller.io.link import LinkError
+from controller.common.modbus.output_owner import OWNER_OBJECT
+from controller.io.link import LinkError, OutputsTakenError
 from controller.iomap.loader import IoMap, OutputRegister, Point
 
 # Every failure below raises a LinkError; the log messages of pymodbus would repeat it in every scan.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+
+
+_ONE_OBJECT = 4
+"""Read code of function 43 for one object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +61,11 @@ class ModbusTcpLink:
     An image is transferred in one request if the offsets in the I/O map are consecutive, otherwise in
     one request per run of consecutive offsets, because strict modules reject a request for an
     undeclared offset with an exception response.
+
+    Attributes:
+        lends: True for a module that lends its outputs to one client at a time and reports the owner. Its refusal of a
+            write with exception 06 raises `OutputsTakenError`.
+        outputs: Y numbers of the wired outputs.
     """
 
     def __init__(self, host: str, port: int, io_map: IoMap, *, unit: int = 1, timeout_s: float = 0.05) -> None:
@@ -68,6 +79,8 @@ class ModbusTcpLink:
             timeout_s: Timeout of the connection and of each answer, s; an answer in several segments
                 may take twice as long.
         """
+        self.lends = False
+        self.outputs = tuple(point.number for point in io_map.outputs)
         self._address = f"{host}:{port}"
         self._unit = unit
         self._timeout_ms = round(timeout_s * 1_000)
@@ -108,12 +121,59 @@ class ModbusTcpLink:
             count = len(run.numbers)
             operation = f"read of {count} inputs from offset {run.first_offset}"
             request = ReadDiscreteInputsRequest(address=run.first_offset, count=count, dev_id=self._unit)
-            bits = self._exchange(operation, request).bits
-            if not count <= len(bits) < count + 8:  # answers are padded to complete bytes
-                raise self._failed(operation, f"answer contains {len(bits)} bits")
-            for number, level in zip(run.numbers, bits, strict=False):
+            for number, level in zip(run.numbers, self._bits(operation, request, count), strict=False):
                 image[number] = level
         return image
+
+    def read_outputs(self) -> list[bool]:
+        """Read back the raw Y image.
+
+        Returns:
+            Levels by Y number; numbers that are not in the map are False.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+        """
+        image = [False] * self._output_count
+        for run in self._output_runs:
+            count = len(run.numbers)
+            operation = f"read of {count} outputs from offset {run.first_offset}"
+            request = ReadCoilsRequest(address=run.first_offset, count=count, dev_id=self._unit)
+            for number, level in zip(run.numbers, self._bits(operation, request, count), strict=False):
+                image[number] = level
+        return image
+
+    def read_identity(self, number: int) -> str:
+        """Read one object of the device identification, as text.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+        """
+        operation = f"read of identification object {number}"
+        request = ReadDeviceInformationRequest(read_code=_ONE_OBJECT, object_id=number, dev_id=self._unit)
+        found = self._exchange(operation, request).information  # type: ignore[attr-defined]
+        return bytes(found.get(number, b"")).decode(errors="replace")
+
+    def read_setting(self, address: int) -> int:
+        """Read one holding register.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+        """
+        operation = f"read of register {address:#06x}"
+        reply = self._exchange(operation, ReadHoldingRegistersRequest(address=address, count=1, dev_id=self._unit))
+        if len(reply.registers) != 1:
+            raise self._failed(operation, f"answer contains {len(reply.registers)} registers")
+        return reply.registers[0]
+
+    def write_setting(self, address: int, value: int) -> None:
+        """Write one holding register.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+        """
+        request = WriteMultipleRegistersRequest(address=address, registers=[value], dev_id=self._unit)
+        self._exchange(f"write of register {address:#06x}", request)
 
     def write_outputs(self, image: Sequence[bool]) -> None:
         """Write the raw Y image, in ascending order of offsets.
@@ -122,6 +182,7 @@ class ModbusTcpLink:
             image: Levels by Y number; numbers that are not in the map are ignored.
 
         Raises:
+            OutputsTakenError: The outputs belong to another master.
             LinkError: The link is closed, or the answer is late, malformed or an exception response.
             ValueError: The image has the wrong length.
         """
@@ -144,6 +205,7 @@ class ModbusTcpLink:
             values: Values by the order of `IoMap.registers`, 0 to 32767.
 
         Raises:
+            OutputsTakenError: The outputs belong to another master.
             LinkError: The link is closed, or the answer is late, malformed or an exception response.
             ValueError: The number of values is wrong.
         """
@@ -161,6 +223,13 @@ class ModbusTcpLink:
         """Close the connection; no effect on a closed link."""
         self._client.close()  # type: ignore[no-untyped-call]
 
+    def _bits(self, operation: str, request: ModbusPDU, count: int) -> Sequence[bool]:
+        """Return the bits of an answer, which is padded to complete bytes."""
+        bits = self._exchange(operation, request).bits
+        if not count <= len(bits) < count + 8:
+            raise self._failed(operation, f"answer contains {len(bits)} bits")
+        return bits
+
     def _exchange(self, operation: str, request: ModbusPDU) -> ModbusPDU:
         """Send a request and return its answer; close the link and raise LinkError if there is no valid answer."""
         if not self._client.connected:  # pymodbus would silently reconnect
@@ -174,6 +243,9 @@ class ModbusTcpLink:
         except OSError as error:
             raise self._failed(operation, str(error)) from error
         if isinstance(reply, ExceptionResponse):
+            if self.lends and reply.exception_code == ExcCodes.DEVICE_BUSY:
+                owner = self.read_identity(OWNER_OBJECT) or "another master"
+                raise OutputsTakenError(f"field I/O at {self._address}: {operation}: the outputs belong to {owner}")
             raise self._failed(operation, f"refused with exception {_exception_name(reply)}")
         if reply.function_code != request.function_code:
             raise self._failed(operation, f"answer to another function ({reply.function_code})")

@@ -15,10 +15,12 @@ from controller.common.saved import Saved
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.io.forcing import Forcing
-from controller.io.link import FieldLink, LinkWatchdog
+from controller.io.link import FieldLink, LinkWatchdog, OutputsTakenError
+from controller.io.ownership import OutputGuard, OutputOwnership
 from controller.io.retentive_writer import RetentiveWriter
 from controller.program.machine import Transplanter
 from controller.program.set_points import SetPointError
+from controller.program.states import State
 
 Observer = Callable[[int, Plc], None]
 
@@ -30,6 +32,7 @@ SCAN_LIMIT_MS = 200
 """Longest time from one scan to the next, ms, as in D8000 of the FX2N (docs/sources/fx2n.md 1.4)."""
 REOPEN_MS = 500
 """Interval between attempts to reopen a lost link, ms."""
+_ABORT_STATES = (State.ABORTING, State.ABORTED)
 
 
 class Runtime(Saved):
@@ -39,6 +42,7 @@ class Runtime(Saved):
         machine: Program and its tags.
         plc: PLC that executes the program.
         forcing: Forced inputs.
+        ownership: Ownership of the outputs.
         link_lost: True if the field link has exceeded its timeout.
         released: Y image written last, raw levels.
         released_words: Values of the output registers written last.
@@ -79,6 +83,7 @@ class Runtime(Saved):
         scan_limit_ms: int = SCAN_LIMIT_MS,
         panel_limit_ms: int | None = None,
         allow_forcing: bool = False,
+        guard: OutputGuard | None = None,
     ) -> None:
         """Connect the PLC to the link; the first tick opens the link.
 
@@ -94,6 +99,7 @@ class Runtime(Saved):
             panel_limit_ms: Timeout of the operator panel, ms, active after the panel's first message. When it expires,
                 the machine finishes the cycle and holds. None = no timeout.
             allow_forcing: True to permit forcing of inputs.
+            guard: Detection of another master on the link; None = none.
         """
         self.machine = machine
         self.plc = plc
@@ -123,6 +129,8 @@ class Runtime(Saved):
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
+        self.ownership = OutputOwnership(guard, self._safe)
+        self._state = machine.tags.machine.state
         self._submitted_image = plc.retentive_image()
         system = machine.tags.system
         self._status_bits = (
@@ -131,20 +139,23 @@ class Runtime(Saved):
             system.outputs_held,
             system.store_fault,
             system.panel_silent,
+            system.outputs_taken,
+            system.outputs_contested,
         )
         self._status: tuple[bool, ...] = ()
 
     def save(self) -> Any:
         """Return the current state, with that of the PLC, but without those of the link and the retentive writer."""
-        return super().save(), self.plc.save(), self.forcing.save(), self._watchdog.save()
+        return super().save(), self.plc.save(), self.forcing.save(), self._watchdog.save(), self.ownership.save()
 
     def restore(self, saved: Any) -> None:
         """Restore a state returned by `save`."""
-        own, plc, forcing, watchdog = saved
+        own, plc, forcing, watchdog, ownership = saved
         super().restore(own)
         self.plc.restore(plc)
         self.forcing.restore(forcing)
         self._watchdog.restore(watchdog)
+        self.ownership.restore(ownership)
 
     def tick(self, now_ms: int, start_ms: int | None = None) -> None:
         """Execute one scan.
@@ -169,12 +180,13 @@ class Runtime(Saved):
             self._held_since_ms is not None,
             self._store_fault(now_ms),
             self._panel_silent(now_ms),
+            *self.ownership.status(start_ms),
         )
         levels = self.forcing.apply(self._inputs, now_ms)
         image = self._scan(now_ms, levels)
         # After a link loss the first image written must be the safe state, including lamps and horn. Forced inputs must
         # not cause motion either.
-        safe = self.link_lost or levels is not self._inputs
+        safe = self.link_lost or bool(self.ownership.taken) or levels is not self._inputs
         self.released = list(self._safe) if safe else self._release(now_ms, image)
         self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
@@ -197,6 +209,7 @@ class Runtime(Saved):
             and not (any(self._status) or self.link_lost or self._failed or self._orders or self.forcing.levels)
             and not (self._panel_alive or self._panel_limit_ms is not None or self.released_words)
             and self._held_since_ms is None
+            and self.ownership.guard is None
             and self._retentive_writer.error is None
         )
 
@@ -260,14 +273,21 @@ class Runtime(Saved):
         self._panel_alive = True
 
     def write_safe_outputs(self) -> bool:
-        """Write the safe state of every output and return True if the field I/O accepted it."""
-        self.released = list(self._safe)
-        self.released_words = list(self._safe_words)
+        """Write the safe state of every output and return True if the field I/O accepted it.
+
+        Outputs that belong to another master are left to it.
+        """
+        self._release_safe()
+        if self.ownership.taken:
+            return False
         try:
             self._link.open()
             self._link.write_outputs(self.released)
             if self.released_words:
                 self._link.write_registers(self.released_words)
+        except OutputsTakenError as taken:
+            self.ownership.lose(str(taken), self.now_ms)
+            return False
         except OSError:
             self._link.close()
             return False
@@ -321,7 +341,8 @@ class Runtime(Saved):
         if not self._open:
             return
         try:
-            self._write_all()
+            if self.ownership.may_write(now_ms, aborted=self.plc.read(self._state) in _ABORT_STATES):
+                self._write_owned(now_ms)
         except OSError:
             self._on_link_error(now_ms)
             return
@@ -329,6 +350,24 @@ class Runtime(Saved):
             self._watchdog.reset()
             self.link_lost = False
         self._watchdog.feed(now_ms)
+
+    def _write_owned(self, now_ms: int) -> None:
+        """Write outputs and registers; if another master has written, write the safe state once and then nothing."""
+        reason = self.ownership.mismatch()
+        if reason:
+            self._release_safe()
+        try:
+            self._write_all()
+            self.ownership.confirm(self.released, now_ms)
+        except OutputsTakenError as taken:
+            reason = str(taken)
+            self._release_safe()
+        if reason:
+            self.ownership.lose(reason, now_ms)
+
+    def _release_safe(self) -> None:
+        self.released = list(self._safe)
+        self.released_words = list(self._safe_words)
 
     def _write_all(self) -> None:
         """Write outputs and registers.
@@ -359,6 +398,7 @@ class Runtime(Saved):
 
     def _on_link_error(self, now_ms: int) -> None:
         self._open = False
+        self.ownership.doubt()
         if self._watchdog.expired(now_ms):
             self.link_lost = True
 
