@@ -10,7 +10,6 @@ import os
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import NoReturn, Protocol, cast
 
@@ -143,7 +142,6 @@ class CommandLine:
             return INTERRUPTED
 
 
-@cache
 def version() -> str:
     """Return the version of the installed package."""
     return importlib.metadata.version(DISTRIBUTION)

@@ -16,19 +16,18 @@ from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest, WriteMultipleCoilsRequest
-from pymodbus.pdu.mei_message import ReadDeviceInformationRequest
-from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, WriteMultipleRegistersRequest
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    WriteMultipleRegistersRequest,
+)
 
-from controller.common.modbus.output_owner import OWNER_OBJECT
+from controller.common.modbus.output_owner import REPORT_OFFSET, REPORT_WORDS, OwnerReport
 from controller.io.link import LinkError, OutputsTakenError
 from controller.iomap.loader import IoMap, OutputRegister, Point
 
 # Every failure below raises a LinkError; the log messages of pymodbus would repeat it in every scan.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
-
-
-_ONE_OBJECT = 4
-"""Read code of function 43 for one object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,16 +142,20 @@ class ModbusTcpLink:
                 image[number] = level
         return image
 
-    def read_identity(self, number: int) -> str:
-        """Read one object of the device identification, as text.
+    def read_owner(self) -> OwnerReport:
+        """Read who owns the outputs.
 
         Raises:
-            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+            LinkError: The link is closed, the answer is late, malformed or an exception response, or the module does
+                not report the owner.
         """
-        operation = f"read of identification object {number}"
-        request = ReadDeviceInformationRequest(read_code=_ONE_OBJECT, object_id=number, dev_id=self._unit)
-        found = self._exchange(operation, request).information  # type: ignore[attr-defined]
-        return bytes(found.get(number, b"")).decode(errors="replace")
+        operation = "read of the owner of the outputs"
+        request = ReadInputRegistersRequest(address=REPORT_OFFSET, count=REPORT_WORDS, dev_id=self._unit)
+        words = self._exchange(operation, request).registers
+        report = OwnerReport.decode(words) if len(words) == REPORT_WORDS else None
+        if report is None:
+            raise self._failed(operation, "answer contains no report")
+        return report
 
     def read_setting(self, address: int) -> int:
         """Read one holding register.
@@ -244,7 +247,7 @@ class ModbusTcpLink:
             raise self._failed(operation, str(error)) from error
         if isinstance(reply, ExceptionResponse):
             if self.lends and reply.exception_code == ExcCodes.DEVICE_BUSY:
-                owner = self.read_identity(OWNER_OBJECT) or "another master"
+                owner = self.read_owner().owner or "another master"
                 raise OutputsTakenError(f"field I/O at {self._address}: {operation}: the outputs belong to {owner}")
             raise self._failed(operation, f"refused with exception {_exception_name(reply)}")
         if reply.function_code != request.function_code:

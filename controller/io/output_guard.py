@@ -1,7 +1,7 @@
 """Detection of another master that writes the outputs of the same I/O module.
 
 Two kinds of modules: one that lends its outputs to one client at a time refuses the writes of the others and reports
-the owner in its identification, as the simulated plant does. On any other module, the outputs are read back before they
+the owner, as the simulated plant does. On any other module, the outputs are read back before they
 are written. A master that writes equal values cannot be detected there.
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import Enum, auto
 
-from controller.common.modbus.output_owner import OWNER_OBJECT, PRODUCT, REFUSED_OBJECT, VENDOR
 from controller.io.link import LinkError
 from controller.io.modbus_tcp import ModbusTcpLink
 
@@ -35,7 +34,7 @@ class ModbusOutputGuard:
 
         Args:
             link: Link to the module.
-            every: Number of scans from one reading of the identification to the next.
+            every: Number of scans from one reading of the report on the owner to the next.
         """
         self.kind = ModuleKind.BLIND
         self._link = link
@@ -50,9 +49,9 @@ class ModbusOutputGuard:
         Raises:
             LinkError: The module cannot be connected again.
         """
-        if self._works(lambda: self._link.read_identity(0) == VENDOR and self._link.read_identity(1) == PRODUCT):
+        if self._works(self._link.read_owner):
             self.kind, self._link.lends = ModuleKind.LENDS, True
-        elif self._works(lambda: bool(self._link.read_outputs())):
+        elif self._works(self._link.read_outputs):
             self.kind = ModuleKind.READ_BACK
         return self.kind
 
@@ -67,7 +66,7 @@ class ModbusOutputGuard:
     def holder(self, safe: Sequence[bool]) -> str:
         """Return who holds the outputs; on a module that does not report it, whether they are not safe."""
         if self.kind is ModuleKind.LENDS and self._is_due():
-            self._holder = self._link.read_identity(OWNER_OBJECT)
+            self._holder = self._link.read_owner().owner
         elif self.kind is ModuleKind.READ_BACK:
             self._holder = self.mismatch(safe)
         return self._holder
@@ -75,19 +74,21 @@ class ModbusOutputGuard:
     def rival(self) -> str:
         """Return the refused writes, as read in one of the last `every` scans."""
         if self.kind is ModuleKind.LENDS and self._is_due():
-            self._rival = self._link.read_identity(REFUSED_OBJECT)
+            report = self._link.read_owner()
+            self._rival = f"{report.refused} {report.rival}"
         return self._rival
 
     def _is_due(self) -> bool:
         self._left = (self._left or self._every) - 1
         return self._left == 0
 
-    def _works(self, attempt: Callable[[], bool]) -> bool:
+    def _works(self, attempt: Callable[[], object]) -> bool:
         try:
-            return attempt()
+            attempt()
         except LinkError:
             self._link.open()
             return False
+        return True
 
 
 def _listed(numbers: Sequence[int]) -> str:

@@ -187,7 +187,8 @@ class Runtime(Saved):
         # After a link loss the first image written must be the safe state, including lamps and horn. Forced inputs must
         # not cause motion either.
         safe = self.link_lost or bool(self.ownership.taken) or levels is not self._inputs
-        self.released = list(self._safe) if safe else self._release(now_ms, image)
+        released = self._release(now_ms, image)  # in every scan, because it observes the store
+        self.released = list(self._safe) if safe else released
         self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
         self.notify_observers(now_ms)

@@ -1,8 +1,8 @@
 """Modbus address space of the plant, and the effect of reads and writes.
 
 Supported functions: 1 read coils, 2 read discrete inputs, 4 read input registers, 5 write single
-coil, 15 write multiple coils, 43 read the identification; with output registers in the I/O map also 3 read holding
-registers, 6 and 16 write holding registers, 23 write and read holding registers.
+coil, 15 write multiple coils; with output registers in the I/O map also 3 read holding registers, 6 and 16 write
+holding registers, 23 write and read holding registers.
 
 Writes to the outputs and the output registers are subject to the lease of the module; the buttons of the operator box
 are not.
@@ -16,8 +16,7 @@ from typing import TypeVar
 
 from pymodbus.constants import ExcCodes
 
-from controller.common.command_line import version
-from controller.common.modbus.output_owner import OWNER_OBJECT, PRODUCT, REFUSED_OBJECT, VENDOR
+from controller.common.modbus.output_owner import REPORT_OFFSET
 from controller.common.modbus.requests import ModbusDevice, RequestRefusedError
 from controller.iomap.loader import IoMap, IoMapError
 from plant_sim.links.box import BOX_COILS, BoxCoil
@@ -64,8 +63,12 @@ class ModbusImage(ModbusDevice):
         return [y[coil] if isinstance(coil, int) else coil.pressed(box) for coil in coils]
 
     def read_input_registers(self, first: int, count: int) -> list[int]:
-        """Return telemetry registers."""
-        registers = encode_telemetry(self._module)
+        """Return telemetry registers, or registers of the report on the owner of the outputs."""
+        if first >= REPORT_OFFSET:
+            first -= REPORT_OFFSET
+            registers = self._module.lease.report.encode()
+        else:
+            registers = encode_telemetry(self._module)
         if first + count > len(registers):
             raise RequestRefusedError(ExcCodes.ILLEGAL_ADDRESS)
         return registers[first : first + count]
@@ -82,12 +85,6 @@ class ModbusImage(ModbusDevice):
             if isinstance(coil, BoxCoil):
                 coil.press(self._module.plant.box, level)
         self._written()
-
-    def identity(self) -> dict[int, str]:
-        """Return vendor, product, revision, owner of the outputs, and number and client of the refused writes."""
-        lease = self._module.lease
-        refused = f"{lease.refused} {lease.last_refused}"
-        return {0: VENDOR, 1: PRODUCT, 2: version(), OWNER_OBJECT: lease.owner, REFUSED_OBJECT: refused}
 
     def on_disconnect(self) -> None:
         """End the lease of this client."""

@@ -5,8 +5,8 @@
 | discrete inputs   | 0    | X points at their offsets in io_map.yaml            | 2         |
 | coils             | 0    | Y points at their offsets in io_map.yaml            | 1, 5, 15  |
 | coils             | 100  | operator box, `plant_sim.links.box.BOX_COILS`       | 1, 5, 15  |
-| identification    | 0    | product; from 128 the owner of the outputs          | 43        |
 | input registers   | 0    | telemetry, `plant_sim.links.telemetry.TELEMETRY`    | 4         |
+| input registers   | 1000 | owner of the outputs, `output_owner.OwnerReport`    | 4         |
 
 Requests with any unit identifier are answered: the server is a single device. Modbus has no
 authentication, so the server listens on the loopback address by default.

@@ -48,10 +48,6 @@ READ_IDENTITY: Final = 14
 _READ_CODES: Final = range(1, 5)
 BASIC_IDENTITY: Final = 0x81
 """Conformity level: the three basic objects, by stream or individual access."""
-EXTENDED_IDENTITY: Final = 0x83
-"""Conformity level: private objects as well, by stream or individual access."""
-_LAST_OBJECTS: Final = {1: 0x02, 2: 0x7F, 3: 0xFF}
-"""Last object of the basic, regular and extended identification, by read code."""
 
 
 class RequestRefusedError(Exception):
@@ -119,7 +115,7 @@ class Identity(Protocol):
     """Device identification: function 43."""
 
     def identity(self) -> dict[int, str]:
-        """Return vendor (0), product code (1), revision (2) and private objects (128 to 255)."""
+        """Return vendor (0), product code (1) and revision (2)."""
 
 
 def answer(device: ModbusDevice, pdu: bytes) -> bytes:
@@ -259,11 +255,9 @@ def _identify(device: Identity, body: bytes) -> ModbusPDU:
         if object_id not in information:
             raise RequestRefusedError(ExcCodes.ILLEGAL_ADDRESS)
         information = {object_id: information[object_id]}
-    else:
-        information = {number: text for number, text in information.items() if number <= _LAST_OBJECTS[read_code]}
     objects = {number: text.encode() for number, text in information.items()}
     reply = ReadDeviceInformationResponse(read_code=read_code, information=objects)
-    reply.conformity = EXTENDED_IDENTITY if max(device.identity()) > _LAST_OBJECTS[2] else BASIC_IDENTITY
+    reply.conformity = BASIC_IDENTITY
     return reply
 
 
