@@ -39,7 +39,7 @@ class ModbusOutputGuard:
         self.kind = ModuleKind.BLIND
         self._link = link
         self._every = every
-        self._left = 0
+        self._left = 1
         self._rival = ""
         self._holder = ""
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from controller.common.saved import Saved
+from controller.io.link import OutputsTakenError
 
 FREE_MS: Final = 500
 """Time without another master after which outputs that were taken over count as free, ms (assumed): five times the
@@ -65,42 +66,48 @@ class OutputOwnership(Saved):
             self._rival_ms is not None and now_ms - self._rival_ms < RIVAL_MS,
         )
 
-    def may_write(self, now_ms: int, *, aborted: bool) -> bool:
-        """Return True unless the outputs have been taken over; look whether they are free again.
+    def write(
+        self, now_ms: int, write: Callable[[], Sequence[bool]], make_safe: Callable[[], None], *, aborted: bool
+    ) -> None:
+        """Write the outputs unless another master has them; after its write, write the safe state once, then nothing.
 
         Args:
             now_ms: Time, ms.
+            write: Function that writes the released outputs and returns their Y image.
+            make_safe: Function that releases the safe state instead.
             aborted: True until the operator has cleared the abort.
 
         Raises:
-            OSError: The field I/O cannot be read.
+            OSError: The field I/O failed.
         """
-        if not self.taken:
-            return True
+        if self.taken and not self._regained(now_ms, aborted=aborted):
+            return
+        reason = "" if self.guard is None or self._expected is None else self.guard.mismatch(self._expected)
+        if reason:
+            make_safe()
+        try:
+            image = write()
+        except OutputsTakenError as taken:
+            make_safe()
+            self.lose(reason or str(taken), now_ms)
+            return
+        if reason:
+            self.lose(reason, now_ms)
+        elif self.guard is not None:
+            self._expected = list(image)
+            self._note_rival(now_ms, self.guard.rival())
+
+    def _regained(self, now_ms: int, *, aborted: bool) -> bool:
+        """Return True once the outputs are free and the abort is cleared; the image of that scan is still safe."""
         if self.guard is not None and self.guard.holder(self._safe):
             self._foreign_ms = now_ms
-        if now_ms - self._foreign_ms >= FREE_MS and not aborted:
-            self.taken, self.rival = "", ""
-        return False
+        if aborted or now_ms - self._foreign_ms < FREE_MS:
+            return False
+        self.taken, self.rival = "", ""
+        return True
 
-    def mismatch(self) -> str:
-        """Return how the outputs differ from those written last; empty if they do not, or if this is uncertain.
-
-        Raises:
-            OSError: The field I/O cannot be read.
-        """
-        return "" if self.guard is None or self._expected is None else self.guard.mismatch(self._expected)
-
-    def confirm(self, image: Sequence[bool], now_ms: int) -> None:
-        """Note a successful write, and the refused writes of others; the first reading contains those of the past.
-
-        Raises:
-            OSError: The field I/O cannot be read.
-        """
-        if self.guard is None:
-            return
-        self._expected = list(image)
-        rival = self.guard.rival()
+    def _note_rival(self, now_ms: int, rival: str) -> None:
+        """Note the refused writes of others; the first reading contains those of the past."""
         if rival != self.rival:
             if self.rival:
                 self._rival_ms = now_ms

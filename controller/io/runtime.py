@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from controller.common.saved import Saved
 from controller.core.expr import Bit, Word
@@ -23,6 +23,7 @@ from controller.program.set_points import SetPointError
 from controller.program.states import State
 
 Observer = Callable[[int, Plc], None]
+T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -32,7 +33,6 @@ SCAN_LIMIT_MS = 200
 """Longest time from one scan to the next, ms, as in D8000 of the FX2N (docs/sources/fx2n.md 1.4)."""
 REOPEN_MS = 500
 """Interval between attempts to reopen a lost link, ms."""
-_ABORT_STATES = (State.ABORTING, State.ABORTED)
 
 
 class Runtime(Saved):
@@ -93,8 +93,7 @@ class Runtime(Saved):
             link: Field link.
             retentive_writer: Writer of the retentive devices.
             link_limit_ms: Timeout of the field link, ms.
-            link_wait_ms: Longest duration of one further attempt to open the link, ms. The link is declared lost this
-                long before the timeout expires, so that a loss is detected within the timeout.
+            link_wait_ms: Longest duration of a further attempt to open the link, ms; a loss is declared earlier by it.
             scan_limit_ms: Longest time between two scans, ms.
             panel_limit_ms: Timeout of the operator panel, ms, active after the panel's first message. When it expires,
                 the machine finishes the cycle and holds. None = no timeout.
@@ -130,18 +129,9 @@ class Runtime(Saved):
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
         self.ownership = OutputOwnership(guard, self._safe)
-        self._state = machine.tags.machine.state
         self._submitted_image = plc.retentive_image()
         system = machine.tags.system
-        self._status_bits = (
-            system.link_lost,
-            system.scan_fault,
-            system.outputs_held,
-            system.store_fault,
-            system.panel_silent,
-            system.outputs_taken,
-            system.outputs_contested,
-        )
+        self._status_bits = tuple(bit for bit in system.bits() if bit != system.memory_lost)
         self._status: tuple[bool, ...] = ()
 
     def save(self) -> Any:
@@ -187,8 +177,8 @@ class Runtime(Saved):
         # After a link loss the first image written must be the safe state, including lamps and horn. Forced inputs must
         # not cause motion either.
         safe = self.link_lost or bool(self.ownership.taken) or levels is not self._inputs
-        released = self._release(now_ms, image)  # in every scan, because it observes the store
-        self.released = list(self._safe) if safe else released
+        wanted = self._release(now_ms, image)  # in every scan, because it observes the store
+        self.released = list(self._safe) if safe else wanted
         self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
         self.notify_observers(now_ms)
@@ -283,9 +273,7 @@ class Runtime(Saved):
             return False
         try:
             self._link.open()
-            self._link.write_outputs(self.released)
-            if self.released_words:
-                self._link.write_registers(self.released_words)
+            self._write_all()
         except OutputsTakenError as taken:
             self.ownership.lose(str(taken), self.now_ms)
             return False
@@ -342,8 +330,8 @@ class Runtime(Saved):
         if not self._open:
             return
         try:
-            if self.ownership.may_write(now_ms, aborted=self.plc.read(self._state) in _ABORT_STATES):
-                self._write_owned(now_ms)
+            aborted = self.plc.read(self.machine.tags.machine.state) in (State.ABORTING, State.ABORTED)
+            self.ownership.write(now_ms, self._write_all, self._release_safe, aborted=aborted)
         except OSError:
             self._on_link_error(now_ms)
             return
@@ -352,26 +340,12 @@ class Runtime(Saved):
             self.link_lost = False
         self._watchdog.feed(now_ms)
 
-    def _write_owned(self, now_ms: int) -> None:
-        """Write outputs and registers; if another master has written, write the safe state once and then nothing."""
-        reason = self.ownership.mismatch()
-        if reason:
-            self._release_safe()
-        try:
-            self._write_all()
-            self.ownership.confirm(self.released, now_ms)
-        except OutputsTakenError as taken:
-            reason = str(taken)
-            self._release_safe()
-        if reason:
-            self.ownership.lose(reason, now_ms)
-
     def _release_safe(self) -> None:
         self.released = list(self._safe)
         self.released_words = list(self._safe_words)
 
-    def _write_all(self) -> None:
-        """Write outputs and registers.
+    def _write_all(self) -> Sequence[bool]:
+        """Write outputs and registers; return the Y image.
 
         Registers are written first, because the complete block of outputs advances a plant in lock step. Safe values
         are written after the outputs, so that a device that refuses them does not keep the outputs on.
@@ -381,6 +355,7 @@ class Runtime(Saved):
         self._link.write_outputs(self.released)
         if self.released_words and self.released_words == self._safe_words:
             self._link.write_registers(self.released_words)
+        return self.released
 
     def _reopen(self, now_ms: int) -> bool:
         """Try to reopen the link: in every scan before the timeout, then every `REOPEN_MS`."""
@@ -410,19 +385,16 @@ class Runtime(Saved):
             return list(image)
         if self._held_since_ms is None:
             self._held_since_ms = now_ms
-        return [
-            level if level in (safe, before) else before
-            for level, before, safe in zip(image, self.released, self._safe, strict=True)
-        ]
+        return _held(image, self.released, self._safe)
 
     def _release_words(self, *, safe: bool) -> list[int]:
         """Return the output registers to write; they wait for the retentive store in the same way as the outputs."""
         if safe or self._failed:
             return list(self._safe_words)
         wanted = [self.plc.read(word) for word in self.machine.program.output_words]
-        if self._held_since_ms is None:
-            return wanted
-        return [
-            value if value == fallback else before
-            for value, before, fallback in zip(wanted, self.released_words, self._safe_words, strict=True)
-        ]
+        return wanted if self._held_since_ms is None else _held(wanted, self.released_words, self._safe_words)
+
+
+def _held(wanted: Sequence[T], before: Sequence[T], safe: Sequence[T]) -> list[T]:
+    """Return the outputs of which only the changes to the safe level are permitted."""
+    return [new if new == fallback else old for new, old, fallback in zip(wanted, before, safe, strict=True)]
