@@ -1,7 +1,7 @@
 """Lease of the outputs: one client of the I/O module may write them at a time.
 
 Industrial couplers lend the outputs to the client that writes first, for as long as their watchdog runs. Source:
-Beckhoff EK9000, register 0x1124 (docs/sources/ecosystem.md 6).
+Beckhoff Information System, EK9000, Modbus configuration (writelock, register 0x1124).
 """
 
 from __future__ import annotations
