@@ -21,12 +21,13 @@ from controller.io.output_guard import ModbusOutputGuard, ModuleKind
 from controller.io.ownership import FREE_MS, RIVAL_MS
 from controller.io.retentive_writer import DirectRetentiveWriter
 from controller.io.runtime import Runtime
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.links.modbus_server import PlantServer
 from tests.controller.common.modbus_rig import ALL_OFF, Client, Rig, make_module, read_pdu, write_coil_pdu
 from tests.sampling import first_of
+from tests.wiring import wired
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
 AT_REST = make_module().inputs()
@@ -35,17 +36,17 @@ SCAN_MS = 10
 EVERY = 5
 WITHIN_MS = 100
 """Time within which both sides must report a second master, ms (issue)."""
-LAMP = 15
-"""Coil offset of an output that the program never switches on in Stopped: left claws close, Y16 is 14; Y17 is 15."""
+TOUCHED = 15
+"""Coil offset of an output that is off in Stopped: the right claws open."""
 
 
 class Controller:
     """Program on a link to a port, scanned in simulated time."""
 
-    def __init__(self, port: int) -> None:
-        self.machine = build(IO_MAP)
+    def __init__(self, port: int, io_map: IoMap = IO_MAP) -> None:
+        self.machine = build(io_map)
         self.plc = Plc(self.machine.program)
-        self.link = ModbusTcpLink("127.0.0.1", port, IO_MAP, timeout_s=5)
+        self.link = ModbusTcpLink("127.0.0.1", port, io_map, timeout_s=5)
         self.guard = ModbusOutputGuard(self.link, every=EVERY)
         self.runtime = Runtime(
             self.machine, self.plc, self.link, DirectRetentiveWriter(MemoryStore()), guard=self.guard
@@ -93,8 +94,8 @@ def stack() -> Iterator[ExitStack]:
         yield stack
 
 
-def controller(stack: ExitStack, port: int) -> Controller:
-    made = Controller(port)
+def controller(stack: ExitStack, port: int, io_map: IoMap = IO_MAP) -> Controller:
+    made = Controller(port, io_map)
     stack.callback(made.link.close)
     return made
 
@@ -189,12 +190,12 @@ def test_a_short_interruption_of_the_owner_is_bridged(rig: Rig, stack: ExitStack
 
 def test_a_foreign_client_as_the_owner_stops_the_controller(rig: Rig, stack: ExitStack) -> None:
     tool, first = rig.client(), controller(stack, rig.server.port)
-    tool.ask(write_coil_pdu(LAMP, 0xFF00))
+    tool.ask(write_coil_pdu(TOUCHED, 0xFF00))
     first.scan(3)
     host, port = tool.socket.getsockname()
     assert f"{host}:{port}" in first.taken
     assert "outputs_taken" in first.alarms
-    assert tool.ask(read_pdu(1, LAMP, 1)) == b"\x01\x01\x01", "nothing was written over the owner"
+    assert tool.ask(read_pdu(1, TOUCHED, 1)) == b"\x01\x01\x01", "nothing was written over the owner"
 
 
 def test_an_output_register_is_part_of_the_lease(rig: Rig, stack: ExitStack) -> None:
@@ -246,8 +247,8 @@ def foreign() -> Iterator[ForeignModule]:
         yield module
 
 
-def coils(client: Client) -> bytes:
-    return client.ask(read_pdu(1, 0, 18))[2:]
+def coils(client: Client, count: int = 18) -> bytes:
+    return client.ask(read_pdu(1, 0, count))[2:]
 
 
 NONE = b"\x00\x00\x00"
@@ -266,8 +267,13 @@ def test_the_write_of_another_master_stops_the_controller_in_the_next_scan(
 ) -> None:
     """Outputs safe first, then the alarm, and nothing is written any more."""
     first, tool = controller(stack, foreign.port), stack.enter_context(Client(foreign.port))
+    first.scan()
     first.order("reset")
-    first.scan(5)
+    first.scan(200)
+    first.order("start")
+    while not any(first.runtime.released):
+        first.scan()
+    assert coils(tool) != NONE
     was_on = coils(tool)[offset // 8] >> offset % 8 & 1
     tool.ask(write_coil_pdu(offset, 0 if was_on else 0xFF00))
     first.scan()
@@ -287,7 +293,7 @@ def test_the_write_of_another_master_stops_the_controller_in_the_next_scan(
 def test_the_operator_clears_a_takeover_when_the_other_master_is_gone(foreign: ForeignModule, stack: ExitStack) -> None:
     first, tool = controller(stack, foreign.port), stack.enter_context(Client(foreign.port))
     first.scan(5)
-    tool.ask(write_coil_pdu(LAMP, 0xFF00))
+    tool.ask(write_coil_pdu(TOUCHED, 0xFF00))
     first.scan(FREE_MS // SCAN_MS + 5)
     assert first.state == State.ABORTED
     first.order("clear")
@@ -296,6 +302,19 @@ def test_the_operator_clears_a_takeover_when_the_other_master_is_gone(foreign: F
     first.order("reset")
     first.scan(5)
     assert first.state == State.RESETTING
+
+
+def test_a_lamp_of_the_abort_is_not_written_either(foreign: ForeignModule, stack: ExitStack) -> None:
+    """Nor is it the first image after the takeover: a module whose watchdog has tripped accepts only the safe state."""
+    first = controller(stack, foreign.port, wired("lamp_red"))
+    tool = stack.enter_context(Client(foreign.port))
+    first.scan(5)
+    tool.ask(write_coil_pdu(TOUCHED, 0xFF00))
+    first.scan(FREE_MS // SCAN_MS + 5)
+    assert first.plc.read(first.machine.tags.system.outputs_taken) == 0
+    assert any(first.plc.memory.Y)
+    assert not any(first.runtime.released)
+    assert coils(tool, 20) == NONE
 
 
 @pytest.mark.parametrize("before", first_of([0, 1, 200], 3))
@@ -323,7 +342,7 @@ def test_an_answer_that_is_missing_is_no_takeover(
     first, tool = controller(stack, foreign.port), stack.enter_context(Client(foreign.port))
     first.scan(5)
     first.link.close()
-    tool.ask(write_coil_pdu(LAMP, 0xFF00))
+    tool.ask(write_coil_pdu(TOUCHED, 0xFF00))
     first.scan(5)
     assert (first.taken, coils(tool)) == ("", NONE)
 
