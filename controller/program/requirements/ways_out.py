@@ -23,7 +23,7 @@ def ways_out(machine: Transplanter) -> tuple[WayOut, ...]:
 
 
 class _OperatorPresses:
-    """Input levels for single commands, with no other command, no fault of link, scan or memory file, and one master."""
+    """Input levels for single commands: no other command, no fault of link, scan or memory file, and one master."""
 
     def __init__(self, machine: Transplanter) -> None:
         tags = machine.tags
