@@ -46,7 +46,7 @@ def compared(seeds: Iterable[int]) -> list[Pair]:
     return pairs
 
 
-@pytest.mark.parametrize("seeds", first_of([[0, 3, 13], range(10)]))
+@pytest.mark.parametrize("seeds", first_of([[3, 13, 17], range(10)]))
 def test_export_has_the_same_outputs_in_every_scan(seeds: Sequence[int]) -> None:
     """The outputs are equal; over a third of the scans have an output on, and nearly all steps occur."""
     pairs, scans = compared(seeds), len(seeds) * A_STORY
