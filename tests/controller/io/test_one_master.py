@@ -24,6 +24,7 @@ from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import build
 from controller.program.states import State
+from plant_sim.links.io_module import WatchdogState
 from plant_sim.links.modbus_server import PlantServer
 from tests.controller.common.modbus_rig import ALL_OFF, Client, Rig, make_module, read_pdu, write_coil_pdu
 from tests.sampling import first_of
@@ -157,7 +158,7 @@ def test_the_second_controller_takes_over_after_the_first_only_when_it_is_cleare
     second.scan(5)
     assert (second.state, second.taken, second.alarms) == (State.STOPPED, "", set())
     assert rig.module.lease.owner == second.address()
-    assert not rig.module.tripped
+    assert rig.module.watchdog_state is WatchdogState.ARMED
     restarted = controller(stack, rig.server.port)
     restarted.scan(2)
     assert second.address() in restarted.taken
@@ -212,8 +213,8 @@ class ForeignModule:
     """Server of pymodbus with 64 coils, 64 inputs and some registers, for the duration of a `with` block."""
 
     def __init__(self, registers: dict[int, int] | None = None) -> None:
-        self.coils = ModbusSequentialDataBlock(1, [0] * 64)
-        self._registers = ModbusSequentialDataBlock(1, [(registers or {}).get(n, 0) for n in range(0x1200)])
+        self.coils = ModbusSequentialDataBlock(1, [0] * 64)  # type: ignore[no-untyped-call]
+        self._registers = ModbusSequentialDataBlock(1, [(registers or {}).get(n, 0) for n in range(0x1200)])  # type: ignore[no-untyped-call]
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = free.getsockname()[1]
         self._ready: Future[None] = Future()
@@ -231,14 +232,14 @@ class ForeignModule:
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
-        inputs = ModbusSequentialDataBlock(1, [*AT_REST, *[False] * 42])
+        inputs = ModbusSequentialDataBlock(1, [*AT_REST, *[False] * 42])  # type: ignore[no-untyped-call]
         device = ModbusDeviceContext(di=inputs, co=self.coils, hr=self._registers, ir=self._registers)
         context = ModbusServerContext(devices=device, single=True)
         server = ModbusTcpServer(context, address=("127.0.0.1", self.port))
         await server.serve_forever(background=True)
         self._ready.set_result(None)
         await self._end.wait()
-        await server.shutdown()
+        await server.shutdown()  # type: ignore[no-untyped-call]
 
 
 @pytest.fixture
