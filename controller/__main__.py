@@ -1,8 +1,22 @@
 """Entry point of ``python -m controller``."""
 
-import sys
+from __future__ import annotations
 
-from controller.cli.main import main
+from typing import NoReturn
+
+from controller.common.stop_request import StopRequest, run_process
+
+
+def run() -> NoReturn:
+    """Run the command of the process's arguments."""
+    run_process(_main)
+
+
+def _main(stop: StopRequest) -> int:
+    from controller.cli.main import main  # noqa: PLC0415 - after the signal handlers are installed
+
+    return main(stop=stop)
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

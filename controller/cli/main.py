@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from controller.common.command_line import CommandLine
+from controller.common.stop_request import StopRequest
 
 COMMAND_LINE = CommandLine(
     package="controller",
@@ -21,9 +22,10 @@ COMMAND_LINE = CommandLine(
         "docs": ("controller.cli.docs", "write the reference tables generated from the program"),
     },
     default="run",
+    services=frozenset({"run", "panel"}),
 )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code."""
-    return COMMAND_LINE.run(arguments)
+def main(arguments: Sequence[str] | None = None, stop: StopRequest | None = None) -> int:
+    """Run a command and return its exit code; see `CommandLine.run`."""
+    return COMMAND_LINE.run(arguments, stop)

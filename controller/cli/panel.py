@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
-import signal
 import socket
 import ssl
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import Final
 
 import uvicorn
@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve until SIGINT or SIGTERM and return the exit code.
+    """Serve until the request to stop and return the exit code.
 
     Raises:
         InputError: An option or a file is invalid.
@@ -98,6 +98,10 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, url: str) -> None:
         super().__init__(config)
         self._url = url
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the signature of the base class
+        """Stop the server; a second signal does not cut its closing short, which lasts `CLOSING_S` at most."""
+        self.should_exit = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -132,10 +136,9 @@ async def _serve(sources: Sources, users: Users, listener: socket.socket, option
     host, port = listener.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
     server = _Server(config, f"{'https' if secure else 'http'}://{shown}:{port}")
-    for number in (signal.SIGINT, signal.SIGTERM):
-        # After shutdown, the server passes the signal on to the previous handler, which would terminate the process.
-        signal.signal(number, lambda *_: None)
-    await server.serve(sockets=[listener])
+    # For a signal before the server installs its own handlers.
+    with options.stop.calling(lambda: setattr(server, "should_exit", True)):
+        await server.serve(sockets=[listener])
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -15,6 +13,7 @@ from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.file_lock import FileLockError, lock_file
 from controller.common.modbus.rtu import SerialLine
+from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock, utc_ms
 from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
@@ -22,13 +21,15 @@ from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange, AlarmList
 from controller.events.cycle_edges import CycleEdges
 from controller.events.production import Event, ProductionLog
-from controller.events.writer import EventWriter, ServingEvent
+from controller.events.writer import EventWriter, OutputsEvent, ServingEvent
 from controller.history.schema import HistoryError
 from controller.history.writer import HistoryWriter
-from controller.hmi.console import Console, OrderError
+from controller.hmi.console import Console, ConsoleReader
 from controller.hmi.modbus.server import DEFAULT_PORT, HmiOptions, HmiServer
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.modbus_tcp import ModbusTcpLink
+from controller.io.module_profiles import MODULE_PROFILES
+from controller.io.output_guard import ModbusOutputGuard, ModuleKind
 from controller.io.pace import Pace, PaceError
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
 from controller.io.runtime import Runtime
@@ -39,6 +40,9 @@ RETRY_S = 0.5
 """Interval between attempts to reach the field I/O, s."""
 REMIND_S = 5.0
 """Interval between repeated reports that the field I/O does not respond, s."""
+IDENTITY_MS = 50
+"""Interval at which a module that lends its outputs is asked for refused writes, ms: half of the time within which both
+sides must report a second master."""
 SWITCH_INTERVAL_S = 0.0005
 """Thread switch interval, s: maximum time that the scan waits for another thread; one tenth of Python's default."""
 
@@ -49,6 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
     parser.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
     parser.add_argument("--unit", type=int, default=1, help="Modbus unit identifier")
+    parser.add_argument(
+        "--module",
+        choices=sorted(MODULE_PROFILES),
+        default=None,
+        help="I/O module whose write lock is set at the start (default: none)",
+    )
     parser.add_argument("--timeout-ms", type=int, default=30, help="timeout of one response of the field I/O, ms")
     parser.add_argument(
         "--link-limit-ms",
@@ -103,7 +113,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run until SIGINT or SIGTERM and return the exit code, which is 1 if the safe outputs could not be written.
+    """Run until the request to stop and return the exit code, which is 1 if the safe outputs could not be written.
+
+    Outputs that belong to another master are not written, and this is no failure.
 
     Raises:
         InputError: An option or a file is invalid.
@@ -114,7 +126,7 @@ def run(options: argparse.Namespace) -> int:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
     except ValueError as error:
         raise InputError(f"--input-filter-ms: {error}") from error
-    stop = threading.Event()
+    stop: StopRequest = options.stop
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
         link = ModbusTcpLink(
@@ -125,6 +137,7 @@ def run(options: argparse.Namespace) -> int:
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
         writer: RetentiveWriter = ThreadedRetentiveWriter(store) if pace is None else DirectRetentiveWriter(store)
         stack.callback(writer.close)
+        guard = ModbusOutputGuard(link, every=max(1, IDENTITY_MS // options.scan_ms))
         runtime = Runtime(
             machine,
             plc,
@@ -134,25 +147,25 @@ def run(options: argparse.Namespace) -> int:
             link_wait_ms=options.timeout_ms + options.scan_ms,
             panel_limit_ms=options.panel_limit_ms,
             allow_forcing=options.allow_forcing,
+            guard=guard,
         )
         figures = LoopFigures()
         stack.enter_context(_operator_interfaces(runtime, figures, pace, options))
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: stop.set())
-        if not _wait_for_field(link, options, stop):
+        if not _wait_for_field(link, guard, options, stop):
             return 0
         if pace is None:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
-    outputs = "set to their safe levels" if figures.outputs_safe else "NOT written: no response from the field"
+    left = runtime.ownership.taken or "no response from the field"
+    outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
     print(
         f"stopped, outputs {outputs}; "
         f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
         f"longest {figures.longest_ms} ms",
         file=sys.stderr,
     )
-    return 0 if figures.outputs_safe else 1
+    return 0 if figures.outputs_safe or runtime.ownership.taken else 1
 
 
 def _add_hmi(parser: argparse.ArgumentParser) -> None:
@@ -259,6 +272,7 @@ def _operator_interfaces(
         runtime.observers.append(ProductionLog(machine, publish, options.language))
         alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, publish, options.language)
         runtime.observers.append(alarms)
+        runtime.observers.append(_OutputReport(runtime, printer))
         if not options.no_hmi:
             server = _server(runtime, alarms, options, figures=figures, pace=pace, audit=audit)
             receivers.append(server.cycles.record)
@@ -266,9 +280,29 @@ def _operator_interfaces(
             stack.enter_context(server)
             printer.write(ServingEvent(runtime.now_ms, server.port))
         if not options.no_console and sys.stdin is not None:  # None = closed by the parent process
-            console = Console(runtime, alarms)
-            threading.Thread(target=_read_console, args=(console,), name="console", daemon=True).start()
+            stack.enter_context(ConsoleReader(Console(runtime, alarms), sys.stdin.fileno()))
         yield
+
+
+class _OutputReport:
+    """Observer that reports another master after its alarm has been set."""
+
+    def __init__(self, runtime: Runtime, printer: EventWriter) -> None:
+        self._ownership = runtime.ownership
+        self._printer = printer
+        self._system = runtime.machine.tags.system
+        self._reported = ("", "")
+
+    def __call__(self, now_ms: int, plc: Plc) -> None:
+        taken = self._ownership.taken if plc.read(self._system.outputs_taken) else ""
+        rival = self._ownership.rival if plc.read(self._system.outputs_contested) else ""
+        if taken not in ("", self._reported[0]):
+            self._printer.write(OutputsEvent(now_ms, taken, taken=True))
+        if rival not in ("", self._reported[1]):
+            number, _, address = rival.partition(" ")
+            text = f"write by {address} refused by the field I/O ({number} so far)"
+            self._printer.write(OutputsEvent(now_ms, text, taken=False))
+        self._reported = taken, rival
 
 
 def _history(machine: Transplanter, edges: CycleEdges, options: argparse.Namespace) -> HistoryWriter | None:
@@ -337,13 +371,16 @@ def _set_points(machine: Transplanter, assignments: Sequence[str]) -> list[tuple
     return values
 
 
-def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: threading.Event) -> bool:
+def _wait_for_field(link: ModbusTcpLink, guard: ModbusOutputGuard, options: argparse.Namespace, stop: Stop) -> bool:
     """Wait until the field I/O responds, with periodic reports while it does not; return False if `stop` is set."""
     tries = 0
     while not stop.is_set():
         try:
             link.open()
             link.read_inputs()
+            if options.module is not None:
+                MODULE_PROFILES[options.module].apply(link)
+            kind = guard.identify()
         except OSError as error:
             if tries % round(REMIND_S / RETRY_S) == 0:
                 print(f"{error}; retrying", file=sys.stderr, flush=True)
@@ -351,14 +388,7 @@ def _wait_for_field(link: ModbusTcpLink, options: argparse.Namespace, stop: thre
             stop.wait(RETRY_S)
         else:
             print(f"field I/O at {options.host}:{options.port} responds", file=sys.stderr, flush=True)
+            if kind is ModuleKind.BLIND:
+                print("its outputs cannot be read back: another master is not detected", file=sys.stderr, flush=True)
             return True
     return False
-
-
-def _read_console(console: Console) -> None:
-    """Read orders from standard input until end of file; undecodable bytes are replaced."""
-    for line in sys.stdin.buffer:
-        try:
-            console.execute(line.decode(errors="replace"))
-        except OrderError as error:
-            print(error, file=sys.stderr, flush=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import importlib.metadata
 import os
@@ -14,11 +15,12 @@ from typing import NoReturn, Protocol, cast
 
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION, install_hint
+from controller.common.stop_request import StopRequest
 
 USAGE_ERROR = 2
 """Exit code for invalid input and for a missing optional dependency."""
 INTERRUPTED = 130
-"""Exit code after Ctrl-C: 128 + SIGINT, by shell convention."""
+"""Exit code of a command whose work was interrupted by Ctrl-C: 128 + SIGINT, by shell convention."""
 BROKEN_PIPE = 141
 """Exit code if the reader of the output has disconnected: 128 + SIGPIPE, by shell convention."""
 
@@ -64,6 +66,8 @@ class CommandLine:
         description: First line of the help text.
         commands: Module and one-line help of each command, by its name.
         default: Command to run if the first argument is not the name of a command.
+        services: Commands that run until they are stopped. Ctrl-C is their regular end, with exit code 0; they find the
+            request in ``options.stop``. Any other command is interrupted.
     """
 
     package: str
@@ -71,6 +75,7 @@ class CommandLine:
     description: str
     commands: Mapping[str, tuple[str, str]]
     default: str
+    services: frozenset[str]
 
     @property
     def prog(self) -> str:
@@ -100,23 +105,28 @@ class CommandLine:
                     parser.epilog = f"Without a command:\n\n{command.format_help()}"
         return parser
 
-    def run(self, arguments: Sequence[str] | None = None) -> int:
+    def run(self, arguments: Sequence[str] | None = None, stop: StopRequest | None = None) -> int:
         """Run a command and return its exit code.
 
         Only the module of that command is imported, so that a command does not need the dependencies of the others.
 
         Args:
             arguments: Command-line arguments; None = those of the process.
+            stop: Request to stop the process; None leaves the signal handlers unchanged.
         """
         given = list(sys.argv[1:] if arguments is None else arguments)
         if not given or given[0] not in (*self.commands, "-h", "--help", "--version"):
             given.insert(0, self.default)
-        return until_reader_disconnects(lambda: self._run(given))
+        with StopRequest() if stop is None else contextlib.nullcontext(stop) as request:
+            return until_reader_disconnects(lambda: self._run(given, request))
 
-    def _run(self, given: Sequence[str]) -> int:
+    def _run(self, given: Sequence[str], stop: StopRequest) -> int:
         name = self.default if given[0] in {"-h", "--help"} else given[0]
         try:
+            if name not in self.services:
+                stop.interrupt()
             options = self.parser({name}).parse_args(given)
+            options.stop = stop
             command: Callable[[argparse.Namespace], int] = options.command
             return command(options)
         except InputError as error:

@@ -27,6 +27,22 @@ class ServingEvent:
     event: str = "serving"
 
 
+@dataclass(frozen=True, slots=True)
+class OutputsEvent:
+    """Another master that writes the outputs, or has tried to.
+
+    Attributes:
+        at_ms: Time of the event, ms.
+        text: Reason, with the address of the other master if the field I/O reports it.
+        taken: True if this controller has stopped writing; False if the write of the other master was refused.
+    """
+
+    at_ms: int
+    text: str
+    taken: bool
+    event: str = "outputs"
+
+
 class EventWriter:
     """Event writer in a background thread; a slow or disconnected reader does not delay the scan."""
 
@@ -39,11 +55,11 @@ class EventWriter:
         """
         self._form = form
         self._out = out
-        self._events: queue.SimpleQueue[Event | AlarmChange | ServingEvent | None] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event | AlarmChange | ServingEvent | OutputsEvent | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="events", daemon=True)
         self._thread.start()
 
-    def write(self, event: Event | AlarmChange | ServingEvent) -> None:
+    def write(self, event: Event | AlarmChange | ServingEvent | OutputsEvent) -> None:
         """Queue an event for writing."""
         self._events.put(event)
 

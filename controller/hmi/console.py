@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import select
+import sys
+import threading
 from collections.abc import Iterable
-from typing import Final
+from types import TracebackType
+from typing import Final, Self
 
+from controller.common.stop_request import StopRequest
 from controller.events.alarm_list import AlarmList, AlarmRefusalError
 from controller.io.runtime import Runtime
 from controller.program.set_points import LONGEST_NUMBER, SetPointError
 
 OPERATOR: Final = "console"
 MINUTE_MS: Final = 60_000
+RECEIVED_BYTES: Final = 4_096
 FORMS: Final = (
     "a command of the table",
     "set NAME=VALUE",
@@ -70,6 +77,66 @@ class Console:
             self._runtime.order(name)
         except KeyError as error:
             raise OrderError(str(error.args[0])) from error
+
+
+class ConsoleReader:
+    """Thread that passes the lines of standard input to a console for the duration of a `with` block.
+
+    It waits for input and for its own end at the same time, so that it never blocks in a read: a thread that holds the
+    lock of standard input when the interpreter ends aborts the process.
+    """
+
+    def __init__(self, console: Console, descriptor: int) -> None:
+        """Create a reader.
+
+        Args:
+            console: Console that executes the lines; refusals are printed on standard error.
+            descriptor: File descriptor to read from until end of file.
+        """
+        self._console = console
+        self._descriptor = descriptor
+        self._end = StopRequest()
+        self._thread = threading.Thread(target=self._run, name="console")
+
+    def __enter__(self) -> Self:
+        """Start the thread."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End the thread; input that has not been read is ignored."""
+        with self._end:
+            self._end.set()
+            self._thread.join()
+
+    def _run(self) -> None:
+        rest = b""
+        while received := self._receive():
+            *lines, rest = (rest + received).split(b"\n")
+            for line in lines:
+                self._execute(line)
+        if rest and not self._end.is_set():
+            self._execute(rest)
+
+    def _receive(self) -> bytes:
+        """Return the next bytes; none at the end of file, after the terminal has been closed, and at the end."""
+        select.select([self._descriptor, self._end.fileno()], [], [])
+        if self._end.is_set():
+            return b""
+        try:
+            return os.read(self._descriptor, RECEIVED_BYTES)
+        except OSError:
+            return b""
+
+    def _execute(self, line: bytes) -> None:
+        """Execute one line; undecodable bytes are replaced."""
+        try:
+            self._console.execute(line.decode(errors="replace"))
+        except OrderError as error:
+            sys.stderr.write(f"{error}\n")
+            sys.stderr.flush()
 
 
 def _whole_number(text: str) -> int:

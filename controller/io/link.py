@@ -16,6 +16,13 @@ class LinkError(OSError):
     """Raised if the field I/O is unreachable, does not answer in time or returns an error; the message is one line."""
 
 
+class OutputsTakenError(Exception):
+    """Raised if the field I/O refuses a write because its outputs belong to another master; the link remains open.
+
+    The message is one line and names the owner.
+    """
+
+
 class FieldLink(Protocol):
     """Link to the field I/O.
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import Final
 
+from controller.common.stop_request import Stop
 from controller.core.clock import Clock
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
@@ -56,7 +56,7 @@ class LoopFigures:
 
 
 def run_real_time(
-    runtime: Runtime, clock: Clock, *, scan_ms: int, stop: threading.Event, figures: LoopFigures | None = None
+    runtime: Runtime, clock: Clock, *, scan_ms: int, stop: Stop, figures: LoopFigures | None = None
 ) -> LoopFigures:
     """Scan once per period until `stop` is set; then write the safe outputs.
 
@@ -98,7 +98,7 @@ def run_real_time(
 
 
 def run_simulated_time(
-    runtime: Runtime, pace: Pace, *, scan_ms: int, stop: threading.Event, figures: LoopFigures | None = None
+    runtime: Runtime, pace: Pace, *, scan_ms: int, stop: Stop, figures: LoopFigures | None = None
 ) -> LoopFigures:
     """Scan in simulated time, one period per scan, until `stop` is set; then write the safe outputs.
 

@@ -15,10 +15,15 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ConnectionException, ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
-from pymodbus.pdu.bit_message import ReadDiscreteInputsRequest, WriteMultipleCoilsRequest
-from pymodbus.pdu.register_message import WriteMultipleRegistersRequest
+from pymodbus.pdu.bit_message import ReadCoilsRequest, ReadDiscreteInputsRequest, WriteMultipleCoilsRequest
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    WriteMultipleRegistersRequest,
+)
 
-from controller.io.link import LinkError
+from controller.common.modbus.output_owner import REPORT_OFFSET, REPORT_WORDS, OwnerReport
+from controller.io.link import LinkError, OutputsTakenError
 from controller.iomap.loader import IoMap, OutputRegister, Point
 
 # Every failure below raises a LinkError; the log messages of pymodbus would repeat it in every scan.
@@ -55,6 +60,11 @@ class ModbusTcpLink:
     An image is transferred in one request if the offsets in the I/O map are consecutive, otherwise in
     one request per run of consecutive offsets, because strict modules reject a request for an
     undeclared offset with an exception response.
+
+    Attributes:
+        lends: True for a module that lends its outputs to one client at a time and reports the owner. Its refusal of a
+            write with exception 06 raises `OutputsTakenError`.
+        outputs: Y numbers of the wired outputs.
     """
 
     def __init__(self, host: str, port: int, io_map: IoMap, *, unit: int = 1, timeout_s: float = 0.05) -> None:
@@ -68,6 +78,8 @@ class ModbusTcpLink:
             timeout_s: Timeout of the connection and of each answer, s; an answer in several segments
                 may take twice as long.
         """
+        self.lends = False
+        self.outputs = tuple(point.number for point in io_map.outputs)
         self._address = f"{host}:{port}"
         self._unit = unit
         self._timeout_ms = round(timeout_s * 1_000)
@@ -108,12 +120,63 @@ class ModbusTcpLink:
             count = len(run.numbers)
             operation = f"read of {count} inputs from offset {run.first_offset}"
             request = ReadDiscreteInputsRequest(address=run.first_offset, count=count, dev_id=self._unit)
-            bits = self._exchange(operation, request).bits
-            if not count <= len(bits) < count + 8:  # answers are padded to complete bytes
-                raise self._failed(operation, f"answer contains {len(bits)} bits")
-            for number, level in zip(run.numbers, bits, strict=False):
+            for number, level in zip(run.numbers, self._bits(operation, request, count), strict=False):
                 image[number] = level
         return image
+
+    def read_outputs(self) -> list[bool]:
+        """Read back the raw Y image.
+
+        Returns:
+            Levels by Y number; numbers that are not in the map are False.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+        """
+        image = [False] * self._output_count
+        for run in self._output_runs:
+            count = len(run.numbers)
+            operation = f"read of {count} outputs from offset {run.first_offset}"
+            request = ReadCoilsRequest(address=run.first_offset, count=count, dev_id=self._unit)
+            for number, level in zip(run.numbers, self._bits(operation, request, count), strict=False):
+                image[number] = level
+        return image
+
+    def read_owner(self) -> OwnerReport:
+        """Read who owns the outputs.
+
+        Raises:
+            LinkError: The link is closed, the answer is late, malformed or an exception response, or the module does
+                not report the owner.
+        """
+        operation = "read of the owner of the outputs"
+        request = ReadInputRegistersRequest(address=REPORT_OFFSET, count=REPORT_WORDS, dev_id=self._unit)
+        words = self._exchange(operation, request).registers
+        report = OwnerReport.decode(words) if len(words) == REPORT_WORDS else None
+        if report is None:
+            raise self._failed(operation, "answer contains no report")
+        return report
+
+    def read_setting(self, address: int) -> int:
+        """Read one holding register.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+        """
+        operation = f"read of register {address:#06x}"
+        reply = self._exchange(operation, ReadHoldingRegistersRequest(address=address, count=1, dev_id=self._unit))
+        if len(reply.registers) != 1:
+            raise self._failed(operation, f"answer contains {len(reply.registers)} registers")
+        return reply.registers[0]
+
+    def write_setting(self, address: int, value: int) -> None:
+        """Write one holding register.
+
+        Raises:
+            LinkError: The link is closed, or the answer is late, malformed or an exception response.
+        """
+        request = WriteMultipleRegistersRequest(address=address, registers=[value], dev_id=self._unit)
+        self._exchange(f"write of register {address:#06x}", request)
 
     def write_outputs(self, image: Sequence[bool]) -> None:
         """Write the raw Y image, in ascending order of offsets.
@@ -122,6 +185,7 @@ class ModbusTcpLink:
             image: Levels by Y number; numbers that are not in the map are ignored.
 
         Raises:
+            OutputsTakenError: The outputs belong to another master.
             LinkError: The link is closed, or the answer is late, malformed or an exception response.
             ValueError: The image has the wrong length.
         """
@@ -144,6 +208,7 @@ class ModbusTcpLink:
             values: Values by the order of `IoMap.registers`, 0 to 32767.
 
         Raises:
+            OutputsTakenError: The outputs belong to another master.
             LinkError: The link is closed, or the answer is late, malformed or an exception response.
             ValueError: The number of values is wrong.
         """
@@ -161,6 +226,13 @@ class ModbusTcpLink:
         """Close the connection; no effect on a closed link."""
         self._client.close()  # type: ignore[no-untyped-call]
 
+    def _bits(self, operation: str, request: ModbusPDU, count: int) -> Sequence[bool]:
+        """Return the bits of an answer, which is padded to complete bytes."""
+        bits = self._exchange(operation, request).bits
+        if not count <= len(bits) < count + 8:
+            raise self._failed(operation, f"answer contains {len(bits)} bits")
+        return bits
+
     def _exchange(self, operation: str, request: ModbusPDU) -> ModbusPDU:
         """Send a request and return its answer; close the link and raise LinkError if there is no valid answer."""
         if not self._client.connected:  # pymodbus would silently reconnect
@@ -174,6 +246,9 @@ class ModbusTcpLink:
         except OSError as error:
             raise self._failed(operation, str(error)) from error
         if isinstance(reply, ExceptionResponse):
+            if self.lends and reply.exception_code == ExcCodes.DEVICE_BUSY:
+                owner = self.read_owner().owner or "another master"
+                raise OutputsTakenError(f"field I/O at {self._address}: {operation}: the outputs belong to {owner}")
             raise self._failed(operation, f"refused with exception {_exception_name(reply)}")
         if reply.function_code != request.function_code:
             raise self._failed(operation, f"answer to another function ({reply.function_code})")

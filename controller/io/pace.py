@@ -6,6 +6,8 @@ import threading
 import time
 from typing import Final
 
+from controller.common.stop_request import Stop
+
 PAUSED: Final = 0
 REAL_TIME: Final = 100
 FASTEST: Final = 5_000
@@ -50,7 +52,7 @@ class Pace:
             self._due_s = time.perf_counter()
             self._changed.notify_all()
 
-    def wait(self, for_ms: int, stop: threading.Event) -> bool:
+    def wait(self, for_ms: int, stop: Stop) -> bool:
         """Wait until the next `for_ms` of simulated time has elapsed; return False if `stop` is set.
 
         A pause ends with `set`, or within 0.1 s after `stop` is set.

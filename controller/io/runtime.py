@@ -9,18 +9,21 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from controller.common.saved import Saved
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.io.forcing import Forcing
-from controller.io.link import FieldLink, LinkWatchdog
+from controller.io.link import FieldLink, LinkWatchdog, OutputsTakenError
+from controller.io.ownership import OutputGuard, OutputOwnership
 from controller.io.retentive_writer import RetentiveWriter
 from controller.program.machine import Transplanter
 from controller.program.set_points import SetPointError
+from controller.program.states import State
 
 Observer = Callable[[int, Plc], None]
+T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -39,6 +42,7 @@ class Runtime(Saved):
         machine: Program and its tags.
         plc: PLC that executes the program.
         forcing: Forced inputs.
+        ownership: Ownership of the outputs.
         link_lost: True if the field link has exceeded its timeout.
         released: Y image written last, raw levels.
         released_words: Values of the output registers written last.
@@ -79,6 +83,7 @@ class Runtime(Saved):
         scan_limit_ms: int = SCAN_LIMIT_MS,
         panel_limit_ms: int | None = None,
         allow_forcing: bool = False,
+        guard: OutputGuard | None = None,
     ) -> None:
         """Connect the PLC to the link; the first tick opens the link.
 
@@ -88,12 +93,12 @@ class Runtime(Saved):
             link: Field link.
             retentive_writer: Writer of the retentive devices.
             link_limit_ms: Timeout of the field link, ms.
-            link_wait_ms: Longest duration of one further attempt to open the link, ms. The link is declared lost this
-                long before the timeout expires, so that a loss is detected within the timeout.
+            link_wait_ms: Longest duration of a further attempt to open the link, ms; a loss is declared earlier by it.
             scan_limit_ms: Longest time between two scans, ms.
             panel_limit_ms: Timeout of the operator panel, ms, active after the panel's first message. When it expires,
                 the machine finishes the cycle and holds. None = no timeout.
             allow_forcing: True to permit forcing of inputs.
+            guard: Detection of another master on the link; None = none.
         """
         self.machine = machine
         self.plc = plc
@@ -123,28 +128,24 @@ class Runtime(Saved):
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
+        self.ownership = OutputOwnership(guard, self._safe)
         self._submitted_image = plc.retentive_image()
         system = machine.tags.system
-        self._status_bits = (
-            system.link_lost,
-            system.scan_fault,
-            system.outputs_held,
-            system.store_fault,
-            system.panel_silent,
-        )
+        self._status_bits = tuple(bit for bit in system.bits() if bit != system.memory_lost)
         self._status: tuple[bool, ...] = ()
 
     def save(self) -> Any:
         """Return the current state, with that of the PLC, but without those of the link and the retentive writer."""
-        return super().save(), self.plc.save(), self.forcing.save(), self._watchdog.save()
+        return super().save(), self.plc.save(), self.forcing.save(), self._watchdog.save(), self.ownership.save()
 
     def restore(self, saved: Any) -> None:
         """Restore a state returned by `save`."""
-        own, plc, forcing, watchdog = saved
+        own, plc, forcing, watchdog, ownership = saved
         super().restore(own)
         self.plc.restore(plc)
         self.forcing.restore(forcing)
         self._watchdog.restore(watchdog)
+        self.ownership.restore(ownership)
 
     def tick(self, now_ms: int, start_ms: int | None = None) -> None:
         """Execute one scan.
@@ -169,13 +170,15 @@ class Runtime(Saved):
             self._held_since_ms is not None,
             self._store_fault(now_ms),
             self._panel_silent(now_ms),
+            *self.ownership.status(start_ms),
         )
         levels = self.forcing.apply(self._inputs, now_ms)
         image = self._scan(now_ms, levels)
         # After a link loss the first image written must be the safe state, including lamps and horn. Forced inputs must
         # not cause motion either.
-        safe = self.link_lost or levels is not self._inputs
-        self.released = list(self._safe) if safe else self._release(now_ms, image)
+        safe = self.link_lost or bool(self.ownership.taken) or levels is not self._inputs
+        wanted = self._release(now_ms, image)  # in every scan, because it observes the store
+        self.released = list(self._safe) if safe else wanted
         self.released_words = self._release_words(safe=safe)
         self._write(start_ms)
         self.notify_observers(now_ms)
@@ -197,6 +200,7 @@ class Runtime(Saved):
             and not (any(self._status) or self.link_lost or self._failed or self._orders or self.forcing.levels)
             and not (self._panel_alive or self._panel_limit_ms is not None or self.released_words)
             and self._held_since_ms is None
+            and self.ownership.guard is None
             and self._retentive_writer.error is None
         )
 
@@ -260,14 +264,19 @@ class Runtime(Saved):
         self._panel_alive = True
 
     def write_safe_outputs(self) -> bool:
-        """Write the safe state of every output and return True if the field I/O accepted it."""
-        self.released = list(self._safe)
-        self.released_words = list(self._safe_words)
+        """Write the safe state of every output and return True if the field I/O accepted it.
+
+        Outputs that belong to another master are left to it.
+        """
+        self._release_safe()
+        if self.ownership.taken:
+            return False
         try:
             self._link.open()
-            self._link.write_outputs(self.released)
-            if self.released_words:
-                self._link.write_registers(self.released_words)
+            self._write_all()
+        except OutputsTakenError as taken:
+            self.ownership.lose(str(taken), self.now_ms)
+            return False
         except OSError:
             self._link.close()
             return False
@@ -321,7 +330,8 @@ class Runtime(Saved):
         if not self._open:
             return
         try:
-            self._write_all()
+            aborted = self.plc.read(self.machine.tags.machine.state) in (State.ABORTING, State.ABORTED)
+            self.ownership.write(now_ms, self._write_all, self._release_safe, aborted=aborted)
         except OSError:
             self._on_link_error(now_ms)
             return
@@ -330,8 +340,12 @@ class Runtime(Saved):
             self.link_lost = False
         self._watchdog.feed(now_ms)
 
-    def _write_all(self) -> None:
-        """Write outputs and registers.
+    def _release_safe(self) -> None:
+        self.released = list(self._safe)
+        self.released_words = list(self._safe_words)
+
+    def _write_all(self) -> Sequence[bool]:
+        """Write outputs and registers; return the Y image.
 
         Registers are written first, because the complete block of outputs advances a plant in lock step. Safe values
         are written after the outputs, so that a device that refuses them does not keep the outputs on.
@@ -341,6 +355,7 @@ class Runtime(Saved):
         self._link.write_outputs(self.released)
         if self.released_words and self.released_words == self._safe_words:
             self._link.write_registers(self.released_words)
+        return self.released
 
     def _reopen(self, now_ms: int) -> bool:
         """Try to reopen the link: in every scan before the timeout, then every `REOPEN_MS`."""
@@ -359,6 +374,7 @@ class Runtime(Saved):
 
     def _on_link_error(self, now_ms: int) -> None:
         self._open = False
+        self.ownership.doubt()
         if self._watchdog.expired(now_ms):
             self.link_lost = True
 
@@ -369,19 +385,16 @@ class Runtime(Saved):
             return list(image)
         if self._held_since_ms is None:
             self._held_since_ms = now_ms
-        return [
-            level if level in (safe, before) else before
-            for level, before, safe in zip(image, self.released, self._safe, strict=True)
-        ]
+        return _held(image, self.released, self._safe)
 
     def _release_words(self, *, safe: bool) -> list[int]:
         """Return the output registers to write; they wait for the retentive store in the same way as the outputs."""
         if safe or self._failed:
             return list(self._safe_words)
         wanted = [self.plc.read(word) for word in self.machine.program.output_words]
-        if self._held_since_ms is None:
-            return wanted
-        return [
-            value if value == fallback else before
-            for value, before, fallback in zip(wanted, self.released_words, self._safe_words, strict=True)
-        ]
+        return wanted if self._held_since_ms is None else _held(wanted, self.released_words, self._safe_words)
+
+
+def _held(wanted: Sequence[T], before: Sequence[T], safe: Sequence[T]) -> list[T]:
+    """Return the outputs of which only the changes to the safe level are permitted."""
+    return [new if new == fallback else old for new, old, fallback in zip(wanted, before, safe, strict=True)]

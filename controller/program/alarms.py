@@ -159,6 +159,10 @@ class Annunciators:
         self.panel_silent = self.add("hmi_silent", number=992, severity=warning, cause=system.panel_silent)
         self.lambda_off = self.add("lambda", number=993, severity=warning)
         self.planting_fast = self.add("planting_fast", number=994, severity=warning)
+        self.outputs_taken = self.add("outputs_taken", number=972, severity=safety, cause=system.outputs_taken)
+        self.outputs_contested = self.add(
+            "outputs_contested", number=995, severity=warning, cause=system.outputs_contested
+        )
 
     def __iter__(self) -> Iterator[Alarm]:
         """Iterate over all alarms by S number."""
@@ -285,6 +289,9 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.link_lost, when=system.link_lost),
         Set(alarms.scan_fault, when=system.scan_fault),
         Set(alarms.store_fault, when=system.store_fault),
+        Set(alarms.outputs_taken, when=system.outputs_taken),
+        Set(alarms.outputs_contested, when=system.outputs_contested),
+        Rst(alarms.outputs_contested, when=~system.outputs_contested),
         Annunciate(machine.t_stop_stuck, STOP_STUCK_MS, alarms.stop_stuck, when=x.stop & ~system.link_lost),
         Rst(alarms.stop_stuck, when=~x.stop),
         Set(alarms.panel_silent, when=system.panel_silent),

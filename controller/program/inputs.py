@@ -54,6 +54,8 @@ class System:
         self.outputs_held = m.bit("outputs held", "outputs are delayed until retentive memory is stored")
         self.store_fault = m.bit("store fault", "retentive memory cannot be stored")
         self.panel_silent = m.bit("panel silent", "no message from the operator panel within its timeout")
+        self.outputs_taken = m.bit("outputs taken", "another master writes the outputs, or owns them")
+        self.outputs_contested = m.bit("outputs contested", "a write of another master was refused by the field I/O")
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
@@ -64,4 +66,6 @@ class System:
             self.outputs_held,
             self.store_fault,
             self.panel_silent,
+            self.outputs_taken,
+            self.outputs_contested,
         )

@@ -82,7 +82,7 @@ def state_table(tags: Tags) -> list[StateChange]:
             tuple(state for state in s if state not in {s.ABORTING, s.ABORTED}),
             s.ABORTING,
             machine.abort,
-            "emergency stop, abort command, or fault of link, scan or store",
+            "emergency stop, abort command, fault of link, scan or store, or outputs taken over",
         ),
     ]
 
@@ -93,7 +93,7 @@ def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
     state = machine.state
     button = x.optional("reset")
     reset = FALSE if button is None else button
-    faults = any_of(system.link_lost, system.scan_fault, system.store_fault)
+    faults = any_of(system.link_lost, system.scan_fault, system.store_fault, system.outputs_taken)
     accepted = orders.accepted
     return [
         # A button held at power-up produces its edge in the first scan, in which it is ignored.

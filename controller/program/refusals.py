@@ -54,6 +54,7 @@ class Refusal(IntEnum):
     RIGHT_NOT_CONVERGED = auto()
     RIGHT_NOT_OPEN = auto()
     RIGHT_NOT_LOADED = auto()
+    OUTPUTS_TAKEN = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +164,7 @@ class Orders:
             Obstacle(Refusal.LINK_LOST, system.link_lost),
             Obstacle(Refusal.SCAN_FAULT, system.scan_fault),
             Obstacle(Refusal.STORE_FAULT, system.store_fault),
+            Obstacle(Refusal.OUTPUTS_TAKEN, system.outputs_taken),
         ]
 
     def _answers(self) -> Iterator[tuple[Bit, list[Obstacle]]]:

@@ -7,6 +7,7 @@ or a bare loop that only waits. It prints its result as one line of JSON.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 import random
@@ -21,6 +22,7 @@ from itertools import accumulate
 from typing import Final
 
 from controller.common.modbus.mbap import HEADER, MAX_LENGTH, MIN_LENGTH, UNCOUNTED_BYTES
+from controller.common.stop_request import StopRequest, run_process
 from controller.io.loop import BOUNDS_US, Histogram
 
 READ_COILS: Final = 1
@@ -305,9 +307,15 @@ def main(arguments: list[str]) -> None:
         _ROLES[role](*(int(each) if each.isdecimal() else each for each in values))
     except SilentServerError as error:
         sys.exit(f"{role}: {error}")
-    except KeyboardInterrupt:
-        pass
+
+
+def _process(stop: StopRequest) -> int:
+    """Run a role until it ends or is stopped."""
+    with contextlib.suppress(KeyboardInterrupt):
+        stop.interrupt()
+        main(sys.argv[1:])
+    return 0
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run_process(_process)

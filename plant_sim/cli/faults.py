@@ -16,6 +16,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from controller.common.stop_request import interrupts_blocked
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
 from plant_sim.fault_matrix import report, rest_report
 from plant_sim.fault_matrix.cases import Subject, subjects
@@ -195,7 +196,9 @@ def _results(run_one: Callable[[Task], Done], tasks: Sequence[Task], jobs: int) 
         return
     pool = ProcessPoolExecutor(jobs, initializer=_ignore_interrupts)
     try:
-        yield pool.map(run_one, tasks)
+        with interrupts_blocked():
+            outcomes = pool.map(run_one, tasks)
+        yield outcomes
     finally:
         pool.shutdown(cancel_futures=True)
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Sequence
 
 from controller.common.command_line import CommandLine
+from controller.common.stop_request import StopRequest
 
 COMMAND_LINE = CommandLine(
     package="plant_sim",
@@ -29,10 +29,10 @@ COMMAND_LINE = CommandLine(
         "docs": ("plant_sim.cli.docs", "write the reference tables generated from the plant"),
     },
     default="serve",
+    services=frozenset({"serve"}),
 )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return its exit code. SIGTERM has the same effect as Ctrl-C."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    return COMMAND_LINE.run(arguments)
+def main(arguments: Sequence[str] | None = None, stop: StopRequest | None = None) -> int:
+    """Run a command; return its exit code. See `CommandLine.run`."""
+    return COMMAND_LINE.run(arguments, stop)

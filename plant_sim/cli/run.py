@@ -59,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
     """Run the trial and print the report.
 
     Returns:
-        0 if the trial completed and every seedling is accounted for; the exit code of a failed process; else 1.
+        0 if the trial completed and every seedling is accounted for, and after Ctrl-C in a run by hand; the exit code
+        of a failed process; else 1.
 
     Raises:
         InputError: An option or a file is invalid.
@@ -75,6 +76,10 @@ def run(options: argparse.Namespace) -> int:
         raise InputError("--port 0: the controller must know the port; specify one")
     try:
         return _live(options)
+    except KeyboardInterrupt:
+        if options.by_hand:  # stopped by the user who operates the machine: no trial has failed
+            return 0
+        raise
     except BrokenPipeError:  # also a ConnectionError, but caused by closed standard output
         raise
     except (LiveError, ConnectionError) as error:

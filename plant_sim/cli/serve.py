@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import sys
+from collections.abc import Callable
 
 from controller.common.errors import InputError
 from controller.common.modbus.address import listening_remedy
@@ -53,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve until Ctrl-C or SIGTERM.
+    """Serve until the request to stop.
 
     Raises:
         InputError: An option or a file is invalid, or the port is in use.
@@ -76,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise InputError(str(error)) from error
 
+    module.lease.on_refusal = _refusal_report(module)
+
     def listening(port: int) -> None:
         print(f"plant listening on {options.host}:{port}", flush=True)
 
@@ -94,12 +98,30 @@ def run(options: argparse.Namespace) -> int:
             )
             module.observers.append(stack.enter_context(recorder).sample)
         try:
-            asyncio.run(serve(server, listening=listening))
+            asyncio.run(serve(server, options.stop, listening=listening))
         except OSError as error:
             reason = error.strerror or str(error)
             text = f"cannot listen on {options.host}:{options.port}: {reason}; {listening_remedy(error)}"
             raise InputError(text) from error
     return 0
+
+
+def _refusal_report(module: IoModule) -> Callable[[], None]:
+    """Return a function that reports a refused write, at most once per second of plant time for each owner."""
+    reported: tuple[str, int] | None = None
+
+    def report() -> None:
+        nonlocal reported
+        lease, second = module.lease, module.plant.time_ms // 1_000
+        if reported != (lease.owner, second):
+            reported = lease.owner, second
+            print(
+                f"outputs belong to {lease.owner}: write by {lease.last_refused} refused ({lease.refused} so far)",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    return report
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from controller.common.saved import Saved
 from controller.iomap.loader import IoMap
+from plant_sim.links.output_lease import OutputLease
 from plant_sim.machine.plant import Plant
 
 
@@ -42,6 +43,7 @@ class IoModule(Saved):
         tripped_at_ms: Plant time of the last trip, ms, retained after a reset; None before the first.
         block_writes: Number of times the complete Y block has been written, each time in one write or several.
         observers: Functions called after every advance of plant time.
+        lease: Lease of the outputs; only the clients of a server need it.
     """
 
     SAVED = ("_outputs", "_registers", "_written", "block_writes", "last_write_ms", "tripped", "tripped_at_ms")
@@ -68,6 +70,7 @@ class IoModule(Saved):
         self.tripped_at_ms: int | None = None
         self.block_writes = 0
         self.observers: list[Callable[[], None]] = []
+        self.lease = OutputLease()
         self._watchdog_ms = watchdog_ms
         self._safe = io_map.safe_outputs()
         self._outputs = list(self._safe)
@@ -209,6 +212,7 @@ class IoModule(Saved):
         self.tripped = True
         self.tripped_at_ms = self.plant.time_ms
         self._written.clear()
+        self.lease.end()
 
     def _note_written(self, wired: frozenset[int]) -> None:
         self._written |= wired

@@ -3,41 +3,50 @@
 Supported functions: 1 read coils, 2 read discrete inputs, 4 read input registers, 5 write single
 coil, 15 write multiple coils; with output registers in the I/O map also 3 read holding registers, 6 and 16 write
 holding registers, 23 write and read holding registers.
+
+Writes to the outputs and the output registers are subject to the lease of the module; the buttons of the operator box
+are not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 from pymodbus.constants import ExcCodes
 
+from controller.common.modbus.output_owner import REPORT_OFFSET
 from controller.common.modbus.requests import ModbusDevice, RequestRefusedError
 from controller.iomap.loader import IoMap, IoMapError
 from plant_sim.links.box import BOX_COILS, BoxCoil
 from plant_sim.links.io_module import IoModule, ModuleFault
+from plant_sim.links.output_lease import LeaseError
 from plant_sim.links.telemetry import encode_telemetry
 
 T = TypeVar("T")
 
 
 class ModbusImage(ModbusDevice):
-    """Modbus device with the I/O module, the operator box and the telemetry of a plant.
+    """I/O module, operator box and telemetry of a plant, as the Modbus device of one client.
 
-    Access to an undeclared address is refused with exception 02. A write that includes such an address has no effect.
+    Access to an undeclared address is refused with exception 02, and a write to outputs that belong to another client
+    with exception 06. A write that includes such an address or output has no effect.
     """
 
-    def __init__(self, module: IoModule, written: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, module: IoModule, client: str, written: Callable[[], None] = lambda: None) -> None:
         """Map the terminals of the module and the operator box to Modbus addresses.
 
         Args:
             module: Module to serve.
+            client: Address of the client.
             written: Function called after a write to the coils; may raise `RequestRefusedError`.
 
         Raises:
             IoMapError: An output in the I/O map has the address of a button of the operator box.
         """
         self._module = module
+        self._client = client
         self._written = written
         self._inputs_by_offset = {point.offset: point.number for point in module.io_map.inputs}
         self._coils_by_offset = _coil_table(module.io_map)
@@ -54,8 +63,12 @@ class ModbusImage(ModbusDevice):
         return [y[coil] if isinstance(coil, int) else coil.pressed(box) for coil in coils]
 
     def read_input_registers(self, first: int, count: int) -> list[int]:
-        """Return telemetry registers."""
-        registers = encode_telemetry(self._module)
+        """Return telemetry registers, or registers of the report on the owner of the outputs."""
+        if first >= REPORT_OFFSET:
+            first -= REPORT_OFFSET
+            registers = self._module.lease.report.encode()
+        else:
+            registers = encode_telemetry(self._module)
         if first + count > len(registers):
             raise RequestRefusedError(ExcCodes.ILLEGAL_ADDRESS)
         return registers[first : first + count]
@@ -63,22 +76,38 @@ class ModbusImage(ModbusDevice):
     def write_coils(self, first: int, levels: Sequence[bool]) -> None:
         """Write outputs and operate buttons."""
         pairs = list(zip(_look_up(self._coils_by_offset, first, len(levels)), levels, strict=True))
-        try:
-            self._module.write({coil: level for coil, level in pairs if isinstance(coil, int)})
-        except ModuleFault as error:
-            raise RequestRefusedError(ExcCodes.DEVICE_FAILURE) from error
+        outputs = {coil: level for coil, level in pairs if isinstance(coil, int)}
+        if outputs:
+            with self._lease():
+                self._module.write(outputs)
+                self._module.lease.take(self._client)
         for coil, level in pairs:
             if isinstance(coil, BoxCoil):
                 coil.press(self._module.plant.box, level)
         self._written()
 
+    def on_disconnect(self) -> None:
+        """End the lease of this client."""
+        self._module.lease.end(self._client)
+
+    @contextmanager
+    def _lease(self) -> Iterator[None]:
+        """Check the lease before a write, and answer a refusal by lease or watchdog with its exception."""
+        try:
+            self._module.lease.check(self._client)
+            yield
+        except LeaseError as error:
+            raise RequestRefusedError(ExcCodes.DEVICE_BUSY) from error
+        except ModuleFault as error:
+            raise RequestRefusedError(ExcCodes.DEVICE_FAILURE) from error
+
 
 class RegisterImage(ModbusImage):
     """Modbus device of a plant whose I/O map has output registers."""
 
-    def __init__(self, module: IoModule, written: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, module: IoModule, client: str, written: Callable[[], None] = lambda: None) -> None:
         """Map the output registers as well; see `ModbusImage`."""
-        super().__init__(module, written)
+        super().__init__(module, client, written)
         self._registers_by_offset = {register.offset: register.number for register in module.io_map.registers}
 
     def read_holding(self, first: int, count: int) -> list[int]:
@@ -89,15 +118,13 @@ class RegisterImage(ModbusImage):
     def write_registers(self, first: int, values: Sequence[int]) -> None:
         """Write output registers."""
         numbers = _look_up(self._registers_by_offset, first, len(values))
-        try:
+        with self._lease():
             self._module.write_registers(dict(zip(numbers, values, strict=True)))
-        except ModuleFault as error:
-            raise RequestRefusedError(ExcCodes.DEVICE_FAILURE) from error
 
 
-def image_of(module: IoModule, written: Callable[[], None] = lambda: None) -> ModbusImage:
-    """Return the Modbus device of a module; holding registers exist only if the I/O map has output registers."""
-    return (RegisterImage if module.io_map.registers else ModbusImage)(module, written)
+def image_of(module: IoModule, client: str, written: Callable[[], None] = lambda: None) -> ModbusImage:
+    """Return the Modbus device of a client; holding registers exist only if the I/O map has output registers."""
+    return (RegisterImage if module.io_map.registers else ModbusImage)(module, client, written)
 
 
 def _coil_table(io_map: IoMap) -> dict[int, int | BoxCoil]:

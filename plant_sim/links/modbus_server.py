@@ -6,6 +6,7 @@
 | coils             | 0    | Y points at their offsets in io_map.yaml            | 1, 5, 15  |
 | coils             | 100  | operator box, `plant_sim.links.box.BOX_COILS`       | 1, 5, 15  |
 | input registers   | 0    | telemetry, `plant_sim.links.telemetry.TELEMETRY`    | 4         |
+| input registers   | 1000 | owner of the outputs, `output_owner.OwnerReport`    | 4         |
 
 Requests with any unit identifier are answered: the server is a single device. Modbus has no
 authentication, so the server listens on the loopback address by default.
@@ -72,8 +73,10 @@ class PlantServer:
         self._port = port
         self._lock_step_ms = lock_step_ms
         self._blocks_seen = module.block_writes
-        image = image_of(module, self._written)
-        self._frontend = MbapServer(lambda _: image, max_connections, idle_timeout_s)
+        self._frontend = MbapServer(
+            lambda client: image_of(module, client, self._written), max_connections, idle_timeout_s
+        )
+        image_of(module, "")  # reports an invalid I/O map now
         self._listener: asyncio.Server | None = None
         self._time_base: asyncio.Task[None] | None = None
         self._ended: asyncio.Future[None]

@@ -1,19 +1,20 @@
-"""Plant process, which runs the Modbus server until it receives a signal."""
+"""Plant process, which runs the Modbus server until it is stopped."""
 
 from __future__ import annotations
 
 import asyncio
-import signal
 from collections.abc import Callable
 
+from controller.common.stop_request import StopRequest
 from plant_sim.links.modbus_server import PlantServer
 
 
-async def serve(server: PlantServer, *, listening: Callable[[int], None]) -> None:
-    """Serve until SIGINT or SIGTERM, then set the outputs to safe levels and disconnect the clients.
+async def serve(server: PlantServer, stop: StopRequest, *, listening: Callable[[int], None]) -> None:
+    """Serve until the request to stop, then set the outputs to safe levels and disconnect the clients.
 
     Args:
         server: A server that has not been started.
+        stop: Request to stop.
         listening: Callback with the port once clients can connect.
 
     Raises:
@@ -21,14 +22,13 @@ async def serve(server: PlantServer, *, listening: Callable[[int], None]) -> Non
     """
     loop = asyncio.get_running_loop()
     serving = asyncio.ensure_future(_serve(server, listening))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, serving.cancel)
-    try:
-        await serving
-    except asyncio.CancelledError:
-        pass
-    finally:
-        await server.stop()
+    with stop.calling(lambda: loop.call_soon_threadsafe(serving.cancel)):
+        try:
+            await serving
+        except asyncio.CancelledError:
+            pass
+        finally:
+            await server.stop()
 
 
 async def _serve(server: PlantServer, listening: Callable[[int], None]) -> None:

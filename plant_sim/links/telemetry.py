@@ -242,6 +242,14 @@ TELEMETRY = (
     ),
     *_cup_points("left", 35),
     *_cup_points("right", 41),
+    TelemetryPoint(
+        "refused_writes",
+        47,
+        2,
+        1,
+        "writes refused because the outputs belong to another client",
+        lambda module: module.lease.refused,
+    ),
 )
 
 TELEMETRY_REGISTERS = TELEMETRY[-1].offset + TELEMETRY[-1].words

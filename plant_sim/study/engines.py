@@ -18,6 +18,7 @@ from typing import Any, Final, Protocol, TypeVar
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+from controller.common.stop_request import interrupts_blocked
 from plant_sim.study.errors import StudyError
 
 Result = TypeVar("Result")
@@ -102,7 +103,8 @@ class ProcessEngine:
             if self.workers == 1
             else {"backend": "loky", "initializer": _prepare_process, "initargs": (os.getpid(),)}
         )
-        return _parallel(jobs, ordered=ordered, n_jobs=-1 if self.workers is None else self.workers, **pool)
+        with interrupts_blocked():
+            return _parallel(jobs, ordered=ordered, n_jobs=-1 if self.workers is None else self.workers, **pool)
 
 
 @dataclass(frozen=True, slots=True)

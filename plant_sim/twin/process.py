@@ -103,10 +103,10 @@ class Process:
 
 
 class Interrupts:
-    """Handler of Ctrl-C and SIGTERM: raises `KeyboardInterrupt` immediately, and again at the next `check`.
+    """Handler of Ctrl-C and SIGTERM: raises `KeyboardInterrupt` once, and again at every `check`.
 
-    The interpreter discards an exception raised in a destructor. The second check makes sure that the request to stop
-    is not lost.
+    The interpreter discards an exception raised in a destructor. The check makes sure that the request to stop is not
+    lost. Further signals must not interrupt the stopping of the processes.
     """
 
     def __init__(self) -> None:
@@ -128,5 +128,6 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def _handle(self, *_: object) -> None:
-        self._received = True
-        raise KeyboardInterrupt
+        if not self._received:
+            self._received = True
+            raise KeyboardInterrupt

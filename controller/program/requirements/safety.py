@@ -231,6 +231,10 @@ def _of_machine(
             "outputs must be off after such a fault",
             moves & (tags.system.scan_fault | tags.system.store_fault),
         ),
+        "motion without outputs": (
+            "no motion while another master has the outputs",
+            moves & tags.system.outputs_taken,
+        ),
         "motion in a state that does not allow it": (
             "no motion in a state that does not allow it",
             moves & ~machine.motion,

@@ -23,7 +23,7 @@ def ways_out(machine: Transplanter) -> tuple[WayOut, ...]:
 
 
 class _OperatorPresses:
-    """Input levels for single commands, with no other command and no fault of the field link, scan or memory file."""
+    """Input levels for single commands: no other command, no fault of link, scan or memory file, and one master."""
 
     def __init__(self, machine: Transplanter) -> None:
         tags = machine.tags
@@ -32,7 +32,16 @@ class _OperatorPresses:
         self._nothing = {
             **dict(_terminal(button, active=False) for button in buttons),
             **{command.bit: False for command in tags.commands},
-            **dict.fromkeys((system.link_lost, system.scan_fault, system.store_fault, system.panel_silent), False),
+            **dict.fromkeys(
+                (
+                    system.link_lost,
+                    system.scan_fault,
+                    system.store_fault,
+                    system.panel_silent,
+                    system.outputs_taken,
+                ),
+                False,
+            ),
         }
 
     def off(self) -> Presses:

@@ -317,6 +317,23 @@ ALARMS: Final = {
             "驱动轮是否打滑；栽植器传动比或速度；栽植器间距、地轮脉冲和 λ 范围的设定值；传感器 ground_pulse 及其接线",
         ),
     ),
+    "outputs_taken": AlarmText(
+        Text("Outputs taken over by another controller; nothing is written", "输出被另一控制器占用，已停止写输出"),
+        Text(
+            "Its address: message of the controller. Stop the other controller, panel or tool; use the write lock or "
+            "the list of permitted addresses of the I/O module; then clear",
+            "对方地址见控制器消息；停止另一控制器、面板或工具；启用 I/O 模块的写锁定或允许地址表；然后清除中止",
+        ),
+        comment="Outputs taken over by another controller",
+    ),
+    "outputs_contested": AlarmText(
+        Text("Another controller tried to write the outputs and was refused", "另一控制器试图写输出，已被拒绝"),
+        Text(
+            "Its address: message of the controller. Stop the other controller or tool",
+            "对方地址见控制器消息；停止另一控制器或工具",
+        ),
+        comment="Another controller tried to write the outputs",
+    ),
     "planting_fast": AlarmText(
         Text("Planting faster than the arms: gaps in the rows", "栽植频率超过机械臂能力，将出现漏苗"),
         Text(

@@ -138,6 +138,7 @@ REFUSALS: Final = {
             "NOT_LOADED": Text("{side} arm not loaded", "{side}臂未夹苗"),
         }.items()
     },
+    "OUTPUTS_TAKEN": Text("another controller owns the outputs", "输出被另一控制器占用"),
 }
 """Reasons for refusing a command, by name of `refusals.Refusal`."""
 

@@ -111,10 +111,18 @@ def test_only_warnings_can_be_shelved() -> None:
             refused[each.key] = str(refusal)
     twin.scan()
     shelved = {row.alarm.key for row in alarms.rows()}
-    assert shelved == {"memory_lost", "stop_stuck", "magazine_empty", "hmi_silent", "lambda", "planting_fast"}
+    assert shelved == {
+        "memory_lost",
+        "stop_stuck",
+        "magazine_empty",
+        "hmi_silent",
+        "lambda",
+        "planting_fast",
+        "outputs_contested",
+    }
     assert shelved.isdisjoint(refused)
     safety = {key for key, reason in refused.items() if "safety" in reason}
-    assert safety == {"emergency_stop", "link_lost", "scan_fault", "store_fault"}
+    assert safety == {"emergency_stop", "link_lost", "scan_fault", "store_fault", "outputs_taken"}
 
 
 def test_the_causes_of_all_alarms_can_be_evaluated() -> None:

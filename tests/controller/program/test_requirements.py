@@ -140,6 +140,7 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
     "no motion without inputs or after a fault": [
         Case("motion without inputs", f"link_lost motion right.{MOVES}", "link_lost"),
         Case("motion after a scan or store fault", f"scan_fault motion left.{MOVES}", "scan_fault"),
+        Case("motion without outputs", f"outputs_taken motion left.{MOVES}", "outputs_taken"),
         Case("motion after a scan or store fault", f"store_fault motion left.{MOVES}", "store_fault"),
     ],
     "nothing restarts by itself: after reset, power or link return": [
@@ -185,6 +186,7 @@ def machine_facts() -> dict[str, Expr]:
         "emergency_stop": TAGS.x.emergency_stop,
         "link_lost": system.link_lost,
         "scan_fault": system.scan_fault,
+        "outputs_taken": system.outputs_taken,
         "store_fault": system.store_fault,
         "restarted": SAFETY.machine.restarted,
         "jog_unbidden": SAFETY.machine.jog_unbidden,

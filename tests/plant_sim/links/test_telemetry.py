@@ -44,7 +44,7 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
     for point in TELEMETRY:
         assert point.offset == offset, point.name
         offset += point.words
-    assert offset == TELEMETRY_REGISTERS == 47
+    assert offset == TELEMETRY_REGISTERS == 49
     assert len({point.name for point in TELEMETRY}) == len(TELEMETRY)
 
 
@@ -70,6 +70,7 @@ def test_telemetry_of_a_machine_in_its_initial_state(client: Client) -> None:
         "planting_frequency_per_min": 45.0,
         "main_pressure_kpa": 500.0,
         "claw_pressure_kpa": 400.0,
+        "refused_writes": 0,
     }
 
 
@@ -93,6 +94,7 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         plant.time_ms = 70_000
         rig.module.write_outputs(0, [False] * 17 + [True])
         rig.module.tripped_at_ms = 69_000
+        rig.module.lease.refused = 70_000
 
     rig.thread.call(change)
     telemetry = read_registers(client)
@@ -137,6 +139,7 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         "main_pressure_kpa": 500.0,
         "claw_pressure_kpa": 400.0,
         "S_pct": 16.67,
+        "refused_writes": 70_000,
     }
     registers = read_raw_registers(client)
     assert registers[:2] == (1, 4_464), "high word first"
@@ -158,7 +161,7 @@ def test_an_absent_value_is_all_bits_and_an_overflow_is_clipped(rig: Rig, client
 
 @pytest.mark.parametrize("count", [0, TELEMETRY_REGISTERS - 1, TELEMETRY_REGISTERS + 1])
 def test_decoding_requires_all_registers(count: int) -> None:
-    with pytest.raises(ValueError, match=f"47 registers, not {count}"):
+    with pytest.raises(ValueError, match=f"49 registers, not {count}"):
         read_telemetry([0] * count)
 
 

@@ -1,0 +1,280 @@
+"""SIGINT and SIGTERM at real processes: exit code 0, safe outputs and no message, at any moment and more than once."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+import pytest
+
+from controller.common.stop_request import StopRequest, interrupts_blocked
+from plant_sim.links.io_module import IoModule
+from plant_sim.links.modbus_server import PlantServer
+from plant_sim.machine.plant import Plant
+from tests.controller.common.modbus_rig import IO_MAP, MACHINE, Client, Rig, read_pdu
+from tests.sampling import first_of
+
+LIMIT_S = 60.0
+ALL_OFF_NOW = b"\x01\x03\x00\x00\x00"
+"""Answer to a read of the 18 outputs with all of them off."""
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Service:
+    """Process with a terminal or an open pipe, or nothing, on standard input."""
+
+    def __init__(self, stdin: str, *arguments: str, folder: Path) -> None:
+        if stdin == "terminal":
+            self._ours, theirs = pty.openpty()
+        else:
+            theirs, self._ours = os.pipe()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", *arguments],
+            cwd=folder,
+            stdin=theirs,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        os.close(theirs)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.process.kill()
+        self.process.communicate()
+        os.close(self._ours)
+
+    def type(self, line: str) -> None:
+        os.write(self._ours, f"{line}\n".encode())
+
+    def stop(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def wait_until_caught(self, *numbers: signal.Signals) -> None:
+        """Wait until the process has its own handlers of the signals."""
+        wanted = sum(1 << number - 1 for number in numbers)
+        status = Path(f"/proc/{self.process.pid}/status")
+        while True:
+            caught = next(line for line in status.read_text().splitlines() if line.startswith("SigCgt:"))
+            if int(caught.split()[1], 16) & wanted == wanted:
+                return
+            assert self.process.poll() is None
+
+    def line_with(self, text: str, stream: IO[str] | None) -> str:
+        assert stream is not None
+        return next(line for line in stream if text in line)
+
+    def end(self) -> tuple[int, str]:
+        """Return the exit code and the rest of standard error."""
+        _, errors = self.process.communicate(timeout=LIMIT_S)
+        return self.process.returncode, errors
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    """Contexts that end with the test; every process is killed."""
+    with ExitStack() as stack:
+        yield stack
+
+
+@contextmanager
+def plant() -> Iterator[tuple[Rig, Client]]:
+    """Serve a plant in real time, with a foreign client that reads its outputs."""
+    module = IoModule(Plant(IO_MAP, MACHINE, seed=1), IO_MAP, watchdog_ms=5_000)
+    with Rig(PlantServer(module, port=0)) as rig:
+        yield rig, rig.client()
+
+
+def controller(stdin: str, port: int, folder: Path) -> Service:
+    options = ("--timeout-ms", "5000", "--link-limit-ms", "10000", "--hmi-port", "0")
+    retain = str(folder / "retentive.json")
+    return Service(stdin, "controller", "run", "--port", str(port), "--retain", retain, *options, folder=folder)
+
+
+def assert_quiet(errors: str) -> None:
+    for word in ("Exception ignored", "Traceback", "Fatal", "KeyboardInterrupt"):
+        assert word not in errors
+
+
+WAYS = [(stdin, number) for stdin in ("terminal", "pipe") for number in NUMBERS]
+
+
+@pytest.mark.parametrize(("stdin", "number"), first_of(WAYS, 4))
+def test_a_running_controller_ends_with_safe_outputs(
+    stdin: str, number: signal.Signals, stack: ExitStack, tmp_path: Path
+) -> None:
+    """The signal comes while an arm moves, a second one while the controller ends, and more until it has ended."""
+    with plant() as (rig, reader):
+        service = stack.enter_context(controller(stdin, rig.server.port, tmp_path))
+        service.line_with("Stopped", service.process.stdout)
+        service.type("reset")
+        service.line_with("Resetting", service.process.stdout)
+        while reader.ask(read_pdu(1, 0, 18)) == ALL_OFF_NOW:
+            assert service.process.poll() is None
+        service.stop(number)
+        said = service.line_with("stopped", service.process.stderr)
+        assert "outputs set to their safe levels" in said
+        assert reader.ask(read_pdu(1, 0, 18)) == ALL_OFF_NOW
+        assert not rig.thread.call(lambda: rig.module.tripped), "the controller wrote the outputs, not the watchdog"
+        while service.process.poll() is None:
+            service.stop(number)
+        code, errors = service.end()
+    assert (code, errors) == (0, "")
+
+
+@pytest.mark.parametrize(("stdin", "number"), first_of(WAYS, 2))
+def test_a_starting_controller_ends_without_a_message(
+    stdin: str, number: signal.Signals, stack: ExitStack, tmp_path: Path
+) -> None:
+    """The signal comes as soon as the process has its own handlers, before the command is imported."""
+    with plant() as (rig, reader):
+        service = stack.enter_context(controller(stdin, rig.server.port, tmp_path))
+        service.wait_until_caught(*NUMBERS)
+        service.stop(number)
+        service.stop(number)
+        code, errors = service.end()
+        assert reader.ask(read_pdu(1, 0, 18)) == ALL_OFF_NOW
+    assert (code, errors) == (0, "")
+
+
+@pytest.mark.parametrize("number", first_of(NUMBERS))
+def test_a_controller_that_waits_for_its_plant_ends_without_a_message(
+    number: signal.Signals, stack: ExitStack, tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    service = stack.enter_context(controller("terminal", port, tmp_path))
+    service.line_with("retrying", service.process.stderr)
+    service.stop(number)
+    assert service.end() == (0, "")
+
+
+def test_a_flood_of_refused_orders_does_not_keep_a_controller_from_ending(stack: ExitStack, tmp_path: Path) -> None:
+    """The console prints a refusal of each order while the signal comes."""
+    with plant() as (rig, _):
+        service = stack.enter_context(controller("pipe", rig.server.port, tmp_path))
+        service.line_with("Stopped", service.process.stdout)
+        flood = threading.Thread(target=_flood, args=(service,))
+        flood.start()
+        service.line_with("unknown", service.process.stderr)
+        service.stop(signal.SIGINT)
+        code, errors = service.end()
+        flood.join()
+    assert code == 0
+    assert_quiet(errors)
+
+
+def _flood(service: Service) -> None:
+    try:
+        while service.process.poll() is None:
+            service.type("dance\n" * 100)
+    except OSError:  # the process has ended
+        pass
+
+
+@pytest.mark.parametrize("number", first_of(NUMBERS))
+@pytest.mark.parametrize(
+    ("ready", "arguments"),
+    [
+        ("plant listening", ("plant_sim", "serve", "--port", "0")),
+        ("panel at", ("controller", "panel", "--port", "0")),
+    ],
+    ids=["plant", "panel"],
+)
+def test_a_service_ends_at_once(
+    ready: str, arguments: tuple[str, ...], number: signal.Signals, stack: ExitStack, tmp_path: Path
+) -> None:
+    for moment in ("starting", "running"):
+        service = stack.enter_context(Service("terminal", *arguments, folder=tmp_path))
+        if moment == "starting":
+            service.wait_until_caught(*NUMBERS)
+        else:
+            service.line_with(ready, service.process.stdout)
+        while service.process.poll() is None:
+            service.stop(number)
+        assert service.end() == (0, ""), moment
+
+
+@pytest.mark.parametrize(("by_hand", "expected"), first_of([(True, 0), (False, 130)], 2))
+def test_a_live_run_ends_in_order_although_it_is_stopped_repeatedly(
+    by_hand: bool, expected: int, stack: ExitStack, tmp_path: Path
+) -> None:
+    """An unfinished trial has no result, and its exit code is not 0. A run by hand is ended by its user."""
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = reserved.getsockname()[1]
+    options = ("--port", str(port), "--hmi-port", "0", "--no-panel", *(["--by-hand"] if by_hand else []))
+    service = stack.enter_context(Service("terminal", "plant_sim", "run", *options, folder=tmp_path))
+    service.line_with("Stopped" if by_hand else "Resetting", service.process.stderr)
+    while service.process.poll() is None:
+        service.stop(signal.SIGINT)
+    code, errors = service.end()
+    assert code == expected
+    assert "outputs set to their safe levels" in errors
+    assert_quiet(errors)
+
+
+def test_a_role_of_the_benchmark_ends_without_a_message(stack: ExitStack, tmp_path: Path) -> None:
+    """The signal comes at all moments from the first output of the process to its end."""
+    for _ in range(3):
+        service = stack.enter_context(Service("pipe", "plant_sim.benchmark.hmi_load", "waits", "1", folder=tmp_path))
+        service.wait_until_caught(*NUMBERS)
+        while service.process.poll() is None:
+            service.stop(signal.SIGINT)
+        assert service.end() == (0, "")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("plant_sim", "study", "throughput", "--workers", "2"),
+        ("plant_sim", "faults", "--all", "--jobs", "2", "--out", "out"),
+    ],
+    ids=["study", "faults"],
+)
+def test_ctrl_c_at_a_command_with_workers_prints_nothing(
+    arguments: tuple[str, ...], stack: ExitStack, tmp_path: Path
+) -> None:
+    """As at a terminal, all processes of the group receive the signal, and it comes when the first worker exists."""
+    service = stack.enter_context(Service("pipe", *arguments, folder=tmp_path))
+    children = Path(f"/proc/{service.process.pid}/task/{service.process.pid}/children")
+    while len(children.read_text().split()) < 2:
+        assert service.process.poll() is None
+    os.killpg(service.process.pid, signal.SIGINT)
+    code, errors = service.end()
+    assert code == 130
+    assert_quiet(errors)
+
+
+def test_the_request_is_seen_by_every_wait() -> None:
+    calls: list[str] = []
+    with StopRequest() as stop:
+        assert not stop.wait(0)
+        with stop.calling(lambda: calls.append("inside")):
+            stop.set()
+            stop.set()
+        with stop.calling(lambda: calls.append("after")):
+            pass
+        assert (stop.is_set(), stop.wait(), calls) == (True, True, ["inside", "after"])
+
+
+def test_a_process_started_with_interrupts_blocked_never_receives_one() -> None:
+    program = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
+    with interrupts_blocked():
+        started = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert started.stdout == "True\n"
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
