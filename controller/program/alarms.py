@@ -18,6 +18,7 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
+from controller.program.set_points import LONGEST_CUP_X10_MS
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
 from controller.program.texts.alarms import ALARMS, AlarmText
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
@@ -49,9 +50,12 @@ IN_DOUBT_MS: Final = 200
 on at the same time, or one to come on too early, only for a shorter time."""
 UNBIDDEN_MS: Final = 500
 """Delay of the alarm for an arm at rest that leaves or reaches a switch, ms; longer than switch bounce."""
-LONE_CUPS: Final = 6
-"""Number of cups counted in one row, with none in the other, that raises an alarm. The same ground wheel drives both
-carousels."""
+LONE_CUPS: Final = 2
+"""Number of cups counted in one row, with none in the other, that raises an alarm when the second flag has left. The
+same ground wheel drives both carousels. If the flags of both rows arrive together, their order may change from cup to
+cup, but the flag of the other row then arrives before this one leaves."""
+CUPS_SLOW_MS: Final = 5_000
+"""Delay of the warning that the cups pass more slowly than permitted, ms; longer than the cup after a standstill."""
 
 ARM_ALARM_NUMBERS: Final[dict[str, tuple[int, int]]] = {
     "approach row": (908, 920),
@@ -159,6 +163,10 @@ class Annunciators:
         self.panel_silent = self.add("hmi_silent", number=992, severity=warning, cause=system.panel_silent)
         self.lambda_off = self.add("lambda", number=993, severity=warning)
         self.planting_fast = self.add("planting_fast", number=994, severity=warning)
+        self.cups_fast = self.add("cups_fast", number=972)
+        self.cups_implausible = self.add("cups_implausible", number=973)
+        self.cups_ground = self.add("cups_ground", number=974)
+        self.cups_slow = self.add("cups_slow", number=995, severity=warning)
 
     def __iter__(self) -> Iterator[Alarm]:
         """Iterate over all alarms by S number."""
@@ -247,6 +255,7 @@ def alarm_block(
         Out(machine.alarm_reset, when=machine.entered_resetting | machine.clear_requested),
         *(Rst(alarm.bit, when=machine.alarm_reset & ~_lasting(alarm)) for alarm in alarms),
         *_machine_alarms(tags, alarms),
+        *_cup_alarms(tags, alarms),
     ]
     for sequence in sequences:
         rungs += sequence.limits()
@@ -255,6 +264,9 @@ def alarm_block(
             *_arm_alarms(tags, tags.arms[side], arm_alarms),
             Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side))),
         ]
+    cup_counts = [arm_alarms.cup_counts for arm_alarms in arms.values()]
+    invalid = any_of(alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground, *cup_counts)
+    rungs.append(Out(machine.cup_fault, when=invalid))
     stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work]
     of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None]
     rungs += [
@@ -305,6 +317,27 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
     return rungs
 
 
+def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
+    """Return the rungs of the alarms of both cup counters; off in manual mode, in which no arm waits for cups."""
+    machine, left = tags.machine, tags.arms["left"]
+    works = machine.running & ~machine.manual
+    slow = (left.cup_time > tags.sp.cup_time_longest) & (left.cup_time < LONGEST_CUP_X10_MS)
+    rungs: list[Rung] = [
+        Set(alarms.cups_fast, when=works & machine.cups_fast),
+        Set(alarms.cups_implausible, when=works & machine.cups_implausible),
+        Annunciate(
+            machine.t_cups_slow,
+            CUPS_SLOW_MS,
+            alarms.cups_slow,
+            when=works & slow,
+        ),
+        Rst(alarms.cups_slow, when=~slow),
+    ]
+    if tags.planting.ground_sensor is not None:
+        rungs.append(Set(alarms.cups_ground, when=works & tags.planting.cups_differ))
+    return rungs
+
+
 class ArmAlarms:
     """Annunciators of one arm other than those of the step time limits."""
 
@@ -338,5 +371,8 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup),
-        Set(alarms.cup_counts, when=all_of(arm.lone_cups.done, machine.running, ~machine.manual)),
+        Set(
+            alarms.cup_counts,
+            when=all_of(arm.lone_cups.done, ~arm.cup_sensor, machine.running, ~machine.manual),
+        ),
     ]
