@@ -183,11 +183,7 @@ class _TextWriter:
         target = self._var(rung.target)
         match rung:
             case Inc():
-                counted = (
-                    f"IF {target} < {WORD_MAX} THEN {target} := {target} + 1; ELSE {target} := {WORD_MIN}; END_IF;"
-                )
-                self._if(when, counted)
-                return
+                one, sign, two = rung.target, "+", 1
             case Add(one, two):
                 sign = "+"
             case Subtract(one, two):

@@ -262,16 +262,19 @@ def alarm_block(
     for side, arm_alarms in arms.items():
         rungs += [
             *_arm_alarms(tags, tags.arms[side], arm_alarms),
-            Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side))),
+            Out(
+                tags.arms[side].fault,
+                when=any_of(*(bit for bit in alarms.of_side(side) if bit != arm_alarms.cup_counts)),
+            ),
         ]
-    cup_counts = [arm_alarms.cup_counts for arm_alarms in arms.values()]
-    invalid = any_of(alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground, *cup_counts)
-    rungs.append(Out(machine.cup_fault, when=invalid))
     stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work]
-    of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None]
+    cups = {alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground}
+    counts = [arm_alarms.cup_counts for arm_alarms in arms.values()]
+    of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None and alarm.bit not in cups]
     rungs += [
         Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
-        Out(machine.fault, when=any_of(*(arm.fault for arm in tags.arms.values()), *of_machine)),
+        Out(machine.cup_fault, when=any_of(alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground, *counts)),
+        Out(machine.fault, when=any_of(machine.cup_fault, *(arm.fault for arm in tags.arms.values()), *of_machine)),
         Mov(0, machine.first_out, when=machine.alarm_reset),
         *(
             Mov(bit.number, machine.first_out, when=all_of(machine.fault, bit, machine.first_out.equals(0)))

@@ -103,7 +103,7 @@ class MachineTags:
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
         self.cup_fault = m.bit("cup fault", "an alarm of the cup pulses is set; the cup counts are invalid")
-        cups_m, cups_d = Area("M", 372, 379, "cups"), Area("D", 174, 177, "cups")
+        cups_m, cups_d = Area("M", 372, 379, "cups"), Area("D", 168, 169, "cups")
         self.cups_fast = cups_m.bit("too fast", "a cup has passed faster than permitted, this scan")
         self.cups_implausible = cups_m.bit("implausible", "a cup pulse is too early or its gap too short, this scan")
         self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
@@ -253,11 +253,11 @@ class ArmTags:
     def _add_cup_times(self, index: int) -> None:
         """Allocate the relays, registers and timer that time the cups and the release."""
         m = Area("M", 360 + 6 * index, 365 + 6 * index, self.side)
-        d = Area("D", 150 + 12 * index, 161 + 12 * index, self.side)
+        d = Area("D", 150 + 9 * index, 158 + 9 * index, self.side)
         self.t_cup = Timer(235 + index, f"{self.side}.cup", "time since the last cup")
         self.flag_left = m.bit("flag left", "a flag has left the cup sensor, this scan")
         self.flag_short = m.bit("flag short", "a flag has left the cup sensor sooner than the last one, this scan")
-        self.flags_slow = m.bit("flags slow", "a flag takes longer than the release lead")
+        self.flags_slow = m.bit("flags slow", "the last flag took as long as the release lead or longer")
         self.cups_steady = m.bit("cups steady", "the last two cups passed in equal times within the permitted range")
         self.release_due = m.bit("release due", "the claws open now, so that the plugs land in the cups")
         self.release_missed = m.bit("release missed", "the cup is left empty: its pulse or time is in doubt")
@@ -267,12 +267,9 @@ class ArmTags:
         self.flag_longest = d.word("flag longest x10 ms", "longest time of the next flag for a release")
         self.flag_shortest = d.word("flag shortest x10 ms", "shortest time of the next flag for a release")
         self.flags_twice = d.word("two flags x10 ms", "twice the time of the last flag")
-        self.cup_change = d.word("cup change", "twelve times the difference of the last two cup times")
-        self.cup_change_eightfold = d.word("cup change eightfold", "eight times that difference")
-        self.cup_time_negative = d.word("cup time negative", "time of the last cup, negative")
+        self.cup_change = d.word("cup change x10 ms", "difference of the last two cup times")
         self.time_and_lead = d.word("time and lead x10 ms", "time since the last cup plus the release lead")
-        self.time_and_lead_twice = d.word("time and lead twice", "twice the time since the last cup and the lead")
-        self.time_and_lead_early = d.word("time and lead early", "as before, with the tolerance of an early flag")
+        self.time_and_lead_twice = d.word("time and lead twice", "twice that time, with the delay of the input")
 
 
 class TrayTags:
