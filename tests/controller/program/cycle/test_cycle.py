@@ -14,7 +14,6 @@ from typing import NamedTuple
 import pytest
 
 from controller.events.production import CycleEvent
-from controller.program.set_points import FIRST_RELEASE_DELAY_X10_MS
 from controller.program.states import State
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.twin.lock_step import Twin
@@ -273,7 +272,7 @@ def test_cups_too_fast_for_the_arm_are_counted_as_missed(side: Side) -> None:
         released_ms = releases_ms(run, side)[row]
         cups_ms = cups_before(run, side, row, released_ms)
         assert len(cups_ms) >= 13
-        delay_ms = released_ms - cups_ms[-1] - 10 * FIRST_RELEASE_DELAY_X10_MS
+        delay_ms = released_ms - cups_ms[-1] - RELEASE_DELAY_MS
         assert 0 <= delay_ms <= 20, "a flag passes in 240 ms, less than the release lead, and is not measured"
         down_ms = next(
             change.at_ms for change in outputs_of(run, side, row) if change.name == "lift_extend" and not change.on
