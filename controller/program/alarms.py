@@ -54,6 +54,9 @@ LONE_CUPS: Final = 2
 """Number of cups counted in one row, with none in the other, that raises an alarm when the second flag has left. The
 same ground wheel drives both carousels. If the flags of both rows arrive together, their order may change from cup to
 cup, but the flag of the other row then arrives before this one leaves."""
+LEADS: Final = 2
+"""Number of times that a row has counted two cups, with none in the other, that raises an alarm at once. If the flags
+of both rows arrive together, the rows do so in turn."""
 CUPS_SLOW_MS: Final = 5_000
 """Delay of the warning that the cups pass more slowly than permitted, ms; longer than the cup after a standstill."""
 
@@ -374,8 +377,10 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup),
+        Rst(arm.leads, when=other.lone_cups.done | ~machine.running),
+        Count(arm.leads, LEADS, when=arm.lone_cups.done),
         Set(
             alarms.cup_counts,
-            when=all_of(arm.lone_cups.done, ~arm.cup_sensor, machine.running, ~machine.manual),
+            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | arm.leads.done, machine.running, ~machine.manual),
         ),
     ]

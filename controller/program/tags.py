@@ -248,6 +248,7 @@ class ArmTags:
         self.lone_cups = Counter(
             2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
         )
+        self.leads = Counter(7 + index, f"{side}.leads", "times that two cups were counted, with none of the other row")
         self._add_cup_times(index)
 
     def _add_cup_times(self, index: int) -> None:

@@ -285,7 +285,7 @@ def test_every_kind_of_rung_is_equivalent_to_the_soft_plc(program: Program, seed
         (counters(), "c200_value - 1", "c200_value + 1"),
         (counters(), "driven AND NOT", "driven AND"),
         (logic(), "NOT driven AND", "driven AND"),
-        (logic(), "d2 < 32767", "d2 <= 32767"),
+        (logic(), "total > 32767", "total > 32768"),
         (counters(), "VAR RETAIN", "VAR"),
         (logic(), "NOT x4)", "x4)"),
         (logic(), "* INT_TO_LINT(d0) / 3", "* INT_TO_LINT(d0) / 4"),
