@@ -38,6 +38,8 @@ RAMP_FROM_X10_MS: Final = (60, 80, 100, 130)
 """Times of a cup at which the shortest permitted time of the next one changes, x10 ms."""
 RAMP_UP_TO_X10_MS: Final = 200
 """Longest time of a cup after which the ramp is examined, x10 ms; a longer time may contain a standstill."""
+MOST_GROUND_PULSES: Final = 10_000
+"""Number of ground pulses from cup to cup at which the count stops."""
 GAP_LEAST_X10_MS: Final = 33
 """Least time by which the gap behind a flag exceeds the flag, x10 ms. A gap is four flags long; from 20 to 90 cups per
 minute with the permitted ramp it lasts at least 0.36 s longer than the flag. If a flag is counted twice, the gap is one
@@ -182,4 +184,22 @@ def plausibility(tags: Tags) -> list[Rung]:
         Mov(0, machine.cup_time_least),
         *bands,
         Mov(0, machine.cup_time_least, when=a.cup_time > RAMP_UP_TO_X10_MS),
+        *_ground(tags),
+    ]
+
+
+def _ground(tags: Tags) -> list[Rung]:
+    """Return the rungs that compare the ground travel from cup to cup with its permitted range; none without sensor."""
+    p, cup = tags.planting, tags.arms["left"].cup
+    if p.ground_sensor is None:
+        return []
+    pulses = p.cup_pulses.value
+    return [
+        Pulse(p.ground_edge, when=p.ground_sensor),
+        Count(p.cup_pulses, MOST_GROUND_PULSES, when=p.ground_edge),
+        Out(
+            p.cups_differ,
+            when=cup & ((pulses < tags.sp.ground_pulses_least) | (pulses > tags.sp.ground_pulses_most)),
+        ),
+        Rst(p.cup_pulses, when=cup),
     ]

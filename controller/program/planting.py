@@ -11,7 +11,7 @@ from typing import Final
 
 from controller.core.expr import Expr, Word, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Pulse, Rst, Rung, Scale, Set
+from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Rst, Rung, Scale, Set
 from controller.core.sequence import Sequence
 from controller.program.alarms import Annunciators
 from controller.program.set_points import CUPS
@@ -19,8 +19,6 @@ from controller.program.tags import FIRST_SCAN, SIDES, ArmTags, PlantingTags, Pu
 
 GROUND_PULSES: Final = 20
 """Ground pulses per measurement: 1 m at the default pulse distance."""
-MOST_PULSES: Final = 10_000
-"""Number of ground pulses from cup to cup at which the count stops."""
 CUP_GAP_MS: Final = 10_000
 """Time without a cup after which the planting frequency is 0, ms; the slowest measurable frequency is 6 per minute."""
 GROUND_GAP_MS: Final = 3_000
@@ -75,24 +73,11 @@ def _ground(tags: Tags, p: PlantingTags) -> list[Rung]:
     if p.ground_sensor is None:
         return []
     return [
-        Pulse(p.ground_edge, when=p.ground_sensor),
-        *_ground_of_cups(tags, p),
         *_timed(tags, p.ground, p.ground_edge, GROUND_PULSES, GROUND_GAP_MS),
         Scale(tags.sp.ground_pulse, GROUND_PULSES * 100, p.ground.time, p.ground_speed, when=p.ground.complete),
         Rst(p.ground_speed, when=p.ground.stale),
         Rst(p.ratio),
         Scale(p.chain_speed, 100, p.ground_speed, p.ratio),
-    ]
-
-
-def _ground_of_cups(tags: Tags, p: PlantingTags) -> list[Rung]:
-    """Return the rungs that compare the ground travel from cup to cup with its permitted range."""
-    cup, pulses = tags.arms["left"].cup, p.cup_pulses.value
-    differ = (pulses < tags.sp.ground_pulses_least) | (pulses > tags.sp.ground_pulses_most)
-    return [
-        Count(p.cup_pulses, MOST_PULSES, when=p.ground_edge),
-        Out(p.cups_differ, when=cup & differ),
-        Rst(p.cup_pulses, when=cup),
     ]
 
 
