@@ -27,6 +27,9 @@ minute. Flags displaced by 0.6 mm and two scans change the time by up to 7 %."""
 SLOW_CHANGE_X10_MS: Final = 12
 """As `CHANGE_X10_MS` while the flag itself times the release: 4 % at 20 cups per minute, as much as flags displaced by
 0.6 mm."""
+ROWS_DIFFER_X10_MS: Final = 25
+"""Largest difference between the times of the last cups of both rows at which a row is released, x10 ms: twice the
+change of one row, because the cups of the other row may have passed earlier by one cup."""
 EARLY_X10_MS: Final = 5
 """Twice the delay of the pulse by the filter and the scan, x10 ms: half of 10 ms plus one to two scans."""
 RAMP_PER_MIN_S: Final = 30
@@ -105,9 +108,9 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
     """Return the rungs that time the cups and their flags, and compare each cup with the one before.
 
     A cup lasts from the edge of its flag to the edge of the next one, a flag from its edge until it leaves the counter.
-    The cups are steady if the times of two successive cups hardly differ.
+    The cups are steady if the times of two successive cups, and of the last cups of both rows, hardly differ.
     """
-    sp, change = tags.sp, a.cup_change
+    sp, change, row = tags.sp, a.cup_change, a.row_difference
     slow_even = all_of(a.flags_slow, change <= SLOW_CHANGE_X10_MS, change >= -SLOW_CHANGE_X10_MS)
     even = slow_even | ((change <= CHANGE_X10_MS) & (change >= -CHANGE_X10_MS))
     unknown = FIRST_SCAN | tags.system.link_lost
@@ -122,12 +125,19 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
         Mov(a.t_cup.value, a.cup_time, when=a.cup),
         Subtract(a.cup_time, a.flag_time, a.gap_time, when=a.cup),
         Mov(LONGEST_CUP_X10_MS, a.cup_time, when=unknown),
+        Subtract(a.cup_time, tags.other(a.side).cup_time, row, when=a.cup),
         Rst(a.t_cup, when=a.cup),
         OnDelay(a.t_cup, LONGEST_CUP_X10_MS * MS_10),
         Out(a.flags_slow, when=a.flag_longest >= sp.release_lead),
         Out(
             a.cups_steady,
-            when=all_of(even, a.cup_time <= sp.cup_time_longest, a.cup_time >= sp.cup_time_shortest),
+            when=all_of(
+                even,
+                row <= ROWS_DIFFER_X10_MS,
+                row >= -ROWS_DIFFER_X10_MS,
+                a.cup_time <= sp.cup_time_longest,
+                a.cup_time >= sp.cup_time_shortest,
+            ),
         ),
     ]
 

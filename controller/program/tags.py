@@ -103,7 +103,7 @@ class MachineTags:
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
         self.cup_fault = m.bit("cup fault", "an alarm of the cup pulses is set; the cup counts are invalid")
-        cups_m, cups_d = Area("M", 372, 379, "cups"), Area("D", 168, 169, "cups")
+        cups_m, cups_d = Area("M", 372, 379, "cups"), Area("D", 170, 171, "cups")
         self.cups_fast = cups_m.bit("too fast", "a cup has passed faster than permitted, this scan")
         self.cups_implausible = cups_m.bit("implausible", "a cup pulse is too early or its gap too short, this scan")
         self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
@@ -254,7 +254,7 @@ class ArmTags:
     def _add_cup_times(self, index: int) -> None:
         """Allocate the relays, registers and timer that time the cups and the release."""
         m = Area("M", 360 + 6 * index, 365 + 6 * index, self.side)
-        d = Area("D", 150 + 9 * index, 158 + 9 * index, self.side)
+        d = Area("D", 150 + 10 * index, 159 + 10 * index, self.side)
         self.t_cup = Timer(235 + index, f"{self.side}.cup", "time since the last cup")
         self.flag_left = m.bit("flag left", "a flag has left the cup sensor, this scan")
         self.flag_short = m.bit("flag short", "a flag has left the cup sensor sooner than the last one, this scan")
@@ -269,6 +269,7 @@ class ArmTags:
         self.flag_shortest = d.word("flag shortest x10 ms", "shortest time of the next flag for a release")
         self.flags_twice = d.word("two flags x10 ms", "twice the time of the last flag")
         self.cup_change = d.word("cup change x10 ms", "difference of the last two cup times")
+        self.row_difference = d.word("row difference x10 ms", "difference to the time of the last cup of the other row")
         self.time_and_lead = d.word("time and lead x10 ms", "time since the last cup plus the release lead")
         self.time_and_lead_twice = d.word("time and lead twice", "twice that time, with the delay of the input")
 

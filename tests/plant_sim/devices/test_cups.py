@@ -61,7 +61,7 @@ def test_without_jitter_pulses_are_even_and_last_a_fifth_of_the_pitch() -> None:
         share = 0.2 if before[1] else 0.8
         assert after[0] - before[0] == pytest.approx(share * 60 / 45, abs=1e-5)
     for _, on, chain_m in changes:
-        assert off_place_m(chain_m if on else chain_m - 0.4 * PITCH_M) == pytest.approx(0.0, abs=1e-6)
+        assert off_place_m(chain_m if on else chain_m - 0.2 * PITCH_M) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_pulse_begins_24_mm_before_the_cups_are_under_the_claws() -> None:

@@ -292,6 +292,7 @@ def test_an_arm_that_has_finished_stays_at_home_and_misses_no_cups() -> None:
     outputs = ChangeRecorder.of_outputs(twin)
     twin.run_until(twin.machine.tags.machine.trays_done.equals(1), within_ms=60_000)
     missed = twin.plc.read(arm.missed_cups)
+    twin.plant.planting_frequency_per_min = 25.0
     assert twin.run_until_state(State.COMPLETE, within_ms=100_000) > 12 * 60_000 / 45, "more than twelve cups"
     twin.run_for(60_000)
     assert twin.plc.read(arm.missed_cups) == missed
