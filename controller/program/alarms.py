@@ -56,7 +56,7 @@ same ground wheel drives both carousels. If the flags of both rows arrive togeth
 cup, but the flag of the other row then arrives before this one leaves."""
 LEADS: Final = 2
 """Number of times that a row has counted two cups, with none in the other, that raises an alarm at once. If the flags
-of both rows arrive together, the rows do so in turn."""
+of both rows arrive together, the rows do so in turn, unless both cups are counted in the same scan."""
 CUPS_SLOW_MS: Final = 5_000
 """Delay of the warning that the cups pass more slowly than permitted, ms; longer than the cup after a standstill."""
 
@@ -330,7 +330,7 @@ def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
     slow = (left.cup_time > tags.sp.cup_time_longest) & (left.cup_time < LONGEST_CUP_X10_MS)
     rungs: list[Rung] = [
         Set(alarms.cups_fast, when=works & machine.cups_fast),
-        Set(alarms.cups_implausible, when=works & machine.cups_implausible),
+        Set(alarms.cups_implausible, when=works & (machine.cups_implausible | machine.rows_differ.done)),
         Annunciate(
             machine.t_cups_slow,
             CUPS_SLOW_MS,
@@ -376,8 +376,8 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         *(Set(arm.distrusted[name], when=alarm & arm.doubt[name]) for name, alarm in alarms.switches.items()),
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
-        Count(arm.lone_cups, LONE_CUPS, when=arm.cup),
-        Rst(arm.leads, when=other.lone_cups.done | ~machine.running),
+        Count(arm.lone_cups, LONE_CUPS, when=arm.cup & ~other.cup),
+        Rst(arm.leads, when=any_of(other.lone_cups.done, arm.cup & other.cup, ~machine.running)),
         Count(arm.leads, LEADS, when=arm.lone_cups.done),
         Set(
             alarms.cup_counts,

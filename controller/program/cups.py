@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from controller.core.devices import MS_10
-from controller.core.expr import all_of, any_of
+from controller.core.expr import Expr, all_of, any_of
 from controller.core.rungs import Add, Count, Inc, Mov, OnDelay, Out, Pulse, PulseFalling, Rst, Rung, Set, Subtract
 from controller.core.sequence import Sequence
 from controller.program.set_points import CUPS, LONGEST_CUP_X10_MS
@@ -110,7 +110,7 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
     A cup lasts from the edge of its flag to the edge of the next one, a flag from its edge until it leaves the counter.
     The cups are steady if the times of two successive cups, and of the last cups of both rows, hardly differ.
     """
-    sp, change, row = tags.sp, a.cup_change, a.row_difference
+    sp, change = tags.sp, a.cup_change
     slow_even = all_of(a.flags_slow, change <= SLOW_CHANGE_X10_MS, change >= -SLOW_CHANGE_X10_MS)
     even = slow_even | ((change <= CHANGE_X10_MS) & (change >= -CHANGE_X10_MS))
     unknown = FIRST_SCAN | tags.system.link_lost
@@ -125,7 +125,7 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
         Mov(a.t_cup.value, a.cup_time, when=a.cup),
         Subtract(a.cup_time, a.flag_time, a.gap_time, when=a.cup),
         Mov(LONGEST_CUP_X10_MS, a.cup_time, when=unknown),
-        Subtract(a.cup_time, tags.other(a.side).cup_time, row, when=a.cup),
+        Subtract(a.cup_time, tags.other(a.side).cup_time, a.row_difference, when=a.cup),
         Rst(a.t_cup, when=a.cup),
         OnDelay(a.t_cup, LONGEST_CUP_X10_MS * MS_10),
         Out(a.flags_slow, when=a.flag_longest >= sp.release_lead),
@@ -133,13 +133,17 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
             a.cups_steady,
             when=all_of(
                 even,
-                row <= ROWS_DIFFER_X10_MS,
-                row >= -ROWS_DIFFER_X10_MS,
+                _rows_agree(a),
                 a.cup_time <= sp.cup_time_longest,
                 a.cup_time >= sp.cup_time_shortest,
             ),
         ),
     ]
+
+
+def _rows_agree(a: ArmTags) -> Expr:
+    """Return the condition that the last cups of both rows have passed in about the same time."""
+    return (a.row_difference <= ROWS_DIFFER_X10_MS) & (a.row_difference >= -ROWS_DIFFER_X10_MS)
 
 
 def _release(tags: Tags, a: ArmTags) -> list[Rung]:
@@ -179,7 +183,8 @@ def plausibility(tags: Tags) -> list[Rung]:
 
     One wheel drives both rows, so the left row represents both; a row that differs from the other one has an alarm of
     its own. A pulse is implausible if it follows the previous one sooner than the permitted ramp allows, or if the gap
-    behind a flag is too short for the flag, which indicates a flag that is counted twice.
+    behind a flag is too short for the flag, which indicates a flag that is counted twice. The rows differ if the times
+    of their cups have done so for twelve cups, which no permitted ramp causes.
     """
     machine, a = tags.machine, tags.arms["left"]
     doubled = all_of(a.gap_time < machine.gap_shortest, a.flag_time <= GAP_FLAG_X10_MS)
@@ -194,6 +199,8 @@ def plausibility(tags: Tags) -> list[Rung]:
         Mov(0, machine.cup_time_least),
         *bands,
         Mov(0, machine.cup_time_least, when=a.cup_time > RAMP_UP_TO_X10_MS),
+        Rst(machine.rows_differ, when=(a.cup & _rows_agree(a)) | ~machine.running),
+        Count(machine.rows_differ, CUPS, when=a.cup),
         *_ground(tags),
     ]
 

@@ -106,6 +106,7 @@ class MachineTags:
         cups_m, cups_d = Area("M", 372, 379, "cups"), Area("D", 170, 171, "cups")
         self.cups_fast = cups_m.bit("too fast", "a cup has passed faster than permitted, this scan")
         self.cups_implausible = cups_m.bit("implausible", "a cup pulse is too early or its gap too short, this scan")
+        self.rows_differ = Counter(9, "cups.rows differ", "cups since the times of the cups of both rows agreed")
         self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
         self.cup_time_least = cups_d.word("time least x10 ms", "shortest plausible time until the next cup, left row")
         self.gap_shortest = cups_d.word("gap shortest x10 ms", "shortest plausible gap behind the last flag, left row")

@@ -64,6 +64,21 @@ def complete(twin: Twin) -> None:
     assert counts.in_cups == counts.total == 144, counts
 
 
+@pytest.mark.parametrize("per_min", one_in(2, [90.0, 45.0, 20.0, 60.0]))
+@pytest.mark.parametrize("offset_m", [0.0, 0.0004, -0.0008, 0.030])
+def test_flags_of_both_rows_in_any_position_to_each_other_raise_no_alarm(offset_m: float, per_min: float) -> None:
+    """If the flags of both rows arrive together, their order changes from cup to cup; no cup is left empty for that."""
+    machine = MACHINE.with_values({"cups.planting_frequency_per_min": per_min})
+    twin = guard(Twin(trays=1, parameters=machine, set_points={"trays_target": 1}))
+    twin.plant.seedlings.make_typical()
+    twin.plant.right.cups.place(twin.plant.left.cups.chain_m + offset_m)
+    twin.home(within_ms=60_000)
+    twin.start()
+    twin.run_until_state(State.COMPLETE, within_ms=400_000)
+    assert set(twin.alarms()) <= {"planting_fast"}
+    assert twin.plant.counts().in_cups == 72
+
+
 CASES = [
     (sides, kind, share, per_min)
     for per_min in (45.0, 20.0, 33.0, 60.0, 90.0)
