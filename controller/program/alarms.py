@@ -18,7 +18,7 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
-from controller.program.set_points import LONGEST_CUP_X10_MS
+from controller.program.set_points import LONGEST_CUP_X10_MS, ROWS_DIFFER_X10_MS
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
 from controller.program.texts.alarms import ALARMS, AlarmText
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
@@ -54,9 +54,6 @@ LONE_CUPS: Final = 2
 """Number of cups counted in one row, with none in the other, that raises an alarm when the second flag has left. The
 same ground wheel drives both carousels. If the flags of both rows arrive together, their order may change from cup to
 cup, but the flag of the other row then arrives before this one leaves."""
-LEADS: Final = 2
-"""Number of times that a row has counted two cups, with none in the other, that raises an alarm at once. If the flags
-of both rows arrive together, the rows do so in turn, unless both cups are counted in the same scan."""
 CUPS_SLOW_MS: Final = 5_000
 """Delay of the warning that the cups pass more slowly than permitted, ms; longer than the cup after a standstill."""
 
@@ -330,7 +327,7 @@ def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
     slow = (left.cup_time > tags.sp.cup_time_longest) & (left.cup_time < LONGEST_CUP_X10_MS)
     rungs: list[Rung] = [
         Set(alarms.cups_fast, when=works & machine.cups_fast),
-        Set(alarms.cups_implausible, when=works & (machine.cups_implausible | machine.rows_differ.done)),
+        Set(alarms.cups_implausible, when=works & machine.cups_implausible),
         Annunciate(
             machine.t_cups_slow,
             CUPS_SLOW_MS,
@@ -366,6 +363,7 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
     machine, other = tags.machine, tags.other(arm.side)
     works = machine.motion & ~machine.manual
     off_home = alarms.off_home
+    faster = all_of(other.cup, other.cups_even, other.row_difference > ROWS_DIFFER_X10_MS)
     return [
         Set(alarms.overrun, when=arm.over_row),
         Annunciate(off_home.timer, off_home.ms, off_home.alarm, when=arm.off_home),
@@ -377,10 +375,8 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup & ~other.cup),
-        Rst(arm.leads, when=any_of(other.lone_cups.done, arm.cup & other.cup, ~machine.running)),
-        Count(arm.leads, LEADS, when=arm.lone_cups.done),
         Set(
             alarms.cup_counts,
-            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | arm.leads.done, machine.running, ~machine.manual),
+            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | faster, machine.running, ~machine.manual),
         ),
     ]

@@ -10,10 +10,10 @@ import math
 from typing import Final
 
 from controller.core.devices import MS_10
-from controller.core.expr import Expr, all_of, any_of
+from controller.core.expr import all_of, any_of
 from controller.core.rungs import Add, Count, Inc, Mov, OnDelay, Out, Pulse, PulseFalling, Rst, Rung, Set, Subtract
 from controller.core.sequence import Sequence
-from controller.program.set_points import CUPS, LONGEST_CUP_X10_MS
+from controller.program.set_points import CUP_SHORTEST_X10_MS, CUPS, LONGEST_CUP_X10_MS, ROWS_DIFFER_X10_MS
 from controller.program.tags import FIRST_SCAN, ArmTags, Tags
 
 FLAG_CHANGE_X10_MS: Final = 3
@@ -27,9 +27,6 @@ minute. Flags displaced by 0.6 mm and two scans change the time by up to 7 %."""
 SLOW_CHANGE_X10_MS: Final = 12
 """As `CHANGE_X10_MS` while the flag itself times the release: 4 % at 20 cups per minute, as much as flags displaced by
 0.6 mm."""
-ROWS_DIFFER_X10_MS: Final = 25
-"""Largest difference between the times of the last cups of both rows at which a row is released, x10 ms: twice the
-change of one row, because the cups of the other row may have passed earlier by one cup."""
 EARLY_X10_MS: Final = 5
 """Twice the delay of the pulse by the filter and the scan, x10 ms: half of 10 ms plus one to two scans."""
 RAMP_PER_MIN_S: Final = 30
@@ -129,21 +126,18 @@ def _times(tags: Tags, a: ArmTags) -> list[Rung]:
         Rst(a.t_cup, when=a.cup),
         OnDelay(a.t_cup, LONGEST_CUP_X10_MS * MS_10),
         Out(a.flags_slow, when=a.flag_longest >= sp.release_lead),
+        Out(a.cups_even, when=even),
         Out(
             a.cups_steady,
             when=all_of(
-                even,
-                _rows_agree(a),
+                a.cups_even,
+                a.row_difference <= ROWS_DIFFER_X10_MS,
+                a.row_difference >= -ROWS_DIFFER_X10_MS,
                 a.cup_time <= sp.cup_time_longest,
                 a.cup_time >= sp.cup_time_shortest,
             ),
         ),
     ]
-
-
-def _rows_agree(a: ArmTags) -> Expr:
-    """Return the condition that the last cups of both rows have passed in about the same time."""
-    return (a.row_difference <= ROWS_DIFFER_X10_MS) & (a.row_difference >= -ROWS_DIFFER_X10_MS)
 
 
 def _release(tags: Tags, a: ArmTags) -> list[Rung]:
@@ -183,11 +177,12 @@ def plausibility(tags: Tags) -> list[Rung]:
 
     One wheel drives both rows, so the left row represents both; a row that differs from the other one has an alarm of
     its own. A pulse is implausible if it follows the previous one sooner than the permitted ramp allows, or if the gap
-    behind a flag is too short for the flag, which indicates a flag that is counted twice. The rows differ if the times
-    of their cups have done so for twelve cups, which no permitted ramp causes.
+    behind a flag is too short for the flag, which indicates a flag that is counted twice.
     """
     machine, a = tags.machine, tags.arms["left"]
-    doubled = all_of(a.gap_time < machine.gap_shortest, a.flag_time <= GAP_FLAG_X10_MS)
+    doubled = all_of(
+        a.gap_time < machine.gap_shortest, a.flag_time <= GAP_FLAG_X10_MS, a.cup_time >= CUP_SHORTEST_X10_MS
+    )
     bands = [
         Mov(round(100 * RAMP_TOLERANCE * shortest_next_s(least / 100)), machine.cup_time_least, a.cup_time >= least)
         for least in RAMP_FROM_X10_MS
@@ -199,8 +194,6 @@ def plausibility(tags: Tags) -> list[Rung]:
         Mov(0, machine.cup_time_least),
         *bands,
         Mov(0, machine.cup_time_least, when=a.cup_time > RAMP_UP_TO_X10_MS),
-        Rst(machine.rows_differ, when=(a.cup & _rows_agree(a)) | ~machine.running),
-        Count(machine.rows_differ, CUPS, when=a.cup),
         *_ground(tags),
     ]
 

@@ -103,10 +103,9 @@ class MachineTags:
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
         self.cup_fault = m.bit("cup fault", "an alarm of the cup pulses is set; the cup counts are invalid")
-        cups_m, cups_d = Area("M", 372, 379, "cups"), Area("D", 170, 171, "cups")
+        cups_m, cups_d = Area("M", 374, 379, "cups"), Area("D", 170, 171, "cups")
         self.cups_fast = cups_m.bit("too fast", "a cup has passed faster than permitted, this scan")
         self.cups_implausible = cups_m.bit("implausible", "a cup pulse is too early or its gap too short, this scan")
-        self.rows_differ = Counter(9, "cups.rows differ", "cups since the times of the cups of both rows agreed")
         self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
         self.cup_time_least = cups_d.word("time least x10 ms", "shortest plausible time until the next cup, left row")
         self.gap_shortest = cups_d.word("gap shortest x10 ms", "shortest plausible gap behind the last flag, left row")
@@ -249,18 +248,18 @@ class ArmTags:
         self.lone_cups = Counter(
             2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
         )
-        self.leads = Counter(7 + index, f"{side}.leads", "times that two cups were counted, with none of the other row")
         self._add_cup_times(index)
 
     def _add_cup_times(self, index: int) -> None:
         """Allocate the relays, registers and timer that time the cups and the release."""
-        m = Area("M", 360 + 6 * index, 365 + 6 * index, self.side)
+        m = Area("M", 360 + 7 * index, 366 + 7 * index, self.side)
         d = Area("D", 150 + 10 * index, 159 + 10 * index, self.side)
         self.t_cup = Timer(235 + index, f"{self.side}.cup", "time since the last cup")
         self.flag_left = m.bit("flag left", "a flag has left the cup sensor, this scan")
         self.flag_short = m.bit("flag short", "a flag has left the cup sensor sooner than the last one, this scan")
         self.flags_slow = m.bit("flags slow", "the last flag took as long as the release lead or longer")
-        self.cups_steady = m.bit("cups steady", "the last two cups passed in equal times within the permitted range")
+        self.cups_even = m.bit("cups even", "the last two cups passed in equal times")
+        self.cups_steady = m.bit("cups steady", "the cups of both rows pass evenly within the permitted range")
         self.release_due = m.bit("release due", "the claws open now, so that the plugs land in the cups")
         self.release_missed = m.bit("release missed", "the cup is left empty: its pulse or time is in doubt")
         self.cup_time = d.word("cup time x10 ms", "time of the last cup")
