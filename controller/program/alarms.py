@@ -118,6 +118,7 @@ class Alarm:
         stops_work: True if the alarm holds the machine.
         cause: Condition that is true while the cause persists; the alarm cannot be reset during this time. None if the
             cause disappears when the alarm stops the motion.
+        stops_arm: True if the alarm of an arm stops it in its stroke; an alarm of the cups lets it complete the stroke.
     """
 
     bit: Bit
@@ -127,6 +128,7 @@ class Alarm:
     severity: Severity = Severity.FAULT
     stops_work: bool = True
     cause: Expr | None = None
+    stops_arm: bool = True
 
     @property
     def safety(self) -> bool:
@@ -190,6 +192,7 @@ class Annunciators:
         stops_work: bool | None = None,
         text: AlarmText | None = None,
         cause: Expr | None = None,
+        stops_arm: bool = True,
     ) -> Bit:
         """Add an alarm.
 
@@ -201,6 +204,7 @@ class Annunciators:
             stops_work: True if the alarm holds the machine. Default: True except for warnings.
             text: Message and checks. Default: the entry of this key in `alarm_texts.ALARMS`.
             cause: Condition that is true while the cause persists.
+            stops_arm: True if the alarm of an arm stops it in its stroke.
 
         Returns:
             The annunciator.
@@ -216,16 +220,18 @@ class Annunciators:
         name = f"{side}.alarm: {key}" if side else f"alarm: {key}"
         if stops_work is None:
             stops_work = severity is not Severity.WARNING
-        self._table.append(Alarm(Bit("S", number, name, text.comment), key, side, text, severity, stops_work, cause))
+        bit = Bit("S", number, name, text.comment)
+        self._table.append(Alarm(bit, key, side, text, severity, stops_work, cause, stops_arm))
         return self._table[-1].bit
 
-    def add_to_arm(self, key: str, side: Side, *, cause: Expr | None = None) -> Bit:
+    def add_to_arm(self, key: str, side: Side, *, cause: Expr | None = None, stops_arm: bool = True) -> Bit:
         """Add an alarm of one arm with its number from `ARM_ALARM_NUMBERS` and return the annunciator."""
-        return self.add(key, number=ARM_ALARM_NUMBERS[key][SIDES.index(side)], side=side, cause=cause)
+        number = ARM_ALARM_NUMBERS[key][SIDES.index(side)]
+        return self.add(key, number=number, side=side, cause=cause, stops_arm=stops_arm)
 
     def of_side(self, side: Side) -> list[Bit]:
-        """Return the annunciators of one arm."""
-        return [alarm.bit for alarm in self._table if alarm.side == side]
+        """Return the annunciators that stop one arm in its stroke."""
+        return [alarm.bit for alarm in self._table if alarm.side == side and alarm.stops_arm]
 
 
 class StepLimits:
@@ -262,10 +268,7 @@ def alarm_block(
     for side, arm_alarms in arms.items():
         rungs += [
             *_arm_alarms(tags, tags.arms[side], arm_alarms),
-            Out(
-                tags.arms[side].fault,
-                when=any_of(*(bit for bit in alarms.of_side(side) if bit != arm_alarms.cup_counts)),
-            ),
+            Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side))),
         ]
     stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work]
     cups = {alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground}
@@ -351,7 +354,7 @@ class ArmAlarms:
             name: alarms.add_to_arm(f"{name} switches", arm.side, cause=doubt) for name, doubt in arm.doubt.items()
         }
         self.unbidden = alarms.add_to_arm("unbidden", arm.side)
-        self.cup_counts = alarms.add_to_arm("cup counts", arm.side)
+        self.cup_counts = alarms.add_to_arm("cup counts", arm.side, stops_arm=False)
 
 
 def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
