@@ -48,10 +48,13 @@ def compared(seeds: Iterable[int]) -> list[Pair]:
 
 @pytest.mark.parametrize("seeds", first_of([[0, 3, 13], range(10)]))
 def test_export_has_the_same_outputs_in_every_scan(seeds: Sequence[int]) -> None:
-    """The outputs are equal; over a third of the scans have an output on, and nearly all steps occur."""
+    """The outputs are equal; over a sixth of the scans have an output on, and nearly all steps occur.
+
+    Cup pulses at random times hold the machine.
+    """
     pairs, scans = compared(seeds), len(seeds) * A_STORY
     assert sum(pair.scans for pair in pairs) == scans
-    assert sum(pair.moving for pair in pairs) > scans // 3
+    assert sum(pair.moving for pair in pairs) > scans // 6
     assert len(set().union(*(pair.visited for pair in pairs))) >= len(STEPS) - 8
 
 

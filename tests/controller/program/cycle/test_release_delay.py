@@ -123,3 +123,11 @@ def test_flags_counted_wrongly_hold_the_machine_without_a_loss(kind: str) -> Non
     twin.start()
     twin.run_until_state(State.HELD, within_ms=120_000)
     assert (twin.plant.counts().T, twin.plant.events) == (0, [])
+
+
+def test_an_alarm_of_the_cups_in_the_release_delay_prevents_the_throw() -> None:
+    twin = waiting()
+    twin.plc.write(twin.machine.alarms.cups_implausible, 1)
+    until_step(twin, "left arm", "wait for cups", within_ms=100)
+    twin.run_until_state(State.HELD, within_ms=10_000)
+    assert arm_of(twin, "left").grip.held
