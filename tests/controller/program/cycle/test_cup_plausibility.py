@@ -166,6 +166,18 @@ def test_frequencies_beyond_the_permitted_range_lose_no_seedling() -> None:
     complete(twin)
 
 
+def test_a_tractor_that_is_too_fast_holds_the_machine_between_strokes() -> None:
+    """The frequency rises to 110 per minute within the permitted ramp; no arm stops in its stroke."""
+    twin = at_frequency(60.0, **{"cups.acceleration_m_s2": 0.01})
+    twin.plant.planting_frequency_per_min = 110.0
+    assert cups_until_held(twin, most=60) < 60
+    assert set(twin.alarms()) - {"planting_fast"} == {"cups_fast"}
+    twin.run_until_state(State.HELD, within_ms=20_000)
+    assert set(twin.alarms()) - {"planting_fast"} == {"cups_fast"}
+    twin.plant.planting_frequency_per_min = 45.0
+    complete(twin)
+
+
 def test_below_the_permitted_range_the_arms_wait_with_a_warning() -> None:
     twin = at_frequency(45.0)
     twin.plant.planting_frequency_per_min = 16.0
