@@ -18,7 +18,9 @@ from controller.core.devices import MS_10, MS_100, WORD_MAX, WORD_MIN, Memory, i
 from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word, all_of
 from controller.core.program import Block, Program
 from controller.core.rungs import (
+    Add,
     Annunciate,
+    Arithmetic,
     Count,
     Inc,
     Mov,
@@ -30,6 +32,7 @@ from controller.core.rungs import (
     Rung,
     Scale,
     Set,
+    Subtract,
     ZoneReset,
     written_devices,
 )
@@ -38,7 +41,7 @@ from controller.core.sequence import Sequence
 BlockFunction = Callable[[int, int, int], None]
 Transfers = dict[str, Callable[[], None]]
 
-_Latching = Set | Rst | ZoneReset | Mov | Inc
+_Latching = Set | Rst | ZoneReset | Mov | Inc | Add | Subtract
 """Rung types that write nothing while they are not driven."""
 
 _LISTS: Final = ("X", "Y", "M", "S", "T", "C", "D", "TV", "TS", "CV", "CE", "E")
@@ -72,8 +75,20 @@ def expression(expr: Expr) -> str:
 def word(operand: Word | int) -> str:
     """Return a word or a constant as a Python expression."""
     if isinstance(operand, int):
-        return str(operand)
+        return str(operand) if operand >= 0 else f"({operand})"
     return f"{ {'D': 'D', 'T': 'TV', 'C': 'CV'}[operand.kind] }[{operand.number}]"
+
+
+def _arithmetic(rung: Arithmetic) -> str:
+    """Return the result of a rung as a Python expression; it wraps at 16 bits."""
+    match rung:
+        case Inc(target):
+            result = f"{word(target)} + 1"
+        case Add(one, two):
+            result = f"{word(one)} + {word(two)}"
+        case Subtract(one, two):
+            result = f"{word(one)} - {word(two)}"
+    return f"({result} - {WORD_MIN}) % {WORD_MAX - WORD_MIN + 1} + {WORD_MIN}"
 
 
 def _grouped(expr: Expr) -> str:
@@ -129,9 +144,8 @@ class _Source:
                 self.counter(rung, when, depth)
             case Mov(source, target):
                 self.add(depth, f"if {when}: {word(target)} = {word(source)}")
-            case Inc(target):
-                d = word(target)
-                self.add(depth, f"if {when}: {d} = {d} + 1 if {d} < {WORD_MAX} else {WORD_MIN}")
+            case Inc() | Add() | Subtract():
+                self.add(depth, f"if {when}: {word(rung.target)} = {_arithmetic(rung)}")
             case Scale(source, factor, divisor, target):
                 quotient = f"{word(source)} * {word(factor)} // {word(divisor)}"
                 self.add(depth, f"if {expression(rung.driven)}: {word(target)} = max(0, min({quotient}, {WORD_MAX}))")

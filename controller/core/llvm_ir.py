@@ -28,6 +28,7 @@ from controller.core.llvm_function import FunctionBody, function, module, name_o
 from controller.core.memory_layout import MemoryLayout
 from controller.core.program import Block, Program
 from controller.core.rungs import (
+    Add,
     Annunciate,
     Count,
     Inc,
@@ -40,6 +41,7 @@ from controller.core.rungs import (
     Rung,
     Scale,
     Set,
+    Subtract,
     ZoneReset,
 )
 from controller.core.sequence import Sequence, Transfer
@@ -191,7 +193,7 @@ class _ProgramBody(FunctionBody):
                 with self.on(when):
                     self._latch(rung)
 
-    def _latch(self, rung: Set | Rst | ZoneReset | Mov | Inc) -> None:
+    def _latch(self, rung: Set | Rst | ZoneReset | Mov | Inc | Add | Subtract) -> None:
         """Add the effect of a rung that writes nothing unless it is driven."""
         match rung:
             case Set(target):
@@ -202,11 +204,21 @@ class _ProgramBody(FunctionBody):
                 self.clear_bits(first.kind, first.number, last.number)
             case Mov(source, target):
                 self.set_word(_WORD_ROWS[target.kind], target.number, self.operand(source))
+            case Add(one, two, target):
+                self._sum("add", one, two, target)
+            case Subtract(one, two, target):
+                self._sum("sub", one, two, target)
             case Inc(target):
                 row = _WORD_ROWS[target.kind]
                 before = self.word(row, target.number)
                 after = self.choice(self.compare("<", before, WORD_MAX), self.sum(before, 1), WORD_MIN)
                 self.set_word(row, target.number, after)
+
+    def _sum(self, operation: str, one: Word | int, two: Word | int, target: Word) -> None:
+        """Add a sum or difference, of which the lower 16 bits are stored with their sign."""
+        total = self.value(f"{operation} i64 {self.operand(one)}, {self.operand(two)}")
+        word = self.value(f"trunc i64 {total} to i16")
+        self.set_word(_WORD_ROWS[target.kind], target.number, self.value(f"sext i16 {word} to i64"))
 
     def _reset(self, target: Bit | Word | Timer | Counter) -> None:
         match target:

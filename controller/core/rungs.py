@@ -162,6 +162,32 @@ class Inc:
 
 
 @dataclass(frozen=True, slots=True)
+class Add:
+    """ADD: target = first + second in every scan in which the instruction is driven; the sum wraps at 16 bits."""
+
+    first: Word | int
+    second: Word | int
+    target: Word
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        _check_words("ADD", (self.first, self.second), self.target)
+
+
+@dataclass(frozen=True, slots=True)
+class Subtract:
+    """SUB: target = minuend - subtrahend in every scan in which it is driven; the difference wraps at 16 bits."""
+
+    minuend: Word | int
+    subtrahend: Word | int
+    target: Word
+    when: Expr = TRUE
+
+    def __post_init__(self) -> None:
+        _check_words("SUB", (self.minuend, self.subtrahend), self.target)
+
+
+@dataclass(frozen=True, slots=True)
 class Scale:
     """MUL and DDIV: target = source * factor / divisor, limited to 0..32767, with a product of 32 bits.
 
@@ -175,13 +201,7 @@ class Scale:
     when: Expr = TRUE
 
     def __post_init__(self) -> None:
-        if self.target.kind != "D":
-            raise RungError(f"MUL to {self.target}: the target must be a data register")
-        for operand in (self.source, self.factor, self.divisor):
-            if isinstance(operand, Word) and operand.kind == "C" and is_32_bit_counter(operand.number):
-                raise RungError(f"MUL to {self.target}: {operand} has 32 bits; use an operand of 16 bits")
-            if isinstance(operand, int) and not WORD_MIN <= operand <= WORD_MAX:
-                raise RungError(f"MUL to {self.target}: {operand} is out of range {WORD_MIN}..{WORD_MAX} of a word")
+        _check_words("MUL", (self.source, self.factor, self.divisor), self.target)
         if isinstance(self.divisor, int) and self.divisor <= 0:
             raise RungError(f"MUL to {self.target}: the divisor {self.divisor} must be at least 1")
 
@@ -189,6 +209,17 @@ class Scale:
     def driven(self) -> Expr:
         """Condition under which the instruction is executed."""
         return self.when if isinstance(self.divisor, int) else self.when & (self.divisor > 0)
+
+
+def _check_words(name: str, operands: tuple[Word | int, ...], target: Word) -> None:
+    """Raise `RungError` unless the target is a data register and all operands have 16 bits."""
+    if target.kind != "D":
+        raise RungError(f"{name} to {target}: the target must be a data register")
+    for operand in operands:
+        if isinstance(operand, Word) and operand.kind == "C" and is_32_bit_counter(operand.number):
+            raise RungError(f"{name} to {target}: {operand} has 32 bits; use an operand of 16 bits")
+        if isinstance(operand, int) and not WORD_MIN <= operand <= WORD_MAX:
+            raise RungError(f"{name} to {target}: {operand} is out of range {WORD_MIN}..{WORD_MAX} of a word")
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +244,8 @@ class Annunciate:
             )
 
 
-Rung = Out | Set | Rst | ZoneReset | Pulse | PulseFalling | OnDelay | Count | Mov | Inc | Scale | Annunciate
+Arithmetic = Inc | Add | Subtract
+Rung = Out | Set | Rst | ZoneReset | Pulse | PulseFalling | OnDelay | Count | Mov | Arithmetic | Scale | Annunciate
 
 
 def read_devices(rung: Rung) -> Iterator[Bit | Word]:
@@ -221,7 +253,13 @@ def read_devices(rung: Rung) -> Iterator[Bit | Word]:
     yield from leaves(rung.when)
     operands = {OnDelay: "preset", Count: "preset", Mov: "source"}
     word = getattr(rung, operands[type(rung)]) if type(rung) in operands else None
-    words = (rung.source, rung.factor, rung.divisor) if isinstance(rung, Scale) else (word,)
+    match rung:
+        case Scale(source, factor, divisor):
+            words: tuple[Word | int | None, ...] = (source, factor, divisor)
+        case Add(one, two) | Subtract(one, two):
+            words = (one, two)
+        case _:
+            words = (word,)
     yield from (word for word in words if isinstance(word, Word))
 
 
@@ -248,6 +286,8 @@ def written_devices(rung: Rung) -> Iterator[Bit | Word]:
             | PulseFalling(target)
             | Mov(_, target)
             | Inc(target)
+            | Add(target=target)
+            | Subtract(target=target)
             | Scale(target=target)
         ):
             assert isinstance(target, Bit | Word)  # noqa: S101 - narrows the union for the type checker

@@ -16,7 +16,9 @@ from controller.core.devices import RETENTIVE, SIZES, WORD_MAX
 from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, leaves
 from controller.core.program import Block, Program
 from controller.core.rungs import (
+    Add,
     Annunciate,
+    Arithmetic,
     Count,
     Inc,
     Mov,
@@ -28,6 +30,7 @@ from controller.core.rungs import (
     Rung,
     Scale,
     Set,
+    Subtract,
     ZoneReset,
     read_devices,
     written_devices,
@@ -269,10 +272,19 @@ class _ListWriter:
                 self._add("OUT", DeviceOperand("C", counter.number), _word(preset))
             case Mov(source, target):
                 self._add("MOV", _word(source), _word(target))
-            case Inc(target):
-                self._add("INC", _word(target))
+            case Inc() | Add() | Subtract():
+                self._arithmetic(rung)
             case Annunciate(timer, preset, target):
                 self._add("ANS", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms), _device(target))
+
+    def _arithmetic(self, rung: Arithmetic) -> None:
+        match rung:
+            case Inc(target):
+                self._add("INC", _word(target))
+            case Add(first, second, target):
+                self._add("ADD", _word(first), _word(second), _word(target))
+            case Subtract(minuend, subtrahend, target):
+                self._add("SUB", _word(minuend), _word(subtrahend), _word(target))
 
     def _scale(self, rung: Scale) -> None:
         """Write the product, the quotient and its limits; the quotient is limited after it has been copied."""

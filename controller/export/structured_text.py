@@ -26,7 +26,9 @@ from controller.core.devices import (
 from controller.core.expr import And, Bit, Compare, Const, Counter, Expr, Not, Or, Timer, Word
 from controller.core.program import Block, Program
 from controller.core.rungs import (
+    Add,
     Annunciate,
+    Arithmetic,
     Count,
     Inc,
     Mov,
@@ -38,6 +40,7 @@ from controller.core.rungs import (
     Rung,
     Scale,
     Set,
+    Subtract,
     ZoneReset,
 )
 from controller.core.sequence import Sequence, Step
@@ -172,9 +175,27 @@ class _TextWriter:
                 self._if(when, f"{self._var(target)} := {self._number(source, 'INT')};")
             case Scale():
                 self._scale(rung)
-            case Inc(target):
-                d = self._var(target)
-                self._if(when, f"IF {d} < {WORD_MAX} THEN {d} := {d} + 1; ELSE {d} := {WORD_MIN}; END_IF;")
+            case Inc() | Add() | Subtract():
+                self._arithmetic(rung, when)
+
+    def _arithmetic(self, rung: Arithmetic, when: str) -> None:
+        """Write a sum or difference that wraps at 16 bits; one correction is sufficient for two words."""
+        target = self._var(rung.target)
+        match rung:
+            case Inc():
+                one, sign, two = rung.target, "+", 1
+            case Add(one, two):
+                sign = "+"
+            case Subtract(one, two):
+                sign = "-"
+        total, span = self._variables.helper("total", "LINT"), WORD_MAX - WORD_MIN + 1
+        self._if(
+            when,
+            f"{total} := {self._number(one, 'LINT')} {sign} {self._number(two, 'LINT')};",
+            f"IF {total} > {WORD_MAX} THEN {total} := {total} - {span}; END_IF;",
+            f"IF {total} < {WORD_MIN} THEN {total} := {total} + {span}; END_IF;",
+            f"{target} := LINT_TO_INT({total});",
+        )
 
     def _scale(self, rung: Scale) -> None:
         scaled = self._variables.helper("scaled", "LINT")

@@ -18,6 +18,7 @@ from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Sequence, Timeout
+from controller.program.set_points import LONGEST_CUP_X10_MS, ROWS_DIFFER_X10_MS
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
 from controller.program.texts.alarms import ALARMS, AlarmText
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
@@ -49,9 +50,12 @@ IN_DOUBT_MS: Final = 200
 on at the same time, or one to come on too early, only for a shorter time."""
 UNBIDDEN_MS: Final = 500
 """Delay of the alarm for an arm at rest that leaves or reaches a switch, ms; longer than switch bounce."""
-LONE_CUPS: Final = 6
-"""Number of cups counted in one row, with none in the other, that raises an alarm. The same ground wheel drives both
-carousels."""
+LONE_CUPS: Final = 2
+"""Number of cups counted in one row, with none in the other, that raises an alarm when the second flag has left. The
+same ground wheel drives both carousels. If the flags of both rows arrive together, their order may change from cup to
+cup, but the flag of the other row then arrives before this one leaves."""
+CUPS_SLOW_MS: Final = 5_000
+"""Delay of the warning that the cups pass more slowly than permitted, ms; longer than the cup after a standstill."""
 
 ARM_ALARM_NUMBERS: Final[dict[str, tuple[int, int]]] = {
     "approach row": (908, 920),
@@ -114,6 +118,7 @@ class Alarm:
         stops_work: True if the alarm holds the machine.
         cause: Condition that is true while the cause persists; the alarm cannot be reset during this time. None if the
             cause disappears when the alarm stops the motion.
+        stops_arm: True if the alarm of an arm stops it in its stroke; an alarm of the cups lets it complete the stroke.
     """
 
     bit: Bit
@@ -123,6 +128,7 @@ class Alarm:
     severity: Severity = Severity.FAULT
     stops_work: bool = True
     cause: Expr | None = None
+    stops_arm: bool = True
 
     @property
     def safety(self) -> bool:
@@ -163,6 +169,10 @@ class Annunciators:
         self.outputs_contested = self.add(
             "outputs_contested", number=995, severity=warning, cause=system.outputs_contested
         )
+        self.cups_fast = self.add("cups_fast", number=973)
+        self.cups_implausible = self.add("cups_implausible", number=974)
+        self.cups_ground = self.add("cups_ground", number=975)
+        self.cups_slow = self.add("cups_slow", number=996, severity=warning)
 
     def __iter__(self) -> Iterator[Alarm]:
         """Iterate over all alarms by S number."""
@@ -186,6 +196,7 @@ class Annunciators:
         stops_work: bool | None = None,
         text: AlarmText | None = None,
         cause: Expr | None = None,
+        stops_arm: bool = True,
     ) -> Bit:
         """Add an alarm.
 
@@ -197,6 +208,7 @@ class Annunciators:
             stops_work: True if the alarm holds the machine. Default: True except for warnings.
             text: Message and checks. Default: the entry of this key in `alarm_texts.ALARMS`.
             cause: Condition that is true while the cause persists.
+            stops_arm: True if the alarm of an arm stops it in its stroke.
 
         Returns:
             The annunciator.
@@ -212,16 +224,18 @@ class Annunciators:
         name = f"{side}.alarm: {key}" if side else f"alarm: {key}"
         if stops_work is None:
             stops_work = severity is not Severity.WARNING
-        self._table.append(Alarm(Bit("S", number, name, text.comment), key, side, text, severity, stops_work, cause))
+        bit = Bit("S", number, name, text.comment)
+        self._table.append(Alarm(bit, key, side, text, severity, stops_work, cause, stops_arm))
         return self._table[-1].bit
 
-    def add_to_arm(self, key: str, side: Side, *, cause: Expr | None = None) -> Bit:
+    def add_to_arm(self, key: str, side: Side, *, cause: Expr | None = None, stops_arm: bool = True) -> Bit:
         """Add an alarm of one arm with its number from `ARM_ALARM_NUMBERS` and return the annunciator."""
-        return self.add(key, number=ARM_ALARM_NUMBERS[key][SIDES.index(side)], side=side, cause=cause)
+        number = ARM_ALARM_NUMBERS[key][SIDES.index(side)]
+        return self.add(key, number=number, side=side, cause=cause, stops_arm=stops_arm)
 
     def of_side(self, side: Side) -> list[Bit]:
-        """Return the annunciators of one arm."""
-        return [alarm.bit for alarm in self._table if alarm.side == side]
+        """Return the annunciators that stop one arm in its stroke."""
+        return [alarm.bit for alarm in self._table if alarm.side == side and alarm.stops_arm]
 
 
 class StepLimits:
@@ -251,6 +265,7 @@ def alarm_block(
         Out(machine.alarm_reset, when=machine.entered_resetting | machine.clear_requested),
         *(Rst(alarm.bit, when=machine.alarm_reset & ~_lasting(alarm)) for alarm in alarms),
         *_machine_alarms(tags, alarms),
+        *_cup_alarms(tags, alarms),
     ]
     for sequence in sequences:
         rungs += sequence.limits()
@@ -260,10 +275,13 @@ def alarm_block(
             Out(tags.arms[side].fault, when=any_of(*alarms.of_side(side))),
         ]
     stopping = [alarm.bit for alarm in alarms.by_severity() if alarm.stops_work]
-    of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None]
+    cups = {alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground}
+    counts = [arm_alarms.cup_counts for arm_alarms in arms.values()]
+    of_machine = [alarm.bit for alarm in alarms if alarm.stops_work and alarm.side is None and alarm.bit not in cups]
     rungs += [
         Out(tray.fault, when=alarms.tray_jam | alarms.tray_lost),
-        Out(machine.fault, when=any_of(*(arm.fault for arm in tags.arms.values()), *of_machine)),
+        Out(machine.cup_fault, when=any_of(alarms.cups_fast, alarms.cups_implausible, alarms.cups_ground, *counts)),
+        Out(machine.fault, when=any_of(machine.cup_fault, *(arm.fault for arm in tags.arms.values()), *of_machine)),
         Mov(0, machine.first_out, when=machine.alarm_reset),
         *(
             Mov(bit.number, machine.first_out, when=all_of(machine.fault, bit, machine.first_out.equals(0)))
@@ -312,6 +330,27 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
     return rungs
 
 
+def _cup_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
+    """Return the rungs of the alarms of both cup counters; off in manual mode, in which no arm waits for cups."""
+    machine, left = tags.machine, tags.arms["left"]
+    works = machine.running & ~machine.manual
+    slow = (left.cup_time > tags.sp.cup_time_longest) & (left.cup_time < LONGEST_CUP_X10_MS)
+    rungs: list[Rung] = [
+        Set(alarms.cups_fast, when=works & machine.cups_fast),
+        Set(alarms.cups_implausible, when=works & machine.cups_implausible),
+        Annunciate(
+            machine.t_cups_slow,
+            CUPS_SLOW_MS,
+            alarms.cups_slow,
+            when=works & slow,
+        ),
+        Rst(alarms.cups_slow, when=~slow),
+    ]
+    if tags.planting.ground_sensor is not None:
+        rungs.append(Set(alarms.cups_ground, when=works & tags.planting.cups_differ))
+    return rungs
+
+
 class ArmAlarms:
     """Annunciators of one arm other than those of the step time limits."""
 
@@ -322,7 +361,7 @@ class ArmAlarms:
             name: alarms.add_to_arm(f"{name} switches", arm.side, cause=doubt) for name, doubt in arm.doubt.items()
         }
         self.unbidden = alarms.add_to_arm("unbidden", arm.side)
-        self.cup_counts = alarms.add_to_arm("cup counts", arm.side)
+        self.cup_counts = alarms.add_to_arm("cup counts", arm.side, stops_arm=False)
 
 
 def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
@@ -334,6 +373,7 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
     machine, other = tags.machine, tags.other(arm.side)
     works = machine.motion & ~machine.manual
     off_home = alarms.off_home
+    faster = all_of(other.cup, other.cups_even, other.row_difference > ROWS_DIFFER_X10_MS)
     return [
         Set(alarms.overrun, when=arm.over_row),
         Annunciate(off_home.timer, off_home.ms, off_home.alarm, when=arm.off_home),
@@ -343,6 +383,9 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
         ),
         Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
-        Count(arm.lone_cups, LONE_CUPS, when=arm.cup),
-        Set(alarms.cup_counts, when=all_of(arm.lone_cups.done, machine.running, ~machine.manual)),
+        Count(arm.lone_cups, LONE_CUPS, when=arm.cup & ~other.cup),
+        Set(
+            alarms.cup_counts,
+            when=all_of((arm.lone_cups.done & ~arm.cup_sensor) | faster, machine.running, ~machine.manual),
+        ),
     ]

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Count, Inc, Mov, OnDelay, Out, Pulse, PulseFalling, Rst, Rung, Set
+from controller.core.rungs import Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
+from controller.program.cups import cup_count
 from controller.program.places import leaving, places
-from controller.program.set_points import CUPS, FIRST_RELEASE_DELAY_X10_MS, LONGEST_FLAG_MS
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_DOUBT, IN_PLACE, IN_PROGRESS, ROWS, TAKEN, ArmTags, Side, Tags
 
@@ -106,8 +106,8 @@ def _throw_steps(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         ),
         Step(
             "release delay",
-            dwell=Dwell(a.t_release_delay, machine.release_delay),
-            go=[To("open claws", when=a.t_release_delay.done)],
+            dwell=Dwell(a.t_release_delay, sp.release_delay),
+            go=[To("open claws", when=a.release_due), To("wait for cups", when=a.release_missed)],
             ignores_enable=True,  # the awaited cup is already passing
         ),
         Step(
@@ -153,7 +153,7 @@ def conditioning(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> lis
         *places(tags, a),
         *_claws(tags, a),
         *_power_up(a, real),
-        *_cup_count(tags, a, steps),
+        *cup_count(tags, a, steps),
         *_rows(tags, a, steps, home),
         *_permit(tags, a, steps),
     ]
@@ -185,58 +185,6 @@ def _power_up(a: ArmTags, real: Expr) -> list[Rung]:
             Mov(IN_DOUBT, row, when=FIRST_SCAN & row.equals(IN_PROGRESS)),
         ]
     return [Set(a.loaded, unknown), Set(a.claws_closed, unknown), Set(a.clamped, unknown), *rows]
-
-
-def _cup_count(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
-    """Return the rungs of the cup counter, which runs in every state.
-
-    The edge that releases a row has the count 0; the twelfth edge after it may release the next row. Every edge,
-    counted or not, restarts the pulse interval, so a flag that bounces is counted only once.
-    """
-    machine, sp = tags.machine, tags.sp
-    waiting = steps["wait for cups"] | steps["wait to lower"]
-    return [
-        Pulse(a.cup_edge, when=a.cup_sensor),
-        Out(a.cup, when=a.cup_edge & a.t_pulse.done),
-        OnDelay(a.t_pulse, sp.pulse_interval, when=~a.cup_edge & ~tags.system.link_lost),
-        Rst(a.cup_counter, when=FIRST_SCAN),
-        Rst(a.missed_cups, when=tags.commands.count_reset),
-        Inc(a.missed_cups, when=a.cup & a.cup_counter.done & a.row_running),
-        Count(a.cup_counter, CUPS, when=a.cup),
-        Rst(a.count_valid, when=FIRST_SCAN),
-        Set(a.count_valid, when=a.cup_counter.done),
-        Set(a.cups_confirmed, when=tags.commands.cups_empty & ~a.count_valid),
-        Out(a.count_good, when=a.cup_counter.done | a.cups_confirmed),
-        Out(a.release_edge, when=a.cup & a.count_good & (machine.running | machine.stopping)),
-        OnDelay(a.t_no_cups, sp.no_cups, when=waiting & ~a.cup),
-        Out(a.no_cups, when=a.t_no_cups.done),
-        Out(a.park, when=machine.holding | (machine.stopping & a.no_cups)),
-    ]
-
-
-def release_delay(tags: Tags) -> list[Rung]:
-    """Return the rungs that compute the release delay: the time of the last flag at the sensor less the release lead.
-
-    The sensors are ahead of the claws by the length of a flag. At any chain speed, a cup is therefore under the claw
-    when its flag leaves the sensor, and the time of the previous flag at the sensor predicts this moment. Both rows are
-    driven by the same wheel, so the flags of the left row are measured for both. The delay is not changed by a pulse
-    shorter than the release lead, such as a bounce, or by a flag during which the chain stops. The time of a flag
-    becomes valid when the next flag arrives, so that a sensor or wire that fails during a flag does not shorten the
-    delay.
-    """
-    machine, sp = tags.machine, tags.sp
-    flag = tags.arms["left"].cup_sensor
-    measured = all_of(machine.flag_left, ~machine.t_flag.done, ~tags.system.link_lost)
-    return [
-        Mov(FIRST_RELEASE_DELAY_X10_MS, machine.release_delay, when=FIRST_SCAN),
-        Mov(FIRST_RELEASE_DELAY_X10_MS, machine.flag_time, when=FIRST_SCAN),
-        Mov(machine.flag_time, machine.release_delay, when=flag & ~machine.t_release_lead.done),
-        OnDelay(machine.t_release_lead, sp.release_lead, when=flag),
-        PulseFalling(machine.flag_left, when=machine.t_release_lead.done),
-        Mov(machine.t_flag.value, machine.flag_time, when=measured),
-        OnDelay(machine.t_flag, LONGEST_FLAG_MS, when=machine.t_release_lead.done),
-        Mov(sp.release_delay, machine.release_delay, when=sp.release_delay.differs(0)),
-    ]
 
 
 def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]:

@@ -13,6 +13,7 @@ from controller.core.sequence import Sequence
 from controller.iomap.loader import IoMap
 from controller.program import arm, home, modes, tray
 from controller.program.alarms import Annunciators, ArmAlarms, StepLimits, alarm_block
+from controller.program.cups import plausibility
 from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
 from controller.program.planting import planting_block
 from controller.program.refusals import Orders
@@ -83,7 +84,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
             )
             for side in SIDES
         ),
-        Block("release delay", tuple(arm.release_delay(tags))),
+        Block("cup plausibility", tuple(plausibility(tags))),
         Block("tray conditions", tuple(tray.conditioning(tags, feeder))),
         *(home.supervision(tags, side, cycles[side], homings[side]) for side in SIDES),
         tray.supervision(tags, feeder),

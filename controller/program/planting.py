@@ -11,7 +11,7 @@ from typing import Final
 
 from controller.core.expr import Expr, Word, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Pulse, Rst, Rung, Scale, Set
+from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Rst, Rung, Scale, Set
 from controller.core.sequence import Sequence
 from controller.program.alarms import Annunciators
 from controller.program.set_points import CUPS
@@ -73,7 +73,6 @@ def _ground(tags: Tags, p: PlantingTags) -> list[Rung]:
     if p.ground_sensor is None:
         return []
     return [
-        Pulse(p.ground_edge, when=p.ground_sensor),
         *_timed(tags, p.ground, p.ground_edge, GROUND_PULSES, GROUND_GAP_MS),
         Scale(tags.sp.ground_pulse, GROUND_PULSES * 100, p.ground.time, p.ground_speed, when=p.ground.complete),
         Rst(p.ground_speed, when=p.ground.stale),

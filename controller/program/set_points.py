@@ -16,12 +16,26 @@ RELEASE_LEAD_X10_MS: Final = 25
 the timers, the plugs land in the middle of their cups with 251 ms (simulated at 45 cups/min), rounded to whole units of
 the timer (machine.yaml)."""
 
-LONGEST_FLAG_MS: Final = 2_000
-"""Longest plausible time of a flag at the cup sensor beyond the release lead: a flag of 24 mm takes 2.2 s at 11 plants
-per minute per row. If a flag takes longer, the chain is assumed to have stopped."""
-
-FIRST_RELEASE_DELAY_X10_MS: Final = 28
-"""Release delay until a flag has been measured: that of 45 plants per minute per row, where a flag takes 533 ms."""
+CUP_SHORTEST_X10_MS: Final = 63
+"""Shortest permitted time from cup to cup: 0.667 s at 90 cups per minute (docs/sources/machine.md 1), less 2 % for
+displaced flags and two scans."""
+CUP_LONGEST_X10_MS: Final = 310
+"""Longest time from cup to cup at which rows are released: 3 s at 20 cups per minute, plus 2 % for displaced flags and
+two scans. By hand, 21 to 25 seedlings per minute and row are fed (docs/sources/machine.md 1)."""
+LONGEST_CUP_X10_MS: Final = 2_000
+"""Longest measured time from cup to cup; a longer or unknown time counts as this one. Twelve times this time does not
+exceed a register."""
+ROWS_DIFFER_X10_MS: Final = 25
+"""Largest difference between the times of the last cups of both rows at which a row is released. It is twice the
+permitted change from cup to cup (`cups.SLOW_CHANGE_X10_MS`), because the cups of the other row have passed earlier by
+up to one cup. If the cups of one row are even, and those of the other one are shorter by more, the other one counts
+twice."""
+GROUND_PER_CUP_LEAST: Final = 6
+"""Least number of ground pulses from cup to cup: the drive wheel travels 0.40 m, eight pulses, from cup to cup. If both
+rows are counted twice, there are four."""
+GROUND_PER_CUP_MOST: Final = 14
+"""Largest number of ground pulses from cup to cup, with 40 % slip of the drive wheel. If every second cup of both rows
+is missed, there are sixteen."""
 
 SLIDE_LEAST_X10_MS: Final = 90
 """Shortest plausible travel time from the switch of row 1 to the feed switch. 180 mm (192.5 mm less both switch bands)
@@ -126,6 +140,26 @@ class SetPoints:
             0,
             2000,
             "chain speed of a planter with its own motor if no ground sensor is wired",
+        )
+        self.cup_time_shortest = add(
+            "cup time shortest x10 ms",
+            CUP_SHORTEST_X10_MS,
+            20,
+            300,
+            "shortest permitted time from cup to cup; default: 90 per minute less the tolerance",
+        )
+        self.cup_time_longest = add(
+            "cup time longest x10 ms",
+            CUP_LONGEST_X10_MS,
+            60,
+            1000,
+            "longest time from cup to cup at which rows are released; default: 20 per minute plus the tolerance",
+        )
+        self.ground_pulses_least = add(
+            "ground pulses least", GROUND_PER_CUP_LEAST, 0, 100, "least number of ground pulses from cup to cup"
+        )
+        self.ground_pulses_most = add(
+            "ground pulses most", GROUND_PER_CUP_MOST, 1, 1000, "largest number of ground pulses from cup to cup"
         )
 
     def names(self) -> list[str]:

@@ -105,11 +105,13 @@ class MachineTags:
         self.t_jog_lease = Timer(224, "jog lease", "time since the last jog command")
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
-        self.release_delay = d.word("release delay x10 ms", "delay from the releasing cup pulse to opening, both arms")
-        self.flag_time = d.word("flag time x10 ms", "time of the last left flag at its sensor, less the release lead")
-        self.flag_left = m.bit("flag left", "a flag has left the left cup sensor, this scan")
-        self.t_release_lead = Timer(235, "release lead", "time of a left flag at its sensor, up to the release lead")
-        self.t_flag = Timer(236, "flag", "time of a left flag at its sensor beyond the release lead")
+        self.cup_fault = m.bit("cup fault", "an alarm of the cup pulses is set; the cup counts are invalid")
+        cups_m, cups_d = Area("M", 374, 379, "cups"), Area("D", 170, 171, "cups")
+        self.cups_fast = cups_m.bit("too fast", "a cup has passed faster than permitted, this scan")
+        self.cups_implausible = cups_m.bit("implausible", "a cup pulse is too early or its gap too short, this scan")
+        self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
+        self.cup_time_least = cups_d.word("time least x10 ms", "shortest plausible time until the next cup, left row")
+        self.gap_shortest = cups_d.word("gap shortest x10 ms", "shortest plausible gap behind the last flag, left row")
 
 
 class ArmTags:
@@ -249,6 +251,30 @@ class ArmTags:
         self.lone_cups = Counter(
             2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
         )
+        self._add_cup_times(index)
+
+    def _add_cup_times(self, index: int) -> None:
+        """Allocate the relays, registers and timer that time the cups and the release."""
+        m = Area("M", 360 + 7 * index, 366 + 7 * index, self.side)
+        d = Area("D", 150 + 10 * index, 159 + 10 * index, self.side)
+        self.t_cup = Timer(235 + index, f"{self.side}.cup", "time since the last cup")
+        self.flag_left = m.bit("flag left", "a flag has left the cup sensor, this scan")
+        self.flag_short = m.bit("flag short", "a flag has left the cup sensor sooner than the last one, this scan")
+        self.flags_slow = m.bit("flags slow", "the last flag took as long as the release lead or longer")
+        self.cups_even = m.bit("cups even", "the last two cups passed in equal times")
+        self.cups_steady = m.bit("cups steady", "the cups of both rows pass evenly within the permitted range")
+        self.release_due = m.bit("release due", "the claws open now, so that the plugs land in the cups")
+        self.release_missed = m.bit("release missed", "the cup is left empty: its pulse or time is in doubt")
+        self.cup_time = d.word("cup time x10 ms", "time of the last cup")
+        self.flag_time = d.word("flag time x10 ms", "time of the last flag at the cup sensor")
+        self.gap_time = d.word("gap time x10 ms", "time between the last two flags")
+        self.flag_longest = d.word("flag longest x10 ms", "longest time of the next flag for a release")
+        self.flag_shortest = d.word("flag shortest x10 ms", "shortest time of the next flag for a release")
+        self.flags_twice = d.word("two flags x10 ms", "twice the time of the last flag")
+        self.cup_change = d.word("cup change x10 ms", "difference of the last two cup times")
+        self.row_difference = d.word("row difference x10 ms", "difference to the time of the last cup of the other row")
+        self.time_and_lead = d.word("time and lead x10 ms", "time since the last cup plus the release lead")
+        self.time_and_lead_twice = d.word("time and lead twice", "twice that time, with the delay of the input")
 
 
 class TrayTags:
@@ -351,6 +377,8 @@ class PlantingTags:
         self.ground = PulseTags("ground", 5, m, d, t10)
         self.ground_edge = m.bit("ground edge", "rising edge of the ground sensor")
         self.arms = {side: ReadinessTags(side, m, d, t10) for side in SIDES}
+        self.cups_differ = m.bit("cups differ", "a left cup does not agree with the ground travel, this scan")
+        self.cup_pulses = Counter(6, "planting.ground pulses of a cup", "pulses of the ground since the last left cup")
         self.t_too_fast = Timer(108, "planting.too fast", "planting faster than the arms")
         self.t_lambda = Timer(109, "planting.lambda", "lambda outside its limits")
 

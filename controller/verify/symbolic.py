@@ -18,7 +18,9 @@ from controller.core.devices import (
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.core.program import Program
 from controller.core.rungs import (
+    Add,
     Annunciate,
+    Arithmetic,
     Count,
     Inc,
     Mov,
@@ -30,6 +32,7 @@ from controller.core.rungs import (
     Rung,
     Scale,
     Set,
+    Subtract,
     ZoneReset,
 )
 from controller.core.sequence import Sequence, Transfer
@@ -125,8 +128,8 @@ class _Run:
                 self._count(rung, driven)
             case Mov(source, target):
                 self._move(source, cell_of(target), driven)
-            case Inc(target) | Scale(target=target):
-                self._calculate(rung, cell_of(target), driven)
+            case Inc() | Add() | Subtract() | Scale():
+                self._calculate(rung, cell_of(rung.target), driven)
 
     def sequence(self, sequence: Sequence) -> None:
         for bit, step in sequence:
@@ -187,12 +190,24 @@ class _Run:
         value = target.constant(moved) if isinstance(moved, int) else moved
         self.memory[target] = z3.If(driven, value, self.memory[target])
 
-    def _calculate(self, rung: Inc | Scale, target: Cell, driven: z3.BoolRef) -> None:
+    def _calculate(self, rung: Arithmetic | Scale, target: Cell, driven: z3.BoolRef) -> None:
         before = self.memory[target]
-        if isinstance(rung, Inc):
-            self.memory[target] = z3.If(driven, before + 1, before)
-            return
-        operands = (rung.source, rung.factor, rung.divisor)
+        match rung:
+            case Inc():
+                self.memory[target] = z3.If(driven, before + 1, before)
+            case Add(one, two):
+                self.memory[target] = z3.If(driven, self._term(one, target) + self._term(two, target), before)
+            case Subtract(one, two):
+                self.memory[target] = z3.If(driven, self._term(one, target) - self._term(two, target), before)
+            case Scale():
+                self._scale(rung, target)
+
+    def _term(self, operand: Word | int, target: Cell) -> z3.BitVecRef:
+        """Return an operand with the width of a target; sums of such terms wrap as in the FX2N."""
+        return widened(operand_of(operand, self.memory), target.width)
+
+    def _scale(self, rung: Scale, target: Cell) -> None:
+        before, operands = self.memory[target], (rung.source, rung.factor, rung.divisor)
         source, factor, divisor = (widened(operand_of(operand, self.memory), 2 * target.width) for operand in operands)
         quotient = source * factor / divisor
         value = z3.If(quotient > WORD_MAX, target.constant(WORD_MAX), z3.Extract(target.width - 1, 0, quotient))

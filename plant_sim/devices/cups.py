@@ -35,10 +35,12 @@ CUPS_PARAMS = np.dtype(
 )
 """Parameters.
 
-`off` is the offset of a flag in pitches; `kind` is `SOUND`, `MISSED` or `DOUBLED`.
+`off` is the offset of a flag in pitches; `kind` is `SOUND`, `MISSED`, `DOUBLED` or `HALVED`.
 """
 
-SOUND, MISSED, DOUBLED = 0, 1, 2
+SOUND, MISSED, DOUBLED, HALVED = 0, 1, 2, 3
+"""Kinds of flags. A doubled flag is counted again half a pitch later. In place of a halved flag, two flags of half its
+length follow each other at half a pitch, as on a chain with half the pitch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +51,9 @@ class CupsSpec:
         pitch_m: Distance from cup to cup, m; also the pitch of the claws when spread.
         planting_frequency_per_min: Cups passing per minute, 0 while the tractor is stopped.
         acceleration_m_s2: Acceleration with which the chain follows the tractor speed, m/s2.
-        sensor_lead_m: Chain travel from the start of the pulse until the cups are under the claws, m. If it equals the
-            length of a flag, `pulse_share` of the pitch, the program releases in time at any chain speed.
+        sensor_lead_m: Chain travel from the start of the pulse until the cups are under the claws, m. If it equals two
+            flag lengths, `pulse_share` of the pitch each, and half the gap between two flags, the program releases in
+            time at any chain speed.
         pulse_share: Fraction of the pitch during which the pulse sensor is on.
         pulse_jitter: Largest offset of a flag in either direction, as a fraction of the pitch.
         mouth_m: Width of the mouth of a cup, m, less than the pitch; with `plug_m` it determines `catch_m`. See
@@ -126,16 +129,19 @@ def _flag(c: Any, params: Any) -> float:
     index = int(number) % _FLAGS
     into = turns - number - params.jitter - params.off[index]
     kind = params.kind[index]
-    on, since = False, 0.0
+    on, since, pitch_m = False, 0.0, params.pitch_m
     if kind == DOUBLED and into >= 0.5:  # second flag, half a pitch later
         into -= 0.5
+    elif kind == HALVED:
+        into = 2.0 * into - math.floor(2.0 * into)
+        pitch_m = 0.5 * params.pitch_m
     if 0.0 <= into < params.share and kind != MISSED:
         on, since = True, into
     elif into >= params.share:
         since = into - params.share
     if on == (c.pulse.detected != 0):
         return -1.0
-    past_m: float = since * params.pitch_m
+    past_m: float = since * pitch_m
     return past_m
 
 
@@ -217,10 +223,10 @@ class Cups(View, Saved):
         self.pulse.detect(_flag(self.state, self.params) >= 0.0)
 
     def set_flag_kinds(self, kind: int, share: float) -> None:
-        """Set a fraction of the flags to be missed or counted twice, or restore all flags.
+        """Set a fraction of the flags to be missed, counted twice or halved, or restore all flags.
 
         Args:
-            kind: `SOUND`, `MISSED` or `DOUBLED`.
+            kind: `SOUND`, `MISSED`, `DOUBLED` or `HALVED`.
             share: Fraction of the flags, 0 to 1; they are drawn at random.
         """
         faulty = self._draw.sample(range(_FLAGS), round(share * _FLAGS)) if kind != SOUND else []

@@ -15,6 +15,7 @@ SIZES: dict[str, tuple[float, ...]] = {
     "late_sensor": (0.2,),  # longer than a slide takes to cross the band of a switch, shorter than any limit
     "missed_pulses": (0.05,),  # about one pulse in two rows of twelve
     "doubled_pulses": (0.05,),
+    "halved_flags": (0.05,),
     "slow_valve": (0.1, 0.5),  # double the switching time of a valve, and longer than a claw dwell
     "leak": (2e-9, 2e-8),  # a pinhole, and a half-detached tube
     "closed_throttle": (0.3, 0.02),  # slower strokes without a timeout, and almost closed

@@ -74,7 +74,8 @@ _ENDS_LATER = "the step takes longer by this delay but ends before its timeout"
 """Note on a late switch. If a belt switch turns off late, the return stroke appears too short; this is detected."""
 _LATE_CUP = (
     "the row is released later by this delay, so its plugs land behind the middle of their cups, at 45 cups per minute "
-    "beyond the tolerance; where the plugs land is not measured"
+    "beyond the tolerance; a late counter gives the same inputs as a chain fitted in another position, and where the "
+    "plugs land is not measured"
 )
 _TRAY_TOO_FAR = (
     "the tray stops in the wrong position while its only sensor reports it in place; a second sensor at the other "
@@ -111,6 +112,12 @@ _CLAW_HARM = ("gentle_inward", "arm_through_tray", "stems_cut", "dropped", "drop
 _CLAWS_FAIL = _undetected(_CLAWS, *_CLAW_HARM, loses=True)
 _SINKING = _damaging(_LIFT, _SINKS, "arm_through_tray", "gentle_inward", "stems_cut", loses=True)
 
+_CUPS_MISSING = _detected("no cups", "cup counts")
+_CUPS_COUNTED_WRONGLY = _damaging(
+    _detected("cup counts", "cups_implausible", "cups_fast"),
+    "until a flag counted wrongly reaches the counter, nothing is wrong; the cup after it is left empty",
+)
+
 _ROW_SWITCHES = ("slide_at_pick_1", "slide_at_pick_2", "slide_at_pick_3")
 _SWITCH_OFF = {
     "lift_up": _detected("lift from row", "slide to feed", "spread", "unbidden"),
@@ -130,7 +137,7 @@ _SWITCH_OFF = {
     **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
     "claws_spread": _detected("spread", "open claws", "unbidden"),
     "claws_converged": _detected("converge", "approach row", "off home", "unbidden"),
-    "cup_pulse": _detected("no cups", "cup counts"),
+    "cup_pulse": _CUPS_MISSING,
     "tray_front_edge": replace(
         _damaging(_detected("tray_lost", "no tray", "approach row"), _TRAY_PASSES, loses=True), stops=2
     ),
@@ -151,7 +158,7 @@ _SWITCH_ON = {
         ),
     ),
     **dict.fromkeys(("claws_spread", "claws_converged"), _detected("belt switches")),
-    "cup_pulse": _detected("no cups", "cup counts"),
+    "cup_pulse": _detected(*_CUPS_MISSING.alarms, *_CUPS_COUNTED_WRONGLY.alarms),
     "tray_front_edge": _detected("tray_jam"),
 }
 """Alarms for a switch stuck on: it is detected when the switch at the other end of the stroke is also on."""
@@ -172,20 +179,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "stop": _detected("stop_stuck"),
         "emergency_stop": _detected("emergency_stop"),
     },
-    "missed_pulses": {
-        "*": _damaging(
-            _detected("cup counts"), "a throw is one cup late: one cup of the row stays empty, and no seedling is lost"
-        ),
-    },
-    "doubled_pulses": {
-        "*": _damaging(
-            _detected("cup counts"),
-            "a throw is one cup early, with its first plug in the last cup of the previous throw, or half a cup early, "
-            "between the cups; a doubled pulse cannot be distinguished from a faster tractor",
-            "double",
-            loses=True,
-        ),
-    },
+    **{kind: {"*": _CUPS_COUNTED_WRONGLY} for kind in ("missed_pulses", "doubled_pulses", "halved_flags")},
     "stuck_valve": {"slide": _RUNS_PAST, "lift": _SINKING, "claws": _CLAWS_FAIL},
     "slow_valve": {"slide": _RUNS_PAST, "lift": _damaging(_LIFT, _TOLERATED), "claws": _CLAWS_FAIL},
     "leak": {
@@ -232,7 +226,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "lift": _LIFT,
         "claws": _CLAWS_FAIL,
         "spreader": _BELT,
-        "cups": _detected("no cups", "cup counts"),
+        "cups": _CUPS_MISSING,
         "conveyor": _detected("tray_jam", "no tray", "tray_lost"),
     },
     "dropping_arm": {"lift": _SINKING},

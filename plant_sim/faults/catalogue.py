@@ -3,7 +3,7 @@
 from typing import Any
 
 from plant_sim.crop.seedling import CELLS_ALONG, COLUMNS
-from plant_sim.devices.cups import DOUBLED, MISSED
+from plant_sim.devices.cups import DOUBLED, HALVED, MISSED
 from plant_sim.faults import parts
 from plant_sim.faults.kind import FaultKind, Size
 
@@ -45,6 +45,10 @@ def _round_size(_sound: Any, size: float) -> Any:
 
 def _flags_missed(_sound: Any, size: float) -> Any:
     return MISSED, size
+
+
+def _flags_halved(_sound: Any, size: float) -> Any:
+    return HALVED, size
 
 
 def _flags_doubled(_sound: Any, size: float) -> Any:
@@ -91,6 +95,16 @@ _KINDS = (
         parts.flags,
         ("kinds",),
         _flags_doubled,
+        "left.cup_pulse",
+        _FLAGS,
+    ),
+    FaultKind(
+        "halved_flags",
+        "cup counter",
+        "some flags are replaced by two of half the length and distance, like the flags of a chain of twice the speed",
+        parts.flags,
+        ("kinds",),
+        _flags_halved,
         "left.cup_pulse",
         _FLAGS,
     ),

@@ -193,13 +193,43 @@ ALARMS: Final = {
         comment="{side} claws: spread and converged at once, or too early",
     ),
     "cup counts": AlarmText(
-        Text("{side} row counts cups, the other row does not", "{side}行有苗杯计数，另一行没有"),
+        Text("{side} row has counted two cups, the other row none", "{side}行已计两个苗杯，另一行没有计数"),
         Text(
             "Both counters: LED of cup_pulse as cups pass, distance to the flags, wire; chain of the other row "
-            "broken or flags missing? Counter bouncing while the tractor is at rest?",
+            "broken or flags missing? Does a counter count a flag twice? Cups under the claws empty?",
             "两个计数器：苗杯经过时 cup_pulse 的指示灯、与感应片的距离、接线；另一行链条断裂或感应片丢失；"
-            "停车时计数器是否误计数",
+            "计数器是否重复计数；夹爪下方苗杯是否为空",
         ),
+    ),
+    "cups_fast": AlarmText(
+        Text("Cups pass faster than permitted", "苗杯通过速度超过允许值"),
+        Text(
+            "Tractor too fast? Counters cup_pulse: two pulses for one cup? Set-point cup_time_shortest. Cups under the "
+            "claws empty?",
+            "拖拉机是否过快；计数器 cup_pulse 是否对一个苗杯计两次；设定值 cup_time_shortest；夹爪下方苗杯是否为空",
+        ),
+    ),
+    "cups_implausible": AlarmText(
+        Text("Cup pulses follow faster than the cups can", "苗杯脉冲间隔小于苗杯可能的间隔"),
+        Text(
+            "Tractor accelerated abruptly? Both counters cup_pulse: two pulses for one cup, distance to the flags, "
+            "interference, shielding of the wires? Cups under the claws empty?",
+            "拖拉机是否急加速；两个计数器 cup_pulse：是否对一个苗杯计两次、与感应片的距离、干扰、电缆屏蔽；"
+            "夹爪下方苗杯是否为空",
+        ),
+    ),
+    "cups_ground": AlarmText(
+        Text("Cups do not agree with the ground travel", "苗杯计数与地轮行程不符"),
+        Text(
+            "Both counters cup_pulse: pulses doubled or missing? Sensor ground_pulse, its wheel and wire; drive wheel "
+            "slipping? Set-points ground_pulses_least and ground_pulses_most. Cups under the claws empty?",
+            "两个计数器 cup_pulse：脉冲是否重复或缺失；传感器 ground_pulse、地轮和接线；驱动轮是否打滑；"
+            "设定值 ground_pulses_least 和 ground_pulses_most；夹爪下方苗杯是否为空",
+        ),
+    ),
+    "cups_slow": AlarmText(
+        Text("Cups pass more slowly than permitted; the arms wait", "苗杯通过速度低于允许值，机械臂等待"),
+        Text("Drive faster; set-point cup_time_longest", "提高行驶速度；设定值 cup_time_longest"),
     ),
     "approach row": AlarmText(Text("{side} slide did not reach the row", "{side}滑块未到达取苗位"), _SLIDE_TO_ROW),
     "return to row": AlarmText(Text("{side} slide did not return to the row", "{side}滑块未退回取苗位"), _SLIDE_TO_ROW),

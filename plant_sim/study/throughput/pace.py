@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from typing import Final
 
 from controller.iomap.loader import IoMap
-from controller.program.set_points import CUPS
+from controller.program.set_points import CUP_LONGEST_X10_MS, CUP_SHORTEST_X10_MS, CUPS
 from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
 from plant_sim.study.engines import spread
@@ -24,12 +24,14 @@ from plant_sim.twin.trial import run_trial
 
 FREQUENCY: Final = "cups.planting_frequency_per_min"
 SLOWEST_PER_MIN: Final = 12
-"""Lowest frequency, 1/min; below it the program no longer measures the flags (`LONGEST_FLAG_MS`)."""
+"""Lowest frequency, 1/min; below it a standstill cannot be distinguished from a slow tractor within the set-points."""
 FASTEST_PER_MIN: Final = 150
 """Highest frequency, 1/min; above it the pulse interval set-point suppresses cups."""
 
 _NO_CUPS_UNIT_MS = 100
 _NO_CUPS_CUPS = 3
+_TOLERANCE: Final = 1.04
+"""Largest ratio of the time of a cup to its mean: displaced flags and two scans."""
 
 TRAYS: Final = 4
 """Trays of an observed run: two until the timing between the arms has settled, and two in the settled state."""
@@ -41,7 +43,8 @@ _MOST_RUNS = 3
 def setting_at(frequency_per_min: int) -> FactorSetting:
     """Return the set-points that a commissioning engineer would enter for a planting frequency.
 
-    The machine is Suspended if no cup passes for three cup intervals. The program adapts the release delay itself.
+    The machine is Suspended if no cup passes for three cup intervals. The permitted range of the cup times includes the
+    frequency. The program adapts the release delay itself.
 
     Raises:
         StudyError: The frequency is out of range.
@@ -51,9 +54,13 @@ def setting_at(frequency_per_min: int) -> FactorSetting:
             f"{FREQUENCY}: {frequency_per_min} is out of range; must be {SLOWEST_PER_MIN} to {FASTEST_PER_MIN}"
         )
     no_cups_ms = _NO_CUPS_CUPS * 60_000 / frequency_per_min
-    return FactorSetting(
-        {FREQUENCY: float(frequency_per_min), "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS))}
-    )
+    values = {FREQUENCY: float(frequency_per_min), "program.no_cups": float(math.ceil(no_cups_ms / _NO_CUPS_UNIT_MS))}
+    cup_x10_ms = 6_000 / frequency_per_min
+    if cup_x10_ms * _TOLERANCE > CUP_LONGEST_X10_MS:
+        values["program.cup_time_longest"] = float(math.ceil(cup_x10_ms * _TOLERANCE))
+    if cup_x10_ms / _TOLERANCE < CUP_SHORTEST_X10_MS:
+        values["program.cup_time_shortest"] = float(math.floor(cup_x10_ms / _TOLERANCE))
+    return FactorSetting(values)
 
 
 @dataclass(frozen=True)

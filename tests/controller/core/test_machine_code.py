@@ -193,7 +193,7 @@ def test_the_program_of_the_machine_has_equal_devices_after_every_scan(scans: in
         *_, (pair, _) = stories(number, A_STORY, pair=ExecutionPair())
         pairs.append(pair)
     assert sum(pair.scans for pair in pairs) == scans
-    assert sum(pair.moving for pair in pairs) > scans // 3
+    assert sum(pair.moving for pair in pairs) > scans // 6, "cup pulses at random times hold the machine"
     assert len(set().union(*(pair.visited for pair in pairs))) >= len(STEPS) // 2
 
 

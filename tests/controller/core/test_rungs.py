@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from controller.core.devices import ANNUNCIATOR_ON, LOWEST_ANNUNCIATOR
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.core.rungs import (
+    Add,
     Annunciate,
     Count,
     Inc,
@@ -23,6 +24,7 @@ from controller.core.rungs import (
     RungError,
     Scale,
     Set,
+    Subtract,
     ZoneReset,
 )
 from tests.controller.core.core_rig import THOROUGH, Bench, base_pulses, d, m, s, t, x, y
@@ -311,6 +313,32 @@ def test_an_increment_wraps_as_a_16_bit_word(before: int, after: int) -> None:
 
 
 @pytest.mark.parametrize(
+    ("one", "two", "total", "difference"),
+    [
+        (7, 3, 10, 4),
+        (-7, 3, -4, -10),
+        (32_767, 1, -32_768, 32_766),
+        (-32_768, 1, -32_767, 32_767),
+        (0, -32_768, -32_768, -32_768),
+        (-32_768, -32_768, 0, 0),
+    ],
+)
+def test_sums_and_differences_wrap_as_16_bit_words(one: int, two: int, total: int, difference: int) -> None:
+    bench = Bench(
+        Add(d(0), d(1), d(2), when=x(0)),
+        Subtract(d(0), d(1), d(3), when=x(0)),
+        Add(d(0), two, d(4)),
+        Subtract(one, d(1), d(5)),
+    )
+    for number, value in enumerate((one, two, 99, 99)):
+        bench.plc.write(d(number), value)
+    bench.scan()
+    assert bench.memory.D[2:6] == [99, 99, total, difference]
+    bench.scan(0)
+    assert bench.memory.D[2:6] == [total, difference, total, difference]
+
+
+@pytest.mark.parametrize(
     ("source", "factor", "divisor", "scaled"),
     [
         (7, 3, 2, 10),
@@ -403,6 +431,9 @@ def test_m8048_and_d8049_show_the_lowest_annunciator_after_the_scan() -> None:
         lambda: Mov(32_768, d(0)),
         lambda: Mov(-32_769, d(0)),
         lambda: Inc(Word("C", 0), when=x(0)),
+        lambda: Add(1, 1, Word("C", 0)),
+        lambda: Add(32_768, 1, d(0)),
+        lambda: Subtract(1, Word("C", 200), d(0)),
         lambda: Scale(1, 1, 1, Word("C", 0)),
         lambda: Scale(1, 1, 0, d(0)),
         lambda: Scale(1, 1, -1, d(0)),

@@ -12,7 +12,7 @@ import pytest
 
 from controller.core.expr import Bit, Word
 from controller.core.program import Block, Program
-from controller.core.rungs import Scale
+from controller.core.rungs import Add, Scale, Subtract
 from controller.core.scan import Plc
 from controller.export.instruction_list import PulseTrain, acting, export
 from controller.fx.engine.plc import FxPlc
@@ -48,11 +48,14 @@ def compared(seeds: Iterable[int]) -> list[Pair]:
 
 @pytest.mark.parametrize("seeds", first_of([[9, 10, 12], range(13)]))
 def test_export_has_the_same_outputs_in_every_scan(seeds: Sequence[int]) -> None:
-    """The outputs are equal; over a third of the scans have an output on, and nearly all steps occur."""
+    """The outputs are equal; over a sixth of the scans have an output on, and nearly all steps occur.
+
+    Cup pulses at random times hold the machine.
+    """
     pairs, scans = compared(seeds), len(seeds) * A_STORY
     assert sum(pair.scans for pair in pairs) == scans
-    assert sum(pair.moving for pair in pairs) > scans // 3
-    assert len(set().union(*(pair.visited for pair in pairs))) >= len(STEPS) - 8
+    assert sum(pair.moving for pair in pairs) > scans // 6
+    assert len(set().union(*(pair.visited for pair in pairs))) >= len(STEPS) - 12
 
 
 @pytest.mark.parametrize("scans", first_of([1_000, 3_000]))
@@ -216,12 +219,15 @@ def test_difference_is_reported_with_its_scan() -> None:
 
 
 def test_scaled_words_are_equal_in_every_scan() -> None:
-    """MUL and DDIV are compared with the program over the whole range of a word, including divisors of 0 or less."""
-    d = [Word("D", number) for number in range(6)]
+    """MUL, DDIV, ADD and SUB equal the program over the whole range of a word, including divisors of 0 or less."""
+    d = [Word("D", number) for number in range(9)]
     scales = (
         Scale(d[0], d[1], d[2], d[3], Bit("X", 0)),
         Scale(d[0], 100, 7, d[4], Bit("X", 1) | (d[4] > 3)),
         Scale(d[3], d[3], d[1], d[5]),
+        Add(d[0], d[1], d[6], Bit("X", 0)),
+        Subtract(d[6], d[2], d[7], Bit("X", 1)),
+        Subtract(-32_768, d[7], d[8]),
     )
     program = Program("scales", (Block("scales", scales),), "outputs")
     soft, fx = Plc(program, input_filter_ms=0), FxPlc(export(program), input_filter_ms=0)
@@ -238,7 +244,7 @@ def test_scaled_words_are_equal_in_every_scan() -> None:
         levels = [chance.random() < 0.5 for _ in range(2)]
         soft.scan(10 * scan, levels)
         fx.scan(10 * scan, levels)
-        assert soft.memory.D[:6] == fx.memory.D[:6]
+        assert soft.memory.D[:9] == fx.memory.D[:9]
         positive += 0 < soft.memory.D[3] < 32_767
     assert positive > 400
 

@@ -22,6 +22,7 @@ from controller.core.devices import (
 )
 from controller.core.expr import FALSE, TRUE, Bit, Compare, Counter, Expr, Timer, Word, all_of, any_of
 from controller.core.rungs import (
+    Add,
     Annunciate,
     Count,
     Inc,
@@ -34,6 +35,7 @@ from controller.core.rungs import (
     Rung,
     Scale,
     Set,
+    Subtract,
     ZoneReset,
 )
 from controller.core.scan import Plc
@@ -103,6 +105,8 @@ FREELY_REPEATED: st.SearchStrategy[Rung] = st.one_of(
     st.builds(Count, COUNTED, PRESETS, CONDITIONS),
     st.builds(Mov, MOVED, st.sampled_from(REGISTERS), CONDITIONS),
     st.builds(Inc, st.sampled_from(REGISTERS), CONDITIONS),
+    st.builds(Add, MOVED, MOVED, st.sampled_from(REGISTERS), CONDITIONS),
+    st.builds(Subtract, MOVED, MOVED, st.sampled_from(REGISTERS), CONDITIONS),
     st.builds(Scale, MOVED, MOVED, DIVISORS, st.sampled_from(REGISTERS), CONDITIONS),
 )
 

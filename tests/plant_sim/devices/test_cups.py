@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from plant_sim.devices.cups import DOUBLED, MISSED, SOUND, Cups
+from plant_sim.devices.cups import DOUBLED, HALVED, MISSED, SOUND, Cups
 from tests.plant_sim.machine.plant_rig import Rig
 from tests.sampling import first_of
 
@@ -52,16 +52,16 @@ def test_pulses_come_at_the_planting_frequency_and_jitter_by_one_percent(
     assert sum(periods_s) / len(periods_s) == pytest.approx(period_s, rel=0.001)
 
 
-def test_without_jitter_pulses_are_even_and_last_two_fifths_of_the_pitch() -> None:
+def test_without_jitter_pulses_are_even_and_last_a_fifth_of_the_pitch() -> None:
     """Edge times are interpolated within a step and are accurate to a few microseconds."""
     rig, _ = make_cups(jitter=0.0)
     changes = edges(rig, 20_000)
     rise = next(index for index, (_, on, _) in enumerate(changes) if on)
     for before, after in itertools.pairwise(changes[rise:]):
-        share = 0.4 if before[1] else 0.6
+        share = 0.2 if before[1] else 0.8
         assert after[0] - before[0] == pytest.approx(share * 60 / 45, abs=1e-5)
     for _, on, chain_m in changes:
-        assert off_place_m(chain_m if on else chain_m - 0.4 * PITCH_M) == pytest.approx(0.0, abs=1e-6)
+        assert off_place_m(chain_m if on else chain_m - 0.2 * PITCH_M) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_pulse_begins_24_mm_before_the_cups_are_under_the_claws() -> None:
@@ -98,9 +98,9 @@ def test_a_closing_contact_bounces_and_settles() -> None:
     assert len(clean) == pytest.approx(7, abs=1)
 
 
-@pytest.mark.parametrize(("kind", "per_flag"), [(MISSED, 0), (DOUBLED, 2), (SOUND, 1)])
+@pytest.mark.parametrize(("kind", "per_flag"), [(MISSED, 0), (DOUBLED, 2), (HALVED, 2), (SOUND, 1)])
 def test_all_flags_can_be_missed_or_counted_twice(kind: int, per_flag: int) -> None:
-    """A flag counted twice gives a second pulse half a pitch after the first."""
+    """A flag counted twice, or two halved flags, give a second pulse half a pitch after the first."""
     rig, cups = make_cups(60.0, jitter=0.0)
     cups.set_flag_kinds(kind, 1.0)
     rig.run(2_000)

@@ -82,6 +82,10 @@ _SET_POINTS: Final = {
         "lambda_highest": Text("Highest lambda, 0.01", "λ 上限（0.01）"),
         "planter_lambda": Text("Lambda of a driven planter, 0.01", "自带电机栽植器的 λ（0.01）"),
         "planter_speed": Text("Chain speed of a driven planter, mm/s", "自带电机栽植器的链条速度（毫米/秒）"),
+        "cup_time_shortest": Text("Shortest permitted time from cup to cup", "苗杯最短允许间隔时间"),
+        "cup_time_longest": Text("Longest time from cup to cup with a release", "允许投苗的苗杯最长间隔时间"),
+        "ground_pulses_least": Text("Least ground pulses from cup to cup", "相邻苗杯间最少地轮脉冲数"),
+        "ground_pulses_most": Text("Most ground pulses from cup to cup", "相邻苗杯间最多地轮脉冲数"),
         "no_tray": Text("Tray timeout at creep speed until Suspended", "无苗盘爬行超时（之后暂挂）"),
         "release_lead": Text("Release ahead of the cup", "投苗提前时间"),
     }.items()

@@ -21,7 +21,7 @@ MACHINE = load_machine()
 PICKS_MM = tuple(1_000 * pick_m for pick_m in MACHINE.picks_m)
 TRAY_MM, GAP_MM = 540.0, 40.0
 SPEED_MM_MS = {"slide": 0.15, "lift": 0.2, "belt": 0.2, "tray": 0.2}
-CUP_MS = 400
+CUP_MS = 800
 """Cup period, ms; much shorter than on the machine, because the scenarios are short."""
 
 
@@ -117,7 +117,7 @@ class StandIn:
         sensed[self._beam] = self._tray_mm < TRAY_MM
         self._turned_ms += ms * self.cups_come
         for number in self._cups:
-            sensed[number] = self._turned_ms % CUP_MS < CUP_MS // 3
+            sensed[number] = self._turned_ms % CUP_MS < CUP_MS // 6
         for tag, number in self._buttons:
             sensed[number] = tag in self.pressed
         for number, level in self.stuck.items():

@@ -126,23 +126,18 @@ def test_a_button_press_is_a_step_too() -> None:
 
 @pytest.mark.parametrize(("late_ms", "goes"), [(PRESS_MS - 300, True), (PRESS_MS + 100, False)])
 def test_a_press_waits_two_seconds_for_its_transfer_and_expires(late_ms: int, goes: bool) -> None:
-    """The transfer occurs only if the cup arrives within two seconds of the press.
-
-    The edge that opens the claws is forced at the sensor.
-    """
+    """The transfer occurs only if the cup arrives within two seconds of the press; one arrives every 3 s."""
     twin = stepping()
     step_to(twin, "left", "wait for cups")
-    twin.run_until(tags_of(twin, "left").cup_counter.done, within_ms=30_000)
-    twin.plant.planting_frequency_per_min = 0.0
-    pulse = twin.plant.arms["left"].cups.pulse
-    pulse.stuck = False
-    twin.run_for(3_000)
+    arm = tags_of(twin, "left")
+    twin.run_until(arm.cup_counter.done, within_ms=30_000)
+    twin.plant.planting_frequency_per_min = 20.0
+    twin.run_for(15_000)
+    twin.run_until(arm.cup, within_ms=4_000)
+    twin.run_for(3_000 - late_ms)
     assert twin.in_step("left arm", "wait for cups")
     press(twin)
-    twin.run_for(late_ms)
-    pulse.stuck = True
-    twin.run_for(300)
-    assert twin.in_step("left arm", "open claws") == goes
+    assert twin.runs_until(twin.step_of("left arm", "open claws"), for_ms=late_ms + 1_500) == goes
     assert twin.in_step("left arm", "wait for cups") != goes
 
 

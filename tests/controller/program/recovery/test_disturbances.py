@@ -302,11 +302,11 @@ def test_an_arm_that_left_home_by_itself_raises_an_alarm_and_causes_no_collision
 
 
 def test_the_reason_of_a_suspension_is_reported() -> None:
-    """If the cups of one side stop, the event of the change to Suspended states the reason and the side."""
+    """If the cups stop while one arm waits for them, the change to Suspended states the reason and the side."""
     twin = at_work({"trays_target": 1})
     until_picking(twin, "left", 1)
     until_step(twin, "left arm", "wait for cups")
-    arm_of(twin, "left").sensors["cup_pulse"].stuck = False
+    twin.plant.planting_frequency_per_min = 0.0
     twin.run_until_state(State.SUSPENDED, within_ms=5_000)
     (event,) = [e for e in twin.events if getattr(e, "state", None) == State.SUSPENDED]
     assert getattr(event, "reason", "") == "no cups at the left row"
