@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.program.states import HOMED_FROM, State
+from controller.program.states import HOMED_FROM
 from controller.program.tags import SIDES, Side
 from plant_sim.cli.faults import run_table
 from plant_sim.cli.main import main
@@ -98,10 +98,10 @@ def test_a_search_by_bisection_finds_every_situation_of_a_period(stop: Stop) -> 
     """The period contains the closing of the claws on a row and the start of the lift."""
     start_ms = moment("left", "close claws", 0) - 60
     every, coarse = (
-        spells_between(start_ms, start_ms + 360, ONE_TRAY, every_ms=every_ms, stops=[stop]) for every_ms in (10, 40)
+        spells_between(start_ms, start_ms + 480, ONE_TRAY, every_ms=every_ms, stops=[stop]) for every_ms in (10, 40)
     )
     assert coarse == every
-    assert len({spell.situation for spell in every if spell.situation.side == "left"}) >= 4
+    assert len({spell.situation for spell in every if spell.situation.side == "left"}) >= 3
 
 
 @pytest.mark.nightly
@@ -130,11 +130,10 @@ def test_situations_of_one_stop_at_one_moment_share_a_job() -> None:
 
 def test_the_faults_are_all_position_switches_stuck_on_and_off() -> None:
     twin = ONE_TRAY.twin()
-    optional = {point.tag for point in twin.io_map.inputs if point.optional}
+    optional = {point.tag for point in (*twin.io_map.inputs, *twin.io_map.unwired) if point.optional}
     sensed = {tag.partition(".")[2] or tag for tag in twin.plant.sensors if tag not in optional}
-    assert {switch for _, switch in ALL_FAULTS} == sensed - {"cup_pulse", "magazine_empty"} - {
-        tag for tag in sensed if tag not in (*ARM_SWITCHES, TRAY_SWITCH, "cup_pulse") and tag in optional
-    }
+    assert {*ARM_SWITCHES, TRAY_SWITCH} == sensed - {"cup_pulse"}
+    assert len(ALL_FAULTS) == len(set(ALL_FAULTS)) == len(KINDS) * len(sensed - {"cup_pulse"})
     assert len(jobs_at([0, 10], selection())) == 2 * len(STOPS)
 
 
@@ -166,7 +165,7 @@ SAMPLE: list[tuple[str, str, int, str, str, str]] = [
     ("emergency stop", "slide to feed", 600, "stuck_off", "lift_up", "home: raise loaded"),
     ("controller off", "approach row", 500, "stuck_on", "lift_up", "lift switches"),
     ("power off", "approach row", 500, "stuck_off", "lift_down", "home: lower"),
-    ("link lost", "wait to lower", 0, "stuck_off", "claws_spread", "spread"),
+    ("link lost", "spread", 600, "stuck_off", "claws_spread", "spread"),
     ("held, homed", "wait for cups", 100, "stuck_off", "slide_at_feed", "home: out"),
     ("held, resumed", "wait for cups", 100, "stuck_off", TRAY_SWITCH, "tray_lost"),
     ("stopped", "lift from row", 100, "stuck_on", "claws_spread", "belt switches"),
@@ -294,9 +293,6 @@ def test_the_command_writes_table_csv_and_json_and_ends_with_0(
 
 
 def test_a_finding_gives_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """An operator who always stays unaware makes a sound machine stop too often."""
     monkeypatch.setattr("plant_sim.fault_matrix.rest_report.complaints", lambda _outcome: ["seedlings lost: 12"])
     assert main(["faults", "--trays", "1", "--jobs", "1", *PART]) == 1
     assert capsys.readouterr().out.splitlines()[1] == "findings: 6"
-    assert KINDS == ("stuck_on", "stuck_off")
-    assert State.HELD in HOMED_FROM

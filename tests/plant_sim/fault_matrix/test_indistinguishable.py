@@ -25,7 +25,7 @@ def evidence(side: Side, row: int) -> Evidence:
 @pytest.mark.parametrize("side", first_of([*SIDES]))
 @pytest.mark.parametrize("row", ROWS)
 def test_a_healthy_machine_has_the_same_images_until_the_harm(side: Side, row: int) -> None:
-    """Every X and Y is equal from power-up until the arm has overrun its row; the healthy machine completes its tray."""
+    """Every X and Y is equal from power-up until the arm has overrun its row; the healthy machine loses nothing."""
     found = evidence(side, row)
     assert found.harm.kind is Incident.ARM_THROUGH_TRAY
     assert f"column {row}" in found.harm.text
