@@ -30,7 +30,7 @@ OVERRUN_MS: Final = 10_000
 """Time limit for the harm after the slide has left feed, ms; longer than the time limit of its step."""
 
 
-class Trace(NamedTuple):
+class ImageTrace(NamedTuple):
     """Images of one run.
 
     Attributes:
@@ -41,7 +41,7 @@ class Trace(NamedTuple):
     inputs: list[tuple[bool, ...]]
     outputs: list[tuple[bool, ...]]
 
-    def scans_equal(self, other: Trace) -> int:
+    def scans_equal(self, other: ImageTrace) -> int:
         """Return the number of scans from power-up in which both runs have the same images."""
         pairs = zip(zip(*self, strict=True), zip(*other, strict=True), strict=False)
         return next(
@@ -128,9 +128,9 @@ def dead_pick_switch(side: Side, row: int, setting: MatrixSetup) -> Evidence:
     )
 
 
-def _traced(twin: Twin) -> Trace:
+def _traced(twin: Twin) -> ImageTrace:
     """Record the images of a twin from now on."""
-    trace = Trace([], [])
+    trace = ImageTrace([], [])
 
     def note(twin: Twin) -> None:
         trace.inputs.append(tuple(twin.plc.memory.X[: len(twin.plant.x)]))

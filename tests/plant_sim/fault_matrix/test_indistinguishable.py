@@ -9,7 +9,7 @@ import pytest
 
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.crop.incident import Incident
-from plant_sim.fault_matrix.indistinguishable import Evidence, Trace, dead_pick_switch
+from plant_sim.fault_matrix.indistinguishable import Evidence, ImageTrace, dead_pick_switch
 from plant_sim.fault_matrix.run import MatrixSetup
 from tests.sampling import first_of
 
@@ -43,7 +43,7 @@ def test_evidence_is_not_conclusive_if_the_images_differ_before_the_harm_or_the_
 
 def test_a_difference_in_inputs_or_outputs_ends_the_equality() -> None:
     off, on = (False,), (True,)
-    trace = Trace([off, on, off], [off, off, on])
-    assert trace.scans_equal(Trace([off, on], [off, off])) == 2
-    assert trace.scans_equal(Trace([off, off, off], [off, off, on])) == 1
-    assert trace.scans_equal(Trace([off, on, off], [off, off, off])) == 2
+    trace = ImageTrace([off, on, off], [off, off, on])
+    assert trace.scans_equal(ImageTrace([off, on], [off, off])) == 2
+    assert trace.scans_equal(ImageTrace([off, off, off], [off, off, on])) == 1
+    assert trace.scans_equal(ImageTrace([off, on, off], [off, off, off])) == 2
