@@ -23,7 +23,7 @@ from plant_sim.fault_matrix.cases import Subject, subjects
 from plant_sim.fault_matrix.report import MatrixRow
 from plant_sim.fault_matrix.rest_report import RestResult
 from plant_sim.fault_matrix.rest_table import (
-    Selection,
+    RestSelection,
     jobs_at,
     jobs_of,
     periods,
@@ -122,7 +122,7 @@ def _run_at_rest(options: argparse.Namespace, setting: MatrixSetup) -> int:
     return 1 if any(result.findings for result in results) else 0
 
 
-def run_table(chosen: Selection, setting: MatrixSetup, *, every_ms: int | None, jobs: int) -> list[RestResult]:
+def run_table(chosen: RestSelection, setting: MatrixSetup, *, every_ms: int | None, jobs: int) -> list[RestResult]:
     """Run the cases of the second table.
 
     Args:

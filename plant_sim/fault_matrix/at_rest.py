@@ -138,7 +138,8 @@ def _run(twin: Twin, stop: Stop, case: RestCase, setting: MatrixSetup) -> RestOu
     outcome.counts, outcome.rounds, outcome.state = twin.plant.counts(), book.rounds, book.state
     _note_signal(twin, outcome, since, struck_ms)
     before = {event.kind.value for event in twin.plant.events[:incidents]}
-    after = {event.kind.value: f"{event.text}, at {event.time_ms} ms" for event in twin.plant.events[:incidents:-1]}
+    later = reversed(twin.plant.events[incidents:])  # the first of each kind is retained
+    after = {event.kind.value: f"{event.text}, at {event.time_ms} ms" for event in later}
     outcome.trips = {kind: text for kind, text in trips.items() if kind not in before} | after
     _check_counts(twin, outcome, book, setting)
     return outcome

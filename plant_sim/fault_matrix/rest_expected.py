@@ -6,15 +6,16 @@ from typing import Final
 
 from plant_sim.fault_matrix.at_rest import RestCase, RestOutcome
 from plant_sim.fault_matrix.expected import EXPECTED, Expectation
+from plant_sim.fault_matrix.indistinguishable import REMEDY
 
 NO_HARM: Final = Expectation()
 """A switch that sticks at rest is told before any harm, or does no harm."""
 
 _PASSED_ROW: Final = (
-    "the slide brakes at the only switch of a row. Until it should have arrived, a machine with a dead switch cannot be "
-    "distinguished from one with a slower slide, so the arm overruns the row, into the standing seedlings beyond. It is "
-    "low with its claws open and converged, so no seedling is damaged. A second switch of each row, or a position "
-    "sensor on the slide, would tell; see the recorded evidence below"
+    "the slide brakes at the only switch of a row. Until it should have arrived, a machine with a dead switch cannot "
+    "be distinguished from one with a slower slide, so the arm overruns the row, into the standing seedlings beyond. "
+    "It is low with its claws open and converged, so no seedling is damaged. The recorded evidence is described above; "
+    f"{REMEDY} would tell"
 )
 _TRAY_PASSES: Final = EXPECTED["stuck_off"]["tray_front_edge"].note
 
@@ -36,13 +37,14 @@ def expectation_at_rest(case: RestCase) -> Expectation:
 def complaints(outcome: RestOutcome) -> list[str]:
     """Return the deviations of an outcome from the expectation, one line each."""
     expected = expectation_at_rest(outcome.case)
+    excess = outcome.rounds - (expected.stops if outcome.case.kind else 0)
     found = [f"monitor {kind}: {text}" for kind, text in outcome.trips.items() if kind not in expected.harm]
     if outcome.passed and expected.loses:
         return found
     if outcome.lost > 0:
         found.append(f"seedlings lost{'' if outcome.signal else ' without a signal'}: {outcome.lost}")
-    if outcome.rounds > (expected.stops if outcome.case.kind else 0):
-        found.append(f"stopped again after the repair: {outcome.rounds - 1} times")
+    if excess > 0:
+        found.append(f"stopped too often: {outcome.rounds} times")
     if outcome.reason:
         found.append(f"not recovered: {outcome.reason}")
     return found

@@ -43,7 +43,7 @@ class RestJob(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Selection:
+class RestSelection:
     """Part of the second table.
 
     Attributes:
@@ -58,7 +58,7 @@ class Selection:
 ALL_FAULTS: Final = tuple((kind, switch) for switch in (*ARM_SWITCHES, TRAY_SWITCH) for kind in KINDS)
 
 
-def selection(stops: Iterable[str] = (), faults: Iterable[str] = ()) -> Selection:
+def selection(stops: Iterable[str] = (), faults: Iterable[str] = ()) -> RestSelection:
     """Return a part of the table.
 
     Args:
@@ -73,7 +73,7 @@ def selection(stops: Iterable[str] = (), faults: Iterable[str] = ()) -> Selectio
         if name not in named:
             raise FaultError(f"--stop {name}: unknown kind of stop; {suggestion(name, named)}")
     chosen = [fault for text in faults for fault in _faults_of(text)] or ALL_FAULTS
-    return Selection(tuple(named[name] for name in stops) or STOPS, tuple(dict.fromkeys(chosen)))
+    return RestSelection(tuple(named[name] for name in stops) or STOPS, tuple(dict.fromkeys(chosen)))
 
 
 def _faults_of(text: str) -> list[tuple[str, str]]:
@@ -99,7 +99,7 @@ def search(period: tuple[int, int], setting: MatrixSetup, stops: Sequence[Stop])
     return spells_between(*period, setting, stops=stops)
 
 
-def jobs_of(spells: Iterable[Spell], chosen: Selection) -> list[RestJob]:
+def jobs_of(spells: Iterable[Spell], chosen: RestSelection) -> list[RestJob]:
     """Return one job per stop and moment, for the middle of the longest spell of every situation."""
     situations: dict[tuple[str, int], list[Situation]] = {}
     for spell in longest_spells(spells):
@@ -110,7 +110,7 @@ def jobs_of(spells: Iterable[Spell], chosen: Selection) -> list[RestJob]:
     ]
 
 
-def jobs_at(moments: Iterable[int], chosen: Selection) -> list[RestJob]:
+def jobs_at(moments: Iterable[int], chosen: RestSelection) -> list[RestJob]:
     """Return the jobs of both arms at the given moments, whatever the situations are."""
     jobs = []
     for at_ms in moments:
@@ -133,7 +133,7 @@ def results_of(job: RestJob, outcomes: Iterable[RestOutcome]) -> list[RestResult
     return [RestResult(by_side[outcome.case.side] if outcome.case.kind else first, outcome) for outcome in outcomes]
 
 
-def _cases(stop: str, at_ms: int, known: Iterable[Situation], chosen: Selection) -> tuple[RestCase, ...]:
+def _cases(stop: str, at_ms: int, known: Iterable[Situation], chosen: RestSelection) -> tuple[RestCase, ...]:
     return tuple(
         RestCase(stop, at_ms, situation.side, kind, switch) for situation in known for kind, switch in chosen.faults
     )

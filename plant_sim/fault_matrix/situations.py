@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from controller.core.expr import Expr
+from controller.core.expr import Bit
 from controller.program.tags import SIDES, ArmTags, Side
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
 from plant_sim.fault_matrix.stops import STOPS, Stop
@@ -69,7 +69,7 @@ class Spell(NamedTuple):
         return self.first_ms + (self.last_ms - self.first_ms) // 2 // SCAN_MS * SCAN_MS
 
 
-def remembered(arm: ArmTags) -> dict[str, Expr]:
+def remembered(arm: ArmTags) -> dict[str, Bit]:
     """Return the relays of an arm that affect its next motions: its retentive relays, its last places and passages."""
     last = {"down": arm.was_down, "up": arm.was_up, "feed": arm.was_at_feed}
     last |= {f"pick {row}": bit for row, bit in arm.was_at_pick.items()}

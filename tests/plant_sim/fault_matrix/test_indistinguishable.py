@@ -1,0 +1,49 @@
+"""Evidence that no program can tell a dead row switch from a slower slide before the harm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from controller.program.tags import ROWS, SIDES, Side
+from plant_sim.crop.incident import Incident
+from plant_sim.fault_matrix.indistinguishable import Evidence, ImageTrace, dead_pick_switch
+from plant_sim.fault_matrix.run import MatrixSetup
+from tests.sampling import first_of
+
+ONE_TRAY = MatrixSetup(trays=1)
+
+
+@cache
+def evidence(side: Side, row: int) -> Evidence:
+    """Return the evidence for a row of an arm."""
+    return dead_pick_switch(side, row, ONE_TRAY)
+
+
+@pytest.mark.parametrize("side", first_of([*SIDES]))
+@pytest.mark.parametrize("row", ROWS)
+def test_a_healthy_machine_has_the_same_images_until_the_harm(side: Side, row: int) -> None:
+    """Every X and Y is equal from power-up until the arm has overrun its row; the healthy machine loses nothing."""
+    found = evidence(side, row)
+    assert found.harm.kind is Incident.ARM_THROUGH_TRAY
+    assert f"column {row}" in found.harm.text
+    assert found.is_conclusive
+    assert found.healthy.in_cups == found.healthy.total == 72
+
+
+def test_evidence_is_not_conclusive_if_the_images_differ_before_the_harm_or_the_healthy_run_fails() -> None:
+    found = evidence("left", 1)
+    assert not replace(found, equal_scans=found.harm_scan).is_conclusive
+    assert not replace(found, arrived_scan=found.harm_scan).is_conclusive
+    assert not replace(found, healthy_alarms=("left: approach row",)).is_conclusive
+    assert not replace(found, healthy=replace(found.healthy, in_cups=60)).is_conclusive
+
+
+def test_a_difference_in_inputs_or_outputs_ends_the_equality() -> None:
+    off, on = (False,), (True,)
+    trace = ImageTrace([off, on, off], [off, off, on])
+    assert trace.scans_equal(ImageTrace([off, on], [off, off])) == 2
+    assert trace.scans_equal(ImageTrace([off, off, off], [off, off, on])) == 1
+    assert trace.scans_equal(ImageTrace([off, on, off], [off, off, off])) == 2
