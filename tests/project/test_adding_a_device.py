@@ -128,7 +128,7 @@ def test_the_edits_only_add_lines_to_the_permanent_numbers(edited: Path) -> None
     name = "tests/controller/program/permanent_numbers.csv"
     before, after = ((root / name).read_text(encoding="utf-8") for root in (ROOT, edited))
     assert after.startswith(before)
-    assert "alarm,guard_open,S,973\n" in after.removeprefix(before)
+    assert "alarm,guard_open,S,976\n" in after.removeprefix(before)
 
 
 def test_the_edits_are_formatted(edited: Path) -> None:
