@@ -25,6 +25,23 @@ class Requirement:
 
 
 @dataclass(frozen=True, slots=True)
+class Limit:
+    """Condition that the program cannot exclude because its inputs do not tell it from proper operation.
+
+    Attributes:
+        name: Unique name in reports.
+        reason: Fault that leads to the condition, and why it is not detected in time.
+        remedy: Additional sensor that would detect it.
+        condition: Condition over the memory after a scan; a proof must find a scan that makes it true.
+    """
+
+    name: str
+    reason: str
+    remedy: str
+    condition: Expr
+
+
+@dataclass(frozen=True, slots=True)
 class Invariant:
     """Condition that is true after every scan, used as a lemma in the proof of a requirement.
 
@@ -68,6 +85,8 @@ class Specification:
         invariants: Lemmas for the requirements.
         ways_out: Input sequences that prove the absence of dead ends.
         ranges: Words written by the runtime, with the minimum and maximum values that it accepts.
+        assumptions: Statements about the machine on which the requirements rely.
+        limits: Conditions that the program cannot exclude.
     """
 
     program: Program
@@ -77,6 +96,8 @@ class Specification:
     invariants: tuple[Invariant, ...]
     ways_out: tuple[WayOut, ...] = ()
     ranges: Mapping[Word, tuple[int, int]] = field(default_factory=dict)
+    assumptions: tuple[str, ...] = ()
+    limits: tuple[Limit, ...] = ()
 
     @property
     def watched(self) -> Program:

@@ -19,6 +19,7 @@ from controller.verify.timing import FreeTimers, Timing, timer_facts
 
 REQUIREMENT: Final = "requirement"
 INVARIANT: Final = "invariant"
+LIMIT: Final = "limit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Goal:
 
     Attributes:
         name: Name of the requirement or invariant.
-        kind: REQUIREMENT or INVARIANT.
+        kind: REQUIREMENT, INVARIANT or LIMIT.
         holds: The condition.
         reason: Rationale.
     """
@@ -48,7 +49,8 @@ def goals_of(specification: Specification) -> tuple[Goal, ...]:
         *(Goal(i.name, INVARIANT, i.holds) for i in specification.invariants),
         *(Goal(r.name, REQUIREMENT, ~r.never, r.reason) for r in specification.requirements),
     )
-    names = [*(goal.name for goal in goals), *(way.name for way in specification.ways_out)]
+    names = [goal.name for goal in goals]
+    names += [way.name for way in specification.ways_out] + [limit.name for limit in specification.limits]
     duplicates = sorted({name for name in names if names.count(name) > 1})
     if duplicates:
         raise ModelError(f"two goals are named {duplicates[0]!r}; use unique names")
@@ -82,6 +84,7 @@ class Model:
     Attributes:
         specification: Specification to prove.
         goals: Requirements and invariants.
+        limits: Conditions that must not be provable.
         cells: All cells that the program or the specification reads or writes.
         inputs: Cells written externally before every scan: X image, system bits and commands, set-points.
         retained_cells: Cells retained through a loss of power: retentive devices, and the state of the monitors.
@@ -93,6 +96,7 @@ class Model:
 
     specification: Specification
     goals: tuple[Goal, ...] = field(init=False)
+    limits: tuple[Goal, ...] = field(init=False)
     cells: list[Cell] = field(init=False)
     inputs: list[Cell] = field(init=False)
     retained_cells: frozenset[Cell] = field(init=False)
@@ -106,6 +110,7 @@ class Model:
         self.program = specification.watched
         self.names = Names(self.program)
         self.goals = goals_of(specification)
+        self.limits = tuple(Goal(each.name, LIMIT, ~each.condition, each.reason) for each in specification.limits)
         self.cells = cells_of(self.program, self._conditions())
         self.remembered = [cell_of(bit) for bit in specification.remembered]
         self.set_points = {cell_of(word): value for word, value in self.program.set_points}
@@ -169,7 +174,7 @@ class Model:
         return sorted(same - written)
 
     def _conditions(self) -> Iterator[Expr]:
-        yield from (goal.holds for goal in self.goals)
+        yield from (goal.holds for goal in (*self.goals, *self.limits))
         yield from self.specification.remembered
         for way in self.specification.ways_out:
             yield way.start

@@ -38,9 +38,11 @@ class Result(StrEnum):
     POSSIBLE = "possible"
     IMPOSSIBLE = "impossible"
     UNDECIDED = "undecided"
+    LISTED = "not provable, as listed"
+    DELISTED = "proved, although listed as not provable"
 
 
-GOOD: Final = frozenset({Result.PROVED, Result.POSSIBLE})
+GOOD: Final = frozenset({Result.PROVED, Result.POSSIBLE, Result.LISTED})
 
 
 @dataclass(frozen=True)
@@ -70,31 +72,34 @@ class Report:
 
     Attributes:
         program: Name of the program.
+        assumptions: Statements about the machine on which the results rely.
         rows: One row for each goal.
         seconds: Total computing time.
     """
 
     program: str
+    assumptions: tuple[str, ...]
     rows: tuple[GoalResult, ...]
     seconds: float
 
     @property
     def good(self) -> bool:
-        """True if every result is `PROVED` or, for steps and ways out, `POSSIBLE`."""
+        """True if every result is `PROVED`, for steps and ways out `POSSIBLE`, and for limits `LISTED`."""
         return all(row.result in GOOD for row in self.rows)
 
     def text(self) -> str:
-        """Return a table followed by the details of the goals that are not proved."""
+        """Return the assumptions, a table, and the details of the goals that are not proved."""
         width = max((len(row.name) for row in self.rows), default=0)
         kind = max((len(row.kind) for row in self.rows), default=0)
         result = max((len(row.result) for row in self.rows), default=0)
-        lines = [f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
+        lines = [f"assumption {number}: {text}" for number, text in enumerate(self.assumptions, 1)]
+        lines += [f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
         for row in self.rows:
             explanation = f"  {row.lines[0]}" if row.result is Result.POSSIBLE and row.lines else ""
             columns = f"{row.name:<{width}}  {row.kind:<{kind}}  {row.result:<{result}}  {row.seconds:6.2f} s"
             lines.append(columns + explanation)
         for row in self.rows:
-            if row.result not in GOOD:
+            if row.result not in GOOD or row.result is Result.LISTED:
                 lines += ["", f"{row.name}: {row.result}", *(f"  {line}" for line in row.lines)]
         return "\n".join(lines)
 
@@ -132,17 +137,25 @@ def prove(
     began_s = clock()
     model = Model(specification)
     questions = [] if short else list(_questions(model))
-    wanted = _wanted(only, [goal.name for goal in model.goals], [question.name for question in questions])
+    limits = [] if short else list(model.limits)
+    others = [*(question.name for question in questions), *(limit.name for limit in limits)]
+    wanted = _wanted(only, [goal.name for goal in model.goals], others)
     answers = [(question, *_timed(clock, question.ask)) for question in questions if question.name in wanted]
     asked = [goal.name for goal in model.goals if goal.name in wanted]
     asked += [name for _, check, _ in answers for name in check.rests_on]
-    verdicts = _verdicts(model, asked, clock)
+    induction = Induction(model)
+    verdicts = _verdicts(model, induction, asked, clock)
     failed = unproved(verdict for verdict, _ in verdicts)
     open_verdicts = [] if short else [verdict for verdict, _ in verdicts if verdict.goal.name in failed]
     traces = _traces(model, open_verdicts, clock, scans, search_s)
     rows = [_goal_row(model, v, seconds, failed, traces.get(v.goal.name)) for v, seconds in verdicts]
     rows += [_progress_row(question, check, seconds, failed) for question, check, seconds in answers]
-    return Report(model.program.name, tuple(rows), clock() - began_s)
+    rows += [
+        _limit_row(model, limit, *_timed(clock, partial(induction.prove, limit)))
+        for limit in limits
+        if limit.name in wanted
+    ]
+    return Report(model.program.name, specification.assumptions, tuple(rows), clock() - began_s)
 
 
 @dataclass(frozen=True)
@@ -179,9 +192,10 @@ def _timed(clock: Callable[[], float], work: Callable[[], _T]) -> tuple[_T, floa
     return work(), clock() - began_s
 
 
-def _verdicts(model: Model, asked: Iterable[str], clock: Callable[[], float]) -> list[tuple[Verdict, float]]:
+def _verdicts(
+    model: Model, induction: Induction, asked: Iterable[str], clock: Callable[[], float]
+) -> list[tuple[Verdict, float]]:
     """Return the verdicts on the requested goals and on the goals that these depend on, with computing times."""
-    induction = Induction(model)
     goals = {goal.name: goal for goal in model.goals}
     asked = list(dict.fromkeys(asked))
     done = _joint_verdicts(induction, goals, asked, clock) or _separate_verdicts(induction, goals, asked, clock)
@@ -267,6 +281,24 @@ def _progress_row(
         return GoalResult(question.name, question.kind, Result.CONDITIONAL, seconds, _dependency_lines(dependencies))
     result = question.good if check.holds else question.bad
     return GoalResult(question.name, question.kind, result, seconds, check.lines)
+
+
+def _limit_row(model: Model, limit: Goal, verdict: Verdict, seconds: float) -> GoalResult:
+    """Return the row of a limit, with the scan that makes its condition true.
+
+    Raises:
+        RuntimeError: The scan does not reproduce the condition when replayed.
+    """
+    listed = next(each for each in model.specification.limits if each.name == limit.name)
+    lines: tuple[str, ...] = (f"reason: {listed.reason}", f"remedy: {listed.remedy}")
+    if verdict.failure is None:
+        result = Result.DELISTED if verdict.proved else Result.UNDECIDED
+        return GoalResult(limit.name, limit.kind, result, seconds, lines)
+    trace = one_scan(model, verdict.failure) if verdict.failure.moment is Moment.RUNNING else None
+    if trace is not None and not breaks(model.program, trace, limit):
+        raise RuntimeError(f"the trace to {limit.name!r} does not replay: the formulas differ from the scan")
+    lines += tuple(describe_failure(model, verdict.failure))
+    return GoalResult(limit.name, limit.kind, Result.LISTED, seconds, lines, trace)
 
 
 def _dependency_lines(names: Iterable[str]) -> tuple[str, ...]:

@@ -64,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--stop",
+        dest="stops",
         action="append",
         default=[],
         metavar="NAME",
@@ -111,7 +112,7 @@ def _run_in_motion(options: argparse.Namespace, setting: MatrixSetup) -> int:
 
 
 def _run_at_rest(options: argparse.Namespace, setting: MatrixSetup) -> int:
-    chosen = selection(options.stop, options.fault)
+    chosen = selection(options.stops, options.fault)
     folder = _create_folder(options.out) if options.out is not None else None
     start_s = time.perf_counter()
     results = run_table(chosen, setting, every_ms=options.every, jobs=options.jobs)

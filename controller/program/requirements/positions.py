@@ -71,6 +71,10 @@ class PositionMonitor:
         self.between = {
             name: m.bit(f"{name} between", f"the {name} has been between two places while driven") for name in DEVICES
         }
+        self.pressed = {
+            place: m.bit(f"pressed {place}", f"at {place} by a full stroke against the end stop") for place in _END_COIL
+        }
+        self.may_be_at_rows = m.bit("may be at rows", "the slide has had the time to reach a row since it left feed")
         self.driven = {coil: m.bit(f"{coil} on", "on in the last scan") for name in DEVICES for coil in _COILS[name]}
 
     @property
@@ -95,6 +99,9 @@ class PositionMonitor:
             passing = FALSE if place in _END_COIL else self.between[name]
             yield Rst(self.verified[place], when=self.driven_away(place) & ~passing)
             yield Set(self.verified[place], when=device.alone(place) & self._arrived(name, place))
+            if place in self.pressed:
+                yield Rst(self.pressed[place], when=~self.verified[place])
+                yield Set(self.pressed[place], when=device.alone(place) & self._pressed(name, place))
 
     def motion(self) -> Iterator[Rung]:
         """Yield the rungs that record the motion begun in this scan; they follow all other monitors."""
@@ -108,6 +115,8 @@ class PositionMonitor:
             elapsed, here = self._device(name).least.done, self._here(name)
             yield Rst(self.near[place], when=any_of(self._restarts, elapsed, *here.values()))
             yield Set(self.near[place], when=here[place])
+        yield Rst(self.may_be_at_rows, when=self.certainly("feed"))
+        yield Set(self.may_be_at_rows, when=self._arm.t_slide_way.done)
         yield Rst(self.near_row, when=self._restarts | self._arm.t_slide_hop.done)
         yield Set(self.near_row, when=any_of(*self._arm.at_pick.values()))
 
@@ -124,7 +133,11 @@ class PositionMonitor:
         came = self.between[name] & ~any_of(*others)
         if place not in _END_COIL:
             return came
-        return came | all_of(self._arm.t_pressed[name].done, self.driven[_END_COIL[place]])
+        return came | self._pressed(name, place)
+
+    def _pressed(self, name: str, place: str) -> Expr:
+        """Return the condition that the device has been driven to its end stop at a place for a full stroke."""
+        return all_of(self._arm.t_pressed[name].done, self.driven[_END_COIL[place]])
 
     def _device(self, name: str) -> _Device:
         a = self._arm

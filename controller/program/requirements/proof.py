@@ -10,6 +10,7 @@ from controller.core.sequence import Sequence
 from controller.core.specification import Invariant, Specification
 from controller.program.machine import Transplanter
 from controller.program.places import devices
+from controller.program.requirements.limits import ASSUMPTIONS, limits
 from controller.program.requirements.positions import PositionMonitor
 from controller.program.requirements.safety import ArmMonitor, Safety
 from controller.program.requirements.ways_out import ways_out
@@ -35,6 +36,8 @@ def specification(machine: Transplanter) -> Specification:
         invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
         ways_out=ways_out(machine),
         ranges=tags.sp.limits,
+        assumptions=ASSUMPTIONS,
+        limits=tuple(limits(tags, safety)),
     )
 
 
