@@ -170,7 +170,7 @@ def state_tables(machine: Transplanter) -> str:
 
 
 def interlock_tables(machine: Transplanter) -> str:
-    """Return tables of the interlock rules of the arms and the tray feeder, and of the requirements to be proved."""
+    """Return tables of the interlock rules, the requirements to be proved, their assumptions and their limits."""
     parts = [
         f"# Interlocks\n\n{GENERATED}\n\nAn output is on only while it is requested and all of its rules allow it.\n"
     ]
@@ -178,11 +178,20 @@ def interlock_tables(machine: Transplanter) -> str:
     for name, rules in {**groups, "tray": machine.tray_rules}.items():
         rows = [(rule.number, rule.name, rule.reason, ", ".join(rule.outputs), readable(rule.allow)) for rule in rules]
         parts.append(f"## {name}\n\n{table(('', 'rule', 'reason', 'outputs', 'allowed while'), rows)}")
-    never = [(each.name, each.reason, readable(each.never)) for each in specification(machine).requirements]
+    spec = specification(machine)
+    never = [(each.name, each.reason, readable(each.never)) for each in spec.requirements]
     parts.append(
         "## Proved requirements\n\n`python -m controller prove` proves that none of these conditions is true after any "
         "scan.\n\n"
         f"{table(('requirement', 'reason', 'never'), never)}"
+    )
+    assumed = "\n".join(f"{number}. {text}" for number, text in enumerate(spec.assumptions, 1))
+    limits = [(each.name, each.reason, each.remedy, readable(each.condition)) for each in spec.limits]
+    parts.append(
+        f"## Assumptions\n\nThe proofs rely on these statements about the machine.\n\n{assumed}\n\n"
+        "## Limits\n\nNo program with the inputs of this machine can exclude these conditions. `python -m controller "
+        "prove` shows a scan for each, and reports a condition that it can prove as an error in this list.\n\n"
+        f"{table(('condition', 'reason', 'remedy', 'when'), limits)}"
     )
     return "\n".join(parts)
 

@@ -216,7 +216,7 @@ def _check(options: argparse.Namespace) -> None:
     for name in ("moments", "jobs"):
         if not 1 <= getattr(options, name) <= 1000:
             raise FaultError(f"--{name} {getattr(options, name)}: must be 1 to 1000")
-    if not options.at_rest and (options.stop or options.every is not None):
+    if not options.at_rest and (options.stops or options.every is not None):
         raise FaultError("--stop and --every: apply only with --at-rest")
     if options.every is not None and (options.every < SCAN_MS or options.every % SCAN_MS):
         raise FaultError(f"--every {options.every}: must be a multiple of {SCAN_MS} ms")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 
@@ -168,7 +169,8 @@ def test_frequencies_beyond_the_permitted_range_lose_no_seedling() -> None:
 
 def test_a_tractor_that_is_too_fast_holds_the_machine_between_strokes() -> None:
     """The frequency rises to 110 per minute within the permitted ramp; no arm stops in its stroke."""
-    twin = at_frequency(60.0, **{"cups.acceleration_m_s2": 0.01})
+    values: dict[str, Any] = {"cups.acceleration_m_s2": 0.01}
+    twin = at_frequency(60.0, **values)
     twin.plant.planting_frequency_per_min = 110.0
     assert cups_until_held(twin, most=60) < 60
     assert set(twin.alarms()) - {"planting_fast"} == {"cups_fast"}
