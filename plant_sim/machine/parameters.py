@@ -17,7 +17,15 @@ from plant_sim.devices.conveyor_spec import ConveyorSpec
 from plant_sim.devices.cups import CupsSpec
 from plant_sim.devices.ground_wheel import GroundWheelSpec
 from plant_sim.devices.lift import LiftSpec
-from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, Pneumatics, PortSpec, ValveSpec
+from plant_sim.devices.pneumatic import (
+    HELD_SHARE,
+    AirSpec,
+    CheckValveSpec,
+    FrictionSpec,
+    Pneumatics,
+    PortSpec,
+    ValveSpec,
+)
 from plant_sim.devices.sensor import ContactSpec
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
@@ -103,6 +111,7 @@ class Machine:
             "takes more than half of slide_port.dead_volume_m3",
         )
         self._require_soft_air()
+        self._require_plausible_cylinders()
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
         require(
             2 * switch_reach_m < self.handling.cell_pitch_m,
@@ -144,6 +153,26 @@ class Machine:
                 f"makes the air spring too stiff: {turn:.3g} rad of oscillation per step (limit 1.5); increase "
                 "the volume or the moving mass, or reduce simulation.step_s",
             )
+
+    def _require_plausible_cylinders(self) -> None:
+        """Reject a brake, a cushion or a load with which a cylinder cannot start or work."""
+        require(
+            self.slide.brake_n == 0.0 or self.slide.brake_bites_pa < self.rating.slide_least_pa,
+            "slide.brake_bites_pa",
+            "must be less than rating.slide_least_pa, otherwise the brake stops a slide that is within its rating",
+        )
+        require(
+            self.lift.cushion_volume_m3 <= 0.5 * self.lift_port.dead_volume_m3,
+            "lift.cushion_volume_m3",
+            "takes more than half of lift_port.dead_volume_m3",
+        )
+        lifted_n = HELD_SHARE * self.supply.pressure_pa * self.lift.lifting_area_m2
+        require(
+            self.lift.weight_n < lifted_n,
+            "lift.carried_kg",
+            f"weighs {self.lift.weight_n:.4g} N, but supply.pressure_pa on the rod side holds only {lifted_n:.4g} N at "
+            f"rest; reduce it, or increase the pressure or lift.bore_m",
+        )
 
     @property
     def columns_m(self) -> tuple[float, ...]:

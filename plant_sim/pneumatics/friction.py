@@ -13,9 +13,13 @@ FRICTION = np.dtype([("coulomb_n", "f8"), ("static_n", "f8"), ("stribeck_m_s", "
 
 @compiled
 def dry_friction_n(params: Any, speed_m_s: float) -> float:
-    """Return the magnitude of the dry friction, N: static friction at rest, Coulomb friction at high speed."""
-    share = speed_m_s / params.stribeck_m_s
-    dry: float = params.coulomb_n + (params.static_n - params.coulomb_n) / (1.0 + share * share)
+    """Return the magnitude of the dry friction, N: static friction at rest, Coulomb friction at high speed.
+
+    The curve is steepest at rest, as in Stribeck curves with the exponent 1 (Tustin). If slow motion sticks and slips at
+    some speed, it does so at every lower speed. With a curve that is flat at rest, the viscous friction would make very
+    slow motion smooth again.
+    """
+    dry: float = params.coulomb_n + (params.static_n - params.coulomb_n) / (1.0 + abs(speed_m_s) / params.stribeck_m_s)
     return dry
 
 
