@@ -27,7 +27,7 @@ class SimulationSpec:
     """Time resolution of the simulation.
 
     Attributes:
-        step_s: Time step of air and motion, s; a millisecond is an integer number of steps.
+        step_s: Longest time step of air and motion, s; a millisecond is an integer number of steps.
         look_ms: Longest interval between two evaluations of the effect of motion on seedlings, ms.
     """
 

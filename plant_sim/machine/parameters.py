@@ -31,7 +31,7 @@ from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
 from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+from plant_sim.machine.time_step import MOST_STEPS_PER_MS, steps_per_ms_by_key
 
 DEFAULT_MACHINE = Path(__file__).parents[1] / "machine.yaml"
 
@@ -110,7 +110,8 @@ class Machine:
             "slide.overtravel_m",
             "takes more than half of slide_port.dead_volume_m3",
         )
-        self._require_soft_air()
+        self._require_affordable_steps()
+        self._require_plausible_cylinders()
         self._require_plausible_cylinders()
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
         require(
@@ -130,29 +131,15 @@ class Machine:
             f"spreads the claws to {claw_pitch_m:.4g} m; it must equal cups.pitch_m to 1 mm",
         )
 
-    def _require_soft_air(self) -> None:
-        """Reject a cylinder whose air spring is too stiff for the time step."""
-        main_pa = self.supply.pressure_pa
-        for section, area_m2, moved_kg, dead_m3, most_pa in (
-            ("slide", self.slide.area_m2, self.slide.piston_kg, self.slide_port.dead_volume_m3, main_pa),
-            ("lift", self.lift.area_m2, self.lift.carried_kg, self.lift_port.dead_volume_m3, main_pa),
-            (
-                "claws",
-                self.claws.area_m2,
-                self.claws.grippers * self.claws.moved_kg,
-                self.claws_port.dead_volume_m3,
-                self.claw_pressure_pa,
-            ),
-        ):
-            # the stiffest air spring, with the smallest chamber volumes
-            spring_n_m = 2 * self.air.stiffness_exponent * (most_pa + ATMOSPHERE_PA) * area_m2**2 / dead_m3
-            turn = self.simulation.step_s * math.sqrt(spring_n_m / moved_kg)
-            require(
-                turn <= 1.5,
-                f"{section}_port.dead_volume_m3",
-                f"makes the air spring too stiff: {turn:.3g} rad of oscillation per step (limit 1.5); increase "
-                "the volume or the moving mass, or reduce simulation.step_s",
-            )
+    def _require_affordable_steps(self) -> None:
+        """Reject a machine whose air requires shorter time steps than are affordable."""
+        key, per_ms = max(steps_per_ms_by_key(self).items(), key=lambda need: need[1])
+        require(
+            per_ms <= MOST_STEPS_PER_MS,
+            key,
+            f"is too small for the flow through it or the mass on it: {per_ms:.0f} time steps per millisecond would be "
+            f"required (limit {MOST_STEPS_PER_MS}); increase it, or reduce the conductances or the area",
+        )
 
     def _require_plausible_cylinders(self) -> None:
         """Reject a brake, a cushion or a load with which a cylinder cannot start or work."""
@@ -173,6 +160,17 @@ class Machine:
             f"weighs {self.lift.weight_n:.4g} N, but supply.pressure_pa on the rod side holds only {lifted_n:.4g} N at "
             f"rest; reduce it, or increase the pressure or lift.bore_m",
         )
+
+    @property
+    def steps_per_ms(self) -> int:
+        """Number of time steps per millisecond: each `simulation.step_s`, divided for the most demanding volume."""
+        whole = self.simulation.steps_per_ms
+        return whole * max(1, math.ceil(max(steps_per_ms_by_key(self).values()) / whole))
+
+    @property
+    def step_s(self) -> float:
+        """Length of a time step, s."""
+        return 1e-3 / self.steps_per_ms
 
     @property
     def columns_m(self) -> tuple[float, ...]:

@@ -93,7 +93,8 @@ def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_
 def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical_ratio: float, gas: Any) -> float:
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
     down_stiffness = down.stiffness * _warmth(up.temperature_k, down.temperature_k, gas)
-    mass_kg: float = gas.step_s * kg_s / (1.0 + gas.step_s * (grows * up.stiffness + falls * down_stiffness))
+    turns = gas.step_s * (grows * up.stiffness + falls * down_stiffness)
+    mass_kg: float = gas.step_s * kg_s / (1.0 + implicit_share(turns) * turns)
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down_stiffness)
     if gas.thermal != 0:
         mass_kg = min(mass_kg, levels_kg)
@@ -101,6 +102,17 @@ def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical
         mass_kg = min(mass_kg, levels_kg * _nonlinear_share(down, levels_kg))
     move(up, down, mass_kg, gas)
     return mass_kg
+
+
+@inlined
+def implicit_share(turns: Any) -> Any:
+    """Return the weight of the end of the step in a linearly implicit flow.
+
+    `turns` is the relative change of the flow in a step if the pressures followed it explicitly. The weight is a half,
+    of second order in the step, for slow changes, and tends to 1 for fast ones, which must not overshoot. It is not less
+    than that of an exponential decay, 1 / (1 - exp(-turns)) - 1 / turns.
+    """
+    return (1.0 + turns) / (2.0 + turns)
 
 
 @inlined

@@ -6,7 +6,7 @@ import numpy as np
 
 from plant_sim.common.compiled import compiled, inlined
 from plant_sim.common.lanes import joined, lanes, pair, select, split, truths, unpacked
-from plant_sim.pneumatics.chamber import CHAMBER, WALL, check, exchange, flows_and_slopes, move, resize
+from plant_sim.pneumatics.chamber import CHAMBER, WALL, check, exchange, flows_and_slopes, implicit_share, move, resize
 from plant_sim.pneumatics.cushion import cushion_is_at_rest
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K, in_series
 from plant_sim.pneumatics.valve import exhaust_opening, supply_opening
@@ -264,10 +264,13 @@ def _solve(
         in_stiffness = tube_stiffness * in_k / tube_k
         on_stiffness = tube_stiffness * on_k / tube_k
         chamber_stiffness = chamber_stiffness * on_k / chamber_k
-    a11 = 1.0 + step_s * (in_grows * source_stiffness + in_falls * in_stiffness)
-    a12 = -step_s * in_falls * on_stiffness
-    a21 = -step_s * on_grows * in_stiffness
-    a22 = 1.0 + step_s * (on_grows * on_stiffness + on_falls * chamber_stiffness)
+    in_turns = step_s * (in_grows * source_stiffness + in_falls * in_stiffness)
+    on_turns = step_s * (on_grows * on_stiffness + on_falls * chamber_stiffness)
+    in_share, on_share = split(implicit_share(joined(in_turns, on_turns)))
+    a11 = 1.0 + in_share * in_turns
+    a12 = -step_s * in_share * in_falls * on_stiffness
+    a21 = -step_s * on_share * on_grows * in_stiffness
+    a22 = 1.0 + on_share * on_turns
     by = step_s / (a11 * a22 - a12 * a21)
     in_kg = by * (a22 * in_kg_s - a12 * on_kg_s)
     on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)

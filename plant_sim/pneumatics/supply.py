@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.common.compiled import compiled
-from plant_sim.pneumatics.chamber import CHAMBER, WALL, check, exchange, settle, settle_four
+from plant_sim.pneumatics.chamber import CHAMBER, WALL, check, exchange, implicit_share, settle, settle_four
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, HEAT_P, REFERENCE_K, REFERENCE_KG_M3
 
 SUPPLY = np.dtype(
@@ -147,7 +147,7 @@ def _regulate(
         if opening > 0.0:
             exchange(b, outside, params.relief_m3_s_pa * opening, params.critical_ratio, gas)
         return
-    # the opening is limited so that the pressure does not overshoot within the step
-    fills_m3_s_pa = lacking_pa / (b.stiffness * gas.step_s * REFERENCE_KG_M3 * a.pressure_pa)
-    through = min(conductance_m3_s_pa * min(lacking_pa / params.band_pa, 1.0), fills_m3_s_pa)
+    # the opening follows the pressure implicitly, so that it does not overshoot within the step
+    turns = gas.step_s * conductance_m3_s_pa * REFERENCE_KG_M3 * a.pressure_pa * b.stiffness / params.band_pa
+    through = conductance_m3_s_pa * min(lacking_pa / (params.band_pa * (1.0 + implicit_share(turns) * turns)), 1.0)
     check(a, b, 0.0, through, params.critical_ratio, gas)

@@ -57,32 +57,49 @@ _ROUNDING_S = 1e-9
 @compiled
 def step_valve(v: Any, params: Any, plus: bool, minus: bool, step_s: float) -> None:
     """Advance by one time step; opposite coils cancel each other."""
+    late_s = 0.0
     if plus == (v.plus_acts != 0):
         v.plus_pending_s = 0.0
     else:
         v.plus_pending_s += step_s
-        if v.plus_pending_s >= (params.on_delay_s if plus else params.off_delay_s) - _ROUNDING_S:
+        past_s = v.plus_pending_s - (params.on_delay_s if plus else params.off_delay_s)
+        if past_s >= -_ROUNDING_S:
             v.plus_acts = 1 if plus else 0
             v.plus_pending_s = 0.0
+            late_s = max(late_s, past_s)
     if minus == (v.minus_acts != 0):
         v.minus_pending_s = 0.0
     else:
         v.minus_pending_s += step_s
-        if v.minus_pending_s >= (params.on_delay_s if minus else params.off_delay_s) - _ROUNDING_S:
+        past_s = v.minus_pending_s - (params.on_delay_s if minus else params.off_delay_s)
+        if past_s >= -_ROUNDING_S:
             v.minus_acts = 1 if minus else 0
             v.minus_pending_s = 0.0
+            late_s = max(late_s, past_s)
     wish = float(v.plus_acts - v.minus_acts)
     sends = wish != v.sent and (params.latching == 0 or wish != 0.0)
+    moves_s = step_s
     if sends or v.waves != 0:
-        _pass_waves(v, params.tube_s, sends, wish, step_s)
+        moves_s = _pass_waves(v, params.tube_s - late_s, sends, wish, step_s)
     if v.spool != v.target and params.stuck == 0:
-        way = step_s / params.spool_s
+        way = moves_s / params.spool_s
         v.spool = min(v.spool + way, v.target) if v.target > v.spool else max(v.spool - way, v.target)
 
 
 @compiled
-def _pass_waves(v: Any, tube_s: float, sends: bool, wish: float, step_s: float) -> None:
-    """Advance the changes in the tube by one time step; add one if the valve `sends` a new target."""
+def _pass_waves(v: Any, tube_s: float, sends: bool, wish: float, step_s: float) -> float:
+    """Advance the changes in the tube by one time step.
+
+    Args:
+        v: The valve.
+        tube_s: Time from the end of the step until a new change arrives, s.
+        sends: True if the valve sends a new change in this step.
+        wish: Its target.
+        step_s: Length of the step, s.
+
+    Returns:
+        Time from the latest arrival in this step to the end of the step, s; the whole step if nothing arrives.
+    """
     for number in range(v.waves):
         v.arrives_s[number] -= step_s
     if sends and v.waves < WAVES:
@@ -90,15 +107,17 @@ def _pass_waves(v: Any, tube_s: float, sends: bool, wish: float, step_s: float) 
         v.sends[v.waves] = wish
         v.waves += 1
         v.sent = wish
-    arrived = 0
+    arrived, moves_s = 0, step_s
     while arrived < v.waves and v.arrives_s[arrived] <= _ROUNDING_S:
         v.target = v.sends[arrived]
+        moves_s = min(max(-v.arrives_s[arrived], 0.0), step_s)
         arrived += 1
     if arrived > 0:
         v.waves -= arrived
         for number in range(v.waves):
             v.arrives_s[number] = v.arrives_s[number + arrived]
             v.sends[number] = v.sends[number + arrived]
+    return moves_s
 
 
 @inlined

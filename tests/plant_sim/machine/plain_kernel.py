@@ -12,7 +12,7 @@ from plant_sim.devices.cups import step_cups
 from plant_sim.devices.sensor import record_edge, step_switch, update_output
 from plant_sim.devices.spreader import step_spreader
 from plant_sim.machine.kernel import ARM_COILS, _any_busy, _update_clamp
-from plant_sim.pneumatics.chamber import _nonlinear_share, move, resize, settle
+from plant_sim.pneumatics.chamber import _nonlinear_share, implicit_share, move, resize, settle
 from plant_sim.pneumatics.cylinder import is_at_rest, move_cylinder, settle_cushions
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, flow
 from plant_sim.pneumatics.line import update_nozzles
@@ -44,7 +44,8 @@ def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_
 def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical_ratio: float, gas: Any) -> float:
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
     stiffness = down.stiffness * (up.temperature_k / down.temperature_k) if gas.thermal != 0 else down.stiffness
-    mass_kg: float = gas.step_s * kg_s / (1.0 + gas.step_s * (grows * up.stiffness + falls * stiffness))
+    turns = gas.step_s * (grows * up.stiffness + falls * stiffness)
+    mass_kg: float = gas.step_s * kg_s / (1.0 + implicit_share(turns) * turns)
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + stiffness)
     if gas.thermal != 0:
         mass_kg = min(mass_kg, levels_kg)
@@ -114,10 +115,13 @@ def _step_flows(n: Any, source: Any, crack_pa: float, onward_m3_s_pa: float, onw
         in_stiffness = tube.stiffness * in_k / tube.temperature_k
         on_stiffness = tube.stiffness * on_k / tube.temperature_k
         chamber_stiffness = chamber.stiffness * on_k / chamber.temperature_k
-    a11 = 1.0 + step_s * (in_grows * source_stiffness + in_falls * in_stiffness)
-    a12 = -step_s * in_falls * on_stiffness
-    a21 = -step_s * on_grows * in_stiffness
-    a22 = 1.0 + step_s * (on_grows * on_stiffness + on_falls * chamber_stiffness)
+    in_turns = step_s * (in_grows * source_stiffness + in_falls * in_stiffness)
+    on_turns = step_s * (on_grows * on_stiffness + on_falls * chamber_stiffness)
+    in_share, on_share = implicit_share(in_turns), implicit_share(on_turns)
+    a11 = 1.0 + in_share * in_turns
+    a12 = -step_s * in_share * in_falls * on_stiffness
+    a21 = -step_s * on_share * on_grows * in_stiffness
+    a22 = 1.0 + on_share * on_turns
     by = step_s / (a11 * a22 - a12 * a21)
     in_kg: float = by * (a22 * in_kg_s - a12 * on_kg_s)
     on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)
