@@ -98,7 +98,7 @@ class Claws(Cylinder):
             friction: Friction of one gripper.
             common: Valves and air.
             arm: Records of the arm in the kernel memory.
-            pressure_pa: Gauge pressure of the claws, Pa.
+            pressure_pa: Gauge pressure of the claws at rest, Pa.
         """
         params = arm.params["claws"]
         super().__init__(

@@ -32,8 +32,12 @@ from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
 from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec
 from plant_sim.machine.time_step import MOST_STEPS_PER_MS, steps_per_ms_by_key
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K
 
 DEFAULT_MACHINE = Path(__file__).parents[1] / "machine.yaml"
+
+COLDEST_K, HOTTEST_K = 150.0, 500.0
+"""Temperatures between which air is an ideal gas with constant heat capacities, to a few per cent, K. Assumed."""
 
 _MPA = 1e6
 
@@ -111,6 +115,7 @@ class Machine:
             "takes more than half of slide_port.dead_volume_m3",
         )
         self._require_affordable_steps()
+        self._require_possible_temperatures()
         self._require_plausible_cylinders()
         self._require_plausible_cylinders()
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
@@ -141,8 +146,29 @@ class Machine:
             f"required (limit {MOST_STEPS_PER_MS}); increase it, or reduce the conductances or the area",
         )
 
+    def _require_possible_temperatures(self) -> None:
+        """Reject a pressure from which air is vented, or to which it is compressed, beyond the range of the gas model."""
+        exponent = self.air.stiffness_exponent
+        for key, gauge_pa in (
+            ("supply.pressure_pa", self.supply.pressure_pa),
+            ("crop.claw_pressure_mpa", self.claw_pressure_pa),
+        ):
+            ratio = (1 + gauge_pa / ATMOSPHERE_PA) ** ((exponent - 1) / exponent)
+            require(
+                REFERENCE_K / ratio >= COLDEST_K,
+                key,
+                f"cools vented air to {REFERENCE_K / ratio:.0f} K with the exponent {exponent:g} (limit "
+                f"{COLDEST_K:.0f} K); reduce it",
+            )
+            require(
+                self.air.thermal or REFERENCE_K * ratio <= HOTTEST_K,
+                "air.polytropic_exponent",
+                f"heats air that fills a chamber at {key} to {REFERENCE_K * ratio:.0f} K (limit {HOTTEST_K:.0f} K); "
+                "reduce it, or set air.thermal",
+            )
+
     def _require_plausible_cylinders(self) -> None:
-        """Reject a brake, a cushion or a load with which a cylinder cannot start or work."""
+        """Reject a brake, a cushion, friction or a load with which a cylinder cannot start or work."""
         require(
             self.slide.brake_n == 0.0 or self.slide.brake_bites_pa < self.rating.slide_least_pa,
             "slide.brake_bites_pa",
@@ -152,6 +178,20 @@ class Machine:
             self.lift.cushion_volume_m3 <= 0.5 * self.lift_port.dead_volume_m3,
             "lift.cushion_volume_m3",
             "takes more than half of lift_port.dead_volume_m3",
+        )
+        for section, friction, least_pa, area_m2 in (
+            ("slide", self.slide_friction, self.rating.slide_least_pa, self.slide.area_m2),
+            ("claws", self.claws_friction, self.rating.claws_least_pa, self.claws.area_m2 / self.claws.grippers),
+        ):
+            require(
+                friction.static_n < least_pa * area_m2,
+                f"{section}_friction.static_n",
+                f"must be less than {least_pa * area_m2:.3g} N, the force at rating.{section}_least_pa",
+            )
+        require(
+            self.slide.bumper_m < self.slide.switch_band_m,
+            "slide.bumper_m",
+            "must be thinner than slide.switch_band_m, otherwise the switch at the feed does not detect the slide",
         )
         lifted_n = HELD_SHARE * self.supply.pressure_pa * self.lift.lifting_area_m2
         require(
@@ -190,6 +230,13 @@ class Machine:
     def claw_pressure_pa(self) -> float:
         """Set pressure of the claw regulator, gauge, Pa."""
         return self.crop.claw_pressure_mpa * _MPA
+
+    @property
+    def held_claw_pressure_pa(self) -> float:
+        """Gauge pressure of the claws at the start: the set pressure, or that of their reservoir if it is lower, Pa."""
+        supply = self.supply
+        reservoir_pa = 0.5 * (supply.compressor_on_pa + supply.compressor_off_pa) - supply.check_crack_pa
+        return min(self.claw_pressure_pa, reservoir_pa)
 
     @property
     def warnings(self) -> list[str]:

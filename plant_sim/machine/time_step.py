@@ -5,20 +5,26 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_PA
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, GAS_CONSTANT, REFERENCE_K, REFERENCE_KG_M3, REFERENCE_PA
 
 if TYPE_CHECKING:
+    from plant_sim.devices.pneumatic import AirSpec
+    from plant_sim.devices.supply import SupplySpec
     from plant_sim.machine.parameters import Machine
 
 MOST_STEPS_PER_MS: Final = 100
 """Largest number of steps per millisecond; a machine that requires more is rejected."""
 
-_TURNOVER: Final = 0.25
+_TURNOVER: Final = 0.07
 """Largest part of the content of a volume that may flow through it in a step. Computed: with it, strokes in steps of up
 to 1 ms take as long as in steps of 0.1 ms, see tests/plant_sim/machine/test_random_air.py."""
 
-_TURN: Final = 1.5
+_TURN: Final = 1.2
 """Largest oscillation of a piston on its air in a step, rad. The semi-implicit step is stable below 2."""
+
+_RESPONSE: Final = 0.65
+"""Length of a step relative to the time constant of a regulator with the volume behind it. Computed like `_TURNOVER`; the
+steps are not shortened beyond the limit for it, because the regulator is stable at any length."""
 
 
 def steps_per_ms_by_key(machine: Machine) -> dict[str, float]:
@@ -52,8 +58,15 @@ def steps_per_ms_by_key(machine: Machine) -> dict[str, float]:
         "claw_reservoir": min(supply.check_conductance_m3_s_pa, supply.claw_regulator_conductance_m3_s_pa),
         "claw_manifold": min(supply.claw_regulator_conductance_m3_s_pa, drawn_m3_s_pa["claws"]),
     }
+    regulators = {
+        "header": supply.regulator_conductance_m3_s_pa,
+        "claw_manifold": supply.claw_regulator_conductance_m3_s_pa,
+    }
     for store, conductance_m3_s_pa in through.items():
         needs[f"supply.{store}_m3"] = _for_content(getattr(supply, f"{store}_m3"), conductance_m3_s_pa)
+        if store in regulators:
+            response = _for_regulator(supply, regulators[store], getattr(supply, f"{store}_m3"), machine.air)
+            needs[f"supply.{store}_m3"] = max(needs[f"supply.{store}_m3"], response)
     return needs
 
 
@@ -70,3 +83,10 @@ def _for_content(volume_m3: float, conductance_m3_s_pa: float) -> float:
 def _for_spring(spring_n_m: float, mass_kg: float) -> float:
     """Return the number of steps per millisecond in which a mass on a spring oscillates by a small angle."""
     return 1e-3 * math.sqrt(spring_n_m / mass_kg) / _TURN
+
+
+def _for_regulator(supply: SupplySpec, conductance_m3_s_pa: float, volume_m3: float, air: AirSpec) -> float:
+    """Return the number of steps per millisecond that resolve the response of a regulator, or the largest number."""
+    kg_s_pa = conductance_m3_s_pa * REFERENCE_KG_M3 * (supply.compressor_off_pa + ATMOSPHERE_PA) / supply.regulator_band_pa
+    pa_kg = air.stiffness_exponent * GAS_CONSTANT * REFERENCE_K / volume_m3
+    return min(1e-3 * kg_s_pa * pa_kg / _RESPONSE, MOST_STEPS_PER_MS)

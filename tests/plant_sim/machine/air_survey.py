@@ -98,7 +98,7 @@ class Survey:
             with the name of the volume.
         strokes_s: Times from energising the coil until the load enters the range of the switch at its destination, s,
             infinite if it does not; shape (3, `STROKES`).
-        sticks: True for strokes in which the load has stopped and started again; same shape.
+        stops: Number of stops of the load before it arrives; same shape.
         finite: True if every number of the final state is finite.
     """
 
@@ -106,8 +106,13 @@ class Survey:
     energy_error: float
     over: tuple[float, str]
     strokes_s: NDArray[np.float64]
-    sticks: NDArray[np.bool_]
+    stops: NDArray[np.float64]
     finite: bool
+
+    @property
+    def sticks(self) -> NDArray[np.bool_]:
+        """True for the strokes in which the load has stuck after its start."""
+        return self.stops > 0
 
 
 class SurveyedArm:
@@ -144,7 +149,7 @@ class SurveyedArm:
             machine.claws_friction,
             common,
             records,
-            pressure_pa=machine.claw_pressure_pa,
+            pressure_pa=machine.held_claw_pressure_pa,
         )
 
     def survey(self) -> Survey:
@@ -181,7 +186,7 @@ class SurveyedArm:
             balance_j / through_j,
             self._over(seen, stores_pa),
             strokes_s,
-            stops > 0,
+            stops,
             bool(np.isfinite(flat[flat == flat]).all()) and bool(np.isfinite(kelvin).all()),
         )
 
