@@ -47,9 +47,18 @@ VARIED: Final = tuple(
 )
 """Parameters that affect the air."""
 
+STROKES: Final = (
+    (2.5, (1, 0, 0), True),
+    (2.5, (-1, 0, 0), True),
+    (1.5, (0, -1, 0), True),
+    (1.5, (0, 1, 0), True),
+    (0.6, (0, 0, -1), True),
+    (0.6, (0, 0, 1), True),
+)
+"""Strokes that are timed, each with one cylinder, in the form of `PHASES`."""
+
 PHASES: Final = (
-    (2.5, (1, -1, -1), True),
-    (2.5, (-1, 1, 1), True),
+    *STROKES,
     (0.9, (1, -1, -1), True),
     (0.4, (0, 0, 0), True),
     (0.6, (-1, 1, 1), True),
@@ -59,9 +68,6 @@ PHASES: Final = (
     (1.2, (-1, 1, -1), True),
 )
 """Duration, s; signs of the energised coils of slide, lift and claws; True if the relay feeds the dump valve."""
-
-STROKES: Final = 2
-"""Number of phases, from the first one, in which the strokes are timed."""
 
 STORES: Final = ("receiver", "header", "manifold", "claw_reservoir", "claw_manifold")
 
@@ -97,8 +103,8 @@ class Survey:
         over: Highest ratio of a pressure outside the cushions to the pressure that supply and kinetic energy allow,
             with the name of the volume.
         strokes_s: Times from energising the coil until the load enters the range of the switch at its destination, s,
-            infinite if it does not; shape (3, `STROKES`).
-        stops: Number of stops of the load before it arrives; same shape.
+            infinite if it does not; in the order of `STROKES`.
+        stops: Number of stops of the load before it arrives, in the same order.
         finite: True if every number of the final state is finite.
     """
 
@@ -158,12 +164,15 @@ class SurveyedArm:
         lift, claws = machine.lift, machine.claws
         ends_m = np.array(
             [
-                [machine.picks_m[2] - machine.slide.switch_band_m, machine.slide.switch_band_m],
-                [lift.switch_band_m, lift.stroke_m - lift.switch_band_m],
-                [0.05 * claws.stroke_m, 0.95 * claws.stroke_m],
+                machine.picks_m[2] - machine.slide.switch_band_m,
+                machine.slide.switch_band_m,
+                lift.switch_band_m,
+                lift.stroke_m - lift.switch_band_m,
+                0.05 * claws.stroke_m,
+                0.95 * claws.stroke_m,
             ]
         )
-        strokes_s, stops = np.full((3, STROKES), np.inf), np.zeros((3, STROKES))
+        strokes_s, stops = np.full(len(STROKES), np.inf), np.zeros(len(STROKES))
         # rows: pressure of plus tube, plus chamber, minus tube, minus chamber; least volumes; fastest kinetic energy
         seen = np.zeros((3, 7))
         seen[:, 4:6] = np.inf
@@ -293,14 +302,13 @@ def _drive(
         _watch(arm.slide, params.slide, seen[0], kelvin)
         _watch(arm.lift, params.lift, seen[1], kelvin)
         _watch(arm.claws, params.claws, seen[2], kelvin)
-        if phase < STROKES:
+        if phase < len(ends_m) and strokes_s[phase] > 1e9:
             after_m = (arm.slide.position_m, arm.lift.position_m, arm.claws.position_m)
-            for number in range(3):
-                if moved[number] and before_m[number] == after_m[number] and strokes_s[number, phase] > 1e9:
-                    stops[number, phase] += 1
-                at_m, from_m, to_m = ends_m[number, phase], before_m[number], after_m[number]
-                if (from_m < at_m) != (to_m < at_m) and strokes_s[number, phase] > 1e9:
-                    strokes_s[number, phase] = gas.step_s * (step + (at_m - from_m) / (to_m - from_m))
+            at_m, from_m, to_m = ends_m[phase], before_m[phase // 2], after_m[phase // 2]
+            if moved[phase // 2] and from_m == to_m:
+                stops[phase] += 1
+            if (from_m < at_m) != (to_m < at_m):
+                strokes_s[phase] = gas.step_s * (step + (at_m - from_m) / (to_m - from_m))
 
 
 @compiled
