@@ -18,7 +18,6 @@ from plant_sim.devices.cups import CupsSpec
 from plant_sim.devices.ground_wheel import GroundWheelSpec
 from plant_sim.devices.lift import LiftSpec
 from plant_sim.devices.pneumatic import (
-    HELD_SHARE,
     AirSpec,
     CheckValveSpec,
     FrictionSpec,
@@ -38,6 +37,9 @@ DEFAULT_MACHINE = Path(__file__).parents[1] / "machine.yaml"
 
 COLDEST_K, HOTTEST_K = 150.0, 500.0
 """Temperatures between which air is an ideal gas with constant heat capacities, to a few per cent, K. Assumed."""
+
+LOAD_RATIO = 0.7
+"""Largest ratio of the weight on a lift to its force. Assumed; handbooks recommend 0.5 to 0.7."""
 
 _MPA = 1e6
 
@@ -193,12 +195,12 @@ class Machine:
             "slide.bumper_m",
             "must be thinner than slide.switch_band_m, otherwise the switch at the feed does not detect the slide",
         )
-        lifted_n = HELD_SHARE * self.supply.pressure_pa * self.lift.lifting_area_m2
+        lifted_n = LOAD_RATIO * self.supply.pressure_pa * self.lift.lifting_area_m2
         require(
             self.lift.weight_n < lifted_n,
             "lift.carried_kg",
-            f"weighs {self.lift.weight_n:.4g} N, but supply.pressure_pa on the rod side holds only {lifted_n:.4g} N at "
-            f"rest; reduce it, or increase the pressure or lift.bore_m",
+            f"weighs {self.lift.weight_n:.4g} N, but the lift may carry only {lifted_n:.4g} N, {LOAD_RATIO:g} of its "
+            "force on the rod side; reduce it, or increase supply.pressure_pa or lift.bore_m",
         )
 
     @property

@@ -26,6 +26,9 @@ _RESPONSE: Final = 0.65
 """Length of a step relative to the time constant of a regulator with the volume behind it. Computed like `_TURNOVER`; the
 steps are not shortened beyond the limit for it, because the regulator is stable at any length."""
 
+_CUSHION_PEAK: Final = 4.0
+"""Pressure in a cushion relative to the supply pressure, both gauge. Assumed."""
+
 
 def steps_per_ms_by_key(machine: Machine) -> dict[str, float]:
     """Return the least number of steps per millisecond, by the parameter of the volume that requires it."""
@@ -47,10 +50,11 @@ def steps_per_ms_by_key(machine: Machine) -> dict[str, float]:
         drawn_m3_s_pa[section] = 2 * line_m3_s_pa
         needs[f"{section}_port.tube_length_m"] = _for_content(port.tube_m3, line_m3_s_pa)
         filled = _for_content(port.dead_volume_m3, min(line_m3_s_pa, port.fitting_conductance_m3_s_pa))
-        # the stiffest air spring, with the smallest chamber volumes
-        spring_n_m = 2 * machine.air.stiffness_exponent * (gauge_pa + ATMOSPHERE_PA) * spec.area_m2**2
-        swings = _for_spring(spring_n_m / port.dead_volume_m3, moved_kg)
+        swings = _for_spring(_spring_n_m(spec.area_m2, port.dead_volume_m3, machine, gauge_pa), moved_kg)
         needs[f"{section}_port.dead_volume_m3"] = max(filled, swings)
+    lift = machine.lift
+    cushion_n_m = _spring_n_m(lift.cushion_area_m2, lift.cushion_volume_m3, machine, _CUSHION_PEAK * supply.pressure_pa)
+    needs["lift.cushion_volume_m3"] = _for_spring(cushion_n_m, lift.carried_kg)
     main_m3_s_pa = drawn_m3_s_pa["slide"] + drawn_m3_s_pa["lift"]
     through = {
         "header": min(supply.regulator_conductance_m3_s_pa, supply.main_conductance_m3_s_pa),
@@ -68,6 +72,11 @@ def steps_per_ms_by_key(machine: Machine) -> dict[str, float]:
             response = _for_regulator(supply, regulators[store], getattr(supply, f"{store}_m3"), machine.air)
             needs[f"supply.{store}_m3"] = max(needs[f"supply.{store}_m3"], response)
     return needs
+
+
+def _spring_n_m(area_m2: float, volume_m3: float, machine: Machine, gauge_pa: float) -> float:
+    """Return the stiffness of the air on both sides of a piston, each with its smallest volume, N/m."""
+    return 2 * machine.air.stiffness_exponent * (gauge_pa + ATMOSPHERE_PA) * area_m2**2 / volume_m3
 
 
 def _in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:

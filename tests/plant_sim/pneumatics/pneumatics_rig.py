@@ -158,14 +158,16 @@ def _drive(
             seen_supply[row] = flat_supply
 
 
-def machine_bench(values: dict[str, Value] | None = None, *, step_s: float = 0.001) -> Bench:
+def machine_bench(values: dict[str, Value] | None = None, *, step_s: float | None = None) -> Bench:
     """Return slide, lift and claws of one arm with the supply of the machine, in the state after a normal stop.
 
     Args:
         values: Parameters that differ from ``machine.yaml``, by dotted name.
-        step_s: Length of a step, s.
+        step_s: Length of a step, s; None for that of the machine.
     """
-    plant = Plant(IO_MAP, MACHINE.with_values(values or {}), seed=1)
+    machine = MACHINE.with_values(values or {})
+    plant = Plant(IO_MAP, machine, seed=1)
+    step_s = machine.step_s if step_s is None else step_s
     state, params = plant.state[0], plant.params[0]
     bench = Bench(3, ideal=False, step_s=step_s)
     bench.gas[0] = params["gas"]
