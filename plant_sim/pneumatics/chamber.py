@@ -94,7 +94,7 @@ def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
     down_stiffness = down.stiffness * _warmth(up.temperature_k, down.temperature_k, gas)
     turns = gas.step_s * (grows * up.stiffness + falls * down_stiffness)
-    mass_kg: float = gas.step_s * kg_s / (1.0 + implicit_share(turns) * turns)
+    mass_kg: float = gas.step_s * kg_s * implicit_factor(turns)
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down_stiffness)
     if gas.thermal != 0:
         mass_kg = min(mass_kg, levels_kg)
@@ -113,6 +113,12 @@ def implicit_share(turns: Any) -> Any:
     than that of an exponential decay, 1 / (1 - exp(-turns)) - 1 / turns.
     """
     return (1.0 + turns) / (2.0 + turns)
+
+
+@inlined
+def implicit_factor(turns: float) -> float:
+    """Return the mean of a flow in a step relative to its start: 1 / (1 + implicit_share(turns) turns)."""
+    return (2.0 + turns) / (2.0 + turns * (2.0 + turns))
 
 
 @inlined

@@ -38,11 +38,10 @@ def move_plunger(n: Any, params: Any, cushion_m: float, from_end_m: float, volum
 
 @compiled
 def step_cushion(n: Any, params: Any, gas: Any) -> None:
-    """Exchange air between cushion and chamber for one step: out through the needle, in past the lip of the seal."""
-    if n.cushion.volume_m3 > 0.0:
-        out = n.cushion.pressure_pa > n.chamber.pressure_pa
-        conductance_m3_s_pa = params.needle_m3_s_pa if out else params.free_m3_s_pa
-        exchange(n.cushion, n.chamber, conductance_m3_s_pa, params.critical_ratio, gas)
+    """Exchange air between a closed cushion and the chamber for one step: out by the needle, in past the seal lip."""
+    out = n.cushion.pressure_pa > n.chamber.pressure_pa
+    conductance_m3_s_pa = params.needle_m3_s_pa if out else params.free_m3_s_pa
+    exchange(n.cushion, n.chamber, conductance_m3_s_pa, params.critical_ratio, gas)
 
 
 @compiled

@@ -109,8 +109,10 @@ def move_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, g
     if params.cushion_m > 0.0:
         plus_m3 = move_plunger(c.plus, params.plus, params.cushion_m, c.piston_m, plus_m3, gas)
         minus_m3 = move_plunger(c.minus, params.minus, params.cushion_m, ahead_m, minus_m3, gas)
-        step_cushion(c.plus, params.plus, gas)
-        step_cushion(c.minus, params.minus, gas)
+        if c.plus.cushion.volume_m3 > 0.0:
+            step_cushion(c.plus, params.plus, gas)
+        if c.minus.cushion.volume_m3 > 0.0:
+            step_cushion(c.minus, params.minus, gas)
     return plus_m3, minus_m3
 
 
@@ -124,10 +126,11 @@ def settle_cylinder(c: Any, params: Any, gas: Any) -> None:
         settle(c.plus.chamber, params.plus.chamber_wall, gas)
         settle(c.minus.tube, params.minus.tube_wall, gas)
         settle(c.minus.chamber, params.minus.chamber_wall, gas)
-    settle_cushions(c, params, gas)
+    if params.cushion_m > 0.0:
+        settle_cushions(c, params, gas)
 
 
-@inlined
+@compiled
 def settle_cushions(c: Any, params: Any, gas: Any) -> None:
     """Finish a step of the closed cushions."""
     if c.plus.cushion.volume_m3 > 0.0:
@@ -192,13 +195,15 @@ def _stays_at_rest(c: Any, params: Any) -> bool:
         push_n = pull_n
     else:
         push_n += params.weight_n
-    push_n += _bumper(c, params, 0.0)[0]
+    bumper_n = _bumper(c, params, 0.0)[0]
+    push_n += bumper_n
     if params.blocked:
         return True
     over_m = _over_m(params)
     if (c.position_m <= -over_m and push_n <= 0.0) or (c.position_m >= params.stroke_m + over_m and push_n >= 0.0):
         return True
-    return bool(abs(push_n) <= params.friction.static_n + _brake_n(c, params))
+    slack_n = _STILL_N if bumper_n != 0.0 else 0.0  # an elastic stop yields until the pressure has settled
+    return bool(abs(push_n) <= params.friction.static_n + _brake_n(c, params) + slack_n)
 
 
 @compiled
@@ -220,6 +225,8 @@ def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
         speed_m_s = speed_after_friction_m_s(
             params.friction, free_m_s, c.speed_m_s, mass_kg * eased, step_s, _brake_n(c, params)
         )
+        if bumper_n != 0.0 and abs(speed_m_s) < _STILL_M_S:
+            speed_m_s = 0.0
     over_m = _over_m(params)
     c.speed_m_s, c.position_m = _stopped(
         speed_m_s, c.position_m + step_s * speed_m_s, -over_m, params.stroke_m + over_m

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.common.compiled import compiled
-from plant_sim.pneumatics.chamber import CHAMBER, WALL, check, exchange, implicit_share, settle, settle_four
+from plant_sim.pneumatics.chamber import CHAMBER, WALL, check, exchange, implicit_factor, settle, settle_four
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, HEAT_P, REFERENCE_K, REFERENCE_KG_M3
 
 SUPPLY = np.dtype(
@@ -149,5 +149,5 @@ def _regulate(
         return
     # the opening follows the pressure implicitly, so that it does not overshoot within the step
     turns = gas.step_s * conductance_m3_s_pa * REFERENCE_KG_M3 * a.pressure_pa * b.stiffness / params.band_pa
-    through = conductance_m3_s_pa * min(lacking_pa / (params.band_pa * (1.0 + implicit_share(turns) * turns)), 1.0)
+    through = conductance_m3_s_pa * min(lacking_pa / params.band_pa * implicit_factor(turns), 1.0)
     check(a, b, 0.0, through, params.critical_ratio, gas)

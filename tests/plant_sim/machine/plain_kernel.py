@@ -12,7 +12,7 @@ from plant_sim.devices.cups import step_cups
 from plant_sim.devices.sensor import record_edge, step_switch, update_output
 from plant_sim.devices.spreader import step_spreader
 from plant_sim.machine.kernel import ARM_COILS, _any_busy, _update_clamp
-from plant_sim.pneumatics.chamber import _nonlinear_share, implicit_share, move, resize, settle
+from plant_sim.pneumatics.chamber import _nonlinear_share, implicit_factor, implicit_share, move, resize, settle
 from plant_sim.pneumatics.cylinder import is_at_rest, move_cylinder, settle_cushions
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, flow
 from plant_sim.pneumatics.line import update_nozzles
@@ -45,7 +45,7 @@ def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
     stiffness = down.stiffness * (up.temperature_k / down.temperature_k) if gas.thermal != 0 else down.stiffness
     turns = gas.step_s * (grows * up.stiffness + falls * stiffness)
-    mass_kg: float = gas.step_s * kg_s / (1.0 + implicit_share(turns) * turns)
+    mass_kg: float = gas.step_s * kg_s * implicit_factor(turns)
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + stiffness)
     if gas.thermal != 0:
         mass_kg = min(mass_kg, levels_kg)

@@ -514,6 +514,8 @@ class Cylinder:
             speed_m_s = rubbed_n_s(
                 params.friction, free_n_s, self.speed_m_s, mass_kg + step_s * damping, step_s, self._braking_n(params)
             )
+            if stop_n != 0 and abs(speed_m_s) < 1e-6:
+                speed_m_s = 0.0
         place_m = self.position_m + step_s * speed_m_s
         over_m = params.overtravel_m
         self.position_m, self.speed_m_s = _stop(place_m, speed_m_s, -over_m, params.stroke_m + over_m)

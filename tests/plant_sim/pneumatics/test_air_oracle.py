@@ -129,7 +129,7 @@ def test_both_implementations_agree_with_any_fault(
 def test_both_implementations_agree_on_decoupling_and_recoupling() -> None:
     """A carriage blocked at 0.3 m decouples at 0.8 MPa; it recouples only if the piston passes it slowly."""
     bench = machine_bench(
-        {"supply.pressure_pa": 0.8e6, "supply.compressor_on_pa": 0.9e6, "supply.compressor_off_pa": 1e6}
+        {"supply.pressure_pa": 0.8e6, "supply.compressor_on_pa": 0.9e6, "supply.compressor_off_pa": 1e6}, step_s=0.001
     )
     put(bench, SLIDE, 0.3, ATMOSPHERE_PA, ATMOSPHERE_PA)
     bench.all_params[SLIDE]["recouples_m_s"] = 0.10
