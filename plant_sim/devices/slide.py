@@ -35,8 +35,8 @@ class SlideSpec:
         bumper_n_m: Stiffness of the bumpers, N/m.
         bumper_n_s_m: Damping of the bumpers, N s/m.
         overtravel_m: Travel of the piston beyond the stroke of the carriage, m.
-        brake_n: Force of the spring-applied brake on the guide, N; 0 means no brake. Its valve is wired to both coils of
-            the slide and releases the brake with air from the main line.
+        brake_n: Force of the spring-applied brake on the guide, N; 0 means no brake. Its valve is wired to both coils
+            of the slide and releases the brake with air from the main line.
         brake_bites_pa: Gauge pressure of the main line below which the brake engages, Pa.
         brake_delay_s: Time from the switching of its valve until the brake engages, s.
         switch_band_m: Half width of the range in which a position switch turns on, m.
@@ -139,7 +139,13 @@ class Slide(Cylinder):
         """
         params = arm.params["slide"]
         super().__init__(
-            arm.state["slide"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + HELD_SHARE * pressure_pa
+            arm.state["slide"],
+            params,
+            arm.gas,
+            port,
+            friction,
+            common,
+            hold_pa=ATMOSPHERE_PA + HELD_SHARE * pressure_pa,
         )
         params["stroke_m"] = spec.stroke_m
         params["plus_area_m2"] = params["minus_area_m2"] = spec.area_m2

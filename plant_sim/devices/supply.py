@@ -109,7 +109,7 @@ def vessel_wall_m2(volume_m3: float) -> float:
     >>> round(vessel_wall_m2(0.024), 3)
     0.517
     """
-    diameter_m = (4 * volume_m3 / (math.pi * _SLENDERNESS)) ** (1 / 3)
+    diameter_m: float = (4 * volume_m3 / (math.pi * _SLENDERNESS)) ** (1 / 3)
     return math.pi * diameter_m**2 * (_SLENDERNESS + 0.5)
 
 

@@ -23,8 +23,8 @@ _TURN: Final = 1.2
 """Largest oscillation of a piston on its air in a step, rad. The semi-implicit step is stable below 2."""
 
 _RESPONSE: Final = 0.65
-"""Length of a step relative to the time constant of a regulator with the volume behind it. Computed like `_TURNOVER`; the
-steps are not shortened beyond the limit for it, because the regulator is stable at any length."""
+"""Length of a step relative to the time constant of a regulator with the volume behind it. Computed like `_TURNOVER`;
+the steps are not shortened beyond the limit for it, because the regulator is stable at any length."""
 
 _CUSHION_PEAK: Final = 4.0
 """Pressure in a cushion relative to the supply pressure, both gauge. Assumed."""
@@ -96,6 +96,8 @@ def _for_spring(spring_n_m: float, mass_kg: float) -> float:
 
 def _for_regulator(supply: SupplySpec, conductance_m3_s_pa: float, volume_m3: float, air: AirSpec) -> float:
     """Return the number of steps per millisecond that resolve the response of a regulator, or the largest number."""
-    kg_s_pa = conductance_m3_s_pa * REFERENCE_KG_M3 * (supply.compressor_off_pa + ATMOSPHERE_PA) / supply.regulator_band_pa
+    kg_s_pa = (
+        conductance_m3_s_pa * REFERENCE_KG_M3 * (supply.compressor_off_pa + ATMOSPHERE_PA) / supply.regulator_band_pa
+    )
     pa_kg = air.stiffness_exponent * GAS_CONSTANT * REFERENCE_K / volume_m3
     return min(1e-3 * kg_s_pa * pa_kg / _RESPONSE, MOST_STEPS_PER_MS)

@@ -23,16 +23,17 @@ CHAMBER = np.dtype(
 )
 """State of a chamber.
 
-`stiffness` is the pressure rise per kilogram of air at the temperature of the chamber, Pa/kg; `energy_j` is the internal
-energy. `heat_j` and `work_j` are the heat received from the wall and the work done on the piston since the start.
+`stiffness` is the pressure rise per kilogram of air at the temperature of the chamber, Pa/kg; `energy_j` is the
+internal energy. `heat_j` and `work_j` are the heat received from the wall and the work done on the piston since the
+start.
 """
 
 GAS = np.dtype([("exponent", "f8"), ("wall_s", "f8"), ("thermal", "i8"), ("wall_w_m2_k", "f8"), ("step_s", "f8")])
 """Gas model common to all chambers.
 
 With `thermal` 0 the temperature follows the density with the polytropic `exponent` and relaxes to the wall temperature
-with the time constant `wall_s`; the heat is what closes the energy balance. With `thermal` 1 the temperature follows the
-energy balance, with the heat transfer coefficient `wall_w_m2_k`.
+with the time constant `wall_s`; the heat is what closes the energy balance. With `thermal` 1 the temperature follows
+the energy balance, with the heat transfer coefficient `wall_w_m2_k`.
 """
 
 WALL = np.dtype([("m2", "f8"), ("per_m3", "f8")])
@@ -109,8 +110,8 @@ def implicit_share(turns: Any) -> Any:
     """Return the weight of the end of the step in a linearly implicit flow.
 
     `turns` is the relative change of the flow in a step if the pressures followed it explicitly. The weight is a half,
-    of second order in the step, for slow changes, and tends to 1 for fast ones, which must not overshoot. It is not less
-    than that of an exponential decay, 1 / (1 - exp(-turns)) - 1 / turns.
+    of second order in the step, for slow changes, and tends to 1 for fast ones, which must not overshoot. It is not
+    less than that of an exponential decay, 1 / (1 - exp(-turns)) - 1 / turns.
     """
     return (1.0 + turns) / (2.0 + turns)
 

@@ -70,8 +70,8 @@ stiffness of the stops at both ends, which begin `bumper_m` before the end of th
 `overtravel_m` is the distance beyond the stroke at which a coupled piston, or a load with elastic stops, meets a rigid
 one. `magnet_holds_n` 0 means that load and piston are one body. `brake_n` is the force of a spring-applied brake on the
 load. A valve whose coil is energised together with either coil of the cylinder releases it with air from the supply. It
-engages `brake_delay_s` after this valve has switched off, and below `brake_bites_pa` (gauge). `blocked` 1 locks the load
-in place (a fault).
+engages `brake_delay_s` after this valve has switched off, and below `brake_bites_pa` (gauge). `blocked` 1 locks the
+load in place (a fault).
 """
 
 

@@ -18,10 +18,10 @@ def speed_after_friction_m_s(
     """Apply friction to the speed computed for a step without friction; return the resulting speed.
 
     Dry friction is static friction at rest and decreases with the speed towards Coulomb friction. The curve is steepest
-    at rest, as in Stribeck curves with the exponent 1 (Tustin): if slow motion sticks and slips at some speed, it does so
-    at every lower speed. With a curve that is flat at rest, the viscous friction would make very slow motion smooth
-    again. The friction is that at the speed after the step, which is the root of a quadratic equation. Its impulse never
-    exceeds the momentum, so it can stop the motion but not reverse it.
+    at rest, as in Stribeck curves with the exponent 1 (Tustin): if slow motion sticks and slips at some speed, it
+    does so at every lower speed. With a curve that is flat at rest, the viscous friction would make very slow motion
+    smooth again. The friction is that at the speed after the step, which is the root of a quadratic equation. Its
+    impulse never exceeds the momentum, so it can stop the motion but not reverse it.
 
     Args:
         params: Parameters of the friction.

@@ -58,8 +58,8 @@ LINE_PARAMS = np.dtype(
 """Parameters.
 
 `free` is the inward path past the throttle, `throttle` the outward path (meter-out), each including the check valve.
-`checked` 0 means no check valve. `slip` is a leak past the seat of the check valve and `leak` is one from the chamber to
-the ambient air (both faults). The volume of the chamber is `dead_m3` plus the swept volume. The plunger closes off
+`checked` 0 means no check valve. `slip` is a leak past the seat of the check valve and `leak` is one from the chamber
+to the ambient air (both faults). The volume of the chamber is `dead_m3` plus the swept volume. The plunger closes off
 `cushion_m3` plus the volume swept by the area `cushion_m2`; this air leaves through the needle.
 """
 
@@ -184,9 +184,7 @@ def update_nozzles(n: Any, params: Any, valve_params: Any, spool: float, source_
 
 
 @compiled
-def _combine(
-    nozzles: Any, valve_m3_s_pa: float, valve_ratio: float, tube_m3_s_pa: float, tube_ratio: float
-) -> None:
+def _combine(nozzles: Any, valve_m3_s_pa: float, valve_ratio: float, tube_m3_s_pa: float, tube_ratio: float) -> None:
     """Compute the conductance of valve port and tube in the order of the flow."""
     nozzles.valve_m3_s_pa, nozzles.tube_m3_s_pa = valve_m3_s_pa, tube_m3_s_pa
     if valve_m3_s_pa >= 0.0:
@@ -292,9 +290,7 @@ def _move_both(source: Any, n: Any, in_kg: float, on_kg: float, gas: Any) -> Non
 
 
 @compiled
-def pass_in_turn(
-    n: Any, params: Any, source: Any, on_kg_s: float, crack_pa: float, onward: float, gas: Any
-) -> float:
+def pass_in_turn(n: Any, params: Any, source: Any, on_kg_s: float, crack_pa: float, onward: float, gas: Any) -> float:
     """Solve both flows of a line one after the other, each limited to equal pressures; return the mass drawn, kg.
 
     Required if one pressure would otherwise overshoot another. `onward` is the conductance from the tube to the

@@ -59,8 +59,8 @@ SUPPLY_PARAMS = np.dtype(
 )
 """Parameters.
 
-Pressures are gauge pressures. `relief_m3_s_pa` is the relief of both regulators to the ambient air. `compressor_kg_s` is
-0 after a compressor failure. `leak_m3_s_pa` from the manifold and
+Pressures are gauge pressures. `relief_m3_s_pa` is the relief of both regulators to the ambient air. `compressor_kg_s`
+is 0 after a compressor failure. `leak_m3_s_pa` from the manifold and
 `slip_m3_s_pa` past the seat of the claw check valve are faults.
 """
 
@@ -133,9 +133,7 @@ def _compress(s: Any, params: Any, step_s: float) -> None:
 
 
 @compiled
-def _regulate(
-    a: Any, b: Any, outside: Any, params: Any, gauge_pa: float, conductance_m3_s_pa: float, gas: Any
-) -> None:
+def _regulate(a: Any, b: Any, outside: Any, params: Any, gauge_pa: float, conductance_m3_s_pa: float, gas: Any) -> None:
     """Pass air from `a` to `b` up to a set pressure, and from `b` to the ambient air if the pressure is too high.
 
     The regulator is fully open `band_pa` or more below the set pressure. Its relief begins to open `band_pa` above the

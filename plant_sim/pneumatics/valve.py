@@ -47,8 +47,8 @@ VALVE_PARAMS = np.dtype(
 
 A pilot follows its coil after `on_delay_s` or `off_delay_s`; a shorter pulse has no effect. Its effect arrives at the
 cylinder after the travel time of a pressure change through the tube, `tube_s`, however short it is. `spool_s` is the
-travel time of the spool from the middle to an end. `latching` is 1 for a 5/2 valve, which keeps its position, and 0 for a 5/3 valve with spring return.
-`stuck` is 1 while the spool does not move.
+travel time of the spool from the middle to an end. `latching` is 1 for a 5/2 valve, which keeps its position, and 0
+for a 5/3 valve with spring return. `stuck` is 1 while the spool does not move.
 """
 
 _ROUNDING_S = 1e-9

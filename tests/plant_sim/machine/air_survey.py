@@ -131,9 +131,7 @@ class SurveyedArm:
         air = machine.air
         gas["exponent"], gas["wall_s"] = air.stiffness_exponent, air.wall_time_s
         gas["thermal"], gas["wall_w_m2_k"], gas["step_s"] = air.thermal, air.wall_w_m2_k, machine.step_s
-        Supply(
-            machine.supply, self.state[0]["air"], params["air"], gas, claw_pressure_pa=machine.claw_pressure_pa
-        )
+        Supply(machine.supply, self.state[0]["air"], params["air"], gas, claw_pressure_pa=machine.claw_pressure_pa)
         records = Records(self.state[0]["arms"][0], params["arms"][0], gas)
         common, main_pa = machine.pneumatics, machine.supply.pressure_pa
         Slide(
@@ -146,9 +144,7 @@ class SurveyedArm:
             pressure_pa=main_pa,
             bounce_s=0.0,
         )
-        Lift(
-            machine.lift, machine.lift_port, machine.lift_friction, common, records, pressure_pa=main_pa, bounce_s=0.0
-        )
+        Lift(machine.lift, machine.lift_port, machine.lift_friction, common, records, pressure_pa=main_pa, bounce_s=0.0)
         Claws(
             machine.claws,
             machine.claws_port,
@@ -182,7 +178,9 @@ class SurveyedArm:
         for number, (for_s, signs, fed) in enumerate(PHASES):
             steps = round(for_s * 1e3) * machine.steps_per_ms
             coils = np.array([(sign > 0, sign < 0) for sign in signs])
-            _drive(self.state, self.params, coils, fed, steps, number, ends_m, strokes_s, stops, seen, stores_pa, kelvin)
+            _drive(
+                self.state, self.params, coils, fed, steps, number, ends_m, strokes_s, stops, seen, stores_pa, kelvin
+            )
             exhausted_j = float(self.state[0]["air"]["network"]["outside"]["energy_j"])
             through_j += abs(exhausted_j) + 1004.675 * 293.15 * float(self.state[0]["air"]["network"]["taken_in_kg"])
             balance_j = max(balance_j, abs(_balance_j(self.state[0]) - before_j))
@@ -205,7 +203,10 @@ class SurveyedArm:
         exponent = machine.air.stiffness_exponent
         main_pa = max(float(stores_pa[STORES.index("manifold")]), ATMOSPHERE_PA + machine.supply.pressure_pa)
         claw_pa = max(float(stores_pa[STORES.index("claw_manifold")]), ATMOSPHERE_PA + machine.claw_pressure_pa)
-        worst_main_pa, worst_claw_pa = ATMOSPHERE_PA + machine.supply.pressure_pa, ATMOSPHERE_PA + machine.claw_pressure_pa
+        worst_main_pa, worst_claw_pa = (
+            ATMOSPHERE_PA + machine.supply.pressure_pa,
+            ATMOSPHERE_PA + machine.claw_pressure_pa,
+        )
         for number, name in enumerate(("slide", "lift", "claws")):
             params, row = self.params[0]["arms"][0][name], seen[number]
             source_pa = claw_pa if name == "claws" else main_pa

@@ -1,4 +1,5 @@
-"""Air of random accepted machines, with both gas models: temperatures, energy, pressures and independence of the step."""
+"""Air of random accepted machines, with both gas models: temperatures, energy, pressures and independence of the
+step."""
 
 from __future__ import annotations
 
@@ -49,7 +50,8 @@ PARTS: Final = [*DEFAULT_PARTS, *(pytest.param(part, marks=pytest.mark.nightly) 
 def test_the_air_stays_physical(part: int) -> None:
     """All temperatures are within 150 to 500 K, and the energy balance is closed to 1e-6 of the throughput.
 
-    Outside the cushions, no pressure exceeds by more than 2 % that of the source, of the load and of the kinetic energy.
+    Outside the cushions, no pressure exceeds by more than 2 % that of the source, of the load and of the kinetic
+    energy.
     """
     for name, *both in surveys(part):
         for survey in both:
@@ -61,7 +63,7 @@ def test_the_air_stays_physical(part: int) -> None:
 
 @pytest.mark.parametrize("part", PARTS)
 def test_the_step_does_not_change_the_time_of_a_stroke(part: int) -> None:
-    """Of the strokes without stick-slip, at most one of a part (150 to 300) differs by more than 5 ms, by at most 10 ms.
+    """Of the strokes without stick-slip, at most one of a part (150 to 300) differs by 5 to 10 ms.
 
     A stroke with stick-slip is irregular at any step length: even steps of 0.1 and 0.02 ms differ by up to 10 ms. Of
     these strokes, at most 5 % differ by more than 5 ms.

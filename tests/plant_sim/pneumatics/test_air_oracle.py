@@ -14,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
-from tests.plant_sim.pneumatics.air_oracle import Cylinder, Supply, read, read_params, values
+from tests.plant_sim.pneumatics.air_oracle import Cylinder
+from tests.plant_sim.pneumatics.chamber_oracle import read, read_params, values
 from tests.plant_sim.pneumatics.pneumatics_rig import CLAWS, LIFT, SLIDE, Bench, Trace, machine_bench, put
+from tests.plant_sim.pneumatics.supply_oracle import Supply
 from tests.sampling import first_of
 
 REL = 1e-9

@@ -82,7 +82,7 @@ def test_warm_air_flows_less() -> None:
 
 
 def flow_in_series(down_pa: float, first: tuple[float, float], second: tuple[float, float]) -> float:
-    """Return the flow of 6 bar abs through two restrictions (conductance, critical ratio) with a pressure in between."""
+    """Return the flow of 6 bar abs through two restrictions (C, b) with a pressure in between."""
     low_pa, high_pa = down_pa, 6e5
     for _ in range(60):
         between_pa = (low_pa + high_pa) / 2
