@@ -149,8 +149,7 @@ class Machine:
         )
 
     def _require_possible_temperatures(self) -> None:
-        """Reject a pressure from which air is vented, or to which it is compressed, beyond the range of the gas
-        model."""
+        """Reject a pressure between which and the ambient one air leaves the temperature range of the gas model."""
         exponent = self.air.stiffness_exponent
         for key, gauge_pa in (
             ("supply.pressure_pa", self.supply.pressure_pa),

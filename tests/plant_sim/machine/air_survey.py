@@ -105,7 +105,7 @@ class Survey:
         strokes_s: Times from energising the coil until the load enters the range of the switch at its destination, s,
             infinite if it does not; in the order of `STROKES`.
         stops: Number of stops of the load before it arrives, in the same order.
-        finite: True if every number of the final state is finite.
+        finite: True if the energy of all air is finite at the end.
     """
 
     kelvin: tuple[float, float]
@@ -187,14 +187,13 @@ class SurveyedArm:
         arms = self.state[0]["arms"][0]
         drawn_kg = sum(float(arms[name][line]["drawn_kg"]) for name in ("slide", "lift", "claws") for line in _LINES)
         through_j = max(through_j, 1004.675 * 293.15 * drawn_kg)
-        flat = self.state.view("f8")
         return Survey(
             (float(kelvin[0]), float(kelvin[1])),
             balance_j / through_j,
             self._over(seen, stores_pa),
             strokes_s,
             stops,
-            bool(np.isfinite(flat[flat == flat]).all()) and bool(np.isfinite(kelvin).all()),
+            math.isfinite(_balance_j(self.state[0])) and bool(np.isfinite(kelvin).all()),
         )
 
     def _over(self, seen: NDArray[np.float64], stores_pa: NDArray[np.float64]) -> tuple[float, str]:
