@@ -218,13 +218,11 @@ def place_cylinder(c: Any, params: Any, position_m: float, mean_pa: float, gas: 
     minus_pa = mean_pa
     plus_pa = (minus_pa * minus_m2 + ATMOSPHERE_PA * (plus_m2 - minus_m2) - params.weight_n) / plus_m2
     c.braked, c.brake_s = 1, 0.0
-    _fill_line(
-        c.plus, params.plus, params.plus.dead_m3 + plus_m2 * position_m, position_m, params.cushion_m, plus_pa, gas
-    )
     ahead_m = params.stroke_m - position_m
-    _fill_line(
-        c.minus, params.minus, params.minus.dead_m3 + minus_m2 * ahead_m, ahead_m, params.cushion_m, minus_pa, gas
-    )
+    plus_m3 = params.plus.dead_m3 + plus_m2 * position_m
+    minus_m3 = params.minus.dead_m3 + minus_m2 * ahead_m
+    _fill_line(c.plus, params.plus, plus_m3, position_m, params.cushion_m, plus_pa, gas)
+    _fill_line(c.minus, params.minus, minus_m3, ahead_m, params.cushion_m, minus_pa, gas)
 
 
 @compiled
