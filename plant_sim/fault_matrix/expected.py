@@ -70,8 +70,8 @@ _CREEPS = (
     "creep over a row, creep away from the row as the claws close, or tear clamped stems"
 )
 _HELD_BY_BRAKE = (
-    f"{_PASSED_ROW}. The brake has a valve of its own and hides a slide valve that stays open until a coil of the slide "
-    "releases it: the slide then moves inward with its arm raised, before the wrong direction is detected"
+    f"{_PASSED_ROW}. The brake has a valve of its own and hides a slide valve that stays open until a coil of the "
+    "slide releases it: the slide then moves inward with its arm raised, before the wrong direction is detected"
 )
 _TOLERATED = "the stroke takes more or less time than usual but ends before its timeout"
 _ENDS_LATER = "the step takes longer by this delay but ends before its timeout"

@@ -134,7 +134,7 @@ class Line:
         was_closed, closes = cushion.volume_m3 > 0, from_end_m < cushion_m
         if not was_closed and not closes:
             return volume_m3
-        closed_m3 = params.cushion_m3 + params.cushion_m2 * from_end_m
+        closed_m3: float = params.cushion_m3 + params.cushion_m2 * from_end_m
         if not was_closed:
             share = closed_m3 / volume_m3
             cushion.pressure_pa, cushion.temperature_k = chamber.pressure_pa, chamber.temperature_k
@@ -203,7 +203,7 @@ class Line:
             flows = [(source, tube, m1), (tube, chamber, m2)]
             for a, b, mass_kg in flows if m2 > 0 else reversed(flows):
                 move(a, b, mass_kg, gas)
-            return m1
+            return float(m1)
         m1 = both_ways(source, tube, valve_c, valve_b, gas)
         if q2 > 0:
             one_way(tube, chamber, crack_pa, onward, critical, gas)

@@ -162,7 +162,7 @@ def transfer(up: Chamber, down: Chamber, up_pa: float, conductance: float, criti
     kg_s, by_up, by_down = tendency(up, down, up_pa, conductance, critical)
     rise = down.rise(up.temperature_k if gas.thermal else None)
     turns = gas.step_s * (by_up * up.stiffness - by_down * rise)
-    mass_kg = gas.step_s * kg_s / (1 + weight(turns) * turns)
+    mass_kg: float = gas.step_s * kg_s / (1 + weight(turns) * turns)
     levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + rise)
     if gas.thermal:
         mass_kg = min(mass_kg, levels_kg)
