@@ -183,6 +183,7 @@ class Machine:
         )
         for section, friction, least_pa, area_m2 in (
             ("slide", self.slide_friction, self.rating.slide_least_pa, self.slide.area_m2),
+            ("lift", self.lift_friction, self.rating.lift_least_pa, self.lift.lifting_area_m2),
             ("claws", self.claws_friction, self.rating.claws_least_pa, self.claws.area_m2 / self.claws.grippers),
         ):
             require(
