@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from plant_sim.common.limits import require, require_within
-from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
+from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, annular_wall, vent_tubes
 from plant_sim.pneumatics.chamber import fill
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import piston_area_m2
@@ -98,7 +98,7 @@ class Claws(Cylinder):
             friction: Friction of one gripper.
             common: Valves and air.
             arm: Records of the arm in the kernel memory.
-            pressure_pa: Gauge pressure of the claws, Pa.
+            pressure_pa: Gauge pressure of the claws at rest, Pa.
         """
         params = arm.params["claws"]
         super().__init__(
@@ -116,9 +116,9 @@ class Claws(Cylinder):
         params["load_kg"] = spec.grippers * spec.moved_kg
         for name in ("coulomb_n", "static_n", "viscous_n_s_m"):
             params["friction"][name] *= spec.grippers
-        params["cushion_share"] = 1.0
         params["valve"]["latching"] = 1
         for line in (params["plus"], params["minus"]):
+            line["chamber_wall"] = annular_wall(spec.bore_m, 0.0, count=spec.grippers)
             line["throttle_m3_s_pa"] = spec.throttle_conductance_m3_s_pa
             line["checked"] = 0
         self.swing(is_open=True)
@@ -150,7 +150,7 @@ class Claws(Cylinder):
     def swing(self, *, is_open: bool) -> None:
         """Set fingers, valve and air to the open or closed state as an initial condition, without motion."""
         state, params = self.state, self.params
-        state["valve"]["spool"] = state["valve"]["target"] = 1.0 if is_open else -1.0
+        state["valve"]["spool"] = state["valve"]["target"] = state["valve"]["sent"] = 1.0 if is_open else -1.0
         self.place(self._spec.stroke_m if is_open else 0.0)
         vent_tubes(state, params, self._gas)
         fed, vented = ("plus", "minus") if is_open else ("minus", "plus")

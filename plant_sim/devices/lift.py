@@ -3,7 +3,16 @@
 from dataclasses import dataclass
 
 from plant_sim.common.limits import require, require_within
-from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
+from plant_sim.devices.pneumatic import (
+    HELD_SHARE,
+    Cylinder,
+    FrictionSpec,
+    Pneumatics,
+    PortSpec,
+    Records,
+    annular_wall,
+    vent_tubes,
+)
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import annulus_area_m2, meter_out_speed_m_s, piston_area_m2
 
@@ -22,7 +31,11 @@ class LiftSpec:
         extend_conductance_m3_s_pa: Sonic conductance of the throttle at the rod side, m3/(s Pa).
         retract_conductance_m3_s_pa: Sonic conductance of the throttle at the cap side, m3/(s Pa).
         cushion_m: Length of the cushions, m.
-        cushion_share: Fraction of the throttle left open by a cushion.
+        cushion_plunger_m: Diameter of the cushion plungers, m.
+        cushion_volume_m3: Volume that a plunger closes off at the end of the stroke, m3.
+        needle_conductance_m3_s_pa: Sonic conductance of the cushion needles, m3/(s Pa).
+        stop_n_m: Stiffness of the end stops, with rod and arm, N/m.
+        stop_n_s_m: Damping of the end stops, N s/m.
         switch_band_m: Half width of the range in which an end switch turns on, m.
         switch_hysteresis_m: Distance beyond the band at which it turns off, m.
     """
@@ -34,7 +47,11 @@ class LiftSpec:
     extend_conductance_m3_s_pa: float
     retract_conductance_m3_s_pa: float
     cushion_m: float
-    cushion_share: float
+    cushion_plunger_m: float
+    cushion_volume_m3: float
+    needle_conductance_m3_s_pa: float
+    stop_n_m: float
+    stop_n_s_m: float
     switch_band_m: float
     switch_hysteresis_m: float
 
@@ -45,10 +62,18 @@ class LiftSpec:
         require_within(self, 0.1, 500.0, "carried_kg")
         require_within(self, 1e-11, 1e-7, "extend_conductance_m3_s_pa", "retract_conductance_m3_s_pa")
         require_within(self, 0.0, 0.05, "cushion_m")
-        require_within(self, 0.02, 1.0, "cushion_share")
+        require_within(self, 1e-7, 1e-3, "cushion_volume_m3")
+        require_within(self, 1e-12, 1e-7, "needle_conductance_m3_s_pa")
+        require_within(self, 1e5, 1e8, "stop_n_m")
+        require_within(self, 0.0, 1e6, "stop_n_s_m")
         require_within(self, 0.0, 0.02, "switch_band_m")
         require_within(self, 0.0, 0.005, "switch_hysteresis_m")
         require(0.0 < self.rod_m < self.bore_m, "rod_m", "must be thinner than the bore")
+        require(
+            self.rod_m < self.cushion_plunger_m < self.bore_m,
+            "cushion_plunger_m",
+            "must be thicker than the rod and thinner than the bore",
+        )
         reach_m = self.switch_band_m + self.switch_hysteresis_m
         require(2 * reach_m < self.stroke_m, "switch_band_m", "lets both end switches be on at the same time")
         require(2 * self.cushion_m < self.stroke_m, "cushion_m", "lets both cushions act at the same time")
@@ -65,10 +90,24 @@ class LiftSpec:
         return piston_area_m2(self.bore_m)
 
     @property
+    def cushion_area_m2(self) -> float:
+        """Piston area around a cushion plunger, m2."""
+        return annulus_area_m2(self.bore_m, self.cushion_plunger_m)
+
+    @property
+    def lifting_area_m2(self) -> float:
+        """Piston area on the rod side, m2."""
+        return annulus_area_m2(self.bore_m, self.rod_m)
+
+    @property
+    def weight_n(self) -> float:
+        """Weight of the carried mass, N."""
+        return self.carried_kg * _GRAVITY_M_S2
+
+    @property
     def extend_m_s(self) -> float:
         """Steady downward speed of the arm, m/s; the rod side exhausts."""
-        area_m2 = annulus_area_m2(self.bore_m, self.rod_m)
-        return meter_out_speed_m_s(self.extend_conductance_m3_s_pa, area_m2)
+        return meter_out_speed_m_s(self.extend_conductance_m3_s_pa, self.lifting_area_m2)
 
     @property
     def retract_m_s(self) -> float:
@@ -110,15 +149,22 @@ class Lift(Cylinder):
         """
         params = arm.params["lift"]
         super().__init__(
-            arm.state["lift"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
+            arm.state["lift"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + HELD_SHARE * pressure_pa
         )
         self._stroke_m = spec.stroke_m
         params["stroke_m"] = spec.stroke_m
         params["plus_area_m2"] = piston_area_m2(spec.bore_m)
-        params["minus_area_m2"] = annulus_area_m2(spec.bore_m, spec.rod_m)
-        params["load_kg"] = spec.carried_kg
-        params["weight_n"] = spec.carried_kg * _GRAVITY_M_S2
-        params["cushion_m"], params["cushion_share"] = spec.cushion_m, spec.cushion_share
+        params["minus_area_m2"] = spec.lifting_area_m2
+        params["load_kg"], params["weight_n"] = spec.carried_kg, spec.weight_n
+        params["bumper_n_m"], params["bumper_n_s_m"] = spec.stop_n_m, spec.stop_n_s_m
+        params["cushion_m"] = spec.cushion_m
+        least_m3 = min(spec.cushion_volume_m3, port.dead_volume_m3 - spec.cushion_volume_m3)
+        params["overtravel_m"] = 0.5 * least_m3 / spec.area_m2
+        for line, inner_m in ((params["plus"], 0.0), (params["minus"], spec.rod_m)):
+            line["chamber_wall"] = annular_wall(spec.bore_m, inner_m)
+            line["cushion_wall"] = annular_wall(spec.bore_m, spec.cushion_plunger_m)
+            line["cushion_m3"], line["cushion_m2"] = spec.cushion_volume_m3, spec.cushion_area_m2
+            line["needle_m3_s_pa"] = spec.needle_conductance_m3_s_pa
         params["minus"]["throttle_m3_s_pa"] = spec.extend_conductance_m3_s_pa
         params["plus"]["throttle_m3_s_pa"] = spec.retract_conductance_m3_s_pa
         self.up, self.down = self._add_switches(

@@ -4,15 +4,19 @@ import math
 from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
-from plant_sim.common.compiled import compiled_and_cached
+from plant_sim.common.compiled import compiled, compiled_and_cached
 from plant_sim.common.limits import require, require_within
 from plant_sim.devices.sensor import Sensor, place_switch
 from plant_sim.devices.view import View
-from plant_sim.pneumatics.chamber import fill
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA, tube_conductance_m3_s_pa
+from plant_sim.pneumatics.chamber import fill, set_ambient
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, tube_conductance_m3_s_pa, tube_critical_ratio
+from plant_sim.pneumatics.meter_out import annulus_area_m2
 
 _WAVE_M_S = 343.0
 """Speed of sound, at which a pressure change travels through a tube, m/s. Source: docs/sources/plant.md 1.3."""
+
+HELD_SHARE = 0.9
+"""Pressure in the chambers of a slide or lift at rest, as a fraction of the main gauge pressure. Assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +52,8 @@ class ValveSpec:
     """Switching times of a solenoid valve.
 
     Attributes:
-        on_delay_s: Delay from coil on to spool motion, s.
-        off_delay_s: Delay from coil off to spool motion, s.
+        on_delay_s: Delay from coil on to spool motion, s; a shorter pulse has no effect.
+        off_delay_s: Delay from coil off to spool motion, s; a shorter gap has no effect.
         spool_s: Travel time of the spool from the middle to an end, s.
     """
 
@@ -95,7 +99,7 @@ class PortSpec:
         tube_length_m: Length of the tube, m.
         tubes: Number of parallel tubes.
         fitting_conductance_m3_s_pa: Combined sonic conductance of speed controller (free flow), check valve and port,
-            m3/(s Pa).
+            m3/(s Pa). That of a throttle also includes check valve and port.
         fitting_critical_ratio: Critical pressure ratio of these components and of the throttle.
         dead_volume_m3: Chamber volume at the end of the stroke, m3.
     """
@@ -127,6 +131,16 @@ class PortSpec:
     def tube_conductance_m3_s_pa(self) -> float:
         """Sonic conductance of the tubes, m3/(s Pa)."""
         return self.tubes * tube_conductance_m3_s_pa(self.tube_inner_m, self.tube_length_m)
+
+    @property
+    def tube_ratio(self) -> float:
+        """Critical pressure ratio of the tubes."""
+        return tube_critical_ratio(self.tube_inner_m, self.tube_length_m)
+
+    @property
+    def tube_wall_m2(self) -> float:
+        """Inner wall area of the tubes, m2."""
+        return self.tubes * math.pi * self.tube_inner_m * self.tube_length_m
 
     @property
     def delay_s(self) -> float:
@@ -181,6 +195,18 @@ class Records(NamedTuple):
     gas: Any
 
 
+def annular_wall(outer_m: float, inner_m: float, *, count: int = 1) -> tuple[float, float]:
+    """Return the wall area of annular chambers as a `WALL` record: both end faces, and the walls per volume.
+
+    Args:
+        outer_m: Bore, m.
+        inner_m: Diameter of the rod or plunger, m; 0 for none.
+        count: Number of chambers that share the volume.
+    """
+    area_m2 = annulus_area_m2(outer_m, inner_m)
+    return 2 * count * area_m2, math.pi * (outer_m + inner_m) / area_m2
+
+
 @compiled_and_cached
 def place_cylinder(c: Any, params: Any, position_m: float, mean_pa: float, gas: Any) -> None:
     """Set a cylinder to a position at rest as an initial condition; the chamber pressures balance the load."""
@@ -191,8 +217,26 @@ def place_cylinder(c: Any, params: Any, position_m: float, mean_pa: float, gas: 
     # force balance of the load: plus_pa plus_m2 - minus_pa minus_m2 = atmosphere (plus_m2 - minus_m2) - weight
     minus_pa = mean_pa
     plus_pa = (minus_pa * minus_m2 + ATMOSPHERE_PA * (plus_m2 - minus_m2) - params.weight_n) / plus_m2
-    fill(c.plus.chamber, params.plus.dead_m3 + plus_m2 * position_m, plus_pa, gas)
-    fill(c.minus.chamber, params.minus.dead_m3 + minus_m2 * (params.stroke_m - position_m), minus_pa, gas)
+    c.braked, c.brake_s = 1, 0.0
+    ahead_m = params.stroke_m - position_m
+    plus_m3 = params.plus.dead_m3 + plus_m2 * position_m
+    minus_m3 = params.minus.dead_m3 + minus_m2 * ahead_m
+    _fill_line(c.plus, params.plus, plus_m3, position_m, params.cushion_m, plus_pa, gas)
+    _fill_line(c.minus, params.minus, minus_m3, ahead_m, params.cushion_m, minus_pa, gas)
+
+
+@compiled
+def _fill_line(
+    n: Any, params: Any, volume_m3: float, from_end_m: float, cushion_m: float, pressure_pa: float, gas: Any
+) -> None:
+    """Fill a chamber, and its cushion if the plunger closes it off at this distance from the end of the stroke."""
+    set_ambient(n.cushion)
+    n.cushion.volume_m3 = n.cushion.pressure_pa = 0.0
+    if from_end_m < cushion_m:
+        closed_m3 = params.cushion_m3 + params.cushion_m2 * from_end_m
+        fill(n.cushion, closed_m3, pressure_pa, gas)
+        volume_m3 -= closed_m3
+    fill(n.chamber, volume_m3, pressure_pa, gas)
 
 
 @compiled_and_cached
@@ -240,14 +284,17 @@ class Cylinder(View):
         self._switches: tuple[tuple[Any, Any], ...] = ()
         params["friction"] = astuple(friction)
         valve, check = common.valve, common.check_valve
-        params["valve"]["on_delay_s"] = valve.on_delay_s + port.delay_s
-        params["valve"]["off_delay_s"] = valve.off_delay_s + port.delay_s
+        params["valve"]["on_delay_s"] = valve.on_delay_s
+        params["valve"]["off_delay_s"] = valve.off_delay_s
+        params["valve"]["tube_s"] = port.delay_s
         params["valve"]["spool_s"] = valve.spool_s
         params["valve"]["conductance_m3_s_pa"] = port.valve_conductance_m3_s_pa
         params["valve"]["critical_ratio"] = port.valve_critical_ratio
         for line in (params["plus"], params["minus"]):
             line["tube_m3_s_pa"] = port.tube_conductance_m3_s_pa
+            line["tube_ratio"] = port.tube_ratio
             line["tube_m3"] = port.tube_m3
+            line["tube_wall"]["m2"] = port.tube_wall_m2
             line["dead_m3"] = port.dead_volume_m3
             line["free_m3_s_pa"] = port.fitting_conductance_m3_s_pa
             line["critical_ratio"] = port.fitting_critical_ratio

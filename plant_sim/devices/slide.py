@@ -3,7 +3,16 @@
 from dataclasses import dataclass
 
 from plant_sim.common.limits import require, require_within
-from plant_sim.devices.pneumatic import Cylinder, FrictionSpec, Pneumatics, PortSpec, Records, vent_tubes
+from plant_sim.devices.pneumatic import (
+    HELD_SHARE,
+    Cylinder,
+    FrictionSpec,
+    Pneumatics,
+    PortSpec,
+    Records,
+    annular_wall,
+    vent_tubes,
+)
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.meter_out import meter_out_speed_m_s, piston_area_m2
 
@@ -26,9 +35,10 @@ class SlideSpec:
         bumper_n_m: Stiffness of the bumpers, N/m.
         bumper_n_s_m: Damping of the bumpers, N s/m.
         overtravel_m: Travel of the piston beyond the stroke of the carriage, m.
-        brake_n: Force of the spring-applied brake on the guide, N; 0 means no brake. Pressure in either line releases
-            the brake.
-        brake_bites_pa: Gauge pressure in both lines below which the brake engages, Pa.
+        brake_n: Force of the spring-applied brake on the guide, N; 0 means no brake. Its valve is wired to both coils
+            of the slide and releases the brake with air from the main line.
+        brake_bites_pa: Gauge pressure of the main line below which the brake engages, Pa.
+        brake_delay_s: Time from the switching of its valve until the brake engages, s.
         switch_band_m: Half width of the range in which a position switch turns on, m.
         switch_hysteresis_m: Distance beyond the band at which it turns off, m.
     """
@@ -48,6 +58,7 @@ class SlideSpec:
     overtravel_m: float
     brake_n: float
     brake_bites_pa: float
+    brake_delay_s: float
     switch_band_m: float
     switch_hysteresis_m: float
 
@@ -65,6 +76,7 @@ class SlideSpec:
         require_within(self, 0.0, 0.02, "bumper_m", "overtravel_m")
         require_within(self, 0.0, 5000.0, "brake_n")
         require_within(self, 0.0, 0.5e6, "brake_bites_pa")
+        require_within(self, 0.001, 0.5, "brake_delay_s")
         require_within(self, 0.0, 1e8, "bumper_n_m")
         require_within(self, 0.0, 1e5, "bumper_n_s_m")
         require_within(self, 0.0005, 0.015, "switch_band_m")
@@ -127,17 +139,25 @@ class Slide(Cylinder):
         """
         params = arm.params["slide"]
         super().__init__(
-            arm.state["slide"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + 0.9 * pressure_pa
+            arm.state["slide"],
+            params,
+            arm.gas,
+            port,
+            friction,
+            common,
+            hold_pa=ATMOSPHERE_PA + HELD_SHARE * pressure_pa,
         )
         params["stroke_m"] = spec.stroke_m
         params["plus_area_m2"] = params["minus_area_m2"] = spec.area_m2
         params["load_kg"], params["piston_kg"] = spec.carried_kg, spec.piston_kg
-        params["cushion_share"] = 1.0
         for name in ("magnet_holds_n", "magnet_n_m", "magnet_n_s_m", "recouples_m_s"):
             params[name] = getattr(spec, name)
-        for name in ("bumper_m", "bumper_n_m", "bumper_n_s_m", "overtravel_m", "brake_n", "brake_bites_pa"):
+        for name in ("bumper_m", "bumper_n_m", "bumper_n_s_m", "overtravel_m"):
+            params[name] = getattr(spec, name)
+        for name in ("brake_n", "brake_bites_pa", "brake_delay_s"):
             params[name] = getattr(spec, name)
         for line in (params["plus"], params["minus"]):
+            line["chamber_wall"] = annular_wall(spec.bore_m, 0.0)
             line["throttle_m3_s_pa"] = spec.throttle_conductance_m3_s_pa
         places_m = (0.0, *picks_m)
         self.at_feed, *at_pick = self._add_switches(

@@ -1,5 +1,6 @@
 """Compressed-air supply of the machine, and its pressure switch."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,12 @@ from plant_sim.devices.sensor import SENSOR, SENSOR_PARAMS, Sensor, record_edge,
 from plant_sim.pneumatics.chamber import fill, set_ambient
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_KG_M3
 from plant_sim.pneumatics.supply import SUPPLY, SUPPLY_PARAMS, settle_supply
+
+STORES = ("receiver", "header", "manifold", "claw_reservoir", "claw_manifold")
+"""Volumes of the supply, in the order in which `charge` takes them."""
+
+_SLENDERNESS = 3.0
+"""Length of a vessel or pipe block of the supply, in diameters. Assumed."""
 
 AIR = np.dtype([("network", SUPPLY), ("pressure_ok", SENSOR)])
 AIR_PARAMS = np.dtype(
@@ -29,6 +36,8 @@ class SupplySpec:
         regulator_band_pa: Pressure below the set pressure at which a regulator is fully open, Pa.
         regulator_conductance_m3_s_pa: Sonic conductance of the main regulator, fully open, m3/(s Pa).
         claw_regulator_conductance_m3_s_pa: Sonic conductance of the claw regulator, fully open, m3/(s Pa).
+        relief_conductance_m3_s_pa: Sonic conductance of the relief of either regulator, fully open, m3/(s Pa); 0 for
+            regulators that do not relieve. It opens from `regulator_band_pa` above the set pressure.
         receiver_m3: Volume of the receiver, m3.
         header_m3: Volume of the pipes behind the main regulator, m3.
         manifold_m3: Volume of pipes and valve block behind the dump valve, m3.
@@ -53,6 +62,7 @@ class SupplySpec:
     regulator_band_pa: float
     regulator_conductance_m3_s_pa: float
     claw_regulator_conductance_m3_s_pa: float
+    relief_conductance_m3_s_pa: float
     receiver_m3: float
     header_m3: float
     manifold_m3: float
@@ -77,6 +87,7 @@ class SupplySpec:
         require_within(self, 0.05e6, 1.0e6, "pressure_pa", "pressure_ok_pa")
         require_within(self, 1e3, 0.2e6, "regulator_band_pa", "pressure_ok_gap_pa")
         require_within(self, 1e-10, 1e-6, "regulator_conductance_m3_s_pa", "claw_regulator_conductance_m3_s_pa")
+        require_within(self, 0.0, 1e-6, "relief_conductance_m3_s_pa")
         require_within(self, 1e-10, 1e-6, "main_conductance_m3_s_pa", "soft_conductance_m3_s_pa")
         require_within(self, 1e-10, 1e-6, "vent_conductance_m3_s_pa", "check_conductance_m3_s_pa")
         require_within(self, 1e-3, 1.0, "receiver_m3")
@@ -90,10 +101,22 @@ class SupplySpec:
         require(self.pressure_pa < self.compressor_on_pa, "pressure_pa", "must be less than compressor_on_pa")
 
 
+def vessel_wall_m2(volume_m3: float) -> float:
+    """Return the wall area of a closed cylindrical vessel, m2.
+
+    The receiver of 24 l, 217 mm in diameter and 651 mm long:
+
+    >>> round(vessel_wall_m2(0.024), 3)
+    0.517
+    """
+    diameter_m: float = (4 * volume_m3 / (math.pi * _SLENDERNESS)) ** (1 / 3)
+    return math.pi * diameter_m**2 * (_SLENDERNESS + 0.5)
+
+
 @compiled
 def settle_air(a: Any, params: Any, now_s: float, gas: Any) -> None:
     """Finish a step and update the pressure switch."""
-    settle_supply(a.network, gas)
+    settle_supply(a.network, params.network, gas)
     gauge_pa = a.network.manifold.pressure_pa - ATMOSPHERE_PA
     least_pa = params.ok_above_pa - params.ok_gap_pa if a.pressure_ok.detected else params.ok_above_pa
     if (gauge_pa >= least_pa) != (a.pressure_ok.detected != 0):
@@ -104,7 +127,7 @@ def settle_air(a: Any, params: Any, now_s: float, gas: Any) -> None:
 
 @compiled_and_cached
 def charge(a: Any, params: Any, volumes_m3: Any, gas: Any) -> None:
-    """Initialise every volume to its steady-state pressure."""
+    """Initialise every volume to its steady-state pressure; `volumes_m3` are in the order of `STORES`."""
     network, supply = a.network, params.network
     set_ambient(network.outside)
     full_pa = ATMOSPHERE_PA + 0.5 * (supply.starts_below_pa + supply.stops_above_pa)
@@ -117,7 +140,7 @@ def charge(a: Any, params: Any, volumes_m3: Any, gas: Any) -> None:
     fill(network.claw_manifold, volumes_m3[4], claw_pa, gas)
     network.fed_s = 1e3
     network.soft_started = 1
-    settle_supply(network, gas)
+    settle_supply(network, supply, gas)
     a.pressure_ok.detected = a.pressure_ok.output = 1 if supply.regulated_pa >= params.ok_above_pa else 0
 
 
@@ -151,6 +174,7 @@ class Supply:
             "regulator_m3_s_pa": spec.regulator_conductance_m3_s_pa,
             "claw_regulated_pa": claw_pressure_pa,
             "claw_regulator_m3_s_pa": spec.claw_regulator_conductance_m3_s_pa,
+            "relief_m3_s_pa": spec.relief_conductance_m3_s_pa,
             "dump_delay_s": spec.dump_delay_s,
             "main_m3_s_pa": spec.main_conductance_m3_s_pa,
             "soft_m3_s_pa": spec.soft_conductance_m3_s_pa,
@@ -162,13 +186,13 @@ class Supply:
         }
         for name, value in values.items():
             self._params[name] = value
+        volumes_m3 = {name: getattr(spec, f"{name}_m3") for name in STORES}
+        for name, volume_m3 in volumes_m3.items():
+            self._params[f"{name}_wall"]["m2"] = vessel_wall_m2(volume_m3)
         params["ok_above_pa"] = spec.pressure_ok_pa
         params["ok_gap_pa"] = spec.pressure_ok_gap_pa
         params["pressure_ok"]["forced"] = -1
-        volumes_m3 = np.array(
-            [spec.receiver_m3, spec.header_m3, spec.manifold_m3, spec.claw_reservoir_m3, spec.claw_manifold_m3]
-        )
-        charge(state, params, volumes_m3, gas)
+        charge(state, params, np.array(list(volumes_m3.values())), gas)
         self.pressure_ok = Sensor(state["pressure_ok"], params["pressure_ok"])
 
     @property

@@ -69,6 +69,10 @@ _CREEPS = (
     f"{_PASSED_ROW}. A slide at rest is not held by an energised coil: before its switch turns off, the slide may "
     "creep over a row, creep away from the row as the claws close, or tear clamped stems"
 )
+_HELD_BY_BRAKE = (
+    f"{_PASSED_ROW}. The brake has a valve of its own and hides a slide valve that stays open until a coil of the "
+    "slide releases it: the slide then moves inward with its arm raised, before the wrong direction is detected"
+)
 _TOLERATED = "the stroke takes more or less time than usual but ends before its timeout"
 _ENDS_LATER = "the step takes longer by this delay but ends before its timeout"
 """Note on a late switch. If a belt switch turns off late, the return stroke appears too short; this is detected."""
@@ -107,6 +111,7 @@ _LIFT = _detected(
 _BELT = _detected("spread", "converge", "open claws", "approach row", "off home", "belt switches", "unbidden")
 _AIR = _detected(*_SLIDE.alarms, *_LIFT.alarms, "air_low")
 _RUNS_PAST = _damaging(_SLIDE, _PASSED_ROW, "arm_through_tray")
+_RUNS_BACK = _damaging(_SLIDE, _HELD_BY_BRAKE, "arm_through_tray", "gentle_inward")
 _CREEPING = _damaging(_SLIDE, _CREEPS, "arm_through_tray", "gentle_inward", "stems_cut", "torn", loses=True)
 _CLAW_HARM = ("gentle_inward", "arm_through_tray", "stems_cut", "dropped", "drop_over_tray", "torn", "double")
 _CLAWS_FAIL = _undetected(_CLAWS, *_CLAW_HARM, loses=True)
@@ -180,7 +185,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "emergency_stop": _detected("emergency_stop"),
     },
     **{kind: {"*": _CUPS_COUNTED_WRONGLY} for kind in ("missed_pulses", "doubled_pulses", "halved_flags")},
-    "stuck_valve": {"slide": _RUNS_PAST, "lift": _SINKING, "claws": _CLAWS_FAIL},
+    "stuck_valve": {"slide": _RUNS_BACK, "lift": _SINKING, "claws": _CLAWS_FAIL},
     "slow_valve": {"slide": _RUNS_PAST, "lift": _damaging(_LIFT, _TOLERATED), "claws": _CLAWS_FAIL},
     "leak": {
         **dict.fromkeys(("slide.plus", "slide.minus"), _CREEPING),

@@ -112,7 +112,7 @@ class ArmPlant(Saved):
             machine.claws_friction,
             common,
             records,
-            pressure_pa=machine.claw_pressure_pa,
+            pressure_pa=machine.held_claw_pressure_pa,
         )
         state, params = records.state, records.params
         params["frees_above_m"], params["grips_below_m"] = self.claws.frees_above_m, self.claws.grips_below_m

@@ -246,11 +246,11 @@ def _step_cylinder(
 def _settle_arm(arm: Any, params: Any, rests: tuple[bool, bool, bool], gas: Any) -> None:
     """Finish a step of an arm."""
     if not rests[0]:
-        settle_cylinder(arm.lift, gas)
+        settle_cylinder(arm.lift, params.lift, gas)
     if not rests[1]:
-        settle_cylinder(arm.slide, gas)
+        settle_cylinder(arm.slide, params.slide, gas)
     if not rests[2]:
-        settle_cylinder(arm.claws, gas)
+        settle_cylinder(arm.claws, params.claws, gas)
     _update_clamp(arm, params)
 
 

@@ -27,7 +27,7 @@ class SimulationSpec:
     """Time resolution of the simulation.
 
     Attributes:
-        step_s: Time step of air and motion, s; a millisecond is an integer number of steps.
+        step_s: Longest time step of air and motion, s; a millisecond is an integer number of steps.
         look_ms: Longest interval between two evaluations of the effect of motion on seedlings, ms.
     """
 
@@ -57,6 +57,7 @@ class RatingSpec:
         slide_m_s: Maximum piston speed of the slide, m/s.
         slide_least_m_s: Minimum piston speed of the slide, m/s.
         lift_pa: Maximum gauge pressure of the lift, Pa.
+        lift_least_pa: Minimum gauge pressure of the lift, Pa.
         lift_m_s: Maximum piston speed of the lift, m/s.
         claws_pa: Maximum gauge pressure of the claws, Pa.
         claws_least_pa: Minimum gauge pressure of the claws, Pa.
@@ -67,11 +68,13 @@ class RatingSpec:
     slide_m_s: float
     slide_least_m_s: float
     lift_pa: float
+    lift_least_pa: float
     lift_m_s: float
     claws_pa: float
     claws_least_pa: float
 
     def __post_init__(self) -> None:
         """Validate the parameters."""
-        require_within(self, 0.0, 2e6, "slide_pa", "slide_least_pa", "lift_pa", "claws_pa", "claws_least_pa")
+        require_within(self, 0.0, 2e6, "slide_pa", "slide_least_pa", "lift_pa", "lift_least_pa")
+        require_within(self, 0.0, 2e6, "claws_pa", "claws_least_pa")
         require_within(self, 0.0, 10.0, "slide_m_s", "slide_least_m_s", "lift_m_s")

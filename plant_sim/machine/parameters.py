@@ -17,15 +17,29 @@ from plant_sim.devices.conveyor_spec import ConveyorSpec
 from plant_sim.devices.cups import CupsSpec
 from plant_sim.devices.ground_wheel import GroundWheelSpec
 from plant_sim.devices.lift import LiftSpec
-from plant_sim.devices.pneumatic import AirSpec, CheckValveSpec, FrictionSpec, Pneumatics, PortSpec, ValveSpec
+from plant_sim.devices.pneumatic import (
+    AirSpec,
+    CheckValveSpec,
+    FrictionSpec,
+    Pneumatics,
+    PortSpec,
+    ValveSpec,
+)
 from plant_sim.devices.sensor import ContactSpec
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
 from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+from plant_sim.machine.time_step import MOST_STEPS_PER_MS, steps_per_ms_by_key
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K
 
 DEFAULT_MACHINE = Path(__file__).parents[1] / "machine.yaml"
+
+COLDEST_K, HOTTEST_K = 150.0, 500.0
+"""Temperatures between which air is an ideal gas with constant heat capacities, to a few per cent, K. Assumed."""
+
+LOAD_RATIO = 0.7
+"""Largest ratio of the weight on a lift to its force. Assumed; handbooks recommend 0.5 to 0.7."""
 
 _MPA = 1e6
 
@@ -102,7 +116,10 @@ class Machine:
             "slide.overtravel_m",
             "takes more than half of slide_port.dead_volume_m3",
         )
-        self._require_soft_air()
+        self._require_affordable_steps()
+        self._require_possible_temperatures()
+        self._require_plausible_cylinders()
+        self._require_plausible_cylinders()
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
         require(
             2 * switch_reach_m < self.handling.cell_pitch_m,
@@ -121,29 +138,82 @@ class Machine:
             f"spreads the claws to {claw_pitch_m:.4g} m; it must equal cups.pitch_m to 1 mm",
         )
 
-    def _require_soft_air(self) -> None:
-        """Reject a cylinder whose air spring is too stiff for the time step."""
-        main_pa = self.supply.pressure_pa
-        for section, area_m2, moved_kg, dead_m3, most_pa in (
-            ("slide", self.slide.area_m2, self.slide.piston_kg, self.slide_port.dead_volume_m3, main_pa),
-            ("lift", self.lift.area_m2, self.lift.carried_kg, self.lift_port.dead_volume_m3, main_pa),
-            (
-                "claws",
-                self.claws.area_m2,
-                self.claws.grippers * self.claws.moved_kg,
-                self.claws_port.dead_volume_m3,
-                self.claw_pressure_pa,
-            ),
+    def _require_affordable_steps(self) -> None:
+        """Reject a machine whose air requires shorter time steps than are affordable."""
+        key, per_ms = max(steps_per_ms_by_key(self).items(), key=lambda need: need[1])
+        require(
+            per_ms <= MOST_STEPS_PER_MS,
+            key,
+            f"is too small for the flow through it or the mass on it: {per_ms:.0f} time steps per millisecond would be "
+            f"required (limit {MOST_STEPS_PER_MS}); increase it, or reduce the conductances or the area",
+        )
+
+    def _require_possible_temperatures(self) -> None:
+        """Reject a pressure between which and the ambient one air leaves the temperature range of the gas model."""
+        exponent = self.air.stiffness_exponent
+        for key, gauge_pa in (
+            ("supply.pressure_pa", self.supply.pressure_pa),
+            ("crop.claw_pressure_mpa", self.claw_pressure_pa),
         ):
-            # the stiffest air spring, with the smallest chamber volumes
-            spring_n_m = 2 * self.air.stiffness_exponent * (most_pa + ATMOSPHERE_PA) * area_m2**2 / dead_m3
-            turn = self.simulation.step_s * math.sqrt(spring_n_m / moved_kg)
+            ratio = (1 + gauge_pa / ATMOSPHERE_PA) ** ((exponent - 1) / exponent)
             require(
-                turn <= 1.5,
-                f"{section}_port.dead_volume_m3",
-                f"makes the air spring too stiff: {turn:.3g} rad of oscillation per step (limit 1.5); increase "
-                "the volume or the moving mass, or reduce simulation.step_s",
+                REFERENCE_K / ratio >= COLDEST_K,
+                key,
+                f"cools vented air to {REFERENCE_K / ratio:.0f} K with the exponent {exponent:g} (limit "
+                f"{COLDEST_K:.0f} K); reduce it",
             )
+            require(
+                self.air.thermal or REFERENCE_K * ratio <= HOTTEST_K,
+                "air.polytropic_exponent",
+                f"heats air that fills a chamber at {key} to {REFERENCE_K * ratio:.0f} K (limit {HOTTEST_K:.0f} K); "
+                "reduce it, or set air.thermal",
+            )
+
+    def _require_plausible_cylinders(self) -> None:
+        """Reject a brake, a cushion, friction or a load with which a cylinder cannot start or work."""
+        require(
+            self.slide.brake_n == 0.0 or self.slide.brake_bites_pa < self.rating.slide_least_pa,
+            "slide.brake_bites_pa",
+            "must be less than rating.slide_least_pa, otherwise the brake stops a slide that is within its rating",
+        )
+        require(
+            self.lift.cushion_volume_m3 <= 0.5 * self.lift_port.dead_volume_m3,
+            "lift.cushion_volume_m3",
+            "takes more than half of lift_port.dead_volume_m3",
+        )
+        for section, friction, least_pa, area_m2 in (
+            ("slide", self.slide_friction, self.rating.slide_least_pa, self.slide.area_m2),
+            ("lift", self.lift_friction, self.rating.lift_least_pa, self.lift.lifting_area_m2),
+            ("claws", self.claws_friction, self.rating.claws_least_pa, self.claws.area_m2 / self.claws.grippers),
+        ):
+            require(
+                friction.static_n < least_pa * area_m2,
+                f"{section}_friction.static_n",
+                f"must be less than {least_pa * area_m2:.3g} N, the force at rating.{section}_least_pa",
+            )
+        require(
+            self.slide.bumper_m < self.slide.switch_band_m,
+            "slide.bumper_m",
+            "must be thinner than slide.switch_band_m, otherwise the switch at the feed does not detect the slide",
+        )
+        lifted_n = LOAD_RATIO * self.supply.pressure_pa * self.lift.lifting_area_m2
+        require(
+            self.lift.weight_n < lifted_n,
+            "lift.carried_kg",
+            f"weighs {self.lift.weight_n:.4g} N, but the lift may carry only {lifted_n:.4g} N, {LOAD_RATIO:g} of its "
+            "force on the rod side; reduce it, or increase supply.pressure_pa or lift.bore_m",
+        )
+
+    @property
+    def steps_per_ms(self) -> int:
+        """Number of time steps per millisecond: each `simulation.step_s`, divided for the most demanding volume."""
+        whole = self.simulation.steps_per_ms
+        return whole * max(1, math.ceil(max(steps_per_ms_by_key(self).values()) / whole))
+
+    @property
+    def step_s(self) -> float:
+        """Length of a time step, s."""
+        return 1e-3 / self.steps_per_ms
 
     @property
     def columns_m(self) -> tuple[float, ...]:
@@ -163,6 +233,13 @@ class Machine:
     def claw_pressure_pa(self) -> float:
         """Set pressure of the claw regulator, gauge, Pa."""
         return self.crop.claw_pressure_mpa * _MPA
+
+    @property
+    def held_claw_pressure_pa(self) -> float:
+        """Gauge pressure of the claws at the start: the set pressure, or that of their reservoir if it is lower, Pa."""
+        supply = self.supply
+        reservoir_pa = 0.5 * (supply.compressor_on_pa + supply.compressor_off_pa) - supply.check_crack_pa
+        return min(self.claw_pressure_pa, reservoir_pa)
 
     @property
     def warnings(self) -> list[str]:

@@ -108,7 +108,7 @@ class Plant(Saved):
         air = machine.air
         gas["exponent"], gas["wall_s"] = air.stiffness_exponent, air.wall_time_s
         gas["thermal"], gas["wall_w_m2_k"] = air.thermal, air.wall_w_m2_k
-        gas["step_s"] = machine.simulation.step_s
+        gas["step_s"] = machine.step_s
         self.supply = Supply(
             machine.supply, state["air"], params["air"], gas, claw_pressure_pa=machine.claw_pressure_pa
         )
@@ -146,7 +146,7 @@ class Plant(Saved):
         self._arms_may_meet = machine.layout.arms_may_meet_in_plant
         self._arms_met = False
         self.look_ms = machine.simulation.look_ms
-        self.steps_per_ms = machine.simulation.steps_per_ms
+        self.steps_per_ms = machine.steps_per_ms
         self._wire(io_map)
         self.faults = FaultSchedule(self, faults)
         arrays = (self.state, self.params, self.coils, self.positions, self.terminals.levels)

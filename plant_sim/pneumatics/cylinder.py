@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from plant_sim.common.compiled import compiled, inlined
-from plant_sim.pneumatics.chamber import settle_four
+from plant_sim.pneumatics.chamber import settle, settle_four
+from plant_sim.pneumatics.cushion import move_plunger, step_cushion
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA
 from plant_sim.pneumatics.friction import FRICTION, speed_after_friction_m_s
 from plant_sim.pneumatics.line import LINE, LINE_PARAMS, lacks_supply, line_is_at_rest, step_lines
@@ -21,6 +22,8 @@ CYLINDER = np.dtype(
         ("piston_m_s", "f8"),
         ("magnet_n", "f8"),
         ("decoupled", "i8"),
+        ("braked", "i8"),
+        ("brake_s", "f8"),
         ("valve", VALVE),
         ("plus", LINE),
         ("minus", LINE),
@@ -29,7 +32,8 @@ CYLINDER = np.dtype(
 """State.
 
 The load is at `position_m` from the end stop at 0 and moves at `speed_m_s`. The piston has a separate position and
-speed if it is magnetically coupled to the load, else those of the load. `plus` drives away from 0, `minus` towards it.
+speed if it is magnetically coupled to the load, else those of the load. `braked` is 1 while the brake is engaged,
+`brake_s` the time until it engages. `plus` drives away from 0, `minus` towards it.
 """
 
 CYLINDER_PARAMS = np.dtype(
@@ -41,7 +45,6 @@ CYLINDER_PARAMS = np.dtype(
         ("piston_kg", "f8"),
         ("weight_n", "f8"),
         ("cushion_m", "f8"),
-        ("cushion_share", "f8"),
         ("bumper_m", "f8"),
         ("bumper_n_m", "f8"),
         ("bumper_n_s_m", "f8"),
@@ -52,6 +55,7 @@ CYLINDER_PARAMS = np.dtype(
         ("overtravel_m", "f8"),
         ("brake_n", "f8"),
         ("brake_bites_pa", "f8"),
+        ("brake_delay_s", "f8"),
         ("blocked", "i8"),
         ("friction", FRICTION),
         ("valve", VALVE_PARAMS),
@@ -61,10 +65,13 @@ CYLINDER_PARAMS = np.dtype(
 )
 """Parameters.
 
-`weight_n` acts away from 0. Within `cushion_m` of either end the throttle is reduced to `cushion_share`. `bumper_n_m`
-is the stiffness of a rubber bumper of thickness `bumper_m`; 0 means no bumper. `magnet_holds_n` 0 means that load and
-piston are one body. `brake_n` is the force of a spring-applied brake on the load. Pressure in either line releases it
-through a shuttle valve; it engages below `brake_bites_pa` (gauge). `blocked` 1 locks the load in place (a fault).
+`weight_n` acts away from 0. The plunger of a cushion closes within `cushion_m` of either end. `bumper_n_m` is the
+stiffness of the stops at both ends, which begin `bumper_m` before the end of the stroke; 0 means rigid stops.
+`overtravel_m` is the distance beyond the stroke at which a coupled piston, or a load with elastic stops, meets a rigid
+one. `magnet_holds_n` 0 means that load and piston are one body. `brake_n` is the force of a spring-applied brake on the
+load. A valve whose coil is energised together with either coil of the cylinder releases it with air from the supply. It
+engages `brake_delay_s` after this valve has switched off, and below `brake_bites_pa` (gauge). `blocked` 1 locks the
+load in place (a fault).
 """
 
 
@@ -81,27 +88,55 @@ def step_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, o
         outside: The ambient air.
         gas: Gas model.
     """
+    volumes_m3 = move_cylinder(c, params, plus, minus, manifold, gas)
+    step_lines(c.plus, c.minus, params, c.valve.spool, volumes_m3, manifold, outside, gas)
+
+
+@inlined
+def move_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, gas: Any) -> tuple[float, float]:
+    """Advance valve, piston and cushions by one time step; return the new volumes of both chambers, m3."""
     step_valve(c.valve, params.valve, plus, minus, gas.step_s)
+    if params.brake_n > 0.0:
+        _step_brake(c, params, manifold, gas.step_s)
     push_n = _push_n(c, params)
     if params.magnet_holds_n > 0.0:
         _move_coupled(c, params, push_n, gas.step_s)
     else:
         _move(c, params, push_n, gas.step_s)
-    shares = (
-        params.cushion_share if c.position_m < params.cushion_m else 1.0,
-        params.cushion_share if params.stroke_m - c.position_m < params.cushion_m else 1.0,
-    )
-    volumes_m3 = (
-        params.plus.dead_m3 + params.plus_area_m2 * c.piston_m,
-        params.minus.dead_m3 + params.minus_area_m2 * (params.stroke_m - c.piston_m),
-    )
-    step_lines(c.plus, c.minus, params, c.valve.spool, shares, volumes_m3, manifold, outside, gas)
+    ahead_m = params.stroke_m - c.piston_m
+    plus_m3 = params.plus.dead_m3 + params.plus_area_m2 * c.piston_m
+    minus_m3 = params.minus.dead_m3 + params.minus_area_m2 * ahead_m
+    if params.cushion_m > 0.0:
+        plus_m3 = move_plunger(c.plus, params.plus, params.cushion_m, c.piston_m, plus_m3, gas)
+        minus_m3 = move_plunger(c.minus, params.minus, params.cushion_m, ahead_m, minus_m3, gas)
+        if c.plus.cushion.volume_m3 > 0.0:
+            step_cushion(c.plus, params.plus, gas)
+        if c.minus.cushion.volume_m3 > 0.0:
+            step_cushion(c.minus, params.minus, gas)
+    return plus_m3, minus_m3
 
 
 @inlined
-def settle_cylinder(c: Any, gas: Any) -> None:
+def settle_cylinder(c: Any, params: Any, gas: Any) -> None:
     """Finish a step: update temperature, pressure and stiffness of the air in both lines."""
-    settle_four(c.plus.tube, c.plus.chamber, c.minus.tube, c.minus.chamber, gas)
+    if gas.thermal == 0:
+        settle_four(c.plus.tube, c.plus.chamber, c.minus.tube, c.minus.chamber, gas)
+    else:
+        settle(c.plus.tube, params.plus.tube_wall, gas)
+        settle(c.plus.chamber, params.plus.chamber_wall, gas)
+        settle(c.minus.tube, params.minus.tube_wall, gas)
+        settle(c.minus.chamber, params.minus.chamber_wall, gas)
+    if params.cushion_m > 0.0:
+        settle_cushions(c, params, gas)
+
+
+@compiled
+def settle_cushions(c: Any, params: Any, gas: Any) -> None:
+    """Finish a step of the closed cushions."""
+    if c.plus.cushion.volume_m3 > 0.0:
+        settle(c.plus.cushion, params.plus.cushion_wall, gas)
+    if c.minus.cushion.volume_m3 > 0.0:
+        settle(c.minus.cushion, params.minus.cushion_wall, gas)
 
 
 @inlined
@@ -112,7 +147,9 @@ def is_at_rest(c: Any, params: Any, plus: bool, minus: bool, manifold: Any) -> b
         return False
     if plus != (valve.plus_acts != 0) or minus != (valve.minus_acts != 0):
         return False
-    if valve.plus_pending_s != 0.0 or valve.minus_pending_s != 0.0:
+    if valve.plus_pending_s != 0.0 or valve.minus_pending_s != 0.0 or valve.waves != 0:
+        return False
+    if c.brake_s != 0.0 and not (plus or minus):
         return False
     if not line_is_at_rest(c.plus, params.plus, valve.spool, manifold):
         return False
@@ -140,6 +177,10 @@ def _push_n(c: Any, params: Any) -> float:
         - c.minus.chamber.pressure_pa * params.minus_area_m2
         - ATMOSPHERE_PA * rod_m2
     )
+    if c.plus.cushion.volume_m3 > 0.0:
+        push_n += (c.plus.cushion.pressure_pa - c.plus.chamber.pressure_pa) * params.plus.cushion_m2
+    if c.minus.cushion.volume_m3 > 0.0:
+        push_n -= (c.minus.cushion.pressure_pa - c.minus.chamber.pressure_pa) * params.minus.cushion_m2
     return push_n
 
 
@@ -151,35 +192,46 @@ def _stays_at_rest(c: Any, params: Any) -> bool:
         pull_n = 0.0 if c.decoupled else params.magnet_n_m * (c.piston_m - c.position_m)
         if abs(push_n - pull_n) > _STILL_N or abs(pull_n) > params.magnet_holds_n:
             return False
-        push_n = pull_n + _bumper(c, params, 0.0)[0]
+        push_n = pull_n
     else:
         push_n += params.weight_n
+    bumper_n = _bumper(c, params, 0.0)[0]
+    push_n += bumper_n
     if params.blocked:
         return True
-    if (c.position_m <= 0.0 and push_n <= 0.0) or (c.position_m >= params.stroke_m and push_n >= 0.0):
+    over_m = _over_m(params)
+    if (c.position_m <= -over_m and push_n <= 0.0) or (c.position_m >= params.stroke_m + over_m and push_n >= 0.0):
         return True
-    return bool(abs(push_n) <= params.friction.static_n + _brake_n(c, params))
+    slack_n = _STILL_N if bumper_n != 0.0 else 0.0  # an elastic stop yields until the pressure has settled
+    return bool(abs(push_n) <= params.friction.static_n + _brake_n(c, params) + slack_n)
+
+
+@compiled
+def _over_m(params: Any) -> float:
+    """Return the distance of the rigid stops of the load beyond its stroke, m."""
+    over_m: float = params.overtravel_m if params.magnet_holds_n <= 0.0 else 0.0
+    return over_m
 
 
 @compiled
 def _move(c: Any, params: Any, push_n: float, step_s: float) -> None:
-    """Move load and piston as one body; an end stop stops them without rebound."""
+    """Move load and piston as one body; elastic stops are integrated implicitly, and a rigid stop absorbs the speed."""
     mass_kg = params.load_kg + params.piston_kg
     speed_m_s = 0.0
     if params.blocked == 0:
-        free_m_s = c.speed_m_s + step_s * (push_n + params.weight_n) / mass_kg
+        bumper_n, give = _bumper(c, params, step_s)
+        eased = 1.0 + step_s * give / mass_kg
+        free_m_s = (c.speed_m_s + step_s * (push_n + params.weight_n + bumper_n) / mass_kg) / eased
         speed_m_s = speed_after_friction_m_s(
-            params.friction, free_m_s, c.speed_m_s, mass_kg, step_s, _brake_n(c, params)
+            params.friction, free_m_s, c.speed_m_s, mass_kg * eased, step_s, _brake_n(c, params)
         )
-    position_m = c.position_m + step_s * speed_m_s
-    if position_m <= 0.0:
-        position_m = 0.0
-        speed_m_s = max(speed_m_s, 0.0)
-    elif position_m >= params.stroke_m:
-        position_m = params.stroke_m
-        speed_m_s = min(speed_m_s, 0.0)
-    c.position_m = c.piston_m = position_m
-    c.speed_m_s = c.piston_m_s = speed_m_s
+        if bumper_n != 0.0 and abs(speed_m_s) < _STILL_M_S:
+            speed_m_s = 0.0
+    over_m = _over_m(params)
+    c.speed_m_s, c.position_m = _stopped(
+        speed_m_s, c.position_m + step_s * speed_m_s, -over_m, params.stroke_m + over_m
+    )
+    c.piston_m, c.piston_m_s = c.position_m, c.speed_m_s
 
 
 @inlined
@@ -227,8 +279,18 @@ def _move_coupled(c: Any, params: Any, push_n: float, step_s: float) -> None:
 @compiled
 def _brake_n(c: Any, params: Any) -> float:
     """Return the force of the engaged brake, N; 0 while it is released."""
-    lifts_pa = max(c.plus.tube.pressure_pa, c.minus.tube.pressure_pa) - ATMOSPHERE_PA
-    return params.brake_n if lifts_pa < params.brake_bites_pa else 0.0
+    return params.brake_n if c.braked != 0 else 0.0
+
+
+@compiled
+def _step_brake(c: Any, params: Any, manifold: Any, step_s: float) -> None:
+    """Advance the brake by one time step; its valve switches like that of the cylinder."""
+    if c.valve.plus_acts != 0 or c.valve.minus_acts != 0:
+        c.brake_s = params.brake_delay_s
+    elif c.brake_s > 0.0:
+        c.brake_s = max(c.brake_s - step_s, 0.0)
+    engaged = c.brake_s <= 0.0 or manifold.pressure_pa - ATMOSPHERE_PA < params.brake_bites_pa
+    c.braked = 1 if engaged else 0
 
 
 @compiled

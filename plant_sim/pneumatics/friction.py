@@ -12,20 +12,16 @@ FRICTION = np.dtype([("coulomb_n", "f8"), ("static_n", "f8"), ("stribeck_m_s", "
 
 
 @compiled
-def dry_friction_n(params: Any, speed_m_s: float) -> float:
-    """Return the magnitude of the dry friction, N: static friction at rest, Coulomb friction at high speed."""
-    share = speed_m_s / params.stribeck_m_s
-    dry: float = params.coulomb_n + (params.static_n - params.coulomb_n) / (1.0 + share * share)
-    return dry
-
-
-@compiled
 def speed_after_friction_m_s(
     params: Any, free_m_s: float, speed_m_s: float, mass_kg: float, step_s: float, brake_n: float = 0.0
 ) -> float:
     """Apply friction to the speed computed for a step without friction; return the resulting speed.
 
-    The friction impulse never exceeds the momentum, so it can stop the motion but not reverse it.
+    Dry friction is static friction at rest and decreases with the speed towards Coulomb friction. The curve is steepest
+    at rest, as in Stribeck curves with the exponent 1 (Tustin): if slow motion sticks and slips at some speed, it
+    does so at every lower speed. With a curve that is flat at rest, the viscous friction would make very slow motion
+    smooth again. The friction is that at the speed after the step, which is the root of a quadratic equation. Its
+    impulse never exceeds the momentum, so it can stop the motion but not reverse it.
 
     Args:
         params: Parameters of the friction.
@@ -35,8 +31,15 @@ def speed_after_friction_m_s(
         step_s: Length of the step, s.
         brake_n: Additional force of a brake, N.
     """
-    left_m_s = abs(free_m_s) - step_s * (dry_friction_n(params, speed_m_s) + brake_n) / mass_kg
-    if left_m_s <= 0.0:
+    falls_n = params.static_n - params.coulomb_n
+    impulse_n_s = mass_kg * abs(free_m_s) - step_s * (params.coulomb_n + brake_n)
+    slips = impulse_n_s > step_s * falls_n
+    if impulse_n_s <= 0.0 or not (slips or speed_m_s * free_m_s > 0.0):
         return 0.0
-    rubbed: float = math.copysign(left_m_s, free_m_s) / (1.0 + step_s * params.viscous_n_s_m / mass_kg)
-    return rubbed
+    # inertia v + step falls / (1 + v / stribeck) = impulse
+    inertia_kg = mass_kg + step_s * params.viscous_n_s_m
+    half = 0.5 * (impulse_n_s / inertia_kg - params.stribeck_m_s)
+    squared = half * half + params.stribeck_m_s * (impulse_n_s - step_s * falls_n) / inertia_kg
+    if squared < 0.0:
+        return 0.0
+    return math.copysign(max(half + math.sqrt(squared), 0.0), free_m_s)

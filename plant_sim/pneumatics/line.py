@@ -5,19 +5,37 @@ from typing import Any
 import numpy as np
 
 from plant_sim.common.compiled import compiled, inlined
-from plant_sim.common.lanes import joined, lanes, pair, split, truths, unpacked
-from plant_sim.pneumatics.chamber import CHAMBER, check, exchange, flows_and_slopes, move, resize
+from plant_sim.common.lanes import joined, lanes, pair, select, split, truths, unpacked
+from plant_sim.pneumatics.chamber import CHAMBER, WALL, check, exchange, flows_and_slopes, implicit_share, move, resize
+from plant_sim.pneumatics.cushion import cushion_is_at_rest
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K, in_series
 from plant_sim.pneumatics.valve import exhaust_opening, supply_opening
 
-LINE = np.dtype([("tube", CHAMBER), ("chamber", CHAMBER), ("drawn_kg", "f8"), ("piloted", "i8")])
-"""State: tube, chamber behind it, and mass of air admitted by the valve so far. `piloted` is 1 while the pilot holds
-the check valve open.
+NOZZLES = np.dtype(
+    [("valve_m3_s_pa", "f8"), ("tube_m3_s_pa", "f8"), ("conductance_m3_s_pa", "f8"), ("critical_ratio", "f8")]
+)
+"""Valve port and tube in series: the conductances for which `conductance_m3_s_pa` and `critical_ratio` were computed,
+that of the port with a negative sign if the tube is upstream.
+"""
+
+LINE = np.dtype(
+    [
+        ("tube", CHAMBER),
+        ("chamber", CHAMBER),
+        ("cushion", CHAMBER),
+        ("nozzles", NOZZLES),
+        ("drawn_kg", "f8"),
+        ("piloted", "i8"),
+    ]
+)
+"""State: tube, chamber behind it, the part of the chamber that the cushion plunger has closed off (volume 0 if none),
+and mass of air admitted by the valve so far. `piloted` is 1 while the pilot holds the check valve open.
 """
 
 LINE_PARAMS = np.dtype(
     [
         ("tube_m3_s_pa", "f8"),
+        ("tube_ratio", "f8"),
         ("tube_m3", "f8"),
         ("dead_m3", "f8"),
         ("free_m3_s_pa", "f8"),
@@ -29,13 +47,20 @@ LINE_PARAMS = np.dtype(
         ("pilot_least_pa", "f8"),
         ("slip_m3_s_pa", "f8"),
         ("leak_m3_s_pa", "f8"),
+        ("cushion_m3", "f8"),
+        ("cushion_m2", "f8"),
+        ("needle_m3_s_pa", "f8"),
+        ("tube_wall", WALL),
+        ("chamber_wall", WALL),
+        ("cushion_wall", WALL),
     ]
 )
 """Parameters.
 
-`free` is the inward path past the throttle, `throttle` the outward path (meter-out); both are in series with the check
-valve. `checked` 0 means no check valve. `slip` is a leak past the seat of the check valve and `leak` is one from the
-chamber to the ambient air (both faults). The volume of the chamber is `dead_m3` plus the swept volume.
+`free` is the inward path past the throttle, `throttle` the outward path (meter-out), each including the check valve.
+`checked` 0 means no check valve. `slip` is a leak past the seat of the check valve and `leak` is one from the chamber
+to the ambient air (both faults). The volume of the chamber is `dead_m3` plus the swept volume. The plunger closes off
+`cushion_m3` plus the volume swept by the area `cushion_m2`; this air leaves through the needle.
 """
 
 
@@ -47,7 +72,7 @@ _STILL_K = 0.1
 def line_is_at_rest(n: Any, params: Any, spool: float, manifold: Any) -> bool:
     """Return True if no air is flowing in a line and all of it is at wall temperature."""
     tube, chamber = n.tube, n.chamber
-    if params.leak_m3_s_pa > 0.0 or params.slip_m3_s_pa > 0.0:
+    if params.leak_m3_s_pa > 0.0 or params.slip_m3_s_pa > 0.0 or not cushion_is_at_rest(n):
         return False
     if abs(chamber.temperature_k - REFERENCE_K) > _STILL_K or abs(tube.temperature_k - REFERENCE_K) > _STILL_K:
         return False
@@ -70,7 +95,6 @@ def step_lines(
     minus: Any,
     params: Any,
     spool: float,
-    shares: tuple[float, float],
     volumes_m3: tuple[float, float],
     manifold: Any,
     outside: Any,
@@ -86,52 +110,46 @@ def step_lines(
         minus: The line fed at a spool position of -1.
         params: Parameters of the cylinder.
         spool: Spool position of the valve.
-        shares: Fractions of both throttles left open by the cushions, 0 to 1.
         volumes_m3: New volumes of both chambers, m3.
         manifold: Supply chamber of the valve.
         outside: The ambient air.
         gas: Gas model.
     """
-    valve, step_s = params.valve, gas.step_s
     resize(plus.chamber, volumes_m3[0], gas)
     resize(minus.chamber, volumes_m3[1], gas)
-    plus_crack_pa, plus_onward = _fitting(plus, params.plus, minus.tube.pressure_pa, shares[0])
-    minus_crack_pa, minus_onward = _fitting(minus, params.minus, plus.tube.pressure_pa, shares[1])
-    conductances = joined(_valve_to_tube(params, spool), pair(plus_onward, minus_onward))
-    cracks_pa = lanes(0.0, 0.0, plus_crack_pa, minus_crack_pa)
+    plus_crack_pa, plus_onward = _fitting(plus, params.plus, minus.tube.pressure_pa)
+    minus_crack_pa, minus_onward = _fitting(minus, params.minus, plus.tube.pressure_pa)
     plus_fed, minus_fed = supply_opening(spool) > 0.0, supply_opening(-spool) > 0.0
     sources = _sources(plus_fed, minus_fed, manifold)
-    mass_kg, kg_s, settles = _solve(plus, minus, params, sources, conductances, cracks_pa, step_s)
+    update_nozzles(plus, params.plus, params.valve, spool, manifold.pressure_pa if plus_fed else ATMOSPHERE_PA)
+    update_nozzles(minus, params.minus, params.valve, -spool, manifold.pressure_pa if minus_fed else ATMOSPHERE_PA)
+    plus_through, minus_through = plus.nozzles.conductance_m3_s_pa, minus.nozzles.conductance_m3_s_pa
+    conductances = lanes(plus_through, minus_through, plus_onward, minus_onward)
+    cracks_pa = lanes(0.0, 0.0, plus_crack_pa, minus_crack_pa)
+    mass_kg, kg_s, settles = _solve(plus, minus, params, sources, conductances, cracks_pa, gas)
     plus_in_kg, minus_in_kg, plus_on_kg, minus_on_kg = unpacked(mass_kg)
     _, _, plus_kg_s, minus_kg_s = unpacked(kg_s)
-    plus_through, minus_through, _, _ = unpacked(conductances)
     plus_settles, minus_settles, _, _ = truths(settles)
     source = manifold if plus_fed else outside
     if plus_settles:
-        move(source, plus.tube, plus_in_kg)
-        move(plus.tube, plus.chamber, plus_on_kg)
+        _move_both(source, plus, plus_in_kg, plus_on_kg, gas)
     else:
-        plus_in_kg = _pass_in_turn(
-            plus, params.plus, valve, source, plus_kg_s, plus_through, plus_crack_pa, plus_onward, step_s
-        )
+        plus_in_kg = pass_in_turn(plus, params.plus, source, plus_kg_s, plus_crack_pa, plus_onward, gas)
     if plus_fed:
         plus.drawn_kg += plus_in_kg
-    exchange(plus.chamber, outside, params.plus.leak_m3_s_pa, params.plus.critical_ratio, step_s)
+    exchange(plus.chamber, outside, params.plus.leak_m3_s_pa, params.plus.critical_ratio, gas)
     source = manifold if minus_fed else outside
     if minus_settles:
-        move(source, minus.tube, minus_in_kg)
-        move(minus.tube, minus.chamber, minus_on_kg)
+        _move_both(source, minus, minus_in_kg, minus_on_kg, gas)
     else:
-        minus_in_kg = _pass_in_turn(
-            minus, params.minus, valve, source, minus_kg_s, minus_through, minus_crack_pa, minus_onward, step_s
-        )
+        minus_in_kg = pass_in_turn(minus, params.minus, source, minus_kg_s, minus_crack_pa, minus_onward, gas)
     if minus_fed:
         minus.drawn_kg += minus_in_kg
-    exchange(minus.chamber, outside, params.minus.leak_m3_s_pa, params.minus.critical_ratio, step_s)
+    exchange(minus.chamber, outside, params.minus.leak_m3_s_pa, params.minus.critical_ratio, gas)
 
 
 @inlined
-def _fitting(n: Any, params: Any, pilot_pa: float, out_share: float) -> tuple[float, float]:
+def _fitting(n: Any, params: Any, pilot_pa: float) -> tuple[float, float]:
     """Update the pilot of the check valve; return the cracking pressure and the conductance from tube to chamber.
 
     `pilot_pa` is the pressure in the tube of the opposite line.
@@ -142,23 +160,38 @@ def _fitting(n: Any, params: Any, pilot_pa: float, out_share: float) -> tuple[fl
     n.piloted = 1 if params.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
     crack_pa, onward = 0.0 if n.piloted else params.crack_pa, params.free_m3_s_pa
     if tube.pressure_pa <= chamber.pressure_pa:
-        crack_pa, onward = 0.0, params.throttle_m3_s_pa * out_share if n.piloted else params.slip_m3_s_pa
+        crack_pa, onward = 0.0, params.throttle_m3_s_pa if n.piloted else params.slip_m3_s_pa
     return crack_pa, onward
 
 
 @inlined
-def _valve_to_tube(params: Any, spool: float) -> Any:
-    """Return the conductances from the ports of the valve to both tubes, m3/(s Pa), as a pair."""
-    plus_opening, minus_opening = supply_opening(spool), supply_opening(-spool)
-    if plus_opening <= 0.0:
-        plus_opening = exhaust_opening(spool)
-    if minus_opening <= 0.0:
-        minus_opening = exhaust_opening(-spool)
-    port_m3_s_pa = params.valve.conductance_m3_s_pa
-    return in_series(
-        pair(port_m3_s_pa * plus_opening, port_m3_s_pa * minus_opening),
-        pair(params.plus.tube_m3_s_pa, params.minus.tube_m3_s_pa),
-    )
+def update_nozzles(n: Any, params: Any, valve_params: Any, spool: float, source_pa: float) -> None:
+    """Update the conductance of valve port and tube in series; it changes only with the spool, the flow, or a fault.
+
+    Args:
+        n: The line.
+        params: Its parameters.
+        valve_params: Parameters of the valve.
+        spool: Spool position, positive towards the port of this line.
+        source_pa: Pressure at the outer port of the valve, Pa.
+    """
+    opening = supply_opening(spool)
+    if opening <= 0.0:
+        opening = exhaust_opening(spool)
+    valve_m3_s_pa = valve_params.conductance_m3_s_pa * (opening if source_pa >= n.tube.pressure_pa else -opening)
+    if valve_m3_s_pa != n.nozzles.valve_m3_s_pa or params.tube_m3_s_pa != n.nozzles.tube_m3_s_pa:
+        _combine(n.nozzles, valve_m3_s_pa, valve_params.critical_ratio, params.tube_m3_s_pa, params.tube_ratio)
+
+
+@compiled
+def _combine(nozzles: Any, valve_m3_s_pa: float, valve_ratio: float, tube_m3_s_pa: float, tube_ratio: float) -> None:
+    """Compute the conductance of valve port and tube in the order of the flow."""
+    nozzles.valve_m3_s_pa, nozzles.tube_m3_s_pa = valve_m3_s_pa, tube_m3_s_pa
+    if valve_m3_s_pa >= 0.0:
+        both_m3_s_pa, ratio = in_series(valve_m3_s_pa, valve_ratio, tube_m3_s_pa, tube_ratio)
+    else:
+        both_m3_s_pa, ratio = in_series(tube_m3_s_pa, tube_ratio, -valve_m3_s_pa, valve_ratio)
+    nozzles.conductance_m3_s_pa, nozzles.critical_ratio = both_m3_s_pa, ratio
 
 
 @inlined
@@ -178,7 +211,7 @@ def _sources(plus_fed: bool, minus_fed: bool, manifold: Any) -> tuple[Any, Any, 
 
 @inlined
 def _solve(
-    plus: Any, minus: Any, params: Any, sources: Any, conductances: Any, cracks_pa: Any, step_s: float
+    plus: Any, minus: Any, params: Any, sources: Any, conductances: Any, cracks_pa: Any, gas: Any
 ) -> tuple[Any, Any, Any]:
     """Solve the flows through the valve and the fitting of both lines for one step.
 
@@ -192,12 +225,13 @@ def _solve(
         sources: Result of `_sources`.
         conductances: Conductances of the valve ports of both lines, then of their fittings, m3/(s Pa).
         cracks_pa: Cracking pressures in the same order, Pa.
-        step_s: Length of the step, s.
+        gas: Gas model.
 
     Returns:
         The masses in the same order, kg; the flows at the start of the step, kg/s; and, as a pair, True for a line
         whose pressures keep their order.
     """
+    step_s = gas.step_s
     source_pa, source_k, source_stiffness = sources
     tube_pa = pair(plus.tube.pressure_pa, minus.tube.pressure_pa)
     tube_k = pair(plus.tube.temperature_k, minus.tube.temperature_k)
@@ -205,8 +239,12 @@ def _solve(
     chamber_pa = pair(plus.chamber.pressure_pa, minus.chamber.pressure_pa)
     chamber_k = pair(plus.chamber.temperature_k, minus.chamber.temperature_k)
     chamber_stiffness = pair(plus.chamber.stiffness, minus.chamber.stiffness)
-    valve_ratio = params.valve.critical_ratio
-    critical_ratios = lanes(valve_ratio, valve_ratio, params.plus.critical_ratio, params.minus.critical_ratio)
+    critical_ratios = lanes(
+        plus.nozzles.critical_ratio,
+        minus.nozzles.critical_ratio,
+        params.plus.critical_ratio,
+        params.minus.critical_ratio,
+    )
     kg_s, grows, falls = flows_and_slopes(
         joined(source_pa, tube_pa),
         joined(tube_pa, chamber_pa),
@@ -217,41 +255,53 @@ def _solve(
         critical_ratios,
     )
     (in_kg_s, on_kg_s), (in_grows, on_grows), (in_falls, on_falls) = split(kg_s), split(grows), split(falls)
-    a11 = 1.0 + step_s * (in_grows * source_stiffness + in_falls * tube_stiffness)
-    a12 = -step_s * in_falls * tube_stiffness
-    a21 = -step_s * on_grows * tube_stiffness
-    a22 = 1.0 + step_s * (on_grows * tube_stiffness + on_falls * chamber_stiffness)
+    in_stiffness = on_stiffness = tube_stiffness  # pressure rise of the tube per mass through the valve, the fitting
+    if gas.thermal != 0:  # per enthalpy of the air received instead of per mass
+        in_k, on_k = select(in_kg_s >= 0.0, source_k, tube_k), select(on_kg_s >= 0.0, tube_k, chamber_k)
+        source_stiffness = source_stiffness * in_k / source_k
+        in_stiffness = tube_stiffness * in_k / tube_k
+        on_stiffness = tube_stiffness * on_k / tube_k
+        chamber_stiffness = chamber_stiffness * on_k / chamber_k
+    in_turns = step_s * (in_grows * source_stiffness + in_falls * in_stiffness)
+    on_turns = step_s * (on_grows * on_stiffness + on_falls * chamber_stiffness)
+    in_share, on_share = split(implicit_share(joined(in_turns, on_turns)))
+    a11 = 1.0 + in_share * in_turns
+    a12 = -step_s * in_share * in_falls * on_stiffness
+    a21 = -step_s * on_share * on_grows * in_stiffness
+    a22 = 1.0 + on_share * on_turns
     by = step_s / (a11 * a22 - a12 * a21)
     in_kg = by * (a22 * in_kg_s - a12 * on_kg_s)
     on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)
-    tube_after_pa = tube_pa + tube_stiffness * (in_kg - on_kg)
+    tube_after_pa = tube_pa + (in_stiffness * in_kg - on_stiffness * on_kg)
     settles = _keeps_order(source_pa, tube_pa, source_pa - source_stiffness * in_kg, tube_after_pa)
     settles = settles & _keeps_order(tube_pa, chamber_pa, tube_after_pa, chamber_pa + chamber_stiffness * on_kg)
     return joined(in_kg, on_kg), kg_s, settles & (on_kg * on_kg_s >= 0.0)
 
 
+@inlined
+def _move_both(source: Any, n: Any, in_kg: float, on_kg: float, gas: Any) -> None:
+    """Transfer air through the valve and the fitting, in the direction of the flow."""
+    if on_kg > 0.0:
+        move(source, n.tube, in_kg, gas)
+        move(n.tube, n.chamber, on_kg, gas)
+    else:
+        move(n.tube, n.chamber, on_kg, gas)
+        move(source, n.tube, in_kg, gas)
+
+
 @compiled
-def _pass_in_turn(
-    n: Any,
-    params: Any,
-    valve_params: Any,
-    source: Any,
-    on_kg_s: float,
-    through: float,
-    crack_pa: float,
-    onward: float,
-    step_s: float,
-) -> float:
+def pass_in_turn(n: Any, params: Any, source: Any, on_kg_s: float, crack_pa: float, onward: float, gas: Any) -> float:
     """Solve both flows of a line one after the other, each limited to equal pressures; return the mass drawn, kg.
 
-    Required if one pressure would otherwise overshoot another. `through` and `onward` are the conductances from the
-    source to the tube and from the tube to the chamber, and `on_kg_s` is the flow through the latter.
+    Required if one pressure would otherwise overshoot another. `onward` is the conductance from the tube to the
+    chamber, and `on_kg_s` the flow through it.
     """
-    in_kg: float = exchange(source, n.tube, through, valve_params.critical_ratio, step_s)
+    nozzles = n.nozzles
+    in_kg: float = exchange(source, n.tube, nozzles.conductance_m3_s_pa, nozzles.critical_ratio, gas)
     if on_kg_s > 0.0:
-        check(n.tube, n.chamber, crack_pa, onward, params.critical_ratio, step_s)
+        check(n.tube, n.chamber, crack_pa, onward, params.critical_ratio, gas)
     elif on_kg_s < 0.0:
-        check(n.chamber, n.tube, 0.0, onward, params.critical_ratio, step_s)
+        check(n.chamber, n.tube, 0.0, onward, params.critical_ratio, gas)
     return in_kg
 
 

@@ -182,12 +182,12 @@ def test_a_stuck_valve_keeps_its_position() -> None:
     rig.run(300, UP)
     assert rig.left.lift.rise_m < 0.05
     rig.run(1_500)
-    assert rig.left.lift.rise_m == pytest.approx(rig.machine.lift.stroke_m)
+    assert rig.left.lift.rise_m == pytest.approx(rig.machine.lift.stroke_m, abs=0.5e-3)  # the stop yields
     still = activated("stuck_valve:left.lift@0s..1s")
     still.run(1_000, UP)
     assert still.left.lift.rise_m < 1e-4
     still.run(1_500, UP)
-    assert still.left.lift.rise_m == pytest.approx(still.machine.lift.stroke_m)
+    assert still.left.lift.rise_m == pytest.approx(still.machine.lift.stroke_m, abs=0.5e-3)
 
 
 def test_a_slow_valve_switches_later_by_its_delay() -> None:

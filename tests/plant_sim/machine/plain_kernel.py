@@ -4,7 +4,6 @@ Nothing is skipped except cylinders at rest, which are identified anew in every 
 give bit-identical states.
 """
 
-import math
 from typing import Any
 
 from plant_sim.common.compiled import compiled, compiled_and_cached
@@ -13,50 +12,46 @@ from plant_sim.devices.cups import step_cups
 from plant_sim.devices.sensor import record_edge, step_switch, update_output
 from plant_sim.devices.spreader import step_spreader
 from plant_sim.machine.kernel import ARM_COILS, _any_busy, _update_clamp
-from plant_sim.pneumatics.chamber import _nonlinear_share, move, resize, settle
-from plant_sim.pneumatics.cylinder import _move, _move_coupled, _push_n, is_at_rest
+from plant_sim.pneumatics.chamber import _nonlinear_share, implicit_factor, implicit_share, move, resize, settle
+from plant_sim.pneumatics.cylinder import is_at_rest, move_cylinder, settle_cushions
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, flow
+from plant_sim.pneumatics.line import update_nozzles
 from plant_sim.pneumatics.supply import step_supply
-from plant_sim.pneumatics.valve import exhaust_opening, step_valve, supply_opening
+from plant_sim.pneumatics.valve import supply_opening
 
 _BELT = 2 * len(ARM_COILS)
 
 
 @compiled
-def in_series(one_m3_s_pa: float, other_m3_s_pa: float) -> float:
-    """Return the conductance of two restrictions in series, m3/(s Pa)."""
-    if one_m3_s_pa <= 0.0 or other_m3_s_pa <= 0.0:
-        return 0.0
-    share = one_m3_s_pa / other_m3_s_pa
-    return one_m3_s_pa / math.sqrt(1.0 + share * share)
-
-
-@compiled
-def exchange(a: Any, b: Any, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
+def exchange(a: Any, b: Any, conductance_m3_s_pa: float, critical_ratio: float, gas: Any) -> float:
     """Exchange air between two chambers for one step; return the mass that left `a`, kg."""
     if conductance_m3_s_pa <= 0.0:
         return 0.0
     if a.pressure_pa < b.pressure_pa:
-        return -_pass(b, a, b.pressure_pa, conductance_m3_s_pa, critical_ratio, step_s)
-    return _pass(a, b, a.pressure_pa, conductance_m3_s_pa, critical_ratio, step_s)
+        return -_pass(b, a, b.pressure_pa, conductance_m3_s_pa, critical_ratio, gas)
+    return _pass(a, b, a.pressure_pa, conductance_m3_s_pa, critical_ratio, gas)
 
 
 @compiled
-def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
+def check(a: Any, b: Any, crack_pa: float, conductance_m3_s_pa: float, critical_ratio: float, gas: Any) -> float:
     """Pass air from `a` to `b` through a check valve for one step; return the mass, kg."""
     if conductance_m3_s_pa <= 0.0 or a.pressure_pa - crack_pa <= b.pressure_pa:
         return 0.0
-    return _pass(a, b, a.pressure_pa - crack_pa, conductance_m3_s_pa, critical_ratio, step_s)
+    return _pass(a, b, a.pressure_pa - crack_pa, conductance_m3_s_pa, critical_ratio, gas)
 
 
 @compiled
-def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical_ratio: float, step_s: float) -> float:
+def _pass(up: Any, down: Any, up_pa: float, conductance_m3_s_pa: float, critical_ratio: float, gas: Any) -> float:
     kg_s, grows, falls = flow(up_pa, down.pressure_pa, conductance_m3_s_pa, critical_ratio, up.temperature_k)
-    mass_kg: float = step_s * kg_s / (1.0 + step_s * (grows * up.stiffness + falls * down.stiffness))
-    levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + down.stiffness)
-    if mass_kg > 0.2 * levels_kg:
+    stiffness = down.stiffness * (up.temperature_k / down.temperature_k) if gas.thermal != 0 else down.stiffness
+    turns = gas.step_s * (grows * up.stiffness + falls * stiffness)
+    mass_kg: float = gas.step_s * kg_s * implicit_factor(turns)
+    levels_kg = (up_pa - down.pressure_pa) / (up.stiffness + stiffness)
+    if gas.thermal != 0:
+        mass_kg = min(mass_kg, levels_kg)
+    elif mass_kg > 0.2 * levels_kg:
         mass_kg = min(mass_kg, levels_kg * _nonlinear_share(down, levels_kg))
-    move(up, down, mass_kg)
+    move(up, down, mass_kg, gas)
     return mass_kg
 
 
@@ -81,14 +76,12 @@ def step_line(
     valve_params: Any,
     spool: float,
     pilot_pa: float,
-    out_share: float,
     volume_m3: float,
     manifold: Any,
     outside: Any,
     gas: Any,
 ) -> None:
     """Advance a line by one time step."""
-    step_s = gas.step_s
     tube, chamber, critical = n.tube, n.chamber, params.critical_ratio
     resize(chamber, volume_m3, gas)
     gauge_pa = chamber.pressure_pa - ATMOSPHERE_PA
@@ -96,58 +89,63 @@ def step_line(
     n.piloted = 1 if params.checked == 0 or pilot_pa - ATMOSPHERE_PA >= least_pa else 0
     crack_pa, onward = 0.0 if n.piloted else params.crack_pa, params.free_m3_s_pa
     if tube.pressure_pa <= chamber.pressure_pa:
-        crack_pa, onward = 0.0, params.throttle_m3_s_pa * out_share if n.piloted else params.slip_m3_s_pa
-    opening = supply_opening(spool)
-    if opening > 0.0:
-        through = in_series(valve_params.conductance_m3_s_pa * opening, params.tube_m3_s_pa)
-        n.drawn_kg += _step_flows(n, manifold, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
+        crack_pa, onward = 0.0, params.throttle_m3_s_pa if n.piloted else params.slip_m3_s_pa
+    if supply_opening(spool) > 0.0:
+        update_nozzles(n, params, valve_params, spool, manifold.pressure_pa)
+        n.drawn_kg += _step_flows(n, manifold, crack_pa, onward, critical, gas)
     else:
-        through = in_series(valve_params.conductance_m3_s_pa * exhaust_opening(spool), params.tube_m3_s_pa)
-        _step_flows(n, outside, through, valve_params.critical_ratio, crack_pa, onward, critical, step_s)
-    exchange(chamber, outside, params.leak_m3_s_pa, critical, step_s)
-    settle(tube, gas)
-    settle(chamber, gas)
+        update_nozzles(n, params, valve_params, spool, ATMOSPHERE_PA)
+        _step_flows(n, outside, crack_pa, onward, critical, gas)
+    exchange(chamber, outside, params.leak_m3_s_pa, critical, gas)
 
 
 @compiled
-def _step_flows(
-    n: Any,
-    source: Any,
-    valve_m3_s_pa: float,
-    valve_critical: float,
-    crack_pa: float,
-    onward_m3_s_pa: float,
-    onward_critical: float,
-    step_s: float,
-) -> float:
+def _step_flows(n: Any, source: Any, crack_pa: float, onward_m3_s_pa: float, onward_critical: float, gas: Any) -> float:
     """Pass air through the valve and the fitting for one step; return the mass drawn from the source, kg."""
-    tube, chamber = n.tube, n.chamber
+    tube, chamber, step_s = n.tube, n.chamber, gas.step_s
+    valve_m3_s_pa, valve_critical = n.nozzles.conductance_m3_s_pa, n.nozzles.critical_ratio
     in_kg_s, in_grows, in_falls = flow_and_slopes(source, tube, 0.0, valve_m3_s_pa, valve_critical)
     on_kg_s, on_grows, on_falls = flow_and_slopes(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical)
-    a11 = 1.0 + step_s * (in_grows * source.stiffness + in_falls * tube.stiffness)
-    a12 = -step_s * in_falls * tube.stiffness
-    a21 = -step_s * on_grows * tube.stiffness
-    a22 = 1.0 + step_s * (on_grows * tube.stiffness + on_falls * chamber.stiffness)
+    source_stiffness, in_stiffness = source.stiffness, tube.stiffness
+    on_stiffness, chamber_stiffness = tube.stiffness, chamber.stiffness
+    if gas.thermal != 0:
+        in_k = source.temperature_k if in_kg_s >= 0.0 else tube.temperature_k
+        on_k = tube.temperature_k if on_kg_s >= 0.0 else chamber.temperature_k
+        source_stiffness = source.stiffness * in_k / source.temperature_k
+        in_stiffness = tube.stiffness * in_k / tube.temperature_k
+        on_stiffness = tube.stiffness * on_k / tube.temperature_k
+        chamber_stiffness = chamber.stiffness * on_k / chamber.temperature_k
+    in_turns = step_s * (in_grows * source_stiffness + in_falls * in_stiffness)
+    on_turns = step_s * (on_grows * on_stiffness + on_falls * chamber_stiffness)
+    in_share, on_share = implicit_share(in_turns), implicit_share(on_turns)
+    a11 = 1.0 + in_share * in_turns
+    a12 = -step_s * in_share * in_falls * on_stiffness
+    a21 = -step_s * on_share * on_grows * in_stiffness
+    a22 = 1.0 + on_share * on_turns
     by = step_s / (a11 * a22 - a12 * a21)
     in_kg: float = by * (a22 * in_kg_s - a12 * on_kg_s)
     on_kg = by * (a11 * on_kg_s - a21 * in_kg_s)
-    tube_pa = tube.pressure_pa + tube.stiffness * (in_kg - on_kg)
+    tube_pa = tube.pressure_pa + (in_stiffness * in_kg - on_stiffness * on_kg)
     source_pa, chamber_pa = (
-        source.pressure_pa - source.stiffness * in_kg,
-        chamber.pressure_pa + chamber.stiffness * on_kg,
+        source.pressure_pa - source_stiffness * in_kg,
+        chamber.pressure_pa + chamber_stiffness * on_kg,
     )
     settles = _keeps_order(source.pressure_pa, tube.pressure_pa, source_pa, tube_pa)
     settles = settles and _keeps_order(tube.pressure_pa, chamber.pressure_pa, tube_pa, chamber_pa)
     if settles and on_kg * on_kg_s >= 0.0:
-        move(source, tube, in_kg)
-        move(tube, chamber, on_kg)
+        if on_kg > 0.0:
+            move(source, tube, in_kg, gas)
+            move(tube, chamber, on_kg, gas)
+        else:
+            move(tube, chamber, on_kg, gas)
+            move(source, tube, in_kg, gas)
         return in_kg
     # one pressure would overshoot another: solve the flows one after the other, each limited to equal pressures
-    in_kg = exchange(source, tube, valve_m3_s_pa, valve_critical, step_s)
+    in_kg = exchange(source, tube, valve_m3_s_pa, valve_critical, gas)
     if on_kg_s > 0.0:
-        check(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical, step_s)
+        check(tube, chamber, crack_pa, onward_m3_s_pa, onward_critical, gas)
     elif on_kg_s < 0.0:
-        check(chamber, tube, 0.0, onward_m3_s_pa, onward_critical, step_s)
+        check(chamber, tube, 0.0, onward_m3_s_pa, onward_critical, gas)
     return in_kg
 
 
@@ -162,20 +160,15 @@ def _keeps_order(one_pa: float, other_pa: float, one_after_pa: float, other_afte
 @compiled
 def step_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, outside: Any, gas: Any) -> None:
     """Advance a cylinder by one time step."""
-    step_valve(c.valve, params.valve, plus, minus, gas.step_s)
-    push_n = _push_n(c, params)
-    if params.magnet_holds_n > 0.0:
-        _move_coupled(c, params, push_n, gas.step_s)
-    else:
-        _move(c, params, push_n, gas.step_s)
+    plus_m3, minus_m3 = move_cylinder(c, params, plus, minus, manifold, gas)
     spool = c.valve.spool
     plus_pa, minus_pa = c.plus.tube.pressure_pa, c.minus.tube.pressure_pa
-    plus_share = params.cushion_share if c.position_m < params.cushion_m else 1.0
-    minus_share = params.cushion_share if params.stroke_m - c.position_m < params.cushion_m else 1.0
-    plus_m3 = params.plus.dead_m3 + params.plus_area_m2 * c.piston_m
-    minus_m3 = params.minus.dead_m3 + params.minus_area_m2 * (params.stroke_m - c.piston_m)
-    step_line(c.plus, params.plus, params.valve, spool, minus_pa, plus_share, plus_m3, manifold, outside, gas)
-    step_line(c.minus, params.minus, params.valve, -spool, plus_pa, minus_share, minus_m3, manifold, outside, gas)
+    step_line(c.plus, params.plus, params.valve, spool, minus_pa, plus_m3, manifold, outside, gas)
+    step_line(c.minus, params.minus, params.valve, -spool, plus_pa, minus_m3, manifold, outside, gas)
+    for n, line_params in ((c.plus, params.plus), (c.minus, params.minus)):
+        settle(n.tube, line_params.tube_wall, gas)
+        settle(n.chamber, line_params.chamber_wall, gas)
+    settle_cushions(c, params, gas)
 
 
 @compiled
@@ -219,11 +212,11 @@ def _step_arm(arm: Any, params: Any, coils: Any, supply: Any, at_s: float, gas: 
 def settle_air(a: Any, params: Any, now_s: float, gas: Any) -> None:
     """Finish a step of the supply and update the pressure switch."""
     network = a.network
-    settle(network.receiver, gas)
-    settle(network.header, gas)
-    settle(network.manifold, gas)
-    settle(network.claw_reservoir, gas)
-    settle(network.claw_manifold, gas)
+    settle(network.receiver, params.network.receiver_wall, gas)
+    settle(network.header, params.network.header_wall, gas)
+    settle(network.manifold, params.network.manifold_wall, gas)
+    settle(network.claw_reservoir, params.network.claw_reservoir_wall, gas)
+    settle(network.claw_manifold, params.network.claw_manifold_wall, gas)
     gauge_pa = network.manifold.pressure_pa - ATMOSPHERE_PA
     least_pa = params.ok_above_pa - params.ok_gap_pa if a.pressure_ok.detected else params.ok_above_pa
     if (gauge_pa >= least_pa) != (a.pressure_ok.detected != 0):

@@ -71,10 +71,10 @@ class Comparison:
 
 
 @compiled_and_cached
-def exchange_in_both_forms(chambers: Any, conductance_m3_s_pa: float, step_s: float) -> None:
+def exchange_in_both_forms(chambers: Any, conductance_m3_s_pa: float, gas: Any) -> None:
     """Exchange air between the first two chambers as the kernel does, and between the others in plain form."""
-    exchange(chambers[0], chambers[1], conductance_m3_s_pa, 0.3, step_s)
-    plain_exchange(chambers[2], chambers[3], conductance_m3_s_pa, 0.3, step_s)
+    exchange(chambers[0], chambers[1], conductance_m3_s_pa, 0.3, gas[0])
+    plain_exchange(chambers[2], chambers[3], conductance_m3_s_pa, 0.3, gas[0])
 
 
 @pytest.fixture
@@ -151,7 +151,7 @@ def test_exchanges_limited_by_equal_pressures(exponent: float) -> None:
     """From slight to extreme flows, the limit of an exchange is omitted only where it has no effect."""
     rng = random.Random(1)
     gas = np.zeros(1, GAS)
-    gas["exponent"] = exponent
+    gas["exponent"], gas["step_s"] = exponent, 0.001
     limited = 0
     for _ in range(20_000):
         chambers = np.zeros(4, CHAMBER)
@@ -161,7 +161,7 @@ def test_exchanges_limited_by_equal_pressures(exponent: float) -> None:
         ):
             fill(chamber, 10.0 ** rng.uniform(-6.0, -1.0), pressure_pa, gas[0])
         chambers[2:] = chambers[:2]
-        exchange_in_both_forms(chambers, 10.0 ** rng.uniform(-12.0, -4.0), 0.001)
+        exchange_in_both_forms(chambers, 10.0 ** rng.uniform(-12.0, -4.0), gas)
         assert chambers[:2].tobytes() == chambers[2:].tobytes()
         limited += abs(float(chambers[0]["pressure_pa"] / chambers[1]["pressure_pa"]) - 1.0) < 0.01
     assert limited > 1_000

@@ -10,6 +10,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.common.compiled import compiled_and_cached
 from plant_sim.common.lanes import lanes, pair, unpacked
 from plant_sim.common.parameter_file import Value
+from plant_sim.devices.pneumatic import place_cylinder, vent_tubes
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.pneumatics.chamber import GAS, exchange, fill, resize, set_ambient, settle
@@ -111,7 +112,7 @@ class Bench:
     def air_kg(self) -> float:
         """Total air mass, kg: in every chamber, plus exhausted air less intake."""
         network, lines = self.supply[0], [self.cylinders["plus"], self.cylinders["minus"]]
-        inside = sum(float(line[part]["mass_kg"].sum()) for line in lines for part in ("tube", "chamber"))
+        inside = sum(float(line[part]["mass_kg"].sum()) for line in lines for part in ("tube", "chamber", "cushion"))
         names = ("receiver", "header", "manifold", "claw_reservoir", "claw_manifold", "outside")
         return inside + sum(float(network[name]["mass_kg"]) for name in names)
 
@@ -148,23 +149,25 @@ def _drive(
             )
             if not (skip_rest and is_at_rest(c, params, plus, minus, manifold)):
                 step_cylinder(c, params, plus, minus, manifold, s.outside, air)
-                settle_cylinder(c, air)
+                settle_cylinder(c, params, air)
         if not ideal:
-            settle_supply(s, air)
+            settle_supply(s, supply_params[0], air)
         if (step + 1) % every == 0:
             row = (step + 1) // every - 1
             seen_cylinders[row] = flat_cylinders
             seen_supply[row] = flat_supply
 
 
-def machine_bench(values: dict[str, Value] | None = None, *, step_s: float = 0.001) -> Bench:
+def machine_bench(values: dict[str, Value] | None = None, *, step_s: float | None = None) -> Bench:
     """Return slide, lift and claws of one arm with the supply of the machine, in the state after a normal stop.
 
     Args:
         values: Parameters that differ from ``machine.yaml``, by dotted name.
-        step_s: Length of a step, s.
+        step_s: Length of a step, s; None for that of the machine.
     """
-    plant = Plant(IO_MAP, MACHINE.with_values(values or {}), seed=1)
+    machine = MACHINE.with_values(values or {})
+    plant = Plant(IO_MAP, machine, seed=1)
+    step_s = machine.step_s if step_s is None else step_s
     state, params = plant.state[0], plant.params[0]
     bench = Bench(3, ideal=False, step_s=step_s)
     bench.gas[0] = params["gas"]
@@ -196,7 +199,7 @@ def textbook_bench(
     """
     bench = Bench(1, ideal=True, step_s=step_s)
     params = bench.all_params[0]
-    params["stroke_m"], params["load_kg"], params["cushion_share"] = stroke_m, load_kg, 1.0
+    params["stroke_m"], params["load_kg"] = stroke_m, load_kg
     params["plus_area_m2"] = np.pi / 4 * bore_m**2
     params["minus_area_m2"] = np.pi / 4 * (bore_m**2 - rod_m**2)
     params["friction"]["stribeck_m_s"] = 0.05
@@ -204,6 +207,7 @@ def textbook_bench(
     valve["spool_s"], valve["conductance_m3_s_pa"], valve["critical_ratio"] = 0.004, 1e-7, 0.3
     for line in (params["plus"], params["minus"]):
         line["tube_m3_s_pa"], line["tube_m3"], line["dead_m3"] = 1e-6, 20e-6, 40e-6
+        line["tube_ratio"] = 0.3
         line["free_m3_s_pa"], line["throttle_m3_s_pa"], line["critical_ratio"] = 1e-7, throttle_m3_s_pa, 0.3
     put(bench, 0, 0.0, ATMOSPHERE_PA, ATMOSPHERE_PA)
     return bench
@@ -212,16 +216,12 @@ def textbook_bench(
 def put(bench: Bench, number: int, position_m: float, plus_pa: float, minus_pa: float) -> None:
     """Set a cylinder to a position at rest, with absolute chamber pressures and vented tubes."""
     c, params, gas = bench.cylinders[number], bench.all_params[number], bench.gas[0]
-    c["position_m"] = c["piston_m"] = position_m
-    c["speed_m_s"] = c["piston_m_s"] = c["magnet_n"] = 0.0
-    c["decoupled"] = 0
-    ahead_m = float(params["stroke_m"]) - position_m
-    for line, area_m2, long_m, pressure_pa in (
-        ("plus", params["plus_area_m2"], position_m, plus_pa),
-        ("minus", params["minus_area_m2"], ahead_m, minus_pa),
-    ):
-        fill(c[line]["chamber"], float(params[line]["dead_m3"]) + float(area_m2) * long_m, pressure_pa, gas)
-        fill(c[line]["tube"], float(params[line]["tube_m3"]), ATMOSPHERE_PA, gas)
+    place_cylinder(c, params, position_m, ATMOSPHERE_PA, gas)
+    vent_tubes(c, params, gas)
+    for line, pressure_pa in (("plus", plus_pa), ("minus", minus_pa)):
+        for part in ("chamber", "cushion"):
+            if c[line][part]["volume_m3"] > 0.0:
+                fill(c[line][part], float(c[line][part]["volume_m3"]), pressure_pa, gas)
 
 
 @compiled_and_cached
@@ -251,29 +251,36 @@ def four_flows(
 
 
 @compiled_and_cached
-def both_orders_in_series(one: float, other: float) -> Any:
-    """Return `in_series` for two restrictions in both orders, twice."""
-    return unpacked(in_series(pair(one, other), pair(other, one)))
+def nozzles_in_series(first_m3_s_pa: float, first_ratio: float, second_m3_s_pa: float, second_ratio: float) -> Any:
+    """Return `in_series`, which Python cannot call."""
+    return in_series(first_m3_s_pa, first_ratio, second_m3_s_pa, second_ratio)
 
 
 @compiled_and_cached
-def squeeze(chamber: Any, gas: Any, volumes_m3: Any) -> None:
+def squeeze(chamber: Any, gas: Any, walls: Any, volumes_m3: Any) -> None:
     """Change the volume of a closed chamber (array of one) to each of the given volumes, one per step."""
     for volume_m3 in volumes_m3:
         resize(chamber[0], volume_m3, gas[0])
-        settle(chamber[0], gas[0])
+        settle(chamber[0], walls[0], gas[0])
 
 
 @compiled_and_cached
 def join(
-    chambers: Any, gas: Any, conductance_m3_s_pa: float, critical_ratio: float, steps: int, endless: bool, seen_pa: Any
+    chambers: Any,
+    gas: Any,
+    walls: Any,
+    conductance_m3_s_pa: float,
+    critical_ratio: float,
+    steps: int,
+    endless: bool,
+    seen_pa: Any,
 ) -> None:
     """Exchange air between two chambers; if `endless`, the first is constant. `seen_pa` records both pressures."""
-    a, b, air = chambers[0], chambers[1], gas[0]
+    a, b, air, wall = chambers[0], chambers[1], gas[0], walls[0]
     for step in range(steps):
-        exchange(a, b, conductance_m3_s_pa, critical_ratio, air.step_s)
+        exchange(a, b, conductance_m3_s_pa, critical_ratio, air)
         if not endless:
-            settle(a, air)
-        settle(b, air)
+            settle(a, wall, air)
+        settle(b, wall, air)
         seen_pa[step, 0] = a.pressure_pa
         seen_pa[step, 1] = b.pressure_pa

@@ -144,7 +144,7 @@ def test_the_formula_matches_the_air_of_a_trial(
     report = air_of(trial[0])
     assert report.drives["claws"].difference == pytest.approx(0.0, abs=0.02)
     assert report.drives["slide"].difference == pytest.approx(-0.10, abs=0.025)
-    assert report.drives["lift"].difference == pytest.approx(0.05, abs=0.025)
+    assert report.drives["lift"].difference == pytest.approx(0.02, abs=0.025)
     assert report.difference == pytest.approx(0.0, abs=0.05)
 
 

@@ -24,7 +24,7 @@ def stored_kg(plant: Plant) -> float:
     lines = [arm[drive][line] for arm in state["arms"] for drive in ("slide", "lift", "claws") for line in LINES]
     return float(
         sum(network[store]["mass_kg"] for store in STORES)
-        + sum(line["tube"]["mass_kg"] + line["chamber"]["mass_kg"] for line in lines)
+        + sum(line[part]["mass_kg"] for line in lines for part in ("tube", "chamber", "cushion"))
     )
 
 

@@ -1,0 +1,81 @@
+"""Air of random accepted machines, with both gas models: temperatures, energy, pressures and independence of the
+step."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final, NamedTuple
+
+import numpy as np
+import pytest
+
+from plant_sim.machine.parameters import MachineError
+from tests.plant_sim.machine.air_survey import Survey, SurveyedArm, random_machine
+
+PART: Final = 50
+DEFAULT_PARTS: Final = range(10)
+NIGHTLY_PARTS: Final = range(10, 200)
+FINE_STEP_S: Final = 1e-4
+
+
+class Both(NamedTuple):
+    """Surveys of a machine in its own steps, and in steps of at most 0.1 ms."""
+
+    name: str
+    coarse: Survey
+    fine: Survey
+
+
+@cache
+def surveys(part: int) -> list[Both]:
+    """Return the surveys of `PART` random machines with both gas models."""
+    found = []
+    for seed in range(PART * part, PART * (part + 1)):
+        machine, values = random_machine(seed)
+        for thermal in (False, True):
+            try:
+                changed = machine.with_values({"air.thermal": thermal})
+            except MachineError:
+                continue
+            fine = changed.with_values({"simulation.step_s": FINE_STEP_S})
+            name = f"machine {seed}, thermal {thermal}, {values}"
+            found.append(Both(name, SurveyedArm(changed).survey(), SurveyedArm(fine).survey()))
+    return found
+
+
+PARTS: Final = [*DEFAULT_PARTS, *(pytest.param(part, marks=pytest.mark.nightly) for part in NIGHTLY_PARTS)]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_the_air_stays_physical(part: int) -> None:
+    """All temperatures are within 150 to 500 K, and the energy balance is closed to 1e-6 of the throughput.
+
+    Outside the cushions, no pressure exceeds by more than 2 % that of the source, of the load and of the kinetic
+    energy.
+    """
+    for name, *both in surveys(part):
+        for survey in both:
+            assert survey.finite, name
+            assert 150.0 <= survey.kelvin[0] <= survey.kelvin[1] <= 500.0, name
+            assert survey.energy_error <= 1e-6, name
+            assert survey.over[0] <= 1.02, (survey.over, name)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_the_step_does_not_change_the_time_of_a_stroke(part: int) -> None:
+    """Of the strokes without stick-slip, at most one of a part (150 to 300) differs by 5 to 10 ms.
+
+    A stroke with stick-slip is irregular at any step length: even steps of 0.1 and 0.02 ms differ by up to 10 ms. Of
+    these strokes, at most 5 % differ by more than 5 ms.
+    """
+    smooth, sticking = [], []
+    for _, coarse, fine in surveys(part):
+        arrives = np.isfinite(coarse.strokes_s) & np.isfinite(fine.strokes_s)
+        sticks = coarse.sticks | fine.sticks
+        apart_s = np.abs(np.subtract(coarse.strokes_s, fine.strokes_s, where=arrives, out=np.zeros(len(arrives))))
+        smooth += list(apart_s[arrives & ~sticks])
+        sticking += list(apart_s[arrives & sticks])
+    assert len(smooth) > 150
+    assert max(smooth) < 0.010
+    assert sum(apart_s > 0.005 for apart_s in smooth) <= 1
+    assert sum(apart_s > 0.005 for apart_s in sticking) <= 0.05 * len(sticking) + 1
