@@ -196,7 +196,9 @@ class Grip(Saved):
     @property
     def pulled_above_m(self) -> float:
         """Height of the arm above which the gripped plugs are being pulled, m; infinite if none are in their cells."""
-        return self.history.rise_m if self.held and not self.extracted else math.inf
+        if not self.held or self.extracted:
+            return math.inf
+        return self.history.rise_m + self._spec.put_back_rise_m  # the lift yields to its end stops by less
 
     def thresholds(self) -> tuple[list[float], list[float], list[float]]:
         """Return the slide positions, heights of the arm and spreader travels at which `step` has an effect, m.
