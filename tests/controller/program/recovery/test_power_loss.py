@@ -33,8 +33,9 @@ TRAY_IN_DOUBT = {"creep", "settle"}
 
 
 CREEP_M = 0.003
-STOP_M = 0.0005
 """Rise of a lift that was moving down, m, until the air above its piston has reached the cylinder temperature."""
+STOP_M = 0.0005
+"""Travel of a lift in its elastic end stop, m."""
 
 
 def positions_without_lifts(twin: Twin) -> list[float]:
