@@ -1,0 +1,69 @@
+"""Mutants of a program and random samples of them."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import zip_longest
+
+from controller.core.program import Block, Program
+from controller.verify.mutants.change import Kind, changes_of
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """Program with one change.
+
+    Attributes:
+        number: Position in the list of all mutants of the program.
+        kind: Kind of change.
+        block: Title of the changed block.
+        text: Description of the change.
+        program: The changed program.
+    """
+
+    number: int
+    kind: Kind
+    block: str
+    text: str
+    original: Program = field(repr=False)
+    changed: Block = field(repr=False)
+
+    @cached_property
+    def program(self) -> Program:
+        """The changed program."""
+        blocks = (self.changed if each.title == self.block else each for each in self.original.blocks)
+        return replace(self.original, blocks=tuple(blocks))
+
+    def __str__(self) -> str:
+        return f"{self.block}: {self.text}"
+
+
+def mutants_of(program: Program) -> list[Mutant]:
+    """Return every mutant of a program, in the order of its blocks."""
+    changes = ((block, change) for block in program.blocks for change in changes_of(block.items))
+    return [
+        Mutant(number, change.kind, block.title, change.text, program, Block(block.title, change.items))
+        for number, (block, change) in enumerate(changes)
+    ]
+
+
+def sample(mutants: list[Mutant], count: int, seed: int) -> list[Mutant]:
+    """Return random mutants: the kinds of change in turn, and within a kind at random without repetition.
+
+    A sample is the beginning of every larger sample with the same seed.
+
+    Args:
+        mutants: All mutants.
+        count: Size of the sample; at most all mutants are returned.
+        seed: Seed of the random order.
+    """
+    draws = random.Random(seed)
+    orders = []
+    for kind in Kind:
+        of_kind = [mutant for mutant in mutants if mutant.kind is kind]
+        draws.shuffle(of_kind)
+        orders.append(of_kind)
+    in_turn = (mutant for row in zip_longest(*orders) for mutant in row if mutant is not None)
+    return [mutant for mutant, _ in zip(in_turn, range(count), strict=False)]
