@@ -50,7 +50,7 @@ def mutants_of(program: Program) -> list[Mutant]:
 
 
 def sample(mutants: list[Mutant], count: int, seed: int) -> list[Mutant]:
-    """Return random mutants: the kinds of change in turn, and within a kind at random without repetition.
+    """Return random mutants: the kinds of change in turn, and the blocks in turn within each kind, without repetition.
 
     A sample is the beginning of every larger sample with the same seed.
 
@@ -60,10 +60,19 @@ def sample(mutants: list[Mutant], count: int, seed: int) -> list[Mutant]:
         seed: Seed of the random order.
     """
     draws = random.Random(seed)
-    orders = []
+    of_kinds = []
     for kind in Kind:
-        of_kind = [mutant for mutant in mutants if mutant.kind is kind]
-        draws.shuffle(of_kind)
-        orders.append(of_kind)
-    in_turn = (mutant for row in zip_longest(*orders) for mutant in row if mutant is not None)
-    return [mutant for mutant, _ in zip(in_turn, range(count), strict=False)]
+        of_blocks: dict[str, list[Mutant]] = {}
+        for mutant in mutants:
+            if mutant.kind is kind:
+                of_blocks.setdefault(mutant.block, []).append(mutant)
+        groups = list(of_blocks.values())
+        for group in (*groups, groups):
+            draws.shuffle(group)
+        of_kinds.append(in_turn(groups))
+    return in_turn(of_kinds)[:count]
+
+
+def in_turn(groups: list[list[Mutant]]) -> list[Mutant]:
+    """Return the first mutant of every group, then the second of every group, and so on."""
+    return [mutant for row in zip_longest(*groups) for mutant in row if mutant is not None]
