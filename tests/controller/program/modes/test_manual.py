@@ -159,14 +159,14 @@ def test_in_manual_mode_the_machine_must_be_started_first() -> None:
     for state in (State.STOPPED, State.IDLE):
         if state is State.IDLE:
             twin.home()
-        twin.command(jog_command("left.lift_extend"))
+        twin.command(jog_command("left.lift_retract"))
         twin.run_for(50)
         assert twin.outputs() == set()
         assert last_refusal(twin) == "cannot jog: manual mode is not started"
     twin.start()
-    twin.command(jog_command("left.lift_extend"))
+    twin.command(jog_command("left.lift_retract"))
     twin.scan()
-    assert twin.outputs() == {"left.lift_extend"}
+    assert twin.outputs() == {"left.lift_retract"}
 
 
 # interlocks
