@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import StrEnum
-from typing import Final, NamedTuple, TypeVar
+from itertools import pairwise
+from typing import Final, NamedTuple
 
 from controller.core.devices import MS_100, WORD_MAX
 from controller.core.expr import And, Bit, Compare, Expr, Not, Or, Word, all_of, any_of
 from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Rst, Rung, Set, ZoneReset, written_devices
 from controller.core.sequence import Sequence
-
-_Writer = TypeVar("_Writer", bound=Rung)
 
 FACTORS: Final = (2.0, 0.5)
 """Factors of a changed time preset; assumed: a factor of two exceeds every tolerance of a time in this machine."""
@@ -199,7 +198,7 @@ def _of_transfers(sequence: Sequence) -> Iterator[tuple[Kind, str, Sequence]]:
 def _of_outputs(items: tuple[Rung | Sequence, ...]) -> Iterator[Change]:
     """Yield every exchange of the targets of two OUT coils that follow each other."""
     coils = [(number, item) for number, item in enumerate(items) if isinstance(item, Out)]
-    for (place, one), (next_place, other) in zip(coils, coils[1:], strict=False):
+    for (place, one), (next_place, other) in pairwise(coils):
         swapped = list(items)
         swapped[place], swapped[next_place] = replace(one, target=other.target), replace(other, target=one.target)
         yield Change(Kind.OUTPUT, f"{name_of(one)} and {name_of(other)}: targets swapped", tuple(swapped))
@@ -219,8 +218,8 @@ def _of_order(items: tuple[Rung | Sequence, ...]) -> Iterator[Change]:
         exchanged = list(items)
         exchanged[first], exchanged[second] = items[second], items[first]
         one, other = _write(items[first]), _write(items[second])
-        yield Change(Kind.PRIORITY, f"{one} of rung {first + 1} and {other} of rung {second + 1}: exchanged ({name})",
-                     tuple(exchanged))
+        text = f"{one} and {other}: exchanged ({name})"
+        yield Change(Kind.PRIORITY, text, tuple(exchanged))
 
 
 def _write(item: Rung | Sequence) -> str:
@@ -240,6 +239,6 @@ def _of_constants(items: tuple[Rung | Sequence, ...]) -> Iterator[Change]:
             continue
         values = moved[move.target]
         value = values[(values.index(move.source) + 1) % len(values)]
-        text = f"{_write(move)} of rung {number + 1}: {value} instead of {move.source}"
+        text = f"{_write(move)}: {value} instead of {move.source}"
         changed = (*items[:number], replace(move, source=value), *items[number + 1 :])
         yield Change(Kind.TARGET, text, changed)

@@ -7,7 +7,7 @@ leads to its goal. These are the goals that `controller.verify.report.prove` wou
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from typing import Final
@@ -19,14 +19,18 @@ from controller.core.program import Program
 from controller.core.specification import Specification, WayOut
 from controller.verify.cells import Cell, SymbolicMemory, cell_of, condition
 from controller.verify.induction import Moment
-from controller.verify.model import REQUIREMENT, Goal, Model
+from controller.verify.model import REQUIREMENT, Model, leaves_of
+from controller.verify.mutants.influence import influences_outputs
+from controller.verify.mutants.shared_run import SharedRun
 from controller.verify.progress import Exits
-from controller.verify.solving import goal_switches, new_solver, switch
+from controller.verify.solving import CHECK_LIMIT_MS, goal_switches, new_solver, switch
 from controller.verify.symbolic import execute
 from controller.verify.timing import ExactTimers, FreeTimers
 
 MOMENTS: Final = (Moment.RUNNING, Moment.POWER_UP, Moment.FACTORY)
 """Kinds of scan; most violations are found in a running scan."""
+EQUAL_MS: Final = 3_000
+"""Time limit for a proof that two programs are equal, ms."""
 LONGEST_WAY: Final = 2
 """Number of scans of the longest way out."""
 
@@ -69,12 +73,27 @@ class MutantProof:
         return _step_without_exit(Model(self._with(program)))
 
     def equals(self, program: Program) -> bool:
-        """Return True if every device has the same value after every scan of both programs.
+        """Return True if every device is proved to have the same value after every scan of both programs.
 
-        Both programs start from the same memory, in which all goals hold, with the same inputs and the same time.
+        Both programs start from the same memory, in which all goals hold, with the same inputs and the same time. The
+        result is False if the solver does not decide within `EQUAL_MS`.
         """
         watched = self._watched(program)
-        return not any(scan.differs(watched) for scan in self._scans)
+        return all(scan.equals(watched) for scan in self._scans)
+
+    def acts_equally(self, program: Program) -> bool:
+        """Return True if a changed program differs only in devices that influence no output, in any scan."""
+        relevant = influences_outputs(program) | influences_outputs(self._specification.program)
+        watched = self._watched(program)
+        return all(scan.equals(watched, relevant) for scan in self._scans)
+
+    def differs_in_time_only(self, program: Program) -> bool:
+        """Return True if a changed program equals the original if every driven timer may elapse at any time."""
+        before, _ = self._model.unknown("before")
+        timing = FreeTimers("scan")
+        start = self._model.start(before, "scan", first=False, timing=timing)
+        one, other = (execute(each, start, timing).after for each in (self._model.program, self._watched(program)))
+        return all(term.eq(other[cell]) for cell, term in one.items())
 
     def _with(self, program: Program) -> Specification:
         specification = self._specification
@@ -127,41 +146,44 @@ class _SharedScan:
         }[moment]()
         first = moment is not Moment.RUNNING
         frame = model.frame(before, "scan", first=first, timing=ExactTimers.aged("scan"))
-        self._start, self._after = frame.start, frame.after
-        self._holds = self._goal_formulas(frame.after)
+        self._run = SharedRun(model.program, frame.start, lambda: ExactTimers.aged("scan"))
+        self._cells = {goal.name: frozenset(leaves_of(goal.holds)) for goal in model.goals}
         self._solver = new_solver(facts + frame.limits)
         assumed = {} if moment is Moment.FACTORY else goal_switches(self._solver, model, unknown)
         self._assumed = list(assumed.values())
 
     def violated(self, program: Program) -> list[str]:
         """Return the goals that the scan can violate together, requirements first."""
-        holds = self._goal_formulas(self._executed(program))
-        affected = [goal for goal in self._goals if not holds[goal.name].eq(self._holds[goal.name])]
+        after = self._run.executed(program)
+        changed = {cell for cell, term in self._run.after.items() if not term.eq(after[cell])}
+        affected = [goal for goal in self._goals if not changed.isdisjoint(self._cells[goal.name])]
         if not affected:
             return []
+        holds = {goal.name: condition(goal.holds, after) for goal in affected}
         with _retracted(self._solver):
-            self._solver.add(z3.Or([z3.Not(holds[goal.name]) for goal in affected]))
+            self._solver.add(z3.Or([z3.Not(each) for each in holds.values()]))
             if not _is_possible(self._solver, self._assumed):
                 return []
             solution = self._solver.model()
         broken = [g for g in affected if z3.is_false(solution.eval(holds[g.name], model_completion=True))]
         return [goal.name for goal in sorted(broken, key=lambda goal: goal.kind != REQUIREMENT)]
 
-    def differs(self, program: Program) -> bool:
-        """Return True if a device can have different values after the scan."""
-        after = self._executed(program)
-        different = [term != after[cell] for cell, term in self._after.items() if not term.eq(after[cell])]
+    def equals(self, program: Program, cells: Collection[Cell] | None = None) -> bool:
+        """Return True if these devices, or all, are proved to have the same values after the scan."""
+        after = self._run.executed(program)
+        different = [
+            term != after[cell]
+            for cell, term in self._run.after.items()
+            if (cells is None or cell in cells) and not term.eq(after[cell])
+        ]
         if not different:
-            return False
+            return True
         with _retracted(self._solver):
             self._solver.add(z3.Or(different))
-            return _is_possible(self._solver, self._assumed)
-
-    def _executed(self, program: Program) -> SymbolicMemory:
-        return execute(program, self._start, ExactTimers.aged("scan")).after
-
-    def _goal_formulas(self, after: Mapping[Cell, z3.ExprRef]) -> dict[str, z3.BoolRef]:
-        return {goal.name: condition(goal.holds, after) for goal in self._goals}
+            self._solver.set("timeout", EQUAL_MS)
+            answer = self._solver.check(*self._assumed)
+            self._solver.set("timeout", CHECK_LIMIT_MS)
+        return bool(answer == z3.unsat)
 
 
 class _SharedWays:
@@ -178,6 +200,8 @@ class _SharedWays:
             frame = model.frame(memory, f"scan {number}", first=False, timing=timing)
             limits += frame.limits
             memory = frame.after
+        start = model.start(self._before, "scan 0", first=False, timing=self._timings[0])
+        self._run = SharedRun(model.program, start, lambda: self._timings[0])
         self._solver = new_solver(facts + limits)
         self._assumed = [*goal_switches(self._solver, model, self._before).values()]
         self._starts = [switch(self._solver, self._started(way)) for way in self._ways]
@@ -211,15 +235,9 @@ class _SharedWays:
 
     def _goal_formulas(self, program: Program) -> list[z3.BoolRef]:
         """Return, for each way out, the formula of its goal after its last scan."""
-        memories = []
-        memory = self._before
-        for number, timing in enumerate(self._timings):
-            start = self._model.start(memory, f"scan {number}", first=False, timing=timing)
-            memory = execute(program, start, timing).after
-            memories.append(memory)
+        memories = [self._run.executed(program)]
+        for number in range(len(memories), LONGEST_WAY):
+            timing = self._timings[number]
+            start = self._model.start(memories[-1], f"scan {number}", first=False, timing=timing)
+            memories.append(execute(program, start, timing).after)
         return [condition(way.goal, memories[len(way.scans) - 1]) for way in self._ways]
-
-
-def names_of(goals: Iterable[Goal]) -> list[str]:
-    """Return the names of goals."""
-    return [goal.name for goal in goals]

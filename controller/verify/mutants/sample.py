@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import random
+import hashlib
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import zip_longest
@@ -42,35 +43,43 @@ class Mutant:
 
 def mutants_of(program: Program) -> list[Mutant]:
     """Return every mutant of a program, in the order of its blocks."""
-    changes = ((block, change) for block in program.blocks for change in changes_of(block.items))
-    return [
-        Mutant(number, change.kind, block.title, change.text, program, Block(block.title, change.items))
-        for number, (block, change) in enumerate(changes)
-    ]
+    found: list[Mutant] = []
+    texts: Counter[str] = Counter()
+    for block in program.blocks:
+        for change in changes_of(block.items):
+            name = f"{block.title}: {change.text}"
+            texts[name] += 1
+            text = change.text if texts[name] == 1 else f"{change.text} ({texts[name]})"
+            changed = Block(block.title, change.items)
+            found.append(Mutant(len(found), change.kind, block.title, text, program, changed))
+    return found
 
 
 def sample(mutants: list[Mutant], count: int, seed: int) -> list[Mutant]:
-    """Return random mutants: the kinds of change in turn, and the blocks in turn within each kind, without repetition.
+    """Return pseudo-random mutants: the kinds of change in turn, and the blocks in turn within each kind.
 
-    A sample is the beginning of every larger sample with the same seed.
+    A sample is the beginning of every larger sample with the same seed. The order of two mutants depends only on their
+    descriptions and the seed, so that most of a sample remains the same if the program changes.
 
     Args:
         mutants: All mutants.
         count: Size of the sample; at most all mutants are returned.
-        seed: Seed of the random order.
+        seed: Seed of the order.
     """
-    draws = random.Random(seed)
     of_kinds = []
     for kind in Kind:
         of_blocks: dict[str, list[Mutant]] = {}
         for mutant in mutants:
             if mutant.kind is kind:
                 of_blocks.setdefault(mutant.block, []).append(mutant)
-        groups = list(of_blocks.values())
-        for group in (*groups, groups):
-            draws.shuffle(group)
-        of_kinds.append(in_turn(groups))
+        blocks = sorted(of_blocks, key=lambda block: _place(f"{kind} {block}", seed))
+        of_kinds.append(in_turn([sorted(of_blocks[block], key=lambda m: _place(str(m), seed)) for block in blocks]))
     return in_turn(of_kinds)[:count]
+
+
+def _place(text: str, seed: int) -> bytes:
+    """Return a checksum by which texts are ordered."""
+    return hashlib.sha256(f"{seed} {text}".encode()).digest()
 
 
 def in_turn(groups: list[list[Mutant]]) -> list[Mutant]:
