@@ -1,1 +1,1 @@
-"""Stories: operator actions and faults on the twin whose outcome with a changed program is compared with the original."""
+"""Stories on the twin: operator actions and faults whose outcomes with a changed program are compared."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
+from controller.core.expr import any_of
 from controller.program.states import Mode, State
 from controller.program.tags import SIDES
 from plant_sim.faults import Fault
 from plant_sim.stories.stops import HOMING_MS, home_and_answer
 from plant_sim.stories.story import Stage, Story
 from plant_sim.stories.work import FASTER, STOP_MS, TRAY_MS, begin, complete
-from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import answer_truly, clear, press_emergency_stop, repair
 
 SWITCHES = (
@@ -27,6 +27,7 @@ SWITCHES = (
 DRIVES = ("lift", "slide", "spreader")
 NOTICED_MS = 60_000
 """Longest time until a fault stops the machine, ms: the part may move only once a cycle."""
+RESTS = (State.HELD, State.ABORTED, State.STOPPED, State.SUSPENDED)
 BEGIN_MS = 12_000
 """Time of work before a fault, ms."""
 
@@ -45,12 +46,8 @@ def strike(stage: Stage, fault: Fault) -> None:
     """Let a fault strike, wait for the stop, repair it, home and start."""
     twin = stage.twin
     twin.plant.faults.add(fault)
-    stopped = (State.HELD, State.ABORTED, State.STOPPED, State.SUSPENDED, State.COMPLETE)
     word = twin.machine.tags.machine.state
-    condition = word.equals(stopped[0])
-    for state in stopped[1:]:
-        condition = condition | word.equals(state)
-    twin.runs_until(condition, for_ms=NOTICED_MS)
+    twin.runs_until(any_of(*(word.equals(state) for state in (*RESTS, State.COMPLETE))), for_ms=NOTICED_MS)
     twin.run_for(5_000)
     stage.end(fault.name)
     repair(twin, fault)
@@ -217,7 +214,13 @@ def stories() -> Iterator[Story]:
     yield Story("stopped tractor", stopped_tractor)
     yield Story("no tray", no_tray, trays=2, values=FASTER)
     for answer in ("tray_same", "tray_full", "tray_none"):
-        yield Story(f"answer {answer}", partial(tray_questions, answer=answer), trays=4, set_points={"trays_target": 2}, values=FASTER)
+        yield Story(
+            f"answer {answer}",
+            partial(tray_questions, answer=answer),
+            trays=4,
+            set_points={"trays_target": 2},
+            values=FASTER,
+        )
     for side in SIDES:
         for answer in ("loaded_yes", "loaded_no", "discard"):
             yield Story(f"answer {side} {answer}", partial(answers, side=side, answer=answer), values=FASTER)
@@ -235,5 +238,3 @@ def stories() -> Iterator[Story]:
     for fault in tray:
         yield Story(fault.name, partial(faults, which=(fault,)), trays=3, values=FASTER)
     yield Story("low supply", partial(faults, which=(Fault("low_supply", "supply", size=0.1e6),)), trays=2)
-
-

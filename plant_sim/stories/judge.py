@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from controller.program.machine import Transplanter
+from controller.program.tags import SIDES, Side
 from plant_sim.machine.parameters import Machine
 from plant_sim.stories.library import stories_of
 from plant_sim.stories.story import Observation, Story, difference, observe
+
+OTHER: dict[Side, Side] = {"left": "right", "right": "left"}
 
 
 class Judge:
@@ -31,14 +34,23 @@ class Judge:
             self._originals[story] = observe(story, self._machine, self._parameters)
         return self._originals[story]
 
-    def differences(self, machine: Transplanter) -> Iterator[tuple[Story, str]]:
-        """Yield the stories in which a changed program differs from the original, each with the difference."""
-        for story in self.stories:
+    def differences(self, machine: Transplanter, block: str = "", first: str = "") -> Iterator[tuple[Story, str]]:
+        """Yield the stories in which a changed program differs from the original, each with the difference.
+
+        Args:
+            machine: Changed program.
+            block: Title of the changed block. If it belongs to an arm, the stories that interrupt the steps or strike
+                the parts of the other arm are omitted.
+            first: Name of the story to play first.
+        """
+        for story in sorted(self.stories, key=lambda story: story.name != first):
+            if any(block.startswith(side) and OTHER[side] in story.name for side in SIDES):
+                continue
             text = difference(self.original(story), observe(story, machine, self._parameters))
             if text:
                 yield story, text
 
-    def killed(self, machine: Transplanter) -> str:
+    def killed(self, machine: Transplanter, block: str = "", first: str = "") -> str:
         """Return the first story in which a changed program differs, with the difference; empty if there is none."""
-        found = next(self.differences(machine), None)
+        found = next(self.differences(machine, block, first), None)
         return "" if found is None else f"{found[0].name}: {found[1]}"

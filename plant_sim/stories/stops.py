@@ -217,6 +217,6 @@ def stories(machine: Transplanter) -> Iterator[Story]:
     for side in SIDES:
         homing = [step.title for step in machine.homings[side].steps]
         for first in range(0, len(homing), STEPS_A_STORY):
-            some = tuple(homing[first : first + STEPS_A_STORY])
-            play = partial(in_homing_steps, stop=emergency_stop, side=side, titles=some)
-            yield Story(f"emergency stop, {side} homing, {some[0]} to {some[-1]}", play, trays=2, values=FASTER)
+            titles = tuple(homing[first : first + STEPS_A_STORY])
+            play = partial(in_homing_steps, stop=emergency_stop, side=side, titles=titles)
+            yield Story(f"emergency stop, {side} homing, {titles[0]} to {titles[-1]}", play, trays=2, values=FASTER)

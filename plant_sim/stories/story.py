@@ -162,7 +162,9 @@ def _other_display(healthy: Observation, other: Observation) -> str:
     for one, two in zip(healthy.parts, other.parts, strict=False):
         for name in sorted(one.shown.keys() | two.shown.keys()):
             if one.shown.get(name, 0) != two.shown.get(name, 0):
-                return f"display: after {one.name}: {name} = {two.shown.get(name, 0)} instead of {one.shown.get(name, 0)}"
+                return (
+                    f"display: after {one.name}: {name} = {two.shown.get(name, 0)} instead of {one.shown.get(name, 0)}"
+                )
         for name, value in one.measured.items():
             if abs(two.measured[name] - value) > max(MEASURED, MEASURED_SHARE * abs(value)):
                 return f"display: after {one.name}: {name} = {two.measured[name]} instead of {value}"

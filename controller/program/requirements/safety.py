@@ -96,8 +96,7 @@ class MachineMonitor:
             Out(self.jogged, when=machine.jog.differs(0)),
             Out(
                 self.cleared_unbidden,
-                when=machine.state.equals(State.CLEARING)
-                & ~any_of(tags.x.stop, machine.reset_pressed, commands.clear),
+                when=machine.state.equals(State.CLEARING) & ~any_of(tags.x.stop, machine.reset_pressed, commands.clear),
             ),
         ]
 

@@ -88,4 +88,6 @@ def _of_sequence(sequence: Sequence) -> Iterator[Access]:
 
 def _cells(devices: Iterable[Bit | Word]) -> frozenset[Cell]:
     """Return the cells of devices; a timer or counter stands for all of its cells."""
-    return frozenset(Cell(kind, device.number) for device in devices for kind in _PARTS.get(device.kind, (device.kind,)))
+    return frozenset(
+        Cell(kind, device.number) for device in devices for kind in _PARTS.get(device.kind, (device.kind,))
+    )

@@ -17,7 +17,7 @@ import z3
 from controller.core.expr import Bit
 from controller.core.program import Program
 from controller.core.specification import Specification, WayOut
-from controller.verify.cells import Cell, SymbolicMemory, cell_of, condition
+from controller.verify.cells import Cell, cell_of, condition
 from controller.verify.induction import Moment
 from controller.verify.model import REQUIREMENT, Model, leaves_of
 from controller.verify.mutants.influence import influences_outputs
@@ -139,11 +139,11 @@ class _SharedScan:
     def __init__(self, model: Model, moment: Moment) -> None:
         self._goals = model.goals
         unknown, facts = model.unknown("before")
-        before = {
-            Moment.FACTORY: lambda: model.factory("before"),
-            Moment.POWER_UP: lambda: model.powered_up(unknown),
-            Moment.RUNNING: lambda: unknown,
-        }[moment]()
+        before = unknown
+        if moment is Moment.FACTORY:
+            before = model.factory("before")
+        elif moment is Moment.POWER_UP:
+            before = model.powered_up(unknown)
         first = moment is not Moment.RUNNING
         frame = model.frame(before, "scan", first=first, timing=ExactTimers.aged("scan"))
         self._run = SharedRun(model.program, frame.start, lambda: ExactTimers.aged("scan"))
