@@ -5,21 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import z3
 
 from controller.core.program import Program
 from controller.core.specification import Specification
-from controller.verify.cells import SymbolicMemory, condition
+from controller.verify.cells import condition
 from controller.verify.model import Model
+from controller.verify.mutants.proof import NO_LIMIT_MS
 from controller.verify.mutants.sample import Mutant, mutants_of
+from controller.verify.mutants.shared_run import SharedRun
 from controller.verify.solving import goal_switches, new_solver
-from controller.verify.symbolic import execute
 from controller.verify.timing import ExactTimers
 
 
-class Block(NamedTuple):
+EFFORT: Final = 30_000_000
+"""Limit for one rule, in the solver's unit of work; about 5 s of processor time, the same on a busy computer."""
+
+
+class Blocked(NamedTuple):
     """Rule that blocks a mutant.
 
     Attributes:
@@ -45,28 +50,34 @@ class Blocking:
         self._model = Model(specification)
         before, facts = self._model.unknown("before")
         frame = self._model.frame(before, "scan", first=False, timing=ExactTimers.aged("scan"))
-        self._start, self._after = frame.start, frame.after
+        self._start = frame.start
+        self._run = self._shared_run(specification.program)
         self._solver = new_solver(facts + frame.limits)
         self._assumed = [*goal_switches(self._solver, self._model, before).values()]
+        self._solver.set("timeout", NO_LIMIT_MS)
+        self._solver.set("rlimit", EFFORT)
         self._without = cache(self._program_without)
 
-    def rule_that_blocks(self, mutant: Mutant) -> Block | None:
+    def rule_that_blocks(self, mutant: Mutant) -> Blocked | None:
         """Return the first rule without which a mutant does harm in one scan, in which the original does none.
 
-        The mutant must not violate a goal with all rules. None = no such rule, or the solver exceeded its time limit.
+        For a change of a block of one arm or of the tray, only the rules for its outputs are tried. The mutant must not
+        violate a goal with all rules. None = no such rule, or the solver exceeded `EFFORT`.
         """
-        changed = self._executed(mutant.program)
-        if all(term.eq(changed[cell]) for cell, term in self._after.items() if cell.kind == "Y"):
+        changed = self._run.executed(self._watched(mutant.program))
+        if all(term.eq(changed[cell]) for cell, term in self._run.after.items() if cell.kind == "Y"):
             return None
-        found = (self._harm(rule, mutant) for rule in self._rules)
+        group = mutant.block.partition(" ")[0]
+        of_group = [rule for rule in self._rules if rule.startswith(f"{group}: ")]
+        found = (self._harm(rule, mutant) for rule in of_group or self._rules)
         return next((block for block in found if block is not None), None)
 
-    def _harm(self, rule: str, mutant: Mutant) -> Block | None:
-        original, after = self._without(rule)
+    def _harm(self, rule: str, mutant: Mutant) -> Blocked | None:
+        original, run = self._without(rule)
         same = _same_change(mutant, original)
         if same is None:
             return None
-        changed = self._executed(same)
+        after, changed = run.after, run.executed(self._watched(same))
         if all(term.eq(changed[cell]) for cell, term in after.items()):
             return None
         goals = {goal.name: condition(goal.holds, changed) for goal in self._model.goals}
@@ -79,15 +90,17 @@ class Blocking:
         if solution is None:
             return None
         broken = [name for name, holds in goals.items() if z3.is_false(solution.eval(holds, model_completion=True))]
-        return Block(rule, broken[-1])  # requirements follow the invariants
+        return Blocked(rule, broken[-1])  # requirements follow the invariants
 
-    def _program_without(self, rule: str) -> tuple[Program, SymbolicMemory]:
+    def _program_without(self, rule: str) -> tuple[Program, SharedRun]:
         program = self._rules[rule]()
-        return program, self._executed(program)
+        return program, self._shared_run(program)
 
-    def _executed(self, program: Program) -> SymbolicMemory:
-        watched = replace(self._specification, program=program).watched
-        return execute(watched, self._start, ExactTimers.aged("scan")).after
+    def _shared_run(self, program: Program) -> SharedRun:
+        return SharedRun(self._watched(program), self._start, lambda: ExactTimers.aged("scan"))
+
+    def _watched(self, program: Program) -> Program:
+        return replace(self._specification, program=program).watched
 
 
 def _same_change(mutant: Mutant, program: Program) -> Program | None:

@@ -87,9 +87,6 @@ class Judgement:
         block = self._blocking.rule_that_blocks(mutant)
         if block is not None:
             return _result(mutant, Fate.BLOCKED, f"{block.rule}; without it, it violates {block.goal!r}")
-        step = self._proof.step_without_exit(mutant.program)
-        if step:
-            return _result(mutant, Fate.PROOF, f"step can no longer be left: {step}")
         return _result(mutant, Fate.OPEN, "")
 
 

@@ -22,15 +22,16 @@ from controller.verify.induction import Moment
 from controller.verify.model import REQUIREMENT, Model, leaves_of
 from controller.verify.mutants.influence import influences_outputs
 from controller.verify.mutants.shared_run import SharedRun
-from controller.verify.progress import Exits
 from controller.verify.solving import CHECK_LIMIT_MS, goal_switches, new_solver, switch
 from controller.verify.symbolic import execute
 from controller.verify.timing import ExactTimers, FreeTimers
 
 MOMENTS: Final = (Moment.RUNNING, Moment.POWER_UP, Moment.FACTORY)
 """Kinds of scan; most violations are found in a running scan."""
-EQUAL_MS: Final = 3_000
-"""Time limit for a proof that two programs are equal, ms."""
+EQUAL_EFFORT: Final = 30_000_000
+"""Limit for a proof that two programs are equal, in the solver's unit of work; about 5 s of processor time. In contrast
+to a time limit, it gives the same result on a busy computer."""
+NO_LIMIT_MS: Final = 2**32 - 1
 LONGEST_WAY: Final = 2
 """Number of scans of the longest way out."""
 
@@ -68,15 +69,11 @@ class MutantProof:
         """Return the name of the first way out that no longer leads to its goal; empty if there is none."""
         return self._ways.blocked(self._watched(program))
 
-    def step_without_exit(self, program: Program) -> str:
-        """Return the name of the first step that can no longer be left; empty if there is none."""
-        return _step_without_exit(Model(self._with(program)))
-
     def equals(self, program: Program) -> bool:
         """Return True if every device is proved to have the same value after every scan of both programs.
 
         Both programs start from the same memory, in which all goals hold, with the same inputs and the same time. The
-        result is False if the solver does not decide within `EQUAL_MS`.
+        result is False if the solver does not decide within `EQUAL_EFFORT`.
         """
         watched = self._watched(program)
         return all(scan.equals(watched) for scan in self._scans)
@@ -109,11 +106,6 @@ class MutantProof:
 
     def _watched(self, program: Program) -> Program:
         return self._with(program).watched
-
-
-def _step_without_exit(model: Model) -> str:
-    exits = Exits(model)
-    return next((bit.name for bit in exits.steps() if exits.step(bit).holds is False), "")
 
 
 @contextmanager
@@ -180,8 +172,10 @@ class _SharedScan:
             return True
         with _retracted(self._solver):
             self._solver.add(z3.Or(different))
-            self._solver.set("timeout", EQUAL_MS)
+            self._solver.set("timeout", NO_LIMIT_MS)
+            self._solver.set("rlimit", EQUAL_EFFORT)
             answer = self._solver.check(*self._assumed)
+            self._solver.set("rlimit", 0)
             self._solver.set("timeout", CHECK_LIMIT_MS)
         return bool(answer == z3.unsat)
 

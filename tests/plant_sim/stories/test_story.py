@@ -86,8 +86,8 @@ def test_small_differences_in_time_and_measured_registers_are_tolerated() -> Non
 
 
 KILLED = {
-    "buttons and commands: RST clear armed: stop (n.c.) dropped": "emergency stop, left arm, wait at feed to slide to feed",
-    "modes: MOV state: 15 instead of 4": "two trays",
+    "buttons and commands: RST clear armed: stop (n.c.) dropped": "emergency stop, tray feeder",
+    "modes: MOV 4 state: 10 instead of 4": "two trays",
     "buttons and commands: OUT jog lease: 600 ms instead of 300 ms": "jogs",
     "alarms: ANS stop stuck: 10000 ms instead of 5000 ms": "stuck stop button",
 }
@@ -104,7 +104,7 @@ def test_a_story_kills_a_mutant(name: str, story: str) -> None:
 
 def test_stories_of_the_other_arm_are_omitted_for_a_block_of_an_arm() -> None:
     player = judge("jams, left arm", "jams, right arm")
-    changed = replace(MACHINE, program=mutants()["modes: MOV state: 15 instead of 4"].program)
+    changed = replace(MACHINE, program=mutants()["modes: MOV 4 state: 10 instead of 4"].program)
     assert [story.name for story, _ in player.differences(changed, "right arm")] == ["jams, right arm"]
     assert len(list(player.differences(changed))) == 2
 
@@ -112,7 +112,7 @@ def test_stories_of_the_other_arm_are_omitted_for_a_block_of_an_arm() -> None:
 def test_the_command_names_the_killing_story(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each line names a mutant by number and description; the answer has the same number."""
     monkeypatch.setattr("plant_sim.stories.judge.stories_of", lambda machine: list(work.STORIES[:1]))
-    mutant = mutants()["modes: MOV state: 15 instead of 4"]
+    mutant = mutants()["modes: MOV 4 state: 10 instead of 4"]
     lines = io.StringIO(json.dumps({"number": mutant.number, "name": str(mutant)}) + "\n")
     [answer] = killers(Namespace(io_map=DEFAULT_IO_MAP, machine=DEFAULT_MACHINE), lines)
     assert json.loads(answer)["number"] == mutant.number
