@@ -24,6 +24,15 @@ SWITCHES = (
     "claws_spread",
     "claws_converged",
 )
+HALFWAY = (
+    ("lift_down", "lower over cups", 300),
+    ("lift_up", "lift from row", 300),
+    ("slide_at_feed", "slide to feed", 500),
+    ("slide_at_pick_2", "approach row", 500),
+    ("claws_spread", "spread", 400),
+    ("claws_converged", "converge", 400),
+)
+"""Switches that stick on while their device moves towards them, with the step and the time since its beginning, ms."""
 DRIVES = ("lift", "slide", "spreader")
 NOTICED_MS = 60_000
 """Longest time until a fault stops the machine, ms: the part may move only once a cycle."""
@@ -38,6 +47,18 @@ def faults(stage: Stage, which: tuple[Fault, ...]) -> None:
     begin(twin)
     twin.run_for(BEGIN_MS)
     for fault in which:
+        strike(stage, fault)
+    complete(stage)
+
+
+def faults_in_motion(stage: Stage, which: tuple[tuple[Fault, str, int], ...]) -> None:
+    """Let each fault strike some time after its arm has entered a step; wait for the stop, repair, home and go on."""
+    twin = stage.twin
+    begin(twin)
+    for fault, step, after_ms in which:
+        side = fault.target.partition(".")[0]
+        twin.run_until(twin.step_of(f"{side} arm", step), within_ms=TRAY_MS, what=f"{side} arm: {step}")
+        twin.run_for(after_ms)
         strike(stage, fault)
     complete(stage)
 
@@ -230,6 +251,10 @@ def stories() -> Iterator[Story]:
             for some in (which[:4], which[4:]):
                 name = f"{kind}, {some[0].target} to {some[-1].target}"
                 yield Story(name, partial(faults, which=some), trays=4, values=FASTER)
+        for some_switches in (HALFWAY[:3], HALFWAY[3:]):
+            moving = tuple((Fault("stuck_on", f"{side}.{name}"), step, ms) for name, step, ms in some_switches)
+            name = f"stuck_on halfway, {side} arm, {some_switches[0][0]} to {some_switches[-1][0]}"
+            yield Story(name, partial(faults_in_motion, which=moving), trays=4, values=FASTER)
         jams = tuple(Fault("jammed", f"{side}.{drive}") for drive in DRIVES)
         yield Story(f"jams, {side} arm", partial(faults, which=jams), trays=4, values=FASTER)
         cups = (Fault("stuck_off", f"{side}.cup_pulse"), Fault("doubled_pulses", f"{side}.cup_pulse", size=1.0))

@@ -19,7 +19,6 @@ from controller.verify.mutants.shared_run import SharedRun
 from controller.verify.solving import goal_switches, new_solver
 from controller.verify.timing import ExactTimers
 
-
 EFFORT: Final = 30_000_000
 """Limit for one rule, in the solver's unit of work; about 5 s of processor time, the same on a busy computer."""
 
@@ -61,16 +60,29 @@ class Blocking:
     def rule_that_blocks(self, mutant: Mutant) -> Blocked | None:
         """Return the first rule without which a mutant does harm in one scan, in which the original does none.
 
+        With all rules, a scan of the mutant must turn on no output that the original leaves off, unless the rungs of
+        the outputs themselves are changed.
+
         For a change of a block of one arm or of the tray, only the rules for its outputs are tried. The mutant must not
         violate a goal with all rules. None = no such rule, or the solver exceeded `EFFORT`.
         """
         changed = self._run.executed(self._watched(mutant.program))
-        if all(term.eq(changed[cell]) for cell, term in self._run.after.items() if cell.kind == "Y"):
+        outputs = [(term, changed[cell]) for cell, term in self._run.after.items() if cell.kind == "Y"]
+        more = [z3.And(other, z3.Not(term)) for term, other in outputs if not term.eq(other)]
+        if not more or (mutant.block != mutant.original.outputs and self._is_possible(z3.Or(more))):
             return None
         group = mutant.block.partition(" ")[0]
         of_group = [rule for rule in self._rules if rule.startswith(f"{group}: ")]
         found = (self._harm(rule, mutant) for rule in of_group or self._rules)
         return next((block for block in found if block is not None), None)
+
+    def _is_possible(self, fact: z3.BoolRef) -> bool:
+        """Return False if a fact is proved to be impossible in a scan."""
+        self._solver.push()
+        self._solver.add(fact)
+        answer = self._solver.check(*self._assumed)
+        self._solver.pop()
+        return bool(answer != z3.unsat)
 
     def _harm(self, rule: str, mutant: Mutant) -> Blocked | None:
         original, run = self._without(rule)
