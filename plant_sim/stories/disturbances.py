@@ -63,6 +63,18 @@ def faults_in_motion(stage: Stage, which: tuple[tuple[Fault, str, int], ...]) ->
     complete(stage)
 
 
+def stuck_between_rows(stage: Stage, side: str) -> None:
+    """Let the switch of row 3 stick on as the slide leaves row 1 on its way to row 3."""
+    twin = stage.twin
+    arm = twin.machine.tags.arms[SIDES[side == "right"]]
+    begin(twin)
+    approach = twin.step_of(f"{side} arm", "approach row") & arm.row_is[3]
+    for passed in (arm.sensed_at_pick[1], ~arm.sensed_at_pick[1]):
+        twin.run_until(approach & passed, within_ms=3 * TRAY_MS, what=f"{side} arm on its way to row 3")
+    strike(stage, Fault("stuck_on", f"{side}.slide_at_pick_3"))
+    complete(stage)
+
+
 def strike(stage: Stage, fault: Fault) -> None:
     """Let a fault strike, wait for the stop, repair it, home and start."""
     twin = stage.twin
@@ -116,6 +128,21 @@ def no_tray(stage: Stage) -> None:
     twin.press("start")
     twin.run_until_state(State.EXECUTE, within_ms=30_000)
     stage.end("tray inserted")
+    complete(stage)
+
+
+def tray_met(stage: Stage, for_ms: int) -> None:
+    """Let the front edge sensor read a tray for some time in the gap behind the tray that leaves."""
+    twin = stage.twin
+    begin(twin)
+    twin.run_until(twin.step_of("tray feeder", "index"), within_ms=2 * TRAY_MS, what="tray feeder: index")
+    now_ms = twin.plant.time_ms
+    twin.plant.faults.add(Fault("stuck_on", "tray_front_edge", now_ms + 20, now_ms + 20 + for_ms))
+    twin.runs_until(twin.machine.tags.machine.state.equals(State.HELD), for_ms=10_000)
+    stage.end("tray met")
+    if twin.state is State.HELD:
+        home_and_answer(stage)
+        twin.start()
     complete(stage)
 
 
@@ -255,6 +282,8 @@ def stories() -> Iterator[Story]:
             moving = tuple((Fault("stuck_on", f"{side}.{name}"), step, ms) for name, step, ms in some_switches)
             name = f"stuck_on halfway, {side} arm, {some_switches[0][0]} to {some_switches[-1][0]}"
             yield Story(name, partial(faults_in_motion, which=moving), trays=4, values=FASTER)
+        between = partial(stuck_between_rows, side=side)
+        yield Story(f"stuck_on between rows, {side} arm", between, trays=2, values=FASTER)
         jams = tuple(Fault("jammed", f"{side}.{drive}") for drive in DRIVES)
         yield Story(f"jams, {side} arm", partial(faults, which=jams), trays=4, values=FASTER)
         cups = (Fault("stuck_off", f"{side}.cup_pulse"), Fault("doubled_pulses", f"{side}.cup_pulse", size=1.0))
@@ -262,4 +291,6 @@ def stories() -> Iterator[Story]:
     tray = (Fault("stuck_off", "tray_front_edge"), Fault("stuck_on", "tray_front_edge"), Fault("jammed", "conveyor"))
     for fault in tray:
         yield Story(fault.name, partial(faults, which=(fault,)), trays=3, values=FASTER)
+    for for_ms in (100, 1_000):
+        yield Story(f"tray met for {for_ms} ms", partial(tray_met, for_ms=for_ms), trays=3, values=FASTER)
     yield Story("low supply", partial(faults, which=(Fault("low_supply", "supply", size=0.1e6),)), trays=2)

@@ -7,15 +7,25 @@ from functools import partial
 
 from controller.program.machine import Transplanter
 from controller.program.states import State
-from controller.program.tags import SIDES
+from controller.program.tags import ROWS, SIDES
 from plant_sim.stories.story import Stage, Story
 from plant_sim.stories.work import FASTER, TRAY_MS, begin, complete
 from plant_sim.twin.lock_step import NotReachedError, Twin
-from plant_sim.twin.recovery import CLEAR_MS, answer_truly, begin_homing, clear, press_emergency_stop, questions
+from plant_sim.twin.recovery import (
+    CLEAR_MS,
+    answer_truly,
+    begin_homing,
+    clear,
+    operate_manually,
+    press_emergency_stop,
+    questions,
+)
 
 INTO_MS = 120
 """Time from entering a step to the stop, ms: long enough for coils and valves to act, shorter than any stroke."""
 REST_MS = 1_000
+RISE_MS = 300
+"""Time to lift an arm beyond its lower switch by the manual override, ms; the plugs remain in their cells."""
 STEPS_A_STORY = 6
 HOMING_MS = 40_000
 
@@ -133,6 +143,24 @@ def _until(twin: Twin, sequence: str, title: str, *, required: bool = True) -> N
     twin.run_for(INTO_MS)
 
 
+def put_back(stage: Stage, side: str) -> None:
+    """Stop as the claws begin to close on each row, and home: the row is put back and remains full."""
+    twin = stage.twin
+    begin(twin)
+    for row in ROWS:
+        picks = twin.step_of(f"{side} arm", "close claws") & twin.machine.tags.arms[SIDES[side == "right"]].row_is[row]
+        twin.run_until(picks, within_ms=2 * TRAY_MS, what=f"{side} arm closes on row {row}")
+        twin.run_for(20)
+        press_emergency_stop(twin)
+        clear(twin)
+        if row == 2:  # the arm has to be lowered again
+            operate_manually(twin, f"{side}.lift_retract", for_ms=RISE_MS)
+        home_and_answer(stage)
+        stage.end(f"row {row} put back")
+        twin.start()
+    complete(stage)
+
+
 def lost_memory(stage: Stage) -> None:
     """Lose the retentive memory while the arms hold rows over a tray that has been started."""
     twin = stage.twin
@@ -199,6 +227,8 @@ def stories(machine: Transplanter) -> Iterator[Story]:
     """Yield the stories of stops: several steps each, so that every step of an arm and of the feeder is stopped in."""
     yield Story("stuck stop button", reset_of_alarms, values=FASTER)
     yield Story("lost memory", lost_memory)
+    for side in SIDES:
+        yield Story(f"rows put back, {side} arm", partial(put_back, side=side), trays=2, values=FASTER)
     for side in SIDES:
         for name in RARE:
             play = partial(in_steps, stop=STOPS[name], sequence=f"{side} arm", titles=("close claws", "spread"))
