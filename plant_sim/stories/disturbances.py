@@ -28,7 +28,7 @@ HALFWAY = (
     ("lift_down", "lower over cups", 300),
     ("lift_up", "lift from row", 300),
     ("slide_at_feed", "slide to feed", 500),
-    ("slide_at_pick_2", "approach row", 500),
+    ("slide_at_pick_1", "approach row", 900),
     ("claws_spread", "spread", 400),
     ("claws_converged", "converge", 400),
 )
