@@ -13,10 +13,9 @@ from controller.core.program import Program
 from controller.core.specification import Specification
 from controller.verify.cells import condition
 from controller.verify.model import Model
-from controller.verify.mutants.proof import NO_LIMIT_MS
+from controller.verify.mutants.questions import Questions, UndecidedError
 from controller.verify.mutants.sample import Mutant, mutants_of
 from controller.verify.mutants.shared_run import SharedRun
-from controller.verify.solving import goal_switches, new_solver
 from controller.verify.timing import ExactTimers
 
 EFFORT: Final = 30_000_000
@@ -51,10 +50,8 @@ class Blocking:
         frame = self._model.frame(before, "scan", first=False, timing=ExactTimers.aged("scan"))
         self._start = frame.start
         self._run = self._shared_run(specification.program)
-        self._solver = new_solver(facts + frame.limits)
-        self._assumed = [*goal_switches(self._solver, self._model, before).values()]
-        self._solver.set("timeout", NO_LIMIT_MS)
-        self._solver.set("rlimit", EFFORT)
+        held = [condition(goal.holds, before) for goal in self._model.goals]
+        self._questions = Questions([*facts, *frame.limits, *held])
         self._without = cache(self._program_without)
 
     def rule_that_blocks(self, mutant: Mutant) -> Blocked | None:
@@ -78,11 +75,10 @@ class Blocking:
 
     def _is_possible(self, fact: z3.BoolRef) -> bool:
         """Return False if a fact is proved to be impossible in a scan."""
-        self._solver.push()
-        self._solver.add(fact)
-        answer = self._solver.check(*self._assumed)
-        self._solver.pop()
-        return bool(answer != z3.unsat)
+        try:
+            return self._questions.solution([fact], EFFORT) is not None
+        except UndecidedError:
+            return True
 
     def _harm(self, rule: str, mutant: Mutant) -> Blocked | None:
         original, run = self._without(rule)
@@ -93,12 +89,12 @@ class Blocking:
         if all(term.eq(changed[cell]) for cell, term in after.items()):
             return None
         goals = {goal.name: condition(goal.holds, changed) for goal in self._model.goals}
-        self._solver.push()
-        self._solver.add(*(condition(goal.holds, after) for goal in self._model.goals))
-        self._solver.add(z3.Or([z3.Not(holds) for holds in goals.values()]))
-        harmed = self._solver.check(*self._assumed) == z3.sat
-        solution = self._solver.model() if harmed else None
-        self._solver.pop()
+        original_holds = [condition(goal.holds, after) for goal in self._model.goals]
+        harm = z3.Or([z3.Not(holds) for holds in goals.values()])
+        try:
+            solution = self._questions.solution([*original_holds, harm], EFFORT)
+        except UndecidedError:
+            return None
         if solution is None:
             return None
         broken = [name for name, holds in goals.items() if z3.is_false(solution.eval(holds, model_completion=True))]

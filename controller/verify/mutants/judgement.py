@@ -9,7 +9,8 @@ from controller.core.program import Program
 from controller.core.specification import Specification
 from controller.verify.mutants.blocking import Blocking
 from controller.verify.mutants.change import Kind
-from controller.verify.mutants.proof import MutantProof, UndecidedError
+from controller.verify.mutants.proof import MutantProof
+from controller.verify.mutants.questions import UndecidedError
 from controller.verify.mutants.result import Fate, Result
 from controller.verify.mutants.sample import Mutant
 

@@ -7,8 +7,7 @@ leads to its goal. These are the goals that `controller.verify.report.prove` wou
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from functools import cached_property
 from typing import Final
 
@@ -21,8 +20,8 @@ from controller.verify.cells import Cell, cell_of, condition
 from controller.verify.induction import Moment
 from controller.verify.model import REQUIREMENT, Model, leaves_of
 from controller.verify.mutants.influence import influences_outputs
+from controller.verify.mutants.questions import Questions, UndecidedError
 from controller.verify.mutants.shared_run import SharedRun
-from controller.verify.solving import CHECK_LIMIT_MS, goal_switches, new_solver, switch
 from controller.verify.symbolic import execute
 from controller.verify.timing import ExactTimers, FreeTimers
 
@@ -31,13 +30,8 @@ MOMENTS: Final = (Moment.RUNNING, Moment.POWER_UP, Moment.FACTORY)
 EQUAL_EFFORT: Final = 30_000_000
 """Limit for a proof that two programs are equal, in the solver's unit of work; about 5 s of processor time. In contrast
 to a time limit, it gives the same result on a busy computer."""
-NO_LIMIT_MS: Final = 2**32 - 1
 LONGEST_WAY: Final = 2
 """Number of scans of the longest way out."""
-
-
-class UndecidedError(RuntimeError):
-    """Raised if the solver exceeds its time limit."""
 
 
 class MutantProof:
@@ -108,23 +102,6 @@ class MutantProof:
         return self._with(program).watched
 
 
-@contextmanager
-def _retracted(solver: z3.Solver) -> Iterator[None]:
-    """Remove the facts added in the `with` block."""
-    solver.push()
-    try:
-        yield
-    finally:
-        solver.pop()
-
-
-def _is_possible(solver: z3.Solver, facts: Iterable[z3.BoolRef]) -> bool:
-    answer = solver.check(*facts)
-    if answer == z3.unknown:
-        raise UndecidedError("the solver exceeded its time limit")
-    return bool(answer == z3.sat)
-
-
 class _SharedScan:
     """One scan of the original program, and of changed programs from the same memory with the same inputs."""
 
@@ -140,9 +117,8 @@ class _SharedScan:
         frame = model.frame(before, "scan", first=first, timing=ExactTimers.aged("scan"))
         self._run = SharedRun(model.program, frame.start, lambda: ExactTimers.aged("scan"))
         self._cells = {goal.name: frozenset(leaves_of(goal.holds)) for goal in model.goals}
-        self._solver = new_solver(facts + frame.limits)
-        assumed = {} if moment is Moment.FACTORY else goal_switches(self._solver, model, unknown)
-        self._assumed = list(assumed.values())
+        held = [] if moment is Moment.FACTORY else [condition(goal.holds, unknown) for goal in model.goals]
+        self._questions = Questions(facts + frame.limits + held)
 
     def violated(self, program: Program) -> list[str]:
         """Return the goals that the scan can violate together, requirements first."""
@@ -152,11 +128,9 @@ class _SharedScan:
         if not affected:
             return []
         holds = {goal.name: condition(goal.holds, after) for goal in affected}
-        with _retracted(self._solver):
-            self._solver.add(z3.Or([z3.Not(each) for each in holds.values()]))
-            if not _is_possible(self._solver, self._assumed):
-                return []
-            solution = self._solver.model()
+        solution = self._questions.solution([z3.Or([z3.Not(each) for each in holds.values()])])
+        if solution is None:
+            return []
         broken = [g for g in affected if z3.is_false(solution.eval(holds[g.name], model_completion=True))]
         return [goal.name for goal in sorted(broken, key=lambda goal: goal.kind != REQUIREMENT)]
 
@@ -170,14 +144,10 @@ class _SharedScan:
         ]
         if not different:
             return True
-        with _retracted(self._solver):
-            self._solver.add(z3.Or(different))
-            self._solver.set("timeout", NO_LIMIT_MS)
-            self._solver.set("rlimit", EQUAL_EFFORT)
-            answer = self._solver.check(*self._assumed)
-            self._solver.set("rlimit", 0)
-            self._solver.set("timeout", CHECK_LIMIT_MS)
-        return bool(answer == z3.unsat)
+        try:
+            return self._questions.solution([z3.Or(different)], EQUAL_EFFORT) is None
+        except UndecidedError:
+            return False
 
 
 class _SharedWays:
@@ -196,9 +166,9 @@ class _SharedWays:
             memory = frame.after
         start = model.start(self._before, "scan 0", first=False, timing=self._timings[0])
         self._run = SharedRun(model.program, start, lambda: self._timings[0])
-        self._solver = new_solver(facts + limits)
-        self._assumed = [*goal_switches(self._solver, model, self._before).values()]
-        self._starts = [switch(self._solver, self._started(way)) for way in self._ways]
+        held = [condition(goal.holds, self._before) for goal in model.goals]
+        self._questions = Questions([*facts, *limits, *held])
+        self._starts = [self._started(way) for way in self._ways]
         self._reached = self._goal_formulas(model.program)
 
     def blocked(self, program: Program) -> str:
@@ -208,10 +178,8 @@ class _SharedWays:
         ):
             if other.eq(one):
                 continue
-            with _retracted(self._solver):
-                self._solver.add(z3.Not(other))
-                if _is_possible(self._solver, [start, *self._assumed]):
-                    return way.name
+            if self._questions.solution([start, z3.Not(other)]) is not None:
+                return way.name
         return ""
 
     def _started(self, way: WayOut) -> z3.BoolRef:

@@ -13,6 +13,7 @@ from controller.program.machine import build
 from controller.verify.cells import Cell
 from controller.verify.model import Model
 from controller.verify.mutants.blocking import Blocking
+from controller.verify.mutants.change import Kind
 from controller.verify.mutants.influence import influences_outputs
 from controller.verify.mutants.judgement import Judgement
 from controller.verify.mutants.proof import MutantProof
@@ -137,3 +138,11 @@ def test_the_rule_that_blocks_a_mutant_is_named() -> None:
     found = Blocking(SOUND, rules).rule_that_blocks(mutants()[name])
     assert found is not None
     assert (found.rule, found.goal) == ("left: not with lift extend", "left: lift_extend with lift_retract")
+
+
+def test_no_preset_of_a_timer_violates_a_goal() -> None:
+    """The proof covers all durations, so that a changed time, in contrast to a changed count, is never killed by it."""
+    changed = [each for each in sample([*mutants().values()], 140, 1) if each.kind is Kind.PRESET]
+    times = [each for each in changed if each.text.endswith(" ms")]
+    assert len(times) > 10
+    assert [str(each) for each in times[:5] if proof().violated(each.program)] == []
