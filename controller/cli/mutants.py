@@ -24,7 +24,7 @@ from controller.verify.mutants.change import Kind
 from controller.verify.mutants.judgement import Judgement
 from controller.verify.mutants.result import (
     Fate,
-    Result,
+    MutantResult,
     as_csv,
     as_markdown,
     as_text,
@@ -71,7 +71,7 @@ def run_mutants(options: argparse.Namespace, clock: Callable[[], float]) -> int:
     return 1 if any(each.fate in {Fate.OPEN, Fate.GAP} for each in results) else 0
 
 
-def judged(judgement: Judgement, chosen: Sequence[Mutant], command: Sequence[str]) -> list[Result]:
+def judged(judgement: Judgement, chosen: Sequence[Mutant], command: Sequence[str]) -> list[MutantResult]:
     """Return the results of mutants; stories are played by a command, if it is not empty."""
     if not command:
         print("the plant is not installed: no stories are played", file=sys.stderr)
@@ -145,7 +145,7 @@ class StoryProcess:
             yield int(row["number"]), str(row["killed"])
 
 
-def _write(results: list[Result], population: Counter[Kind], options: argparse.Namespace) -> None:
+def _write(results: list[MutantResult], population: Counter[Kind], options: argparse.Namespace) -> None:
     command = f"python -m controller prove --mutants {options.mutants} --seed {options.seed} --out docs/reference"
     try:
         options.out.mkdir(parents=True, exist_ok=True)

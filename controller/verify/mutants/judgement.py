@@ -11,7 +11,7 @@ from controller.verify.mutants.blocking import Blocking
 from controller.verify.mutants.change import Kind
 from controller.verify.mutants.proof import MutantProof
 from controller.verify.mutants.questions import UndecidedError
-from controller.verify.mutants.result import Fate, Result
+from controller.verify.mutants.result import Fate, MutantResult
 from controller.verify.mutants.sample import Mutant
 
 
@@ -39,7 +39,7 @@ class Judgement:
         self._specification, self._rules = specification, rules
         self._blocking: Blocking | None = None
 
-    def results(self, mutants: Iterable[Mutant], stories: Stories | None) -> list[Result]:
+    def results(self, mutants: Iterable[Mutant], stories: Stories | None) -> list[MutantResult]:
         """Return the results of mutants in the same order.
 
         Args:
@@ -47,7 +47,7 @@ class Judgement:
             stories: Player of the stories; None = survivors of the proof are only classified.
         """
         chosen = list(mutants)
-        decided: dict[int, Result] = {}
+        decided: dict[int, MutantResult] = {}
         for mutant in chosen:
             result = self.by_proof(mutant)
             if result is not None:
@@ -62,7 +62,7 @@ class Judgement:
             decided[mutant.number] = _result(mutant, Fate.STORY, killer) if killer else self.of_survivor(mutant)
         return [decided[mutant.number] for mutant in chosen]
 
-    def by_proof(self, mutant: Mutant) -> Result | None:
+    def by_proof(self, mutant: Mutant) -> MutantResult | None:
         """Return the result of a mutant if it is killed by proof or proved to be equivalent, otherwise None."""
         try:
             violated = self._proof.violated(mutant.program)
@@ -77,7 +77,7 @@ class Judgement:
             return _result(mutant, Fate.EQUIVALENT, "every device has the same value after every scan")
         return None
 
-    def of_survivor(self, mutant: Mutant) -> Result:
+    def of_survivor(self, mutant: Mutant) -> MutantResult:
         """Return the result of a mutant that neither `by_proof` decides nor any story kills."""
         if mutant.kind is Kind.PRESET and self._proof.differs_in_time_only(mutant.program):
             return _result(mutant, Fate.DURATION, "equal to the original if every timer may elapse at any time")
@@ -91,5 +91,5 @@ class Judgement:
         return _result(mutant, Fate.OPEN, "")
 
 
-def _result(mutant: Mutant, fate: Fate, evidence: str) -> Result:
-    return Result(str(mutant), mutant.kind, fate, evidence)
+def _result(mutant: Mutant, fate: Fate, evidence: str) -> MutantResult:
+    return MutantResult(str(mutant), mutant.kind, fate, evidence)

@@ -36,7 +36,7 @@ JUDGED: Final = (Fate.DISPLAY, Fate.DURATION, Fate.LIVENESS, Fate.REDUNDANT, Fat
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class MutantResult:
     """Result of one mutant.
 
     Attributes:
@@ -72,7 +72,7 @@ def listed_survivors(path: Path) -> dict[str, tuple[Fate, str]]:
     return found
 
 
-def with_listed(results: Iterable[Result], listed: Mapping[str, tuple[Fate, str]]) -> list[Result]:
+def with_listed(results: Iterable[MutantResult], listed: Mapping[str, tuple[Fate, str]]) -> list[MutantResult]:
     """Return the results, in which unclassified survivors have the class and the reason of the list."""
     return [
         replace(each, fate=listed[each.name][0], evidence=listed[each.name][1])
@@ -82,13 +82,13 @@ def with_listed(results: Iterable[Result], listed: Mapping[str, tuple[Fate, str]
     ]
 
 
-def score(results: Iterable[Result]) -> float:
+def score(results: Iterable[MutantResult]) -> float:
     """Return the mutation score: the share of killed mutants among those that are not equivalent, 0 to 1."""
     counted = [each.fate in KILLED for each in results if each.fate is not Fate.EQUIVALENT]
     return sum(counted) / len(counted) if counted else 1.0
 
 
-def as_text(results: list[Result], seconds: float) -> str:
+def as_text(results: list[MutantResult], seconds: float) -> str:
     """Return the counts, the score and every survivor as text."""
     fates = Counter(each.fate for each in results)
     lines = [f"{len(results)} mutants, {seconds:.1f} s"]
@@ -101,7 +101,7 @@ def as_text(results: list[Result], seconds: float) -> str:
     return "\n".join(lines)
 
 
-def as_csv(results: Iterable[Result]) -> str:
+def as_csv(results: Iterable[MutantResult]) -> str:
     """Return all results as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -110,7 +110,7 @@ def as_csv(results: Iterable[Result]) -> str:
     return text.getvalue()
 
 
-def as_markdown(results: list[Result], population: Mapping[Kind, int], command: str) -> str:
+def as_markdown(results: list[MutantResult], population: Mapping[Kind, int], command: str) -> str:
     """Return the score by kind of change and the table of survivors as a Markdown page.
 
     Args:
@@ -151,7 +151,7 @@ def as_markdown(results: list[Result], population: Mapping[Kind, int], command: 
     )
 
 
-def _row(name: str, population: int, results: list[Result], fates: list[Fate]) -> list[object]:
+def _row(name: str, population: int, results: list[MutantResult], fates: list[Fate]) -> list[object]:
     counts = [sum(each.fate is fate for each in results) for fate in fates]
     return [name, population, len(results), *counts, f"{100 * score(results):.0f} %"]
 

@@ -45,6 +45,6 @@ def test_the_plant_names_the_story_that_kills_a_mutant() -> None:
 
 def test_a_failing_plant_is_reported() -> None:
     """No survivor is reported if the stories were not played."""
-    with StoryProcess([*story_command(DEFAULT_IO_MAP), "--machine", "missing.yaml"]) as stories:
-        with pytest.raises(InputError, match="exit code 2"):
-            list(stories.results())
+    command = [*story_command(DEFAULT_IO_MAP), "--machine", "missing.yaml"]
+    with StoryProcess(command) as stories, pytest.raises(InputError, match="exit code 2"):
+        list(stories.results())

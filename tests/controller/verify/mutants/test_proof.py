@@ -17,7 +17,7 @@ from controller.verify.mutants.change import Kind
 from controller.verify.mutants.influence import influences_outputs
 from controller.verify.mutants.judgement import Judgement
 from controller.verify.mutants.proof import MutantProof
-from controller.verify.mutants.result import Fate, Result
+from controller.verify.mutants.result import Fate, MutantResult
 from controller.verify.mutants.sample import Mutant, mutants_of, sample
 from controller.verify.mutants.shared_run import SharedRun
 from controller.verify.report import Result as ProofResult
@@ -39,7 +39,7 @@ def proof() -> MutantProof:
     return MutantProof(SOUND)
 
 
-def judged(*items: Rung, never: object = None) -> dict[str, Result]:
+def judged(*items: Rung, never: object = None) -> dict[str, MutantResult]:
     """Return the results of all mutants of a small program, which has no stories."""
     specification = specification_of(*items, never=never)  # type: ignore[arg-type]
     judgement = Judgement(specification, {})

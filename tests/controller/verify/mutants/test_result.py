@@ -10,7 +10,7 @@ import pytest
 from controller.verify.mutants.change import Kind
 from controller.verify.mutants.result import (
     Fate,
-    Result,
+    MutantResult,
     as_csv,
     as_markdown,
     as_text,
@@ -20,11 +20,11 @@ from controller.verify.mutants.result import (
 )
 
 RESULTS = [
-    Result("block: a", Kind.CONTACT, Fate.PROOF, "goal"),
-    Result("block: b", Kind.CONTACT, Fate.STORY, "story: counts"),
-    Result("block: c | d", Kind.TERM, Fate.DURATION, "time"),
-    Result("block: e", Kind.TERM, Fate.EQUIVALENT, "equal"),
-    Result("block: f", Kind.PRESET, Fate.OPEN, ""),
+    MutantResult("block: a", Kind.CONTACT, Fate.PROOF, "goal"),
+    MutantResult("block: b", Kind.CONTACT, Fate.STORY, "story: counts"),
+    MutantResult("block: c | d", Kind.TERM, Fate.DURATION, "time"),
+    MutantResult("block: e", Kind.TERM, Fate.EQUIVALENT, "equal"),
+    MutantResult("block: f", Kind.PRESET, Fate.OPEN, ""),
 ]
 
 
@@ -67,5 +67,5 @@ def test_only_unclassified_survivors_take_their_class_from_the_list(tmp_path: Pa
     path = tmp_path / "list.csv"
     path.write_text("mutant,class,reason\nblock: f,liveness,waits\nblock: a,gap,none\n", encoding="utf-8")
     results = with_listed(RESULTS, listed_survivors(path))
-    assert results[4] == Result("block: f", Kind.PRESET, Fate.LIVENESS, "waits")
+    assert results[4] == MutantResult("block: f", Kind.PRESET, Fate.LIVENESS, "waits")
     assert results[:4] == RESULTS[:4]
