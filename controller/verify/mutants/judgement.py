@@ -63,7 +63,7 @@ class Judgement:
         return [decided[mutant.number] for mutant in chosen]
 
     def by_proof(self, mutant: Mutant) -> MutantResult | None:
-        """Return the result of a mutant if it is killed by proof or proved to be equivalent, otherwise None."""
+        """Return the result of a mutant if it is killed by proof, otherwise None."""
         try:
             violated = self._proof.violated(mutant.program)
             if violated:
@@ -73,14 +73,14 @@ class Judgement:
                 return _result(mutant, Fate.PROOF, f"way out: {way}")
         except UndecidedError:
             return None
-        if mutant.kind is not Kind.PRESET and self._proof.equals(mutant.program):
-            return _result(mutant, Fate.EQUIVALENT, "every device has the same value after every scan")
         return None
 
     def of_survivor(self, mutant: Mutant) -> MutantResult:
-        """Return the result of a mutant that neither `by_proof` decides nor any story kills."""
+        """Return the class of a mutant that neither a proof nor any story kills."""
         if mutant.kind is Kind.PRESET and self._proof.differs_in_time_only(mutant.program):
             return _result(mutant, Fate.DURATION, "equal to the original if every timer may elapse at any time")
+        if mutant.kind is not Kind.PRESET and self._proof.equals(mutant.program):
+            return _result(mutant, Fate.EQUIVALENT, "every device has the same value after every scan")
         if self._proof.acts_equally(mutant.program):
             return _result(mutant, Fate.DISPLAY, "only registers and relays differ that influence no output")
         if self._blocking is None:
