@@ -9,7 +9,7 @@ from controller.program.machine import Transplanter
 from controller.program.states import State
 from controller.program.tags import ROWS, SIDES
 from plant_sim.stories.story import Stage, Story
-from plant_sim.stories.work import FASTER, TRAY_MS, begin, complete
+from plant_sim.stories.work import FASTER, LATE, TRAY_MS, begin, complete
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from plant_sim.twin.recovery import (
     CLEAR_MS,
@@ -220,7 +220,6 @@ USUAL = (
 """Steps of the cycle of an arm that normal work enters."""
 OPTIONAL = ("wait to lower", "raise empty", "converge", "lower empty")
 """Steps of the cycle that the arm enters if it lowers and converges late."""
-LATE = {"descend_at_count": 11, "converge_at": 1}
 
 
 def stories(machine: Transplanter) -> Iterator[Story]:

@@ -16,6 +16,8 @@ TRAY_MS = 120_000
 STOP_MS = 40_000
 """Time limit for a stop at the end of the cycle, ms."""
 JOG_RENEWAL_MS = 100
+LATE = {"descend_at_count": 11, "converge_at": 1}
+"""Set-points with which the arms lower and converge late; they enter all steps of the cycle."""
 FASTER = {"cups.planting_frequency_per_min": 60.0}
 """Faster tractor, for shorter stories."""
 
@@ -227,6 +229,8 @@ STORIES = (
     Story("arms may meet", set_points, set_points={"arms_may_meet": 1}, values=FASTER),
     Story("jogs", jogs, trays=3, set_points={"trays_target": 2}),
     Story("steps", steps, trays=2),
+    Story("steps, lowering and converging late", steps, trays=2, set_points=LATE),
+    Story("fixed release delay", set_points, set_points={"release_delay": 60}, values=FASTER),
 )
 
 
