@@ -146,11 +146,11 @@ def tray_met(stage: Stage, for_ms: int) -> None:
     complete(stage)
 
 
-def answers(stage: Stage, side: str, answer: str) -> None:
+def answers(stage: Stage, side: str, answer: str, after_ms: int = BEGIN_MS) -> None:
     """Lose power while the claws close on a row; answer the question of the arm and the wrong ones before it."""
     twin = stage.twin
     begin(twin)
-    twin.run_for(BEGIN_MS)
+    twin.run_for(after_ms)
     twin.run_until(twin.step_of(f"{side} arm", "close claws"), within_ms=TRAY_MS)
     twin.run_for(150)
     twin.power_cycle()
@@ -272,6 +272,8 @@ def stories() -> Iterator[Story]:
     for side in SIDES:
         for answer in ("loaded_yes", "loaded_no", "discard"):
             yield Story(f"answer {side} {answer}", partial(answers, side=side, answer=answer), values=FASTER)
+        first_row = partial(answers, side=side, answer="loaded_no", after_ms=0)
+        yield Story(f"answer {side} loaded_no on row 1", first_row, values=FASTER)
         yield Story(f"discards, {side} arm", partial(discards, side=side), trays=2, values=FASTER)
         for kind in ("stuck_off", "stuck_on"):
             which = _switch_faults(side, kind)
