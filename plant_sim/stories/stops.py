@@ -119,6 +119,22 @@ def in_steps(stage: Stage, stop: Stop, sequence: str, titles: tuple[str, ...]) -
     complete(stage)
 
 
+def holds_in_steps(stage: Stage, side: str) -> None:
+    """Hold in every usual step of an arm, resume, and complete the trays; the arms finish their cycle first."""
+    twin = stage.twin
+    begin(twin)
+    for title in USUAL:
+        twin.run_until(twin.step_of(f"{side} arm", title), within_ms=TRAY_MS, what=f"{side} arm: {title}")
+        twin.run_for(20)
+        twin.command("hold")
+        twin.run_until_state(State.HELD, within_ms=HOMING_MS)
+        twin.run_for(REST_MS)
+        stage.end(f"held in {title}")
+        twin.command("unhold")
+        twin.run_for(100)
+    complete(stage)
+
+
 def in_homing_steps(stage: Stage, stop: Stop, side: str, titles: tuple[str, ...]) -> None:
     """Stop in each of these steps of homing, recover, and complete the tray."""
     twin = stage.twin
@@ -232,6 +248,7 @@ def stories(machine: Transplanter) -> Iterator[Story]:
         for name in RARE:
             play = partial(in_steps, stop=STOPS[name], sequence=f"{side} arm", titles=("close claws", "spread"))
             yield Story(f"{name}, {side} arm", play, values=FASTER)
+        yield Story(f"holds, {side} arm", partial(holds_in_steps, side=side), trays=3, values=FASTER)
         for name in ("emergency stop", "power loss"):
             for some in (USUAL[:6], USUAL[6:]):
                 play = partial(in_steps, stop=STOPS[name], sequence=f"{side} arm", titles=some)
