@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from controller.cli.machine import add_io_map, machine_of
+from controller.cli.mutants import add_mutant_arguments, run_mutants
 from controller.common.errors import InputError
 from controller.core.clock import MonotonicClock
 from controller.core.specification import Specification
@@ -32,11 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print the report as JSON, including traces")
     parser.add_argument("--traces", type=Path, default=None, help="folder for the traces of violated requirements")
+    add_mutant_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the report; return 0 if all goals are proved, otherwise 1."""
+    """Print the report; return 0 if all goals are proved, or every surviving mutant is classified, otherwise 1."""
     clock = MonotonicClock()
+    if options.mutants is not None:
+        return run_mutants(options, lambda: clock.now_ms() / 1000)
     try:
         text, good = prove_command(
             specification_of(machine_of(options, without=options.without)),

@@ -12,7 +12,7 @@ The semantics are those of the FX step ladder (docs/sources/fx2n.md 1.7), with t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Rows
 from copy import copy
 from dataclasses import dataclass, replace
@@ -205,14 +205,18 @@ class Sequence:
     def with_conditions(self, conditions: Rows[Expr]) -> Sequence:
         """Return the sequence with other conditions, in the order of `conditions`."""
         following = iter(conditions)
-        other = copy(self)
         steps: list[Step] = []
-        other.transfers = {}
+        transfers: dict[str, tuple[Transfer, ...]] = {}
         for step in self.steps:
             dwell = step.dwell and replace(step.dwell, when=next(following))
             steps.append(replace(step, dwell=dwell))
-            other.transfers[step.title] = tuple(replace(t, when=next(following)) for t in self.transfers[step.title])
-        other.steps = tuple(steps)
+            transfers[step.title] = tuple(replace(t, when=next(following)) for t in self.transfers[step.title])
+        return self.with_steps(steps, transfers)
+
+    def with_steps(self, steps: Rows[Step], transfers: Mapping[str, tuple[Transfer, ...]]) -> Sequence:
+        """Return the sequence with changed steps of the same titles, and with other transfers out of the steps."""
+        other = copy(self)
+        other.steps, other.transfers = tuple(steps), dict(transfers)
         return other
 
     def _transfers(self, step: Step, enable: Expr | None) -> Iterator[Transfer]:

@@ -151,6 +151,12 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             ("claws_open",),
             ~a.loaded | opening_place,
         ),
+        (
+            "load down only when spread",
+            "converged or half spread claws would press the load onto the rims of the cups",
+            ("lift_extend",),
+            any_of(~a.loaded, ~a.at_feed, a.is_spread),
+        ),
     ]
     return [Rule(number, *row) for number, row in enumerate(table, 1)]
 

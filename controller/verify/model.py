@@ -148,14 +148,18 @@ class Model:
             first: Whether it is the first scan after power-up (M8002).
             timing: Timer model of the scan.
         """
-        inputs = {cell: cell.variable(label) for cell in self.inputs}
+        start = self.start(before, label, first=first, timing=timing)
+        limits = list(self._limits({cell: start[cell] for cell in self.inputs}))
+        return Frame(start, limits, execute(self.program, start, timing))
+
+    def start(self, before: SymbolicMemory, label: str, *, first: bool, timing: Timing) -> SymbolicMemory:
+        """Return the memory at the start of a scan with arbitrary inputs; the arguments are those of `frame`."""
         special = {
             Cell("M", RUN_MONITOR): z3.BoolVal(val=True),
             Cell("M", INITIAL_PULSE): z3.BoolVal(val=first),
             Cell("M", CLOCK_1_S): timing.clock_1_s,
         }
-        start = {**before, **special, **inputs}
-        return Frame(start, list(self._limits(inputs)), execute(self.program, start, timing))
+        return {**before, **special, **{cell: cell.variable(label) for cell in self.inputs}}
 
     def _limits(self, inputs: SymbolicMemory) -> Iterator[z3.BoolRef]:
         # A set-point that the program also writes may contain the program's value or its initial value.

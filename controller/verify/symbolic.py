@@ -80,28 +80,42 @@ def execute(program: Program, memory: SymbolicMemory, timing: Timing) -> Symboli
     Raises:
         ModelError: A rung moves more than 16 bits into a register.
     """
-    run = _Run(dict(memory), timing)
+    run = SymbolicRun(dict(memory), timing)
     blocks = []
     for block in program.blocks:
         for item in block.items:
-            if isinstance(item, Sequence):
-                run.sequence(item)
-            else:
-                run.rung(item)
+            run.item(item)
         blocks.append(dict(run.memory))
     run.end()
     return SymbolicScan(run.memory, tuple(blocks), run.fired)
 
 
 @dataclass
-class _Run:
+class SymbolicRun:
+    """Execution of one scan, item by item.
+
+    Attributes:
+        memory: Memory after the items executed so far.
+        timing: Timer model of the scan.
+        edges: Number of edge rungs executed so far.
+        leaving: Condition for each step to be reset at END.
+        fired: Firing condition of each transfer of a step's S bit, in order.
+    """
+
     memory: SymbolicMemory
     timing: Timing
     edges: int = 0
     leaving: SymbolicMemory = field(default_factory=dict)
     fired: dict[Bit, list[tuple[Transfer, z3.BoolRef]]] = field(default_factory=dict)
 
-    def rung(self, rung: Rung) -> None:
+    def item(self, item: Rung | Sequence) -> None:
+        """Execute a rung or a sequence."""
+        if isinstance(item, Sequence):
+            self._sequence(item)
+        else:
+            self._rung(item)
+
+    def _rung(self, rung: Rung) -> None:
         memory, driven = self.memory, condition(rung.when, self.memory)
         match rung:
             case Out(target):
@@ -131,7 +145,7 @@ class _Run:
             case Inc() | Add() | Subtract() | Scale():
                 self._calculate(rung, cell_of(rung.target), driven)
 
-    def sequence(self, sequence: Sequence) -> None:
+    def _sequence(self, sequence: Sequence) -> None:
         for bit, step in sequence:
             on = self.memory[cell_of(bit)]
             dwell = sequence.dwell_rung(step)

@@ -21,6 +21,10 @@ COMMAND_LINE = CommandLine(
         "scenario": ("plant_sim.cli.scenario", "run a scenario and check the result"),
         "line": ("plant_sim.cli.line", "plant rows with a line, from trays or a conveyor to the soil"),
         "faults": ("plant_sim.cli.faults", "inject every fault in turn and tabulate how it is detected"),
+        "stories": (
+            "plant_sim.cli.stories",
+            "play stories with mutants of the program, for 'controller prove --mutants'",
+        ),
         "plot": ("plant_sim.cli.plot", "draw the timing diagram and the curves of a recording"),
         "air": ("plant_sim.cli.air", "compare the air consumption of a run with Table 1 of the paper"),
         "study": ("plant_sim.cli.study", "run the papers' experiments, or custom ones, on the twin"),

@@ -140,7 +140,7 @@ _SWITCH_OFF = {
         "tray_jam",  # the belt may not move while an arm is not detected at feed, so the tray does not leave
     ),
     **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
-    "claws_spread": _detected("spread", "open claws", "unbidden"),
+    "claws_spread": _detected("spread", "lower over cups", "open claws", "unbidden"),
     "claws_converged": _detected("converge", "approach row", "off home", "unbidden"),
     "cup_pulse": _CUPS_MISSING,
     "tray_front_edge": replace(

@@ -80,6 +80,7 @@ class Twin(Watched):
         set_points: Mapping[str, int] | None = None,
         faults: Iterable[Fault] = (),
         step_by_step: bool = False,
+        machine: Transplanter | None = None,
     ) -> None:
         """Power up a machine in its initial position, with the controller in Stopped.
 
@@ -91,6 +92,7 @@ class Twin(Watched):
             set_points: Initial values of set-points, by name of `SetPoints`.
             faults: Faults of the plant.
             step_by_step: True to execute the program and every tick in Python; the results are the same.
+            machine: Program and its tags, for the same I/O map; None = the program of the I/O map.
 
         Raises:
             FaultError: A fault is not possible in this plant.
@@ -100,7 +102,7 @@ class Twin(Watched):
         self.parameters = parameters or _default_parameters()
         self.plant = Plant(self.io_map, self.parameters, seed=seed, trays=trays, faults=faults)
         self.module = IoModule(self.plant, self.io_map)
-        self.machine: Transplanter = _machine(self.io_map)
+        self.machine: Transplanter = machine or _machine(self.io_map)
         self._sequences = {sequence.name: sequence for sequence in self.machine.program.sequences()}
         self._steps = [(bit.name, bit.number) for sequence in self._sequences.values() for bit, _ in sequence]
         self.clock = SimulatedClock()

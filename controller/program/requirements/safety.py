@@ -17,6 +17,7 @@ from controller.program.alarms import Annunciators
 from controller.program.areas import Area
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.requirements.positions import PositionMonitor
+from controller.program.states import State
 from controller.program.tags import FIRST_SCAN, IN_PLACE, ROWS, SIDES, TAKEN, ArmTags, Side, Tags
 
 
@@ -82,6 +83,7 @@ class MachineMonitor:
         self.restarted = m.bit("restarted", "a coil came on from rest without a button or command")
         self.jogged = m.bit("jogged", "the last scan jogged an output")
         self.jog_unbidden = m.bit("jog without command", "an output is jogged without a command")
+        self.cleared_unbidden = m.bit("clearing without command", "the state is Clearing without X24 or a command")
 
     def rungs(self) -> list[Rung]:
         """Return the rungs of the monitor; they follow the outputs in the scan."""
@@ -98,6 +100,10 @@ class MachineMonitor:
             Out(self.moved, when=machine.motion),
             Out(self.jog_unbidden, when=all_of(machine.manual, any_coil(tags), ~self.jogged, ~asked)),
             Out(self.jogged, when=machine.jog.differs(0)),
+            Out(
+                self.cleared_unbidden,
+                when=machine.state.equals(State.CLEARING) & ~any_of(tags.x.stop, machine.reset_pressed, commands.clear),
+            ),
         ]
 
 
@@ -176,6 +182,10 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             "the arm would move down into the tray, except at the row it has just gripped",
             lowers & ~feed & ~monitor.unmoved,
         ),
+        "down over the cups with a load, not spread": (
+            "converged or half spread claws would press the load onto the rims of the cups",
+            all_of(lowers, monitor.holds, a.sensed_at_feed, ~spread),
+        ),
         "spread, not up at feed": ("there is room for spread claws only over the cups", spreads & ~(up & feed)),
         "belt with slide or lift": ("slide and lift must be at rest while the belt runs", belt & slide_or_lift),
         "converge with a load": ("converging would tear the seedlings", converges & monitor.holds),
@@ -240,6 +250,10 @@ def _of_machine(
             moves & ~machine.motion,
         ),
         "motion in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
+        "clearing without X24 or a command": (
+            "only a person who holds X24, presses reset or gives the command ends an emergency stop",
+            monitor.cleared_unbidden,
+        ),
         "restart without a command": ("after a stop, motion requires a new command", monitor.restarted),
         "jog without renewal": (
             "motion must stop when a jog is released or not renewed",

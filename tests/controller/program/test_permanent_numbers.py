@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from controller.core.expr import Bit, leaves
 from controller.core.rungs import Mov
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.alarms import ARM_ALARM_NUMBERS, Annunciators, Severity
@@ -90,3 +91,13 @@ def test_first_out_prefers_the_more_severe_alarm() -> None:
     values = [rung.source for rung in block.rungs() if isinstance(rung, Mov) and rung.target == first_out]
     numbers = [value for value in values if value]
     assert numbers == [alarm.bit.number for alarm in MACHINE.alarms.by_severity() if alarm.stops_work]
+
+
+def test_every_alarm_is_first_out_under_its_own_number_and_replaces_no_other() -> None:
+    """The rung that stores a number reads the annunciator with this number, and that none has been stored yet."""
+    first_out = MACHINE.tags.machine.first_out
+    moves = [rung for rung in MACHINE.program.rungs() if isinstance(rung, Mov) and rung.target == first_out]
+    numbered = [move for move in moves if move.source]
+    assert len({move.source for move in numbered}) == len(numbered) > 50
+    for move in numbered:
+        assert {Bit("S", int(str(move.source))), first_out} <= set(leaves(move.when)), move.source

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from controller.core.devices import timer_base_ms
-from controller.core.expr import Bit, Word, leaves
-from controller.core.rungs import Annunciate, OnDelay
+from controller.core.expr import Bit, Word, any_of, leaves
+from controller.core.rungs import Annunciate, OnDelay, Out
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
 from controller.program.machine import build
 from controller.program.states import MOVING, State
@@ -64,6 +64,14 @@ def test_every_step_has_its_own_s_outside_the_retentive_range() -> None:
     numbers = [bit.number for _, bit, _ in STEPS]
     assert len(set(numbers)) == len(numbers)
     assert not set(numbers) & set(RETENTIVE_STEPS)
+
+
+def test_an_arm_is_active_in_every_step_of_its_cycle() -> None:
+    """Otherwise a hold or stop could take effect in the step that is missing, with the arm over the tray."""
+    outs = {rung.target: rung for rung in MACHINE.program.rungs() if isinstance(rung, Out)}
+    for side, cycle in MACHINE.cycles.items():
+        when = outs[MACHINE.tags.arms[side].active].when
+        assert when == any_of(*(bit for bit, _ in cycle))
 
 
 def test_every_limit_has_its_own_alarm_and_timer() -> None:

@@ -74,6 +74,10 @@ OF_AN_ARM: dict[str, list[Case]] = {
         Case("outward, not up, claws not open", "slide_outward", "lift_up"),
     ],
     "down only at feed": [Case("down away from feed", "lift_extend", "slide_at_feed")],
+    "a load goes down over the cups only when spread": [
+        Case("down over the cups with a load, not spread", f"{MOVES} holds slide_at_feed", turned)
+        for turned in (MOVES, "holds", "slide_at_feed", "claws_spread")
+    ],
     "spread only up at feed": [
         Case("spread, not up at feed", "spread lift_up", "slide_at_feed"),
         Case("spread, not up at feed", "spread slide_at_feed", "lift_up"),
@@ -148,6 +152,9 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
         Case("motion in the first scan", f"first_scan motion left.{MOVES}", "first_scan"),
         Case("restart without a command", "restarted", "restarted"),
     ],
+    "an emergency stop is ended only by a person": [
+        Case("clearing without X24 or a command", "cleared_unbidden", "cleared_unbidden"),
+    ],
     "jogging only while the command is renewed": [
         Case("jog without renewal", f"manual motion left.{MOVES}", "jog"),
         Case("jog without renewal", f"manual motion left.{MOVES} jog jog_lease_over", "jog_lease_over"),
@@ -190,6 +197,7 @@ def machine_facts() -> dict[str, Expr]:
         "store_fault": system.store_fault,
         "restarted": SAFETY.machine.restarted,
         "jog_unbidden": SAFETY.machine.jog_unbidden,
+        "cleared_unbidden": SAFETY.machine.cleared_unbidden,
         "tray_front_edge": tray.edge,
         "tray_fault": MACHINE.alarms.tray_jam,
         "tray_asked": tray.ask,

@@ -47,6 +47,7 @@ UPHELD_BY_RULES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("converge only when empty at feed",): ("converge with a load", "converge away from feed"),
     ("close only at row or feed",): ("close away from row and feed",),
     ("release load only at cups or row",): ("load released away from its cups and row",),
+    ("load down only when spread",): ("down over the cups with a load, not spread",),
 }
 """Arm rules and pairs of rules, each with the requirements that are violated if the rule or pair is removed."""
 UPHELD_BY_TRAY_RULES = {
@@ -227,6 +228,10 @@ MUTATIONS: dict[str, tuple[Change, str]] = {
         "motion during an emergency stop",
     ),
     "the field link is ignored": (everywhere(TAGS.system.link_lost, FALSE), "motion without inputs"),
+    "a tap of X24 clears an emergency stop": (
+        driven(Rst, CONTROL.clear_armed, FALSE, ~TAGS.x.stop),
+        "clearing without X24 or a command",
+    ),
     "homing starts without a request": (driven(Out, CONTROL.home_requested, TRUE), "restart without a command"),
     "a jog without renewal continues": (
         driven(Mov, CONTROL.jog, FALSE, CONTROL.t_jog_lease.done),
@@ -252,6 +257,7 @@ SELECTED_MUTATIONS = (
     "a jog without renewal continues",
     "confirmations are accepted while the arm moves",
     "homing starts without a request",
+    "a tap of X24 clears an emergency stop",
 )
 UNDETECTED: dict[str, Change] = {
     "the jog lease does not run": dropped(OnDelay, CONTROL.t_jog_lease),

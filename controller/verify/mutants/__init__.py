@@ -1,0 +1,1 @@
+"""Mutants of a program: one change each, and the proofs that detect it."""
