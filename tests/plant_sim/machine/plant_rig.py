@@ -1,7 +1,7 @@
 """Plant driven directly by the test, without a controller: coils are set by tag, and time advances in milliseconds."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from numpy.typing import NDArray
 
@@ -18,6 +18,9 @@ MACHINE = load_machine()
 RELEASE_TO_LANDING_S = 0.120 + 0.1277
 """Time from energising the open coil until a plug reaches the cup: the fingers release it after 120 ms (measured, see
 test_claws.py), and it falls 80 mm in 127.7 ms."""
+
+
+Seen = TypeVar("Seen")
 
 
 class Situation(NamedTuple):
@@ -82,7 +85,7 @@ class Rig:
                 seen.append((at_ms, was_on))
         return seen
 
-    def trace(self, read: Callable[[], float], for_ms: int, *tags: str) -> list[float]:
+    def trace(self, read: Callable[[], Seen], for_ms: int, *tags: str) -> list[Seen]:
         """Energise coils; return the results of `read` at the start and after every millisecond."""
         image = self.outputs(*tags)
         seen = [read()]
