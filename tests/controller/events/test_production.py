@@ -301,7 +301,7 @@ def test_the_tray_question_is_reported() -> None:
     twin.power_cycle()
     twin.scan()
     twin.press("start")
-    twin.run_until_state(State.HELD, within_ms=5_000)
+    twin.run_until_state(State.HELD, within_ms=15_000)
     assert [event.active for event in questions(twin, "tray")] == [True]
     twin.command("tray_full")
     twin.scan()

@@ -169,7 +169,7 @@ def test_every_tag_reads_the_same_with_two_clients(scene: Scene, client: ModbusC
 
 def test_set_points_are_within_the_limits_of_the_list(scene: Scene, client: ModbusClient) -> None:
     rows = [row for name, row in scene.tags.items() if name.startswith("set.")]
-    assert len(rows) == 22
+    assert len(rows) == 26
     for row in rows:
         assert int(row["lowest"]) <= by_modbus_tcp(client, row)[0] <= int(row["highest"]), row
 

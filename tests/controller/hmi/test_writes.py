@@ -33,7 +33,7 @@ MACHINE = build(load_io_map(DEFAULT_IO_MAP))
 SP = MACHINE.tags.sp
 COMMANDS = {command.name: command for command in MACHINE.tags.commands}
 FIRST_COMMAND, SET_POINTS_FIRST = 400, 512
-OUTPUT, OTHER_OUTPUT = "left.lift_retract", "right.claws_close"
+OUTPUT, OTHER_OUTPUT = "left.lift_retract", "right.lift_retract"
 
 
 @pytest.fixture
@@ -124,14 +124,14 @@ def test_several_commands_in_one_request(rig: HmiRig, client: Client) -> None:
         pytest.param(struct.pack(">BHH", 6, 100, 1), id="D100, the state"),
         pytest.param(struct.pack(">BHH", 6, 511, 1), id="before the set-points"),
         pytest.param(struct.pack(">BHH", 6, 516, 1), id="arms may meet, given at the start"),
-        pytest.param(struct.pack(">BHH", 6, 534, 1), id="behind the set-points"),
+        pytest.param(struct.pack(">BHH", 6, 538, 1), id="behind the set-points"),
         pytest.param(struct.pack(">BHH", 6, 540, 1), id="a row's state"),
         pytest.param(struct.pack(">BHH", 6, 0x1F40, 1), id="D8000"),
         pytest.param(struct.pack(">BHH", 6, 0x2140, 1), id="R0"),
         pytest.param(struct.pack(">BHH", 6, 0xA140, 1), id="TN0"),
         pytest.param(struct.pack(">BHH", 6, 0xA340, 1), id="CN0"),
         pytest.param(struct.pack(">BHHBHH", 16, 511, 2, 4, 1, 1), id="one set-point, one not"),
-        pytest.param(struct.pack(">BHHBHH", 16, 533, 2, 4, 100, 1), id="the last set-point and one more"),
+        pytest.param(struct.pack(">BHHBHH", 16, 537, 2, 4, 10, 1), id="the last set-point and one more"),
         pytest.param(struct.pack(">BHHBHHH", 16, 515, 3, 6, 1, 1, 50), id="over arms may meet"),
         pytest.param(struct.pack(">BHH", 6, 0x2140 + 300, 1), id="alarm action, one register"),
         pytest.param(struct.pack(">BHHBHH", 16, 0x2140 + 300, 2, 4, 1, 0), id="alarm action, two registers"),

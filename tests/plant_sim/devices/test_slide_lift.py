@@ -208,7 +208,7 @@ def crossing_m_s(rig: Rig, place_m: object, low_m: float, high_m: float, coil: s
     assert callable(place_m)
     places_m = rig.trace(place_m, 5_000, f"left.{coil}")
     inside = [ms for ms, at_m in enumerate(places_m) if low_m <= at_m <= high_m]
-    return (places_m[inside[-1]] - places_m[inside[0]]) / (inside[-1] - inside[0]) * 1000
+    return float(places_m[inside[-1]] - places_m[inside[0]]) / (inside[-1] - inside[0]) * 1000
 
 
 class TestEnds:
