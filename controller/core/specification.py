@@ -1,8 +1,8 @@
-"""Specification of a program as data: monitors, safety requirements, invariants and recovery sequences."""
+"""Specification of a program as data: monitors, requirements, invariants, recovery sequences and checks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from controller.core.expr import Bit, Expr, Word
@@ -55,6 +55,36 @@ class WayOut:
     goal: Expr
 
 
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """Result of a check.
+
+    Attributes:
+        holds: True if the property holds.
+        lines: Measured values, or what violates the property; the first line is a summary.
+    """
+
+    holds: bool
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Property of a program that is computed or explored rather than expressed as a condition after a scan.
+
+    Attributes:
+        name: Unique name in reports.
+        run: Function that examines the property.
+        rests_on: Names of the invariants on which the result depends; none if the program is executed.
+        explores: True if the property is examined by executing the program from many situations, which is no proof.
+    """
+
+    name: str
+    run: Callable[[], CheckResult]
+    rests_on: tuple[str, ...] = ()
+    explores: bool = False
+
+
 @dataclass(frozen=True)
 class Specification:
     """Properties to prove about a program.
@@ -68,6 +98,7 @@ class Specification:
         invariants: Lemmas for the requirements.
         ways_out: Input sequences that prove the absence of dead ends.
         ranges: Words written by the runtime, with the minimum and maximum values that it accepts.
+        checks: Properties that are computed or explored.
     """
 
     program: Program
@@ -77,6 +108,7 @@ class Specification:
     invariants: tuple[Invariant, ...]
     ways_out: tuple[WayOut, ...] = ()
     ranges: Mapping[Word, tuple[int, int]] = field(default_factory=dict)
+    checks: tuple[Check, ...] = ()
 
     @property
     def watched(self) -> Program:

@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import partial
 from typing import Final, TypeVar
 
-from controller.core.specification import Specification
+from controller.core.specification import Check, CheckResult, Specification
 from controller.verify.cells import ModelError
 from controller.verify.induction import Induction, Moment, Verdict, describe_failure, unproved
 from controller.verify.model import Goal, Model
@@ -26,6 +26,7 @@ SEARCH_S: Final = 60.0
 """Time limit for the entire search for traces, s."""
 CONSISTENT: Final = "all goals together"
 NO_ANSWER: Final = "solver timeout"
+CHECK: Final = "check"
 
 
 class Result(StrEnum):
@@ -35,12 +36,13 @@ class Result(StrEnum):
     CONDITIONAL = "depends on an unproved goal"
     BROKEN = "violated"
     UNPROVED = "not proved"
+    EXPLORED = "explored"
     POSSIBLE = "possible"
     IMPOSSIBLE = "impossible"
     UNDECIDED = "undecided"
 
 
-GOOD: Final = frozenset({Result.PROVED, Result.POSSIBLE})
+GOOD: Final = frozenset({Result.PROVED, Result.EXPLORED, Result.POSSIBLE})
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Report:
 
     @property
     def good(self) -> bool:
-        """True if every result is `PROVED` or, for steps and ways out, `POSSIBLE`."""
+        """True if every result is `PROVED` or, for steps and ways out, `POSSIBLE`, or, for explorations, `EXPLORED`."""
         return all(row.result in GOOD for row in self.rows)
 
     def text(self) -> str:
@@ -90,7 +92,8 @@ class Report:
         result = max((len(row.result) for row in self.rows), default=0)
         lines = [f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
         for row in self.rows:
-            explanation = f"  {row.lines[0]}" if row.result is Result.POSSIBLE and row.lines else ""
+            explained = row.lines and (row.result is Result.POSSIBLE or (row.kind == CHECK and row.result in GOOD))
+            explanation = f"  {row.lines[0]}" if explained else ""
             columns = f"{row.name:<{width}}  {row.kind:<{kind}}  {row.result:<{result}}  {row.seconds:6.2f} s"
             lines.append(columns + explanation)
         for row in self.rows:
@@ -117,8 +120,8 @@ def prove(
     Args:
         specification: Specification to prove.
         clock: Monotonic clock, s. It measures the computing times and limits the search for traces.
-        only: Names of goals, steps and ways out; goals that they depend on are included. None = all.
-        short: Whether to omit traces and progress checks and run the induction only.
+        only: Names of goals, steps, ways out and checks; goals that they depend on are included. None = all.
+        short: Whether to omit traces, progress checks and the checks of the specification.
         scans: Maximum length of a trace, scans.
         search_s: Time limit for the entire search for traces, s.
 
@@ -132,16 +135,21 @@ def prove(
     began_s = clock()
     model = Model(specification)
     questions = [] if short else list(_questions(model))
-    wanted = _wanted(only, [goal.name for goal in model.goals], [question.name for question in questions])
+    checks = () if short else specification.checks
+    others = [question.name for question in questions] + [check.name for check in checks]
+    wanted = _wanted(only, [goal.name for goal in model.goals], others)
+    checked = [(check, *_timed(clock, check.run)) for check in checks if check.name in wanted]
     answers = [(question, *_timed(clock, question.ask)) for question in questions if question.name in wanted]
     asked = [goal.name for goal in model.goals if goal.name in wanted]
     asked += [name for _, check, _ in answers for name in check.rests_on]
+    asked += [name for check, _, _ in checked for name in check.rests_on]
     verdicts = _verdicts(model, asked, clock)
     failed = unproved(verdict for verdict, _ in verdicts)
     open_verdicts = [] if short else [verdict for verdict, _ in verdicts if verdict.goal.name in failed]
     traces = _traces(model, open_verdicts, clock, scans, search_s)
     rows = [_goal_row(model, v, seconds, failed, traces.get(v.goal.name)) for v, seconds in verdicts]
     rows += [_progress_row(question, check, seconds, failed) for question, check, seconds in answers]
+    rows += [_check_row(check, examined, seconds, failed) for check, examined, seconds in checked]
     return Report(model.program.name, tuple(rows), clock() - began_s)
 
 
@@ -267,6 +275,16 @@ def _progress_row(
         return GoalResult(question.name, question.kind, Result.CONDITIONAL, seconds, _dependency_lines(dependencies))
     result = question.good if check.holds else question.bad
     return GoalResult(question.name, question.kind, result, seconds, check.lines)
+
+
+def _check_row(check: Check, examined: CheckResult, seconds: float, failed: Mapping[str, frozenset[str]]) -> GoalResult:
+    dependencies = failed.keys() & set(check.rests_on)
+    if not examined.holds:
+        return GoalResult(check.name, CHECK, Result.BROKEN, seconds, examined.lines)
+    if dependencies:
+        return GoalResult(check.name, CHECK, Result.CONDITIONAL, seconds, _dependency_lines(dependencies))
+    good = Result.EXPLORED if check.explores else Result.PROVED
+    return GoalResult(check.name, CHECK, good, seconds, examined.lines)
 
 
 def _dependency_lines(names: Iterable[str]) -> tuple[str, ...]:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
+from functools import partial
 
 from controller.core.expr import FALSE, Expr, Word, all_of, any_of
 from controller.core.sequence import Sequence
-from controller.core.specification import Invariant, Specification
+from controller.core.specification import Check, CheckResult, Invariant, Specification
 from controller.program.machine import Transplanter
 from controller.program.places import devices
 from controller.program.requirements.positions import PositionMonitor
 from controller.program.requirements.safety import ArmMonitor, Safety
+from controller.program.requirements.time_limit import bounded
 from controller.program.requirements.ways_out import ways_out
 from controller.program.states import MOVING, Mode, State
 from controller.program.tags import IN_PLACE, IN_PROGRESS, NO_TRAY, ROWS, SIDES, TAKEN, Side
@@ -35,6 +37,22 @@ def specification(machine: Transplanter) -> Specification:
         invariants=tuple(Invariant(name, holds) for name, holds in invariants.items()),
         ways_out=ways_out(machine),
         ranges=tags.sp.limits,
+        checks=_checks(machine),
+    )
+
+
+def _checks(machine: Transplanter) -> tuple[Check, Check]:
+    """Return the checks that homing ends, and that it arrives in Idle."""
+
+    def arrives() -> CheckResult:
+        from controller.program.requirements.homing import explored  # noqa: PLC0415 - requires llvmlite
+
+        return explored(machine)
+
+    rests_on = tuple(name for name, _ in _homing_ends(machine))
+    return (
+        Check("homing ends within T", partial(bounded, machine), rests_on),
+        Check("homing arrives in Idle", arrives, explores=True),
     )
 
 
@@ -109,7 +127,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
 
 
 def _homing_ends(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
-    """Yield the invariants by which homing has no wait without a limit or a question; see `homing.time_limit`."""
+    """Yield the invariants by which homing has no wait without a limit or a question; see `time_limit`."""
     tags = machine.tags
     control, tray, wait = tags.machine, tags.tray, machine.feeder["wait for an empty tray"]
     for side in SIDES:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from controller.core.expr import Bit, Expr, Word, any_of
+from controller.core.expr import FALSE, TRUE, Bit, Expr, Word
 from controller.core.program import Block
 from controller.core.rungs import Add, Out, Rst, Rung, Subtract
 from controller.iomap.loader import IoMap
@@ -78,6 +78,12 @@ class TravelModel:
         self.devices = {side: _devices(io_map, d, side) for side in SIDES}
         self.block = Block("travel model", tuple(self._rungs(io_map)))
 
+    @property
+    def inputs(self) -> frozenset[Bit | Word]:
+        """Devices that determine the levels of the terminals: positions and forced states."""
+        positions = (device.position for table in self.devices.values() for device in table.values())
+        return frozenset((*positions, self.tray, *self.stuck_on, *self.stuck_off))
+
     def _rungs(self, io_map: IoMap) -> Iterator[Rung]:
         run = driven(io_map["tray_run"])
         yield Add(self.tray, self.scan_ms, self.tray, when=run)
@@ -88,22 +94,37 @@ class TravelModel:
             yield Add(position, self.scan_ms, position, when=device.to & ~device.fro & (position < device.end))
             yield Subtract(position, self.scan_ms, position, when=device.fro & ~device.to & (position > 0))
             for place, at in device.switches.items():
-                sensed[device.inputs[place]] = (position >= at - device.band) & (position <= at + device.band)
-        resting = {"air_pressure_ok"}
+                near, far = position >= at - device.band, position <= at + device.band
+                sensed[device.inputs[place]] = far if at == 0 else near if at == device.end else near & far
         for point in io_map.inputs:
             number = point.number
-            free = sensed.get(number, any_of())
-            if number not in sensed and point.tag in resting:
-                free = ~free
-            active = (free | self.stuck_on[number]) & ~self.stuck_off[number]
+            at_rest = TRUE if point.tag == "air_pressure_ok" else FALSE
+            active = (sensed.get(number, at_rest) | self.stuck_on[number]) & ~self.stuck_off[number]
             yield Out(self.levels[number], when=~active if point.inverted else active)
 
 
 def _devices(io_map: IoMap, d: Area, side: str) -> dict[str, Travel]:
-    def travel(  # noqa: PLR0913 - the columns of a table
-        name: str, end: int, band: int, to: str, fro: str, switches: dict[str, tuple[str, int]]
-    ) -> Travel:
-        return Travel(
+    """Return the devices of one arm: end, band, coils to the far and to the near end, and switches with their input."""
+    rows = {f"pick {row}": (f"slide_at_pick_{row}", at) for row, at in PICK_MS.items()}
+    table = {
+        "lift": (
+            (LIFT_MS, LIFT_BAND_MS),
+            ("lift_retract", "lift_extend"),
+            {"down": ("lift_down", 0), "up": ("lift_up", LIFT_MS)},
+        ),
+        "slide": (
+            (PICK_MS[ROWS[-1]] + SLIDE_BAND_MS, SLIDE_BAND_MS),
+            ("slide_inward", "slide_outward"),
+            {"feed": ("slide_at_feed", 0), **rows},
+        ),
+        "belt": (
+            (BELT_MS, BELT_BAND_MS),
+            ("spread", "converge"),
+            {"converged": ("claws_converged", 0), "spread": ("claws_spread", BELT_MS)},
+        ),
+    }
+    return {
+        name: Travel(
             d.word(f"{side} {name}", "position, ms of travel"),
             end,
             band,
@@ -112,15 +133,5 @@ def _devices(io_map: IoMap, d: Area, side: str) -> dict[str, Travel]:
             {place: at for place, (_, at) in switches.items()},
             {place: io_map[f"{side}.{tag}"].number for place, (tag, _) in switches.items()},
         )
-
-    lift = {"down": ("lift_down", 0), "up": ("lift_up", LIFT_MS)}
-    belt = {"converged": ("claws_converged", 0), "spread": ("claws_spread", BELT_MS)}
-    rows = {f"pick {row}": (f"slide_at_pick_{row}", at) for row, at in PICK_MS.items()}
-    slide = {"feed": ("slide_at_feed", 0), **rows}
-    return {
-        "lift": travel("lift", LIFT_MS, LIFT_BAND_MS, "lift_retract", "lift_extend", lift),
-        "slide": travel(
-            "slide", PICK_MS[ROWS[-1]] + SLIDE_BAND_MS, SLIDE_BAND_MS, "slide_inward", "slide_outward", slide
-        ),
-        "belt": travel("belt", BELT_MS, BELT_BAND_MS, "spread", "converge", belt),
+        for name, ((end, band), (to, fro), switches) in table.items()
     }
