@@ -9,7 +9,7 @@ arrives in Idle.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Final
 
@@ -54,6 +54,18 @@ class Exploration:
         trial.begin(situation)
         self._home(trial, situation, ())
 
+    def add_stuck(self, trial: HomingTrial, situation: Situation, longest_ms: int) -> None:
+        """Home with a stuck switch, which must end explained and in time; repair it, and home again."""
+        self.starts += 1
+        self.homings += 1
+        trial.begin(situation)
+        ending = trial.home()
+        if not ending.explained or ending.ms > longest_ms:
+            self.dead_ends.append((situation, (ending,)))
+        elif ending.state is not State.IDLE:
+            trial.repair()
+            self._reply(trial, situation, ())
+
     def _home(self, trial: HomingTrial, situation: Situation, before: tuple[Ending, ...]) -> None:
         ending = trial.home()
         self.homings += 1
@@ -65,11 +77,15 @@ class Exploration:
         if len(ended) == MOST_HOMINGS or ending.alarms or not ending.explained:
             self.dead_ends.append((situation, ended))
             return
+        self._reply(trial, situation, ended)
+
+    def _reply(self, trial: HomingTrial, situation: Situation, before: tuple[Ending, ...]) -> None:
+        """Home after each reply to the questions, or at once if there is none."""
         saved = trial.save()
-        for commands in list(trial.answers()):
+        for commands in list(trial.answers()) or [()]:
             trial.restore(saved)
             trial.answer(commands)
-            self._home(trial, situation, ended)
+            self._home(trial, situation, before)
 
 
 def explore(machine: Transplanter, *, thorough: bool = False, every: int = 1, scan_ms: int = SCAN_MS) -> Exploration:
@@ -92,6 +108,26 @@ def explore(machine: Transplanter, *, thorough: bool = False, every: int = 1, sc
     return found
 
 
+def explore_stuck_switches(machine: Transplanter, *, every: int = 1) -> Exploration:
+    """Home from every situation with one stuck switch, a different one from situation to situation.
+
+    Args:
+        machine: Program of the machine.
+        every: Distance of the situations that are examined in the list of all.
+    """
+    longest_ms = time_limit(machine).ms
+    found, trial = Exploration(), HomingTrial(machine, limit_ms=2 * longest_ms)
+    switches = [
+        n for table in trial.model.devices.values() for device in table.values() for n in device.inputs.values()
+    ]
+    stuck = [{number: on} for number in (*switches, trial.model.tray_sensor) for on in (False, True)]
+    starts = arm_starts(trial.model, all_rows=False)
+    arms = enumerate(situations(machine, trial.model, starts, thorough=False))
+    for n, situation in islice(arms, 0, None, every):
+        found.add_stuck(trial, replace(situation, stuck=stuck[n // every % len(stuck)]), longest_ms)
+    return found
+
+
 def explored(machine: Transplanter) -> CheckResult:
     """Return the result of `explore` for the report of the proof."""
     found = explore(machine)
@@ -109,7 +145,8 @@ def describe(situation: Situation, endings: Iterable[Ending]) -> str:
         f"{'running' if end.state is None else end.state.name} after {end.ms / 1000:.1f} s, alarms {list(end.alarms)}"
         for end in endings
     )
-    return f"{'after power-up' if situation.powered_up else 'at rest'}: {values}: {ends}"
+    stuck = "".join(f", X{number:o} stuck {'on' if on else 'off'}" for number, on in situation.stuck.items())
+    return f"{'after power-up' if situation.powered_up else 'at rest'}: {values}{stuck}: {ends}"
 
 
 def _abandoned_ms(machine: Transplanter) -> int:

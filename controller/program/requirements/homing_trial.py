@@ -159,11 +159,16 @@ class HomingTrial:
             yield (*arms, *(trays[reply % len(trays) :][:1] if trays else ()))
 
     def answer(self, commands: Collection[Bit]) -> None:
-        """Give commands, and execute scans until they have taken effect."""
+        """Give commands, and execute three scans, in which they and repaired switches take effect."""
         for command in commands:
             self._plc.press(command)
         for _ in range(3):
             self._scan()
+
+    def repair(self) -> None:
+        """Let all switches follow their devices again."""
+        for bit in (*self.model.stuck_on, *self.model.stuck_off):
+            self._plc.write(bit, 0)
 
     def _write(self, values: Mapping[Bit | Word, int], devices: Collection[Bit | Word]) -> None:
         for device, value in values.items():

@@ -59,6 +59,7 @@ class TravelModel:
 
     Attributes:
         devices: Devices by side and name.
+        tray_sensor: X number of the front edge sensor.
         tray: Register of the way of the tray, ms: 0 as its front edge is at the sensor.
         scan_ms: Register of the scan time, ms.
         stuck_on: Relays that force an input on, by X number.
@@ -74,6 +75,7 @@ class TravelModel:
         self.stuck_on = [m.bit(f"X{number:o} stuck on", "input forced on") for number in range(count)]
         self.stuck_off = [m.bit(f"X{number:o} stuck off", "input forced off") for number in range(count)]
         self.scan_ms = d.word("scan ms", "scan time")
+        self.tray_sensor = io_map["tray_front_edge"].number
         self.tray = d.word("tray", "way of the tray")
         self.devices = {side: _devices(io_map, d, side) for side in SIDES}
         self.block = Block("travel model", tuple(self._rungs(io_map)))
@@ -88,7 +90,7 @@ class TravelModel:
         run = driven(io_map["tray_run"])
         yield Add(self.tray, self.scan_ms, self.tray, when=run)
         yield Rst(self.tray, when=self.tray >= TRAY_AND_GAP_MS)
-        sensed: dict[int, Expr] = {io_map["tray_front_edge"].number: self.tray < TRAY_MS}
+        sensed: dict[int, Expr] = {self.tray_sensor: self.tray < TRAY_MS}
         for device in (device for table in self.devices.values() for device in table.values()):
             position = device.position
             yield Add(position, self.scan_ms, position, when=device.to & ~device.fro & (position < device.end))
