@@ -56,7 +56,7 @@ class WayOut:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckResult:
+class PropertyResult:
     """Result of a check.
 
     Attributes:
@@ -69,7 +69,7 @@ class CheckResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class ComputedProperty:
     """Property of a program that is computed or explored rather than expressed as a condition after a scan.
 
     Attributes:
@@ -80,7 +80,7 @@ class Check:
     """
 
     name: str
-    run: Callable[[], CheckResult]
+    run: Callable[[], PropertyResult]
     rests_on: tuple[str, ...] = ()
     explores: bool = False
 
@@ -108,7 +108,7 @@ class Specification:
     invariants: tuple[Invariant, ...]
     ways_out: tuple[WayOut, ...] = ()
     ranges: Mapping[Word, tuple[int, int]] = field(default_factory=dict)
-    checks: tuple[Check, ...] = ()
+    checks: tuple[ComputedProperty, ...] = ()
 
     @property
     def watched(self) -> Program:

@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import partial
 from typing import Final, TypeVar
 
-from controller.core.specification import Check, CheckResult, Specification
+from controller.core.specification import ComputedProperty, PropertyResult, Specification
 from controller.verify.cells import ModelError
 from controller.verify.induction import Induction, Moment, Verdict, describe_failure, unproved
 from controller.verify.model import Goal, Model
@@ -277,7 +277,9 @@ def _progress_row(
     return GoalResult(question.name, question.kind, result, seconds, check.lines)
 
 
-def _check_row(check: Check, examined: CheckResult, seconds: float, failed: Mapping[str, frozenset[str]]) -> GoalResult:
+def _check_row(
+    check: ComputedProperty, examined: PropertyResult, seconds: float, failed: Mapping[str, frozenset[str]]
+) -> GoalResult:
     dependencies = failed.keys() & set(check.rests_on)
     if not examined.holds:
         return GoalResult(check.name, CHECK, Result.BROKEN, seconds, examined.lines)

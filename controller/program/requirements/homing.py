@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Final
 
-from controller.core.specification import CheckResult
+from controller.core.specification import PropertyResult
 from controller.program.machine import Transplanter
 from controller.program.requirements.homing_starts import arm_starts, situations, tray_situations
-from controller.program.requirements.homing_trial import SCAN_MS, Ending, HomingTrial, Situation
+from controller.program.requirements.homing_trial import SCAN_MS, Ending, HomingStart, HomingTrial
 from controller.program.requirements.time_limit import time_limit
 from controller.program.states import State
 from controller.verify.bounds import UnboundedError
@@ -38,23 +38,23 @@ class Exploration:
         starts: Number of situations.
         homings: Number of homings.
         longest: Longest homing.
-        from_situation: Situation of the longest homing.
+        from_situation: Start of the longest homing.
         dead_ends: Situations from which the machine does not arrive in Idle, with the ends of their homings.
     """
 
     starts: int = 0
     homings: int = 0
     longest: Ending | None = None
-    from_situation: Situation | None = None
-    dead_ends: list[tuple[Situation, tuple[Ending, ...]]] = field(default_factory=list)
+    from_situation: HomingStart | None = None
+    dead_ends: list[tuple[HomingStart, tuple[Ending, ...]]] = field(default_factory=list)
 
-    def add(self, trial: HomingTrial, situation: Situation) -> None:
+    def add(self, trial: HomingTrial, situation: HomingStart) -> None:
         """Home from a situation, reply to the questions in every way, and home again."""
         self.starts += 1
         trial.begin(situation)
         self._home(trial, situation, ())
 
-    def add_stuck(self, trial: HomingTrial, situation: Situation, longest_ms: int) -> None:
+    def add_stuck(self, trial: HomingTrial, situation: HomingStart, longest_ms: int) -> None:
         """Home with a stuck switch, which must end explained and in time; repair it, and home again."""
         self.starts += 1
         self.homings += 1
@@ -66,7 +66,7 @@ class Exploration:
             trial.repair()
             self._reply(trial, situation, ())
 
-    def _home(self, trial: HomingTrial, situation: Situation, before: tuple[Ending, ...]) -> None:
+    def _home(self, trial: HomingTrial, situation: HomingStart, before: tuple[Ending, ...]) -> None:
         ending = trial.home()
         self.homings += 1
         if self.longest is None or ending.ms > self.longest.ms:
@@ -79,7 +79,7 @@ class Exploration:
             return
         self._reply(trial, situation, ended)
 
-    def _reply(self, trial: HomingTrial, situation: Situation, before: tuple[Ending, ...]) -> None:
+    def _reply(self, trial: HomingTrial, situation: HomingStart, before: tuple[Ending, ...]) -> None:
         """Home after each reply to the questions, or at once if there is none."""
         saved = trial.save()
         for commands in list(trial.answers()) or [()]:
@@ -128,17 +128,17 @@ def explore_stuck_switches(machine: Transplanter, *, every: int = 1) -> Explorat
     return found
 
 
-def explored(machine: Transplanter) -> CheckResult:
+def explored(machine: Transplanter) -> PropertyResult:
     """Return the result of `explore` for the report of the proof."""
     found = explore(machine)
     longest = found.longest
     summary = f"{found.starts} starts, {found.homings} homings, at most {MOST_HOMINGS} from each"
     lines = [summary if longest is None else f"{summary}, longest {longest.ms / 1000:.1f} s"]
     lines += [describe(situation, endings) for situation, endings in found.dead_ends[:_SHOWN]]
-    return CheckResult(not found.dead_ends, tuple(lines))
+    return PropertyResult(not found.dead_ends, tuple(lines))
 
 
-def describe(situation: Situation, endings: Iterable[Ending]) -> str:
+def describe(situation: HomingStart, endings: Iterable[Ending]) -> str:
     """Return a situation and the ends of its homings as one line."""
     values = ", ".join(f"{device.name or device}={value}" for device, value in situation.values.items())
     ends = "; ".join(

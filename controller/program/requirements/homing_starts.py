@@ -9,7 +9,7 @@ from typing import Final
 
 from controller.core.expr import Bit, Word
 from controller.program.machine import Transplanter
-from controller.program.requirements.homing_trial import Situation
+from controller.program.requirements.homing_trial import HomingStart
 from controller.program.requirements.travel_model import TRAY_AND_GAP_MS, TRAY_MS, Travel, TravelModel
 from controller.program.states import Mode
 from controller.program.tags import (
@@ -97,7 +97,7 @@ def arm_starts(model: TravelModel, *, all_rows: bool) -> list[ArmStart]:
 
 def situations(
     machine: Transplanter, model: TravelModel, starts: list[ArmStart], *, thorough: bool
-) -> Iterator[Situation]:
+) -> Iterator[HomingStart]:
     """Yield the situations that combine the starts of both arms.
 
     Each situation combines two different starts, because the arms do not wait for each other in homing.
@@ -120,10 +120,10 @@ def situations(
                 values |= starts[index].values(machine.tags.arms[side], model.devices[side])
                 if index % 3 == 0:
                     values |= _disturbance(machine, side)
-            yield Situation(values, powered_up, AUTOMATIC[n % len(AUTOMATIC)])
+            yield HomingStart(values, powered_up, AUTOMATIC[n % len(AUTOMATIC)])
 
 
-def tray_situations(machine: Transplanter, model: TravelModel) -> Iterator[Situation]:
+def tray_situations(machine: Transplanter, model: TravelModel) -> Iterator[HomingStart]:
     """Yield the situations that combine the memory of the tray with its way, for arms at feed and away from it."""
     tags = machine.tags
     ways = (0, TRAY_MS // 2, TRAY_MS - 1, TRAY_MS, (TRAY_MS + TRAY_AND_GAP_MS) // 2)
@@ -138,7 +138,7 @@ def tray_situations(machine: Transplanter, model: TravelModel) -> Iterator[Situa
         values: dict[Bit | Word, int] = {tags.tray.phase: phase, model.tray: way, tags.tray.ask: ask}
         for side in SIDES:
             values |= start.values(tags.arms[side], model.devices[side])
-        yield Situation(values, powered_up)
+        yield HomingStart(values, powered_up)
 
 
 def _start(

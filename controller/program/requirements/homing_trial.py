@@ -22,7 +22,7 @@ _ENDS: Final = frozenset({State.IDLE, State.HELD, State.STOPPED, State.ABORTED})
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class HomingStart:
     """Machine at rest before homing.
 
     Attributes:
@@ -100,7 +100,7 @@ class HomingTrial:
         self._now_ms, memory = saved
         self._execution.restore(memory)
 
-    def begin(self, situation: Situation) -> None:
+    def begin(self, situation: HomingStart) -> None:
         """Put the machine at rest in Stopped into a situation."""
         self._now_ms = STARTS_AT_MS
         model, memory = self.model, self._execution.memory

@@ -8,7 +8,7 @@ from functools import partial
 
 from controller.core.expr import FALSE, Expr, Word, all_of, any_of
 from controller.core.sequence import Sequence
-from controller.core.specification import Check, CheckResult, Invariant, Specification
+from controller.core.specification import ComputedProperty, Invariant, PropertyResult, Specification
 from controller.program.machine import Transplanter
 from controller.program.places import devices
 from controller.program.requirements.positions import PositionMonitor
@@ -41,18 +41,18 @@ def specification(machine: Transplanter) -> Specification:
     )
 
 
-def _checks(machine: Transplanter) -> tuple[Check, Check]:
+def _checks(machine: Transplanter) -> tuple[ComputedProperty, ComputedProperty]:
     """Return the checks that homing ends, and that it arrives in Idle."""
 
-    def arrives() -> CheckResult:
+    def arrives() -> PropertyResult:
         from controller.program.requirements.homing import explored  # noqa: PLC0415 - requires llvmlite
 
         return explored(machine)
 
     rests_on = tuple(name for name, _ in _homing_ends(machine))
     return (
-        Check("homing ends within T", partial(bounded, machine), rests_on),
-        Check("homing arrives in Idle", arrives, explores=True),
+        ComputedProperty("homing ends within T", partial(bounded, machine), rests_on),
+        ComputedProperty("homing arrives in Idle", arrives, explores=True),
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.core.sequence import Sequence
-from controller.core.specification import CheckResult
+from controller.core.specification import PropertyResult
 from controller.program.machine import Transplanter
 from controller.program.tags import SIDES
 from controller.verify.bounds import LongestPath, UnboundedError, longest_path
@@ -66,13 +66,13 @@ def time_limit(machine: Transplanter) -> TimeLimit:
     return TimeLimit(max(arms, key=lambda path: path.ms), max(feeding, key=lambda path: path.ms))
 
 
-def bounded(machine: Transplanter) -> CheckResult:
+def bounded(machine: Transplanter) -> PropertyResult:
     """Return the upper bound of the duration of homing for the report of the proof."""
     try:
         limit = time_limit(machine)
     except UnboundedError as error:
-        return CheckResult(holds=False, lines=(str(error),))
+        return PropertyResult(holds=False, lines=(str(error),))
     parts = f"arm {limit.arm.ms / 1000:.1f} s, tray feeder {limit.tray.ms / 1000:.1f} s"
-    return CheckResult(
+    return PropertyResult(
         holds=True, lines=(f"T = {limit.ms / 1000:.1f} s ({parts})", *limit.arm.steps, *limit.tray.steps)
     )

@@ -8,14 +8,14 @@ from dataclasses import replace
 import pytest
 
 from controller.cli.main import main
-from controller.core.expr import FALSE, Expr, leaves
+from controller.core.expr import FALSE, Bit, Expr, Word, leaves
 from controller.core.program import Block
 from controller.core.rungs import Out, Rst, Rung
 from controller.core.sequence import Sequence, Step, To
 from controller.program.machine import Transplanter
 from controller.program.requirements.homing import describe, explore, explore_stuck_switches
 from controller.program.requirements.homing_starts import arm_starts
-from controller.program.requirements.homing_trial import Ending, HomingTrial, Situation
+from controller.program.requirements.homing_trial import Ending, HomingStart, HomingTrial
 from controller.program.requirements.time_limit import bounded, time_limit
 from controller.program.requirements.travel_model import LIFT_MS
 from controller.program.states import State
@@ -143,8 +143,8 @@ def test_a_machine_that_does_not_move_ends_in_an_alarm() -> None:
     slide = trial.model.devices["left"]["slide"]
     lift = trial.model.devices["left"]["lift"]
     stuck = dict.fromkeys((*slide.inputs.values(), *lift.inputs.values()), False)
-    known = {arm.claws_known: 1 for arm in TAGS.arms.values()}
-    situation = Situation({lift.position: LIFT_MS, slide.position: 900, **known}, stuck=stuck)
+    known: dict[Bit | Word, int] = {arm.claws_known: 1 for arm in TAGS.arms.values()}
+    situation = HomingStart({lift.position: LIFT_MS, slide.position: 900, **known}, stuck=stuck)
     trial.begin(situation)
     ending = trial.home()
     assert (ending.state, ending.explained) == (State.HELD, True)
