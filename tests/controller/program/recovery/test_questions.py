@@ -177,7 +177,7 @@ def pushed_away(side: Side, claws: str) -> Twin:
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("claws", ["claws_open", "claws_close"])
 def test_an_arm_pushed_away_before_it_has_gripped_is_asked_about(side: Side, claws: str) -> None:
-    """After the true answer, the machine is homed and no seedling is lost; without the question, it never arrives in Idle."""
+    """After the true answer, the machine is homed, and no seedling is lost. Without the question, it never is."""
     twin = pushed_away(side, claws)
     holds = bool(arm_of(twin, side).grip.held)
     assert holds == (claws == "claws_close")
