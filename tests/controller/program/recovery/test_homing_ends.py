@@ -21,6 +21,7 @@ from controller.program.requirements.travel_model import LIFT_MS
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from tests.controller.verify.proof_rig import MACHINE
+from tests.paths import DOCS
 from tests.sampling import first_of
 
 TAGS = MACHINE.tags
@@ -89,6 +90,10 @@ def test_every_start_ends_in_idle(every: int) -> None:
     found = explore(MACHINE, every=every)
     assert [describe(*dead_end) for dead_end in found.dead_ends] == []
     assert found.starts > 36_000 // every
+    if every == 1:
+        page = (DOCS / "proof.md").read_text(encoding="utf-8")
+        assert f"from {found.starts:,} starts" in page
+        assert f"({found.homings:,} in all)" in page
     assert found.longest is not None
     assert found.longest.ms <= time_limit(MACHINE).ms
 
