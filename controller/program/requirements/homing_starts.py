@@ -42,7 +42,8 @@ class ArmStart:
         reached: Place that each device has reached by motion; None if its switch, if any, is not confirmed.
         claws: Relays of the claws that are on: loaded, claws_closed, clamped, discard, on_row.
         rows: State of each row.
-        last: Last confirmed place of each device; None if unknown.
+        last: Last confirmed place of each device, at which it came to rest before it was moved by hand; None if
+            unknown.
         travelled: True if the shortest travel times since the last places have elapsed.
     """
 
@@ -63,6 +64,8 @@ class ArmStart:
         values |= dict(zip(arm.rows.values(), self.rows, strict=True))
         last = _last_places(arm)
         values |= {last[place]: 1 for place in self.last if place is not None}
+        if self.last:
+            values |= {bit: place in self.last for place, bit in _rests(arm).items()}
         if self.travelled:
             way = (arm.lift_travelled, arm.slide_travelled, arm.slide_hopped, arm.belt_travelled)
             values |= dict.fromkeys(way, 1)
@@ -185,8 +188,18 @@ def _last_places(arm: ArmTags) -> dict[str, Bit]:
     return {**ends, **rows, "spread": arm.was_spread, "converged": arm.was_converged}
 
 
+def _rests(arm: ArmTags) -> dict[str, Bit]:
+    """Return the relays of the places at which an arm came to rest, before it was moved by hand."""
+    ends = {"down": arm.rests_down, "up": arm.rests_up, "feed": arm.rests_at_feed}
+    return {**ends, "spread": arm.rests_spread, "converged": arm.rests_converged}
+
+
 def _disturbance(machine: Transplanter, side: Side) -> dict[Bit | Word, int]:
-    """Return relays of the work before homing and all alarms of an arm, which homing must not depend on."""
+    """Return relays of the work before homing, all alarms of an arm, and the longest release dwell."""
     arm = machine.tags.arms[side]
     relays = (arm.passed, arm.in_centre, arm.retried, arm.cycle_done, arm.count_valid, arm.row_running)
-    return dict.fromkeys((*relays, *machine.alarms.of_side(side)), 1)
+    longest_release = machine.tags.sp.limits[machine.tags.sp.release][1]
+    return {
+        **dict.fromkeys((*relays, *machine.alarms.of_side(side)), 1),
+        machine.tags.sp.release: longest_release,
+    }

@@ -11,6 +11,7 @@ from controller.core.machine_code import MachineExecution
 from controller.core.program import Program
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
+from controller.program.places import REST_MS
 from controller.program.requirements.travel_model import TRAY_MS, TravelModel
 from controller.program.states import Mode, State
 from controller.program.tags import IN_PLACE, SIDES, Side
@@ -18,6 +19,8 @@ from controller.program.tags import IN_PLACE, SIDES, Side
 SCAN_MS: Final = 80
 """Scan time, ms: the time through the band of the switch of a row, so that no switch is missed (computed)."""
 STARTS_AT_MS: Final = 100_000
+RESTS_MS: Final = REST_MS + 200
+"""Time at rest before homing, ms: the arms count as at rest, and the timers show it."""
 _ENDS: Final = frozenset({State.IDLE, State.HELD, State.STOPPED, State.ABORTED})
 
 
@@ -117,6 +120,8 @@ class HomingTrial:
         self._write(values, self._retained)
         self._execution.run(self._now_ms - self._scan_ms, first=True)
         if not situation.powered_up:
+            for _ in range(RESTS_MS // self._scan_ms):
+                self._scan()
             self._write(values, values.keys())
 
     def home(self) -> Ending:
