@@ -8,11 +8,14 @@ from dataclasses import replace
 import pytest
 
 from controller.cli.main import main
-from controller.core.expr import FALSE, Bit, Expr, Word, leaves
+from controller.core.expr import FALSE, Bit, Expr, Word, any_of, leaves
 from controller.core.program import Block
-from controller.core.rungs import Out, Rst, Rung
+from controller.core.rungs import OnDelay, Out, Rst, Rung
 from controller.core.sequence import Sequence, Step, To
+from controller.program.alarms import ARM_ALARM_NUMBERS
+from controller.program.interlocks import BELT, LIFT, SLIDE
 from controller.program.machine import Transplanter
+from controller.program.places import REST_MS
 from controller.program.requirements.homing import describe, explore, explore_stuck_switches
 from controller.program.requirements.homing_starts import arm_starts
 from controller.program.requirements.homing_trial import Ending, HomingStart, HomingTrial
@@ -140,6 +143,16 @@ def test_an_answer_without_effect_is_a_dead_end() -> None:
     dead_ends = explore(machine, every=SAMPLE).dead_ends
     assert dead_ends
     assert all(endings[-1].asks == ("left",) for _, endings in dead_ends)
+
+
+def test_an_arm_that_homing_compares_with_its_earlier_places_is_a_dead_end() -> None:
+    """With a long release dwell, an arm moved by hand would raise the alarm of a change at rest every time."""
+    arm = TAGS.arms["left"]
+    at_rest = OnDelay(arm.t_rest, REST_MS, when=~any_of(*(arm.coils[name] for name in (*LIFT, *SLIDE, *BELT))))
+    machine = changed(lambda rung: at_rest if isinstance(rung, OnDelay) and rung.timer == arm.t_rest else rung)
+    ends = [endings[-1] for _, endings in explore(machine, every=SAMPLE).dead_ends]
+    assert ends
+    assert all(ARM_ALARM_NUMBERS["unbidden"][0] in ending.alarms for ending in ends)
 
 
 def test_a_machine_that_does_not_move_ends_in_an_alarm() -> None:
