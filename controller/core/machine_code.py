@@ -5,8 +5,9 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from typing import cast
 
-from controller.core.expr import Expr
+from controller.core.expr import Bit, Expr
 from controller.core.llvm_ir import translate, translate_condition
 from controller.core.memory_layout import MemoryLayout
 from controller.core.memory_region import MemoryRegion
@@ -100,6 +101,11 @@ class MachineExecution:
     def restore(self, saved: bytes) -> None:
         """Restore a copy returned by `save`."""
         ctypes.memmove(self._region.data, saved, len(saved))
+
+    def copier(self, source: Bit, target: Bit, count: int) -> Callable[[], None]:
+        """Return a function that copies consecutive bits, for example from a model of the machine to the X image."""
+        origin, to = (self.region_address + self.layout.bit(bit.kind, bit.number) for bit in (source, target))
+        return lambda: cast("None", ctypes.memmove(to, origin, count))
 
     def image_of(self, spans: Iterable[tuple[str, slice]]) -> Callable[[], object]:
         """Return a function that copies spans of the memory for comparison."""

@@ -1,8 +1,8 @@
-"""Specification of a program as data: monitors, safety requirements, invariants and recovery sequences."""
+"""Specification of a program as data: monitors, requirements, invariants, recovery sequences and checks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from controller.core.expr import Bit, Expr, Word
@@ -72,6 +72,36 @@ class WayOut:
     goal: Expr
 
 
+@dataclass(frozen=True, slots=True)
+class PropertyResult:
+    """Result of a check.
+
+    Attributes:
+        holds: True if the property holds.
+        lines: Measured values, or what violates the property; the first line is a summary.
+    """
+
+    holds: bool
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ComputedProperty:
+    """Property of a program that is computed or explored rather than expressed as a condition after a scan.
+
+    Attributes:
+        name: Unique name in reports.
+        run: Function that examines the property.
+        rests_on: Names of the invariants on which the result depends; none if the program is executed.
+        explores: True if the property is examined by executing the program from many situations, which is no proof.
+    """
+
+    name: str
+    run: Callable[[], PropertyResult]
+    rests_on: tuple[str, ...] = ()
+    explores: bool = False
+
+
 @dataclass(frozen=True)
 class Specification:
     """Properties to prove about a program.
@@ -87,6 +117,7 @@ class Specification:
         ranges: Words written by the runtime, with the minimum and maximum values that it accepts.
         assumptions: Statements about the machine on which the requirements rely.
         limits: Conditions that the program cannot exclude.
+        checks: Properties that are computed or explored.
     """
 
     program: Program
@@ -98,6 +129,7 @@ class Specification:
     ranges: Mapping[Word, tuple[int, int]] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
     limits: tuple[Limit, ...] = ()
+    checks: tuple[ComputedProperty, ...] = ()
 
     @property
     def watched(self) -> Program:

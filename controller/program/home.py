@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from controller.core.expr import all_of, any_of
+from controller.core.expr import Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
-from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, Side, Tags
+from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, ArmTags, Side, Tags
 
 FIRST_STEP_OFFSET = 40
 PRESS_MS = 600
@@ -35,11 +35,8 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
             waits_for="an answer from the operator",
             go=[
                 To("put back", when=all_of(~a.ask, a.row_in_progress, a.down, ~a.sensed_at_feed)),
-                To("put back", when=all_of(~a.ask, ~a.loaded, a.claws_closed, a.down, ~a.at_feed)),
-                To(
-                    "lower to put back",
-                    when=all_of(~a.ask, a.on_row, a.at_wanted_row, a.row_in_progress, ~a.clamped | a.sensed_down),
-                ),
+                To("put back", when=all_of(~a.ask, ~a.loaded, a.claws_closed, ~a.at_feed)),
+                To("lower to put back", when=all_of(~a.ask, a.row_in_progress, _may_be_lowered(a))),
                 To("raise loaded", when=~a.ask & a.loaded & ~a.at_feed),
                 To("out low", when=~a.ask & ~a.at_feed & a.down),
                 To("raise empty", when=~a.ask & ~a.at_feed),
@@ -67,7 +64,7 @@ def _to_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         Step(
             "put back",
             hold=[want["claws_open"]],
-            go=[To("out low", when=a.t_opening.done)],
+            go=[To("out low", when=a.t_opening.done & a.down), To("raise empty", when=a.t_opening.done)],
             watch=limit("home: put back", CLAW_LIMIT_MS),
         ),
         Step(
@@ -157,29 +154,39 @@ def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
 def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
     """Return the rungs of the question "does the arm hold seedlings?" and its answers.
 
-    The question is asked if memory and sensors disagree: a row is in doubt after a power loss, or a row is in progress
-    although the arm is at feed, which is possible only if it was moved manually. Answers are accepted while the arm is
-    at rest.
+    The question is asked if memory and sensors disagree: a row is in doubt after a power loss, a row is in progress
+    although the arm is at feed, which is possible only if it was moved manually, or an arm away from feed is loaded
+    with claws that have not gripped and cannot put the row back, so that no rule permits the lift to rise. Answers are
+    accepted while the arm is at rest. If the arm holds nothing and the row cannot be put back, the row is full, and the
+    claws are opened where they are.
     """
     a, commands, machine = tags.arms[side], tags.commands, tags.machine
     open_row = a.row_in_doubt | (a.row_in_progress & a.sensed_at_feed)
     discard = commands.discard[side]
     accepted = ~machine.motion | home["decide"]
+    undecided = a.row_in_doubt | a.row_in_progress
+    can_put_back = undecided & ((a.down & ~a.sensed_at_feed) | _may_be_lowered(a))
+    not_gripped = all_of(a.loaded, ~a.clamped, ~a.at_feed, ~can_put_back)
     yes, no = accepted & (commands.loaded_yes[side] | discard), accepted & commands.loaded_no[side]
     rows: list[Rung] = []
     for row in a.rows.values():
         rows += [
-            Mov(TAKEN, row, when=yes & open_row & (row >= IN_PROGRESS)),
-            Mov(IN_PROGRESS, row, when=no & ~a.sensed_at_feed & row.equals(IN_DOUBT)),
-            Mov(FULL, row, when=no & a.sensed_at_feed & (row >= IN_PROGRESS)),
+            Mov(TAKEN, row, when=yes & a.ask & (row >= IN_PROGRESS)),
+            Mov(IN_PROGRESS, row, when=all_of(no, a.ask, can_put_back, row.equals(IN_DOUBT))),
+            Mov(FULL, row, when=all_of(no, a.ask, ~can_put_back, row >= IN_PROGRESS)),
         ]
     return [
-        *(Set(bit, when=yes & open_row) for bit in (a.loaded, a.claws_closed, a.clamped)),
+        Out(a.ask, when=open_row | (not_gripped & (accepted | machine.entered_resetting))),
+        *(Set(bit, when=yes & a.ask) for bit in (a.loaded, a.claws_closed, a.clamped)),
         Set(a.discard, when=all_of(discard, a.loaded, accepted | machine.jogging)),
-        Rst(a.loaded, when=no & open_row & a.sensed_at_feed),
+        Rst(a.loaded, when=all_of(no, a.ask, ~can_put_back)),
         *rows,
-        Out(a.ask, when=open_row),
     ]
+
+
+def _may_be_lowered(a: ArmTags) -> Expr:
+    """Return the condition that an arm at the row that its claws closed at may be lowered to put the row back."""
+    return all_of(a.on_row, a.at_wanted_row, ~a.clamped | a.sensed_down)
 
 
 def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Block:

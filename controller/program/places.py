@@ -208,7 +208,7 @@ def places(tags: Tags, a: ArmTags) -> list[Rung]:
         Rst(a.slide_hopped, when=a.was_at_feed),
         Set(a.slide_hopped, when=a.t_slide_hop.done & ~a.was_at_feed),
         *slide.rungs(machine, driven),
-        *_rest(a),
+        *_rest(a, machine),
     ]
 
 
@@ -217,8 +217,11 @@ def leaving(a: ArmTags) -> list[Rung]:
     return [rung for device in devices(a) for rung in device.leaving()]
 
 
-def _rest(a: ArmTags) -> list[Rung]:
-    """Return the rungs that store the places of an arm when it comes to rest and detect changes without a command."""
+def _rest(a: ArmTags, machine: MachineTags) -> list[Rung]:
+    """Return the rungs that store the places of an arm when it comes to rest and detect changes without a command.
+
+    Homing begins with the places at which the arm then is, because it may have been moved by hand.
+    """
     moved = any_of(*(coil for name, coil in a.coils.items() if not name.startswith("claws")))
     states = {
         a.rests_down: a.down,
@@ -230,7 +233,7 @@ def _rest(a: ArmTags) -> list[Rung]:
     first, *_, last = states
     differs = any_of(*((rested & ~now) | (~rested & now) for rested, now in states.items()))
     return [
-        OnDelay(a.t_rest, REST_MS, when=~moved),
+        OnDelay(a.t_rest, REST_MS, when=~moved & ~machine.places_anew),
         Pulse(a.begins_rest, when=a.t_rest.done),
         ZoneReset(first, last, when=~a.t_rest.done),
         *(Set(rested, when=a.begins_rest & now) for rested, now in states.items()),

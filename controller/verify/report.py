@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import partial
 from typing import Final, TypeVar
 
-from controller.core.specification import Specification
+from controller.core.specification import ComputedProperty, PropertyResult, Specification
 from controller.verify.cells import ModelError
 from controller.verify.induction import Induction, Moment, Verdict, describe_failure, unproved
 from controller.verify.model import Goal, Model
@@ -26,6 +26,7 @@ SEARCH_S: Final = 60.0
 """Time limit for the entire search for traces, s."""
 CONSISTENT: Final = "all goals together"
 NO_ANSWER: Final = "solver timeout"
+CHECK: Final = "check"
 
 
 class Result(StrEnum):
@@ -35,6 +36,7 @@ class Result(StrEnum):
     CONDITIONAL = "depends on an unproved goal"
     BROKEN = "violated"
     UNPROVED = "not proved"
+    EXPLORED = "explored"
     POSSIBLE = "possible"
     IMPOSSIBLE = "impossible"
     UNDECIDED = "undecided"
@@ -42,7 +44,7 @@ class Result(StrEnum):
     DELISTED = "proved, although listed as not provable"
 
 
-GOOD: Final = frozenset({Result.PROVED, Result.POSSIBLE, Result.LISTED})
+GOOD: Final = frozenset({Result.PROVED, Result.EXPLORED, Result.POSSIBLE, Result.LISTED})
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class Report:
 
     @property
     def good(self) -> bool:
-        """True if every result is `PROVED`, for steps and ways out `POSSIBLE`, and for limits `LISTED`."""
+        """True if every result is proved, explored, possible for steps and ways out, or listed for limits."""
         return all(row.result in GOOD for row in self.rows)
 
     def text(self) -> str:
@@ -95,7 +97,8 @@ class Report:
         lines = [f"assumption {number}: {text}" for number, text in enumerate(self.assumptions, 1)]
         lines += [f"{self.program}: {len(self.rows)} goals, {self.seconds:.1f} s"]
         for row in self.rows:
-            explanation = f"  {row.lines[0]}" if row.result is Result.POSSIBLE and row.lines else ""
+            explained = row.lines and (row.result is Result.POSSIBLE or (row.kind == CHECK and row.result in GOOD))
+            explanation = f"  {row.lines[0]}" if explained else ""
             columns = f"{row.name:<{width}}  {row.kind:<{kind}}  {row.result:<{result}}  {row.seconds:6.2f} s"
             lines.append(columns + explanation)
         for row in self.rows:
@@ -122,8 +125,8 @@ def prove(
     Args:
         specification: Specification to prove.
         clock: Monotonic clock, s. It measures the computing times and limits the search for traces.
-        only: Names of goals, steps and ways out; goals that they depend on are included. None = all.
-        short: Whether to omit traces and progress checks and run the induction only.
+        only: Names of goals, steps, ways out and checks; goals that they depend on are included. None = all.
+        short: Whether to omit traces, progress checks and the checks of the specification.
         scans: Maximum length of a trace, scans.
         search_s: Time limit for the entire search for traces, s.
 
@@ -137,12 +140,15 @@ def prove(
     began_s = clock()
     model = Model(specification)
     questions = [] if short else list(_questions(model))
-    limits = [] if short else list(model.limits)
-    others = [*(question.name for question in questions), *(limit.name for limit in limits)]
+    checks = () if short else specification.checks
+    limits = () if short else model.limits
+    others = [each.name for each in questions] + [each.name for each in checks] + [each.name for each in limits]
     wanted = _wanted(only, [goal.name for goal in model.goals], others)
+    checked = [(check, *_timed(clock, check.run)) for check in checks if check.name in wanted]
     answers = [(question, *_timed(clock, question.ask)) for question in questions if question.name in wanted]
     asked = [goal.name for goal in model.goals if goal.name in wanted]
     asked += [name for _, check, _ in answers for name in check.rests_on]
+    asked += [name for check, _, _ in checked for name in check.rests_on]
     induction = Induction(model)
     verdicts = _verdicts(model, induction, asked, clock)
     failed = unproved(verdict for verdict, _ in verdicts)
@@ -150,6 +156,7 @@ def prove(
     traces = _traces(model, open_verdicts, clock, scans, search_s)
     rows = [_goal_row(model, v, seconds, failed, traces.get(v.goal.name)) for v, seconds in verdicts]
     rows += [_progress_row(question, check, seconds, failed) for question, check, seconds in answers]
+    rows += [_check_row(check, examined, seconds, failed) for check, examined, seconds in checked]
     rows += [
         _limit_row(model, limit, *_timed(clock, partial(induction.prove, limit)))
         for limit in limits
@@ -299,6 +306,18 @@ def _limit_row(model: Model, limit: Goal, verdict: Verdict, seconds: float) -> G
         raise RuntimeError(f"the trace to {limit.name!r} does not replay: the formulas differ from the scan")
     lines += tuple(describe_failure(model, verdict.failure))
     return GoalResult(limit.name, limit.kind, Result.LISTED, seconds, lines, trace)
+
+
+def _check_row(
+    check: ComputedProperty, examined: PropertyResult, seconds: float, failed: Mapping[str, frozenset[str]]
+) -> GoalResult:
+    dependencies = failed.keys() & set(check.rests_on)
+    if not examined.holds:
+        return GoalResult(check.name, CHECK, Result.BROKEN, seconds, examined.lines)
+    if dependencies:
+        return GoalResult(check.name, CHECK, Result.CONDITIONAL, seconds, _dependency_lines(dependencies))
+    good = Result.EXPLORED if check.explores else Result.PROVED
+    return GoalResult(check.name, CHECK, good, seconds, examined.lines)
 
 
 def _dependency_lines(names: Iterable[str]) -> tuple[str, ...]:

@@ -61,6 +61,8 @@ PAPERS: Final = {
 }
 """Commands that test_papers.py runs."""
 SLOW: Final = {
+    '.venv/bin/python -m controller prove --goal "homing arrives in Idle"',
+    '.venv/bin/python -m controller prove --goal "homing ends within T"',
     '.venv/bin/python -m controller prove --without "left: down at feed only" --goal "left: down away from feed" '
     "--traces traces",
     '.venv/bin/python -m controller replay --without "left: down at feed only" traces/left-down-away-from-feed.json',

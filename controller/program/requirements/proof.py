@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
+from functools import partial
 
 from controller.core.expr import FALSE, Expr, Word, all_of, any_of
 from controller.core.sequence import Sequence
-from controller.core.specification import Invariant, Specification
+from controller.core.specification import ComputedProperty, Invariant, PropertyResult, Specification
 from controller.program.machine import Transplanter
 from controller.program.places import devices
 from controller.program.requirements.limits import ASSUMPTIONS, limits
 from controller.program.requirements.positions import PositionMonitor
 from controller.program.requirements.safety import ArmMonitor, Safety
+from controller.program.requirements.time_limit import bounded
 from controller.program.requirements.ways_out import ways_out
 from controller.program.states import MOVING, Mode, State
-from controller.program.tags import IN_PLACE, IN_PROGRESS, ROWS, SIDES, TAKEN, Side
+from controller.program.tags import IN_PLACE, IN_PROGRESS, NO_TRAY, ROWS, SIDES, TAKEN, Side
 
 _NAMES = {"lift": ("down", "up"), "slide": ("feed", "pick 1", "pick 2", "pick 3"), "belt": ("spread", "converged")}
 
@@ -38,6 +40,22 @@ def specification(machine: Transplanter) -> Specification:
         ranges=tags.sp.limits,
         assumptions=ASSUMPTIONS,
         limits=tuple(limits(tags, safety)),
+        checks=_checks(machine),
+    )
+
+
+def _checks(machine: Transplanter) -> tuple[ComputedProperty, ComputedProperty]:
+    """Return the checks that homing ends, and that it arrives in Idle."""
+
+    def arrives() -> PropertyResult:
+        from controller.program.requirements.homing import explored  # noqa: PLC0415 - requires llvmlite
+
+        return explored(machine)
+
+    rests_on = tuple(name for name, _ in _homing_ends(machine))
+    return (
+        ComputedProperty("homing ends within T", partial(bounded, machine), rests_on),
+        ComputedProperty("homing arrives in Idle", arrives, explores=True),
     )
 
 
@@ -63,6 +81,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
         "the resetting relay is on only in Resetting",
         _implies(control.resetting, control.state.equals(State.RESETTING)),
     )
+    yield "the resetting relay is on in Resetting", _implies(control.state.equals(State.RESETTING), control.resetting)
     for sequence in machine.program.sequences():
         bits = [bit for bit, _ in sequence]
         yield f"{sequence.name}: one step at a time", all_of(*(~(a & b) for a, b in itertools.combinations(bits, 2)))
@@ -71,6 +90,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     yield "the monitor records that motion is allowed", _implies(control.motion, moved)
     yield "the monitor records the jog", _implies(control.jog.differs(0), safety.machine.jogged)
     yield "the manual relay is on only in manual mode", _implies(control.manual, control.mode.equals(Mode.MANUAL))
+    yield "the manual relay is on in manual mode", _implies(control.mode.equals(Mode.MANUAL), control.manual)
     jogs = control.mode.equals(Mode.MANUAL) & control.state.equals(State.EXECUTE)
     yield "jogging is active only in manual mode and Execute", _implies(control.jogging, jogs)
     steps = [_any_step(sequence) for sequence in machine.program.sequences()]
@@ -106,6 +126,25 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
             _implies(_any_step(cycle), moves),
         )
         yield f"{home.name}: steps are active only in Resetting", _implies(_any_step(home), control.resetting)
+    yield from _homing_ends(machine)
+
+
+def _homing_ends(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
+    """Yield the invariants by which homing has no wait without a limit or a question; see `time_limit`."""
+    tags = machine.tags
+    control, tray, wait = tags.machine, tags.tray, machine.feeder["wait for an empty tray"]
+    for side in SIDES:
+        home = machine.homings[side]
+        yield f"{home.name}: a step is active", _implies(control.resetting & ~control.manual, _any_step(home))
+        yield f"{home.name}: waits only for an answer", _implies(home["decide"], tags.arms[side].ask)
+    jam, lost = machine.alarms.tray_jam, machine.alarms.tray_lost
+    yield "a tray in the wrong place has its alarm", _implies(tray.met | tray.t_jam.done, jam)
+    unknown = all_of(control.resetting, ~control.manual, tray.phase.equals(NO_TRAY))
+    yield "an unknown tray is asked about in homing", _implies(unknown, any_of(tray.ask, jam, lost))
+    yield (
+        "tray feeder: a permitted motion of homing begins at once",
+        _implies(all_of(control.resetting, wait, tray.permit), any_of(tray.phase.equals(IN_PLACE), jam, lost)),
+    )
 
 
 def _any_step(sequence: Sequence) -> Expr:
@@ -123,6 +162,8 @@ def _of_arm(machine: Transplanter, side: Side, monitor: ArmMonitor) -> dict[str,
         "claws that are not closed are open": _implies(~a.claws_closed, monitor.open),
         "claws that may hold seedlings count as loaded": _implies(monitor.holds, a.loaded),
         "loaded claws are closed": _implies(a.loaded, a.claws_closed),
+        "claws that have gripped are closed": _implies(a.clamped, a.claws_closed),
+        "a discard is of a load": _implies(a.discard, a.loaded),
         "clamped claws have closed for their dwell time": _implies(a.clamped, monitor.gripped),
         "with claws closed at a row, the slide has not moved": _implies(a.on_row, monitor.unmoved),
         "the slide has not left a row in progress": _implies(in_progress & monitor.holds, monitor.unmoved | driven),

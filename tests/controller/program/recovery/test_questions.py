@@ -153,6 +153,40 @@ def test_an_answer_without_a_question_has_no_effect(side: Side, command: str) ->
     assert twin.plc.retained() == before
 
 
+# the arm was pushed away from its row before its claws had gripped
+
+
+def pushed_away(side: Side, claws: str) -> Twin:
+    """Return a machine in Stopped: emergency stop while the claws closed on row 2, then the arm moved manually.
+
+    Args:
+        side: Arm.
+        claws: Valve of the claws that is operated first.
+    """
+    twin = machine()
+    run_to("close claws")(twin, side)
+    twin.run_for(50)
+    press_emergency_stop(twin)
+    clear(twin)
+    for valve, for_ms in ((claws, 1_000), ("lift_retract", 2_000), ("slide_outward", 1_000)):
+        operate_manually(twin, f"{side}.{valve}", for_ms=for_ms)
+    twin.run_for(1_000)
+    return twin
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("claws", ["claws_open", "claws_close"])
+def test_an_arm_pushed_away_before_it_has_gripped_is_asked_about(side: Side, claws: str) -> None:
+    """After the true answer, the machine is homed, and no seedling is lost. Without the question, it never is."""
+    twin = pushed_away(side, claws)
+    holds = bool(arm_of(twin, side).grip.held)
+    assert holds == (claws == "claws_close")
+    assert home_again(twin) == {f"{side} loaded"}
+    assert is_parked_loaded(twin, side) if holds else at_initial_state(twin, side)
+    finish(twin)
+    assert twin.plant.counts() == undisturbed()
+
+
 # the arm was moved to feed manually without power
 
 
