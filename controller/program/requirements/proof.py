@@ -52,7 +52,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     control = tags.machine
     yield "the state is a PackML state", _one_of(control.state, State)
     yield "the mode is valid", _one_of(control.mode, Mode)
-    yield "the tray phase is valid", _one_of(tags.tray.phase, range(4))
+    yield "the tray phase is valid", _one_of(tags.tray.phase, range(5))
     rows = [row for arm in tags.arms.values() for row in arm.rows.values()]
     yield "every row state is valid", all_of(*(_one_of(row, range(4)) for row in rows))
     yield "motion is allowed only in moving states", _implies(control.motion, _one_of(control.state, MOVING))
@@ -98,6 +98,12 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     for side in SIDES:
         cycle, home = machine.cycles[side], machine.homings[side]
         moves = all_of(control.motion, ~control.resetting)
+        arm = tags.arms[side]
+        busy = any_of(*(bit for bit, step in cycle if step.title not in {"wait at feed", "parked"}))
+        yield (
+            f"{cycle.name}: a cycle in progress is recorded, or has its permit",
+            _implies(busy, arm.cycling | arm.permit),
+        )
         yield (
             f"{cycle.name}: steps are active only in moving states except Resetting",
             _implies(_any_step(cycle), moves),
