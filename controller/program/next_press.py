@@ -106,3 +106,9 @@ def in_language(text: Text, language: Language) -> str:
 def press_meanings() -> str:
     """Return the numbers of all presses with their English texts, for the tag list."""
     return "; ".join(f"{press.value} {NEXT_PRESSES[press].en}" for press in NextPress)
+
+
+def question_meanings() -> str:
+    """Return the numbers of the questions that the buttons answer, for the tag list."""
+    names = (f"{number.value} {number.name.lower().replace('_', ' ')}" for number in Question)
+    return f"question that X0 and X24 answer, also the number of flashes of the amber lamp: 0 none, {', '.join(names)}"

@@ -9,7 +9,7 @@ from controller.core.specification import WayOut
 from controller.program.machine import Transplanter
 from controller.program.requirements.safety import any_coil
 from controller.program.states import HOMED_FROM, State
-from controller.program.tags import FULL, TAKEN
+from controller.program.tags import FULL, SIDES, TAKEN
 
 Presses = Mapping[Bit, bool]
 
@@ -138,8 +138,8 @@ def _of_service(machine: Transplanter) -> Iterator[WayOut]:
 def _of_rows(machine: Transplanter) -> Iterator[WayOut]:
     """Yield the ways to state that a row of the tray in place is empty."""
     tags, operator = machine.tags, _OperatorPresses(machine)
-    for side, rows in tags.commands.row_empty.items():
-        for row, command in rows.items():
+    for side in SIDES:
+        for row, command in tags.commands.row_empty[side].items():
             full = tags.arms[side].rows[row].equals(FULL)
             start = all_of(_is(machine, State.STOPPED), full, machine.orders.free(command), ~tags.machine.motion)
             empty = tags.arms[side].rows[row].equals(TAKEN)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal, NamedTuple
 
 Language = Literal["en", "zh"]
+LANGUAGES: Final[tuple[Language, Language]] = ("en", "zh")
 
 
 class Text(NamedTuple):
