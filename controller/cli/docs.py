@@ -150,8 +150,9 @@ def command_table(machine: Transplanter) -> str:
         f"reason, and {control.refusals} the number of refusals.\n\n"
         f"{table(('number', 'device', 'command', 'PackML', 'function', 'refused because'), commands)}\n"
         f"## Reasons\n\n{table(('number', 'reason', '原因'), reasons)}\n## Next useful press\n\n"
-        f"The number is stored in {control.next_press}.\n\n{table(('number', 'press', '操作'), presses)}\n## Modes\n\nThe mode is stored in "
-        f"{control.mode} and retained through a loss of power.\n\n{table(('number', 'mode', '模式'), modes)}\n"
+        f"The number is stored in {control.next_press}.\n\n{table(('number', 'press', '操作'), presses)}\n"
+        f"## Modes\n\nThe mode is stored in {control.mode} and retained through a loss of power.\n\n"
+        f"{table(('number', 'mode', '模式'), modes)}\n"
         "## Set-points\n\n"
         f"{table(('device', 'set-point', 'default', 'range', 'meaning'), defaults)}"
     )
