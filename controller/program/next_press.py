@@ -65,7 +65,8 @@ def _table(tags: Tags) -> Iterator[tuple[NextPress, Expr]]:
     yield NextPress.JOG, machine.jogging
     yield NextPress.SEARCH_TRAY, state.equals(State.SUSPENDED) & tray.missing
     yield NextPress.UNSUSPEND, machine.running & machine.suspended_by_operator
-    yield NextPress.RELEASE_STOP, all_of(at_rest | idle, x.stop, ~machine.no_armed)
+    tried = machine.start_pressed | ~machine.refused_now  # a refused press of X24 itself shows what else to press
+    yield NextPress.RELEASE_STOP, all_of(at_rest | idle, x.stop, ~machine.no_armed, tried)
     yield NextPress.CLEAR, aborted
     yield NextPress.REMOVE_FAULT, aborted & faults
     yield NextPress.RELEASE_EMERGENCY_STOP, all_of(aborted, x.emergency_stop, ~system.link_lost)
