@@ -11,8 +11,8 @@ from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
-from controller.program.next_press import NextPress, in_language, press_text, refused_press_text
-from controller.program.refusals import Refusal
+from controller.program.next_press import NextPress, press_text
+from controller.program.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
 from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Language
@@ -119,15 +119,15 @@ class RefusalEvent:
         at_ms: Time of the event, ms.
         command: Name of the command.
         reason: Number of the reason.
-        text: Reason and next useful press.
-        next_press: Number of the next useful press.
+        text: Command and reason.
+        next_press: Next useful press of the operator; empty if none is required.
     """
 
     at_ms: int
     command: str
     reason: int
     text: str
-    next_press: int = 0
+    next_press: str = ""
     event: str = "refusal"
 
 
@@ -307,8 +307,8 @@ class ProductionLog(Saved):
             self._refusals = refusals
             command = self._machine.tags.commands.numbered(plc.read(machine.refused))
             reason, press = Refusal(plc.read(machine.refusal)), plc.read(machine.next_press)
-            text = in_language(refused_press_text(command, reason, press, mode), self._language)
-            self._report(RefusalEvent(now_ms, command.name, reason, text, press))
+            text = refusal_text(command, reason, self._language)
+            self._report(RefusalEvent(now_ms, command.name, reason, text, self._hint(press, mode)))
 
     def _state_event(self, now_ms: int, plc: Plc, state: int) -> StateEvent:
         reason = ""
@@ -316,8 +316,11 @@ class ProductionLog(Saved):
             reason = getattr(REASONS[plc.read(self._machine.tags.machine.reason)], self._language)
         machine = self._machine.tags.machine
         press, mode = plc.read(machine.next_press), plc.read(machine.mode)
-        hint = "" if press == NextPress.NONE else in_language(press_text(press, mode), self._language)
-        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason, hint)
+        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason, self._hint(press, mode))
+
+    def _hint(self, press: int, mode: int) -> str:
+        """Return the text of the next useful press; empty if none is required."""
+        return "" if press == NextPress.NONE else str(getattr(press_text(press, mode), self._language))
 
     def _report_alarms(self, now_ms: int, plc: Plc) -> None:
         alarms = plc.annunciators()

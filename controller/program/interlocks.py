@@ -226,13 +226,11 @@ def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules
     state = machine.state
     blink = Bit("M", CLOCK_1_S, "1 s clock", "on for the first half of every second")
     amber = any_of(*(state.equals(s) for s in (State.SUSPENDED, State.RESETTING, State.STOPPING))) & blink
-    if io_map.get("lamp_amber") is not None:
-        rungs += _signal_timers(machine)
-        amber = _signals(machine, amber)
+    rungs += _signal_timers(machine)
     resting = any_of(*(state.equals(s) for s in (State.ABORTED, State.ABORTING, State.HELD, State.HOLDING)))
     coil("horn", machine.horn)
     coil("lamp_red", resting | machine.fault)
-    coil("lamp_amber", amber)
+    coil("lamp_amber", _signals(machine, amber))
     coil("lamp_green", machine.executing)
     return Block("interlocks and outputs", tuple(rungs))
 

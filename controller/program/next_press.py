@@ -13,7 +13,7 @@ from controller.program.commands import Command
 from controller.program.refusals import Refusal, refusal_text
 from controller.program.states import HOMED_FROM, Mode, State
 from controller.program.tags import Tags
-from controller.program.texts.operator import IN_MODE, MODES, NEXT, NEXT_PRESSES, Language, Text
+from controller.program.texts.operator import IN_MODE, MODES, NEXT, NEXT_PRESSES, Text
 
 
 class NextPress(IntEnum):
@@ -97,11 +97,6 @@ def refused_press_text(command: Command, reason: Refusal, press: int, mode: int)
         return text
     following = press_text(press, mode)
     return Text(NEXT.en.format(text=text.en, press=following.en), NEXT.zh.format(text=text.zh, press=following.zh))
-
-
-def in_language(text: Text, language: Language) -> str:
-    """Return a text in one language."""
-    return str(getattr(text, language))
 
 
 def press_meanings() -> str:

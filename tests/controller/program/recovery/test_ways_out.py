@@ -10,7 +10,7 @@ import pytest
 from controller.events.production import ModeEvent, RefusalEvent, StateEvent
 from controller.iomap.loader import IoMap
 from controller.program.answers import Question
-from controller.program.next_press import NextPress
+from controller.program.next_press import NextPress, press_text
 from controller.program.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import FULL, IN_DOUBT, ROWS, SIDES, TAKEN, Side
@@ -20,6 +20,7 @@ from tests.plant_sim.twin.routes import BRISK, run_to
 from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, switched_on, tags_of
 from tests.wiring import wired
 
+PRESSES = {press_text(press, Mode.CONTINUOUS).en: press for press in NextPress} | {"": NextPress.NONE}
 HELD_MS = 2_300
 """Time for which a button is held to answer, ms; 2 s are required."""
 
@@ -67,7 +68,7 @@ def read(twin: Twin, name: str) -> int:
 def refusals(twin: Twin) -> list[tuple[str, Refusal, NextPress]]:
     """Return the refused presses so far: command, reason and next useful press."""
     return [
-        (event.command, Refusal(event.reason), NextPress(event.next_press))
+        (event.command, Refusal(event.reason), PRESSES[event.next_press])
         for event in twin.events
         if isinstance(event, RefusalEvent)
     ]
