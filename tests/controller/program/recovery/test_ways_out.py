@@ -10,12 +10,14 @@ import pytest
 from controller.events.production import ModeEvent, RefusalEvent, StateEvent
 from controller.iomap.loader import IoMap
 from controller.program.answers import Question
+from controller.program.commands import ARM_OUTPUTS
 from controller.program.next_press import NextPress, press_text
 from controller.program.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import FULL, IN_DOUBT, ROWS, SIDES, TAKEN, Side
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import begin_homing, home_again, press_emergency_stop, questions
+from tests.controller.program.modes.hands import jog_command, stop, to_manual
 from tests.plant_sim.twin.routes import BRISK, run_to
 from tests.plant_sim.twin.twin_rig import MACHINE, TRAY_MS, other_side, switched_on, tags_of
 from tests.wiring import wired
@@ -306,9 +308,7 @@ def test_a_row_stated_as_empty_is_not_picked() -> None:
     """The arm begins with its second row; the seedlings of the first stay in the tray if it was not empty."""
     twin = machine(trays_target=1)
     twin.home()
-    twin.press("stop")
-    twin.run_until_state(State.STOPPED, within_ms=1_000)
-    twin.run_for(200)
+    stop(twin)
     twin.command("left_row_3_empty")
     twin.run_for(50)
     assert rows(twin, "left") == [FULL, FULL, TAKEN]
@@ -335,9 +335,7 @@ def test_one_arm_works_alone(out: Side) -> None:
     """The arm out of service is never driven; the other takes its three rows, and the tray leaves with the rest."""
     twin = machine(trays=2, trays_target=1)
     twin.home()
-    twin.press("stop")
-    twin.run_until_state(State.STOPPED, within_ms=1_000)
-    twin.run_for(200)
+    stop(twin)
     twin.command(f"{out}_out_of_service")
     twin.run_for(50)
     driven: set[str] = set()
@@ -362,9 +360,7 @@ def test_an_arm_out_of_service_survives_a_loss_of_power_and_returns() -> None:
     twin.command("left_out_of_service")
     twin.run_for(50)
     assert refusals(twin)[-1][1] is Refusal.NOT_STOPPED
-    twin.press("stop")
-    twin.run_until_state(State.STOPPED, within_ms=1_000)
-    twin.run_for(200)
+    stop(twin)
     twin.command("left_out_of_service")
     twin.run_for(50)
     twin.power_cycle()
@@ -375,6 +371,23 @@ def test_an_arm_out_of_service_survives_a_loss_of_power_and_returns() -> None:
     twin.home()
     twin.start()
     twin.run_until(twin.step_of("left arm", "approach row"), within_ms=TRAY_MS, what="left arm works")
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_an_arm_out_of_service_cannot_be_jogged(side: Side) -> None:
+    twin = machine()
+    twin.home()
+    stop(twin)
+    twin.command(f"{side}_out_of_service")
+    twin.run_for(50)
+    to_manual(twin)
+    for output in ARM_OUTPUTS:
+        twin.command(jog_command(f"{side}.{output}"))
+        twin.run_for(50)
+        assert f"{side}.{output}" not in twin.outputs()
+    twin.command(jog_command(f"{other_side(side)}.lift_retract"))
+    twin.run_for(50)
+    assert f"{other_side(side)}.lift_retract" in twin.outputs()
 
 
 def test_an_arm_away_from_feed_is_not_taken_out_of_service() -> None:
@@ -392,9 +405,7 @@ def test_an_arm_out_of_service_that_leaves_feed_raises_an_alarm() -> None:
     """Away from feed, the arm might meet the other one or the tray: homing ends in an alarm."""
     twin = machine()
     twin.home()
-    twin.press("stop")
-    twin.run_until_state(State.STOPPED, within_ms=1_000)
-    twin.run_for(200)
+    stop(twin)
     twin.command("left_out_of_service")
     twin.run_for(50)
     twin.plant.arms["left"].sensors["slide_at_feed"].stuck = False
