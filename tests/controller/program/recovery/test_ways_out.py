@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
+from controller.core.expr import evaluate
 from controller.events.production import ModeEvent, RefusalEvent, StateEvent
 from controller.iomap.loader import IoMap
 from controller.program.answers import Question
@@ -94,7 +95,7 @@ def test_held_buttons_answer_a_question_that_a_panel_shows(side: Side, button: s
     assert read(twin, "question") == Question[f"{side.upper()}_LOADED"]
     assert read(twin, "next_press") == NextPress[f"ANSWER_{side.upper()}_LOADED"]
     hold(twin, button)
-    assert twin.state is State.STOPPED
+    assert twin.state.name == "STOPPED"
     assert questions(twin) == set()
     assert refusals(twin) == []
     assert home_again(twin) == set()
@@ -116,7 +117,7 @@ def test_a_short_press_answers_nothing_and_names_the_hold() -> None:
     twin.run_for(100)
     hold(twin, "start", 1_500)
     assert rows(twin, "left")[1] == IN_DOUBT
-    assert twin.state is State.STOPPED
+    assert twin.state.name == "STOPPED"
     assert refusals(twin) == [("reset", Refusal.RELEASED_EARLY, NextPress.ANSWER_LEFT_LOADED)]
 
 
@@ -144,7 +145,7 @@ def test_power_lost_while_a_button_answers() -> None:
     show_panel(twin)
     twin.run_for(HELD_MS + 1_000)
     assert rows(twin, "left")[1] == IN_DOUBT
-    assert twin.state is State.STOPPED
+    assert twin.state.name == "STOPPED"
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -203,11 +204,11 @@ def test_aborted_names_the_hold_of_x24() -> None:
     twin.run_for(100)
     assert read(twin, "next_press") == NextPress.CLEAR
     hold(twin, "stop", 1_000)
-    assert twin.state is State.ABORTED
+    assert twin.state.name == "ABORTED"
     assert refusals(twin)[-1] == ("clear", Refusal.RELEASED_EARLY, NextPress.CLEAR)
     before = len(refusals(twin))
     hold(twin, "stop", 3_200)
-    assert twin.state is State.STOPPED
+    assert twin.state.name == "STOPPED"
     assert len(refusals(twin)) == before
 
 
@@ -263,7 +264,7 @@ def test_a_tray_is_not_conveyed_after_a_loss_of_memory(moment: str, is_seen: boo
     show_panel(twin)
     moved: list[int] = []
     run = twin.machine.tags.tray.driven["tray_run"]
-    twin.watch(lambda each: moved.append(each.now_ms) if each.plc.read(run) else None)
+    twin.watch(lambda each: moved.append(each.now_ms) if evaluate(run, each.plc.memory) else None)
     twin.run_for(200)
     begin_homing(twin)
     twin.run_until_state(State.HELD, within_ms=40_000)
@@ -340,7 +341,7 @@ def test_one_arm_works_alone(out: Side) -> None:
     twin.run_for(50)
     driven: set[str] = set()
     coils = tags_of(twin, out).coils
-    twin.watch(lambda each: driven.update(name for name, coil in coils.items() if each.plc.read(coil)))
+    twin.watch(lambda each: driven.update(name for name, coil in coils.items() if evaluate(coil, each.plc.memory)))
     twin.command(f"{other_side(out)}_out_of_service")
     twin.run_for(50)
     assert refusals(twin)[-1][1] is Refusal.OTHER_ARM_OUT
