@@ -255,7 +255,7 @@ MOMENTS: dict[str, Callable[[Twin], None]] = {
 @pytest.mark.parametrize("moment", MOMENTS)
 @pytest.mark.parametrize("is_seen", [True, False])
 def test_a_tray_is_not_conveyed_after_a_loss_of_memory(moment: str, is_seen: bool) -> None:
-    """Whether the tray is seen or not, homing asks; neither 'none' nor X24 nor a second loss of power moves it."""
+    """Homing asks, whether the tray is seen or not; neither 'none' nor X24 nor a second loss of power moves it."""
     twin = machine(trays=2)
     MOMENTS[moment](twin)
     lose_memory(twin)
