@@ -98,8 +98,8 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     for side in SIDES:
         cycle, home = machine.cycles[side], machine.homings[side]
         moves = all_of(control.motion, ~control.resetting)
-        arm, steps = tags.arms[side], any_of(_any_step(cycle), _any_step(home))
-        yield f"{cycle.name}: no step is active while out of service", _implies(arm.out_of_service, ~steps)
+        arm, active = tags.arms[side], any_of(_any_step(cycle), _any_step(home))
+        yield f"{cycle.name}: no step is active while out of service", _implies(arm.out_of_service, ~active)
         busy = any_of(*(bit for bit, step in cycle if step.title not in {"wait at feed", "parked"}))
         yield (
             f"{cycle.name}: a cycle in progress is recorded, or has its permit",
