@@ -52,7 +52,7 @@ BEGINNING = {CONTROL.home_requested: TAGS.commands.reset}
 NOT_LOOKED_FOR = {CONTROL.start_requested, CONTROL.unhold_requested, CONTROL.no_armed, CONTROL.yes_armed, *FOLLOWS}
 STOP_EDGE = 1
 """Edge memory of X24: the second edge of the program."""
-REFUSAL_REGISTERS = (CONTROL.refused, CONTROL.refusal, CONTROL.refusals)
+REFUSAL_REGISTERS = (CONTROL.refused, CONTROL.refusal, CONTROL.refusals, CONTROL.next_press)
 CASES = [
     pytest.param(command, index, id=f"{command.name}-{obstacle.reason.name}-{index}")
     for command in TAGS.commands
@@ -131,7 +131,7 @@ def after(memory: Memory, *presses: Bit) -> Memory:
 def differing(one: Memory, other: Memory) -> set[str]:
     """Return the devices whose values differ, excluding edge memories, timers and the report of refusals."""
     apart = {
-        "M": {CONTROL.ordered.number, CONTROL.refused_now.number},
+        "M": {CONTROL.ordered.number, CONTROL.refused_now.number, CONTROL.refused_shown.number},
         "D": {word.number for word in REFUSAL_REGISTERS},
     }
     return {

@@ -47,6 +47,7 @@ UPHELD_BY_RULES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("converge only when empty at feed",): ("converge with a load", "converge away from feed"),
     ("close only at row or feed",): ("close away from row and feed",),
     ("release load only at cups or row",): ("load released away from its cups and row",),
+    ("in service",): ("coil on while out of service",),
 }
 """Arm rules and pairs of rules, each with the requirements that are violated if the rule or pair is removed."""
 UPHELD_BY_TRAY_RULES = {
