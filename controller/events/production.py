@@ -11,8 +11,9 @@ from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
+from controller.program.next_press import NextPress, press_text
 from controller.program.refusals import Refusal, refusal_text
-from controller.program.states import HOLDS, State
+from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
 from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Language
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
@@ -27,12 +28,21 @@ _MIN_WAIT_MS: Final = 50
 
 @dataclass(frozen=True, slots=True)
 class StateEvent:
-    """Entry into a PackML state, with the reason if the state is Suspended or Held."""
+    """Entry into a PackML state.
+
+    Attributes:
+        at_ms: Time of the event, ms.
+        state: PackML state number.
+        text: Name of the state.
+        reason: Reason if the state is Suspended or Held; else empty.
+        next_press: Next useful press of the operator; empty if none is required.
+    """
 
     at_ms: int
     state: int
     text: str
     reason: str = ""
+    next_press: str = ""
     event: str = "state"
 
 
@@ -103,12 +113,21 @@ class ModeEvent:
 
 @dataclass(frozen=True, slots=True)
 class RefusalEvent:
-    """Refused command; it has no effect."""
+    """Refused command or press; it has no effect.
+
+    Attributes:
+        at_ms: Time of the event, ms.
+        command: Name of the command.
+        reason: Number of the reason.
+        text: Command and reason.
+        next_press: Next useful press of the operator; empty if none is required.
+    """
 
     at_ms: int
     command: str
     reason: int
     text: str
+    next_press: str = ""
     event: str = "refusal"
 
 
@@ -281,20 +300,27 @@ class ProductionLog(Saved):
         machine, words = self._machine.tags.machine, plc.memory.D
         mode, refusals = words[machine.mode.number], words[machine.refusals.number]
         if mode != self._mode:
-            if self._mode is not None:
+            if self._mode is not None or mode != Mode.CONTINUOUS:  # at power-up, a mode that was retained
                 self._report(ModeEvent(now_ms, mode, getattr(MODES[mode], self._language)))
             self._mode = mode
         if refusals != self._refusals:
             self._refusals = refusals
             command = self._machine.tags.commands.numbered(plc.read(machine.refused))
-            reason = Refusal(plc.read(machine.refusal))
-            self._report(RefusalEvent(now_ms, command.name, reason, refusal_text(command, reason, self._language)))
+            reason, press = Refusal(plc.read(machine.refusal)), plc.read(machine.next_press)
+            text = refusal_text(command, reason, self._language)
+            self._report(RefusalEvent(now_ms, command.name, reason, text, self._hint(press, mode)))
 
     def _state_event(self, now_ms: int, plc: Plc, state: int) -> StateEvent:
         reason = ""
         if state in (State.SUSPENDING, State.SUSPENDED, *HOLDS):
             reason = getattr(REASONS[plc.read(self._machine.tags.machine.reason)], self._language)
-        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason)
+        machine = self._machine.tags.machine
+        press, mode = plc.read(machine.next_press), plc.read(machine.mode)
+        return StateEvent(now_ms, state, getattr(STATES[state], self._language), reason, self._hint(press, mode))
+
+    def _hint(self, press: int, mode: int) -> str:
+        """Return the text of the next useful press; empty if none is required."""
+        return "" if press == NextPress.NONE else str(getattr(press_text(press, mode), self._language))
 
     def _report_alarms(self, now_ms: int, plc: Plc) -> None:
         alarms = plc.annunciators()

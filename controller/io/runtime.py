@@ -31,6 +31,8 @@ STORE_LIMIT_MS = 1_000
 """Longest time that outputs wait for the retentive store, ms; a longer wait sets a store fault."""
 SCAN_LIMIT_MS = 200
 """Longest time from one scan to the next, ms, as in D8000 of the FX2N (docs/sources/fx2n.md 1.4)."""
+PANEL_SHOWN_MS = 3_000
+"""Time after the last request of an operator panel for which the questions count as shown, ms."""
 REOPEN_MS = 500
 """Interval between attempts to reopen a lost link, ms."""
 
@@ -60,6 +62,7 @@ class Runtime(Saved):
         "_orders",
         "_panel_alive",
         "_panel_alive_ms",
+        "_panel_shown_ms",
         "_reopen_at_ms",
         "_status",
         "_store_failed",
@@ -125,6 +128,7 @@ class Runtime(Saved):
         self._panel_limit_ms = panel_limit_ms
         self._panel_alive = False
         self._panel_alive_ms: int | None = None
+        self._panel_shown_ms: int | None = None
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
@@ -171,6 +175,7 @@ class Runtime(Saved):
             self._store_fault(now_ms),
             self._panel_silent(now_ms),
             *self.ownership.status(start_ms),
+            self._panel_shown_ms is not None and now_ms - self._panel_shown_ms < PANEL_SHOWN_MS,
         )
         levels = self.forcing.apply(self._inputs, now_ms)
         image = self._scan(now_ms, levels)
@@ -262,6 +267,11 @@ class Runtime(Saved):
     def panel_heartbeat(self) -> None:
         """Restart the timeout of the operator panel; thread-safe."""
         self._panel_alive = True
+
+    def panel_reads(self) -> None:
+        """Report a request of an operator panel, which shows the open questions; thread-safe."""
+        self._panel_shown_ms = self.now_ms
+        self.panel_heartbeat()
 
     def write_safe_outputs(self) -> bool:
         """Write the safe state of every output and return True if the field I/O accepted it.

@@ -358,7 +358,8 @@ class ArmAlarms:
         self.overrun = alarms.add_to_arm("overrun", arm.side)
         self.off_home = limit("off home", OFF_HOME_MS)
         self.switches = {
-            name: alarms.add_to_arm(f"{name} switches", arm.side, cause=doubt) for name, doubt in arm.doubt.items()
+            name: alarms.add_to_arm(f"{name} switches", arm.side, cause=doubt & ~arm.out_of_service)
+            for name, doubt in arm.doubt.items()
         }
         self.unbidden = alarms.add_to_arm("unbidden", arm.side)
         self.cup_counts = alarms.add_to_arm("cup counts", arm.side, stops_arm=False)
@@ -372,16 +373,17 @@ def _arm_alarms(tags: Tags, arm: ArmTags, alarms: ArmAlarms) -> list[Rung]:
     """
     machine, other = tags.machine, tags.other(arm.side)
     works = machine.motion & ~machine.manual
+    moves = works & ~arm.out_of_service
     off_home = alarms.off_home
     faster = all_of(other.cup, other.cups_even, other.row_difference > ROWS_DIFFER_X10_MS)
     return [
         Set(alarms.overrun, when=arm.over_row),
         Annunciate(off_home.timer, off_home.ms, off_home.alarm, when=arm.off_home),
         *(
-            Annunciate(arm.t_doubt[name], IN_DOUBT_MS, alarm, when=works & arm.doubt[name])
+            Annunciate(arm.t_doubt[name], IN_DOUBT_MS, alarm, when=moves & arm.doubt[name])
             for name, alarm in alarms.switches.items()
         ),
-        Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=works & arm.unbidden & ~arm.off_home),
+        Annunciate(arm.t_unbidden, UNBIDDEN_MS, alarms.unbidden, when=moves & arm.unbidden & ~arm.off_home),
         Rst(arm.lone_cups, when=other.cup | ~machine.running),
         Count(arm.lone_cups, LONE_CUPS, when=arm.cup & ~other.cup),
         Set(

@@ -13,6 +13,8 @@ from controller.program.states import Mode
 
 ANSWER: Final = "answer"
 """Command group for answers to questions."""
+TRAY_ROWS: Final = (1, 2, 3)
+"""Rows of a tray on the side of one arm, in the order in which it picks them."""
 JOG_LEASE_MS: Final = 300
 """Timeout of a jog command that is not renewed, ms."""
 
@@ -89,6 +91,32 @@ class Commands:
             )
             for output in JOGGED
         }
+        self._add_ways_out()
+
+    def _add_ways_out(self) -> None:
+        """Add the commands for part-filled trays, for an arm out of service and for emptying the line."""
+        self.row_empty: dict[str, dict[int, Bit]] = {
+            side: {
+                row: self._add(
+                    f"{side}_row_{row}_empty", "the row of the tray in place is empty: do not pick it", group="rows"
+                )
+                for row in TRAY_ROWS
+            }
+            for side in ("left", "right")
+        }
+        self.rows_full = self._add("rows_full", "all rows of the tray in place are full", group="rows")
+        self.out_of_service: dict[str, Bit] = {}
+        self.in_service: dict[str, Bit] = {}
+        for side in ("left", "right"):
+            self.out_of_service[side] = self._add(
+                f"{side}_out_of_service",
+                "the arm stays at feed and is not driven; its rows stay in the tray",
+                group="service",
+            )
+            self.in_service[side] = self._add(f"{side}_in_service", "the arm works again", group="service")
+        self.empty_line = self._add(
+            "empty_line", "release the loaded rows, convey the tray out, feed no other one, then Complete"
+        )
 
     def _add(self, name: str, meaning: str, packml: int | None = None, *, group: str = "") -> Bit:
         bit = self._area.bit(name, meaning)

@@ -186,7 +186,7 @@ def questions(tags: Tags, side: Side, home: Sequence) -> list[Rung]:
 
 def _may_be_lowered(a: ArmTags) -> Expr:
     """Return the condition that an arm at the row that its claws closed at may be lowered to put the row back."""
-    return all_of(a.on_row, a.at_wanted_row, ~a.clamped | a.sensed_down)
+    return all_of(a.on_row, a.at_wanted_row, ~a.clamped | (a.sensed_down & ~a.sensed_up))
 
 
 def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Block:
@@ -194,24 +194,24 @@ def supervision(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> Bloc
     a, machine = tags.arms[side], tags.machine
     resting = cycle["wait at feed"] | cycle["parked"]
     held = machine.holding & (cycle["pause at feed"] | cycle["wait to lower"])
-    begins = machine.entered_starting & ~machine.manual
+    begins = all_of(machine.entered_starting, ~machine.manual, ~a.out_of_service)
     return Block(
         f"{a.side} supervision",
         (
             ZoneReset(home.first, home.last, when=~machine.resetting),
             ZoneReset(cycle.first, cycle.last, when=~machine.motion | machine.resetting),
-            Set(home.first, when=machine.entered_resetting & ~machine.manual),
+            Set(home.first, when=machine.entered_resetting & ~machine.manual & ~a.out_of_service),
             Set(cycle["spread"], when=begins & a.loaded),
             Set(cycle.first, when=begins & ~a.loaded),
             Out(a.active, when=any_of(*(bit for bit, _ in cycle))),
             Out(a.cycling, when=a.active & ~resting),
             Out(a.at_rest, when=a.fault | ~a.cycling | held),
-            Out(a.homed, when=home["homed"]),
+            Out(a.homed, when=home["homed"] | (a.out_of_service & a.at_feed)),
             Out(a.hears_answers, when=~machine.motion | home["decide"]),
             Out(
                 a.off_home,
                 when=(machine.executing & cycle["wait at feed"] & ~all_of(a.down, a.at_feed, a.is_converged))
-                | (home["homed"] & ~a.at_feed),
+                | ((home["homed"] | all_of(a.out_of_service, machine.motion, ~machine.manual)) & ~a.at_feed),
             ),
         ),
     )

@@ -56,6 +56,7 @@ class System:
         self.panel_silent = m.bit("panel silent", "no message from the operator panel within its timeout")
         self.outputs_taken = m.bit("outputs taken", "another master writes the outputs, or owns them")
         self.outputs_contested = m.bit("outputs contested", "a write of another master was refused by the field I/O")
+        self.panel_shown = m.bit("panel shown", "an operator panel that shows the questions reads the controller")
 
     def bits(self) -> tuple[Bit, ...]:
         """Return all system bits."""
@@ -68,4 +69,5 @@ class System:
             self.panel_silent,
             self.outputs_taken,
             self.outputs_contested,
+            self.panel_shown,
         )

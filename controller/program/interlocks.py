@@ -8,21 +8,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Final
 
-from controller.core.devices import CLOCK_1_S
-from controller.core.expr import Bit, Expr, Word, all_of, any_of
+from controller.core.devices import CLOCK_1_S, MS_100
+from controller.core.expr import Bit, Expr, Timer, Word, all_of, any_of
 from controller.core.program import Block
-from controller.core.rungs import Mov, Out, Rung
+from controller.core.rungs import Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.sequence import Sequence
 from controller.iomap.loader import IoMap
+from controller.program.answers import Question
 from controller.program.commands import ARM_OUTPUTS
 from controller.program.states import State
-from controller.program.tags import IN_PLACE, Side, Tags
+from controller.program.tags import IN_PLACE, MachineTags, Side, Tags
 
 SLIDE = ("slide_inward", "slide_outward")
 LIFT = ("lift_extend", "lift_retract")
 BELT = ("spread", "converge")
 CLAWS = ("claws_open", "claws_close")
+
+
+SHORT_FLASH_MS: Final = 200
+"""Duration of a flash for a refused press, and of the pause after it, ms."""
+REFUSED_LAMP_MS: Final = 1_200
+"""Time for which the lamp shows a refused press, ms: three short flashes."""
+FLASH_MS: Final = 800
+"""Duration of a flash of a question with its pause, ms."""
+QUESTION_CYCLE_MS: Final = 7_000
+"""Cycle of the flashes of a question, ms: six flashes and a pause of at least 2 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +169,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
             ("lift_extend",),
             any_of(~a.loaded, ~a.at_feed, a.is_spread),
         ),
+        ("in service", "an arm that is out of service stays at feed", ARM_OUTPUTS, ~a.out_of_service),
     ]
     return [Rule(number, *row) for number, row in enumerate(table, 1)]
 
@@ -218,12 +231,44 @@ def output_block(tags: Tags, io_map: IoMap, rules: dict[Side, list[Rule]], rules
         coil(output, granted(request, output, rules_tray))
     state = machine.state
     blink = Bit("M", CLOCK_1_S, "1 s clock", "on for the first half of every second")
+    amber = any_of(*(state.equals(s) for s in (State.SUSPENDED, State.RESETTING, State.STOPPING))) & blink
+    rungs += _signal_timers(machine)
     resting = any_of(*(state.equals(s) for s in (State.ABORTED, State.ABORTING, State.HELD, State.HOLDING)))
     coil("horn", machine.horn)
     coil("lamp_red", resting | machine.fault)
-    coil("lamp_amber", any_of(*(state.equals(s) for s in (State.SUSPENDED, State.RESETTING, State.STOPPING))) & blink)
+    coil("lamp_amber", _signals(machine, amber))
     coil("lamp_green", machine.executing)
     return Block("interlocks and outputs", tuple(rungs))
+
+
+def _signal_timers(machine: MachineTags) -> list[Rung]:
+    """Return the rungs that time the flashes of the amber lamp for a question and for a refused press."""
+    asks, lamp = machine.question.differs(0), machine.t_question_lamp
+    return [
+        OnDelay(lamp, QUESTION_CYCLE_MS, when=asks & ~lamp.done),
+        Set(machine.refused_shown, when=machine.refused_now),
+        OnDelay(machine.t_refused_lamp, REFUSED_LAMP_MS, when=machine.refused_shown & ~machine.refused_now),
+        Rst(machine.refused_shown, when=machine.t_refused_lamp.done),
+    ]
+
+
+def _signals(machine: MachineTags, amber: Expr) -> Expr:
+    """Return the amber lamp: three short flashes for a refused press, else as many flashes as the question's number."""
+
+    def on(timer: Timer, first_ms: int, for_ms: int) -> Expr:
+        return (timer.value >= first_ms // MS_100) & (timer.value < (first_ms + for_ms) // MS_100)
+
+    question, lamp, refused = machine.question, machine.t_question_lamp, machine.t_refused_lamp
+    flashes = (
+        on(lamp, FLASH_MS * (number - 1), FLASH_MS // 2) & (question >= number.value)
+        if number > 1
+        else on(lamp, 0, FLASH_MS // 2)
+        for number in Question
+    )
+    short = any_of(*(on(refused, start, SHORT_FLASH_MS) for start in range(0, REFUSED_LAMP_MS, 2 * SHORT_FLASH_MS)))
+    asks = question.differs(0)
+    calm = (asks & any_of(*flashes)) | (~asks & amber)
+    return (machine.refused_shown & short) | (~machine.refused_shown & calm)
 
 
 def block_register(tags: Tags, rules: dict[Side, list[Rule]], rules_tray: list[Rule]) -> Block:

@@ -72,7 +72,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         _leave_out([*rules.items(), ("tray", rules_tray)], without)
     orders = Orders(tags)
     blocks = (
-        Block("buttons and commands", tuple(modes.conditioning(tags, orders))),
+        Block("buttons and commands", tuple(modes.conditioning(tags, orders, io_map))),
         modes.mode_block(tags, states),
         *(
             Block(

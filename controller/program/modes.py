@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from controller.core.expr import FALSE, TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
+from controller.iomap.loader import IoMap
+from controller.program.answers import answer_rungs
 from controller.program.commands import JOG_LEASE_MS
+from controller.program.next_press import next_press_rungs
 from controller.program.refusals import Orders
 from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
-from controller.program.tags import FIRST_SCAN, STEPPED, Tags
+from controller.program.tags import FIRST_SCAN, IN_PLACE, MOVING_OUT, STEPPED, Tags
 
 CLEAR_HOLD_MS = 3_000
 """Time for which X24 must be held to clear an emergency stop, ms."""
@@ -34,12 +37,15 @@ def state_table(tags: Tags) -> list[StateChange]:
     manual, at_once = machine.manual, machine.stops_at_once
     # an arm with a permit from the last scan has started since `at_rest` was evaluated
     at_rest = all_of(*(arm.at_rest & ~arm.permit for arm in arms.values()))
-    empty = all_of(*(~arm.loaded for arm in arms.values()))
+    empty = all_of(*(~arm.loaded | arm.out_of_service for arm in arms.values()))
     homed = all_of(*(arm.homed for arm in arms.values()))
     asking = any_of(tray.ask, *(arm.ask for arm in arms.values()))
     settled = all_of(*(arm.homed | arm.fault | arm.ask for arm in arms.values()))
-    one_cycle = machine.mode.equals(Mode.ONE_CYCLE) & all_of(*(arm.cycle_done for arm in arms.values()))
-    done = machine.target_reached | one_cycle | machine.complete_ordered
+    one_cycle = machine.mode.equals(Mode.ONE_CYCLE) & all_of(
+        *(arm.cycle_done | arm.out_of_service for arm in arms.values())
+    )
+    tray_left = all_of(tray.phase.differs(IN_PLACE), tray.phase.differs(MOVING_OUT), tray.at_rest)
+    done = machine.target_reached | one_cycle | (machine.complete_ordered & (~machine.emptying | tray_left))
     rest = at_rest & tray.at_rest
     s = State
     return [
@@ -87,7 +93,7 @@ def state_table(tags: Tags) -> list[StateChange]:
     ]
 
 
-def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
+def conditioning(tags: Tags, orders: Orders, io_map: IoMap) -> list[Rung]:
     """Return the rungs that turn buttons and command bits into requests; see `refusals` for their conditions."""
     x, system, machine, commands = tags.x, tags.system, tags.machine, tags.commands
     state = machine.state
@@ -106,6 +112,7 @@ def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
         ),
         Out(machine.abort, when=any_of(x.emergency_stop, commands.abort, faults)),
         Set(machine.clear_armed, when=machine.stop_pressed & state.equals(State.ABORTED)),
+        *answer_rungs(tags, io_map),
         Rst(machine.clear_armed, when=~x.stop | machine.abort | state.differs(State.ABORTED)),
         OnDelay(machine.stop_held, CLEAR_HOLD_MS, when=machine.clear_armed),
         Out(machine.clear_requested, when=accepted(commands.clear)),
@@ -113,7 +120,9 @@ def conditioning(tags: Tags, orders: Orders) -> list[Rung]:
         Out(machine.start_requested, when=accepted(commands.start)),
         Out(machine.unhold_requested, when=accepted(commands.unhold)),
         *orders.rungs(),  # before an accepted command changes the conditions of another
+        ZoneReset(machine.yes_armed, machine.no_armed, when=machine.answer_held.done),
         *_holds(tags, orders),
+        *_service(tags, orders),
         *_jog(tags, orders),
         *_step_presses(tags, orders),
         *(Mov(mode, machine.mode, when=accepted(bit)) for mode, bit in commands.modes.items()),
@@ -133,7 +142,22 @@ def _holds(tags: Tags, orders: Orders) -> list[Rung]:
         Rst(machine.suspended_by_operator, when=ends | orders.accepted(commands.unsuspend)),
         Set(machine.suspended_by_operator, when=orders.accepted(commands.suspend)),
         Rst(machine.complete_ordered, when=ends),
-        Set(machine.complete_ordered, when=orders.accepted(commands.complete)),
+        Set(machine.complete_ordered, when=orders.accepted(commands.complete) | orders.accepted(commands.empty_line)),
+        Rst(machine.emptying, when=ends),
+        Set(machine.emptying, when=orders.accepted(commands.empty_line)),
+    ]
+
+
+def _service(tags: Tags, orders: Orders) -> list[Rung]:
+    """Return the rungs that take an arm out of service and return it."""
+    commands = tags.commands
+    return [
+        rung
+        for side, arm in tags.arms.items()
+        for rung in (
+            Set(arm.out_of_service, when=orders.accepted(commands.out_of_service[side])),
+            Rst(arm.out_of_service, when=orders.accepted(commands.in_service[side])),
+        )
     ]
 
 
@@ -181,6 +205,18 @@ def _reason(tags: Tags) -> list[Rung]:
     ]
 
 
+def _line_clear(tags: Tags) -> Expr:
+    """Return the condition that the tray may be conveyed out to empty the line: no arm is over it, loaded or starting.
+
+    An arm with a permit from the last scan has started since `cycling` was evaluated.
+    """
+    machine = tags.machine
+    clear = (
+        all_of(arm.at_feed, ~arm.cycling, ~arm.permit, ~arm.loaded | arm.out_of_service) for arm in tags.arms.values()
+    )
+    return all_of(machine.emptying, machine.complete_ordered, machine.executing, *clear)
+
+
 def mode_block(tags: Tags, table: list[StateChange]) -> Block:
     """Return the block that determines the state of this scan and the bits derived from it."""
     machine, arms, tray = tags.machine, tags.arms, tags.tray
@@ -214,5 +250,7 @@ def mode_block(tags: Tags, table: list[StateChange]) -> Block:
         Out(machine.stepping, when=mode.equals(Mode.STEP) & state.differs(State.RESETTING)),
         Out(machine.jogging, when=all_of(machine.manual, state.equals(State.EXECUTE), ~machine.abort)),
         Out(machine.motion, when=any_of(*(state.equals(s) for s in MOVING)) & ~machine.abort),
+        Out(machine.line_clear, when=_line_clear(tags)),
+        *next_press_rungs(tags),
     ]
     return Block("modes", tuple(rungs))

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum, auto
 
-from controller.core.expr import Bit, Expr, all_of, any_of
+from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.rungs import Inc, Mov, Out, Rst, Rung
 from controller.program.commands import Command
-from controller.program.states import HOMED_FROM, MODE_CHANGES, RUNNING, Mode, State
-from controller.program.tags import IN_PLACE, SIDES, Side, Tags
+from controller.program.states import HOMED_FROM, MODE_CHANGES, RUNNING, STOPPABLE, Mode, State
+from controller.program.tags import FORGOTTEN, IN_PLACE, SIDES, Side, Tags
 from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS, Language
 
 
@@ -55,6 +55,12 @@ class Refusal(IntEnum):
     RIGHT_NOT_OPEN = auto()
     RIGHT_NOT_LOADED = auto()
     OUTPUTS_TAKEN = auto()
+    NOT_STOPPABLE = auto()
+    RELEASED_EARLY = auto()
+    TRAY_SEEN = auto()
+    ROW_IN_PROGRESS = auto()
+    NOT_STOPPED = auto()
+    OTHER_ARM_OUT = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,16 +79,30 @@ class Orders:
         commands, machine, state = tags.commands, tags.machine, tags.machine.state
         at_rest = any_of(*(state.equals(s) for s in HOMED_FROM))
         steps_by_button = machine.start_pressed & machine.stepping & machine.running
+        aborted = state.equals(State.ABORTED)
+        start = machine.start_pressed & ~machine.yes_armed
         self.pressed: dict[Bit, Expr] = {
             commands.reset: any_of(
-                commands.reset, machine.reset_pressed & ~state.equals(State.ABORTED), machine.start_pressed & at_rest
+                commands.reset,
+                machine.reset_pressed & ~aborted,
+                start & at_rest,
             ),
-            commands.start: commands.start | all_of(machine.start_pressed, ~at_rest, ~steps_by_button),
+            commands.start: commands.start | all_of(start, ~at_rest, ~steps_by_button),
+            commands.stop: machine.stop_pressed,
             commands.clear: any_of(
-                commands.clear, machine.stop_held.done, machine.reset_pressed & state.equals(State.ABORTED)
+                commands.clear,
+                machine.stop_held.done,
+                machine.reset_pressed & aborted,
             ),
             commands.step: commands.step | steps_by_button,
         }
+        self._in_vain: dict[Bit, Expr] = {commands.clear: all_of(aborted, machine.stop_pressed, machine.abort)}
+        """Presses of buttons that are always refused."""
+        self._early: dict[Bit, Expr] = {
+            commands.reset: machine.released_early & ~aborted,
+            commands.clear: machine.released_early & aborted,
+        }
+        """Presses that end before the button has been held long enough."""
         self._obstacles = dict(self._table())
 
     def accepted(self, command: Bit) -> Expr:
@@ -101,18 +121,31 @@ class Orders:
         """Return the rungs that report a refused command with its reason and reset its bit before it takes effect."""
         machine = self._tags.machine
         presses = {bit: self.pressed.get(bit, bit) for bit in self._obstacles}
-        rungs: list[Rung] = [Out(machine.ordered, when=any_of(*presses.values()))]
+        rungs: list[Rung] = [
+            Out(machine.ordered, when=any_of(*presses.values(), *self._in_vain.values(), machine.released_early))
+        ]
         refused: dict[Bit, Expr] = {}
+        ineffective: dict[Bit, Expr] = {}
         for command in self._tags.commands:
             obstacles = self.obstacles(command.bit)
             if not obstacles:
                 continue
-            pressed = all_of(machine.ordered, presses[command.bit])
-            refused[command.bit] = pressed & any_of(*(each.active for each in obstacles))
+            blocked = any_of(*(each.active for each in obstacles))
+            ineffective[command.bit] = all_of(machine.ordered, presses[command.bit]) & blocked
+            vain = self._in_vain.get(command.bit, FALSE)
+            early = self._early.get(command.bit, FALSE)
+            pressed = all_of(machine.ordered, presses[command.bit] | vain)
+            refused[command.bit] = (pressed & blocked) | early
             rungs.append(Mov(command.number, machine.refused, when=refused[command.bit]))
             rungs += [Mov(each.reason, machine.refusal, when=pressed & each.active) for each in reversed(obstacles)]
-        rungs.append(Inc(machine.refusals, when=all_of(machine.ordered, any_of(*refused.values()))))
-        return [*rungs, *(Rst(bit, when=when) for bit, when in refused.items())]
+            if early is not FALSE:
+                rungs.append(Mov(Refusal.RELEASED_EARLY, machine.refusal, when=early))
+        rungs += [
+            Out(machine.refused_now, when=all_of(machine.ordered, any_of(*refused.values()))),
+            Inc(machine.refusals, when=machine.refused_now),
+        ]
+        rungs += [Rst(bit, when=when) for bit, when in ineffective.items()]
+        return [*rungs, Rst(machine.stop_pressed, when=ineffective[self._tags.commands.stop])]
 
     def _table(self) -> Iterator[tuple[Bit, list[Obstacle]]]:
         tags = self._tags
@@ -131,6 +164,9 @@ class Orders:
             commands.start,
             [_only_in(Refusal.NOT_IDLE, tags, State.IDLE, State.SUSPENDED), stop, zero_return, *from_idle],
         )
+        answers_or_clears = machine.no_armed | (state.equals(State.ABORTED) & x.stop)
+        ended = _only_in(Refusal.NOT_STOPPABLE, tags, *STOPPABLE).active
+        yield commands.stop, [Obstacle(Refusal.NOT_STOPPABLE, ended & ~answers_or_clears)]
         yield commands.hold, [running]
         yield (
             commands.unhold,
@@ -140,6 +176,7 @@ class Orders:
         yield commands.unsuspend, [Obstacle(Refusal.NOT_SUSPENDED, ~machine.suspended_by_operator)]
         yield commands.clear, self._clear()
         yield commands.complete, [running, manual]
+        yield commands.empty_line, [running, manual]
         begins = any_of(machine.home_requested, machine.start_requested, machine.unhold_requested)
         for mode, bit in commands.modes.items():
             leaves_home = machine.manual if mode is not Mode.MANUAL else ~machine.manual
@@ -153,6 +190,9 @@ class Orders:
             )
         yield commands.step, [Obstacle(Refusal.NOT_STEPPING, ~(machine.stepping & machine.running))]
         yield from self._answers()
+        yield from self._of_rows()
+        for side in SIDES:
+            yield from self._of_service(side)
         for bit in commands.jog.values():
             yield bit, [Obstacle(Refusal.NOT_JOGGING, ~machine.jogging)]
 
@@ -178,7 +218,9 @@ class Orders:
         yield commands.cups_empty, [Obstacle(Refusal.NOT_ASKED, all_of(*(arm.count_valid for arm in arms.values())))]
         yield commands.tray_same, [tray_asked, moving, seen, other_tray]
         yield commands.tray_full, [tray_asked, moving, seen]
-        yield commands.tray_none, [tray_asked, moving]
+        # X24 and a lost memory cannot tell an empty tray from a full one
+        unknown = tray.phase.equals(FORGOTTEN) | machine.no_armed
+        yield commands.tray_none, [tray_asked, moving, Obstacle(Refusal.TRAY_SEEN, tray.edge & unknown)]
         for side, arm in arms.items():
             not_loaded = Refusal[f"{side.upper()}_NOT_LOADED"]
             asked = Obstacle(Refusal.NOT_ASKED, ~arm.ask)
@@ -193,6 +235,36 @@ class Orders:
                 ],
             )
 
+    def _of_rows(self) -> Iterator[tuple[Bit, list[Obstacle]]]:
+        """Yield the obstacles of the commands that state which rows of the tray in place are empty or full."""
+        tags = self._tags
+        obstacles = [
+            Obstacle(Refusal.MOVING, tags.machine.motion),
+            Obstacle(Refusal.QUESTION, any_of(tags.tray.ask, *(arm.ask for arm in tags.arms.values()))),
+            Obstacle(Refusal.NO_TRAY_SEEN, tags.tray.phase.differs(IN_PLACE) | ~tags.tray.edge),
+            Obstacle(Refusal.ROW_IN_PROGRESS, any_of(*(arm.row_in_progress for arm in tags.arms.values()))),
+        ]
+        for rows in tags.commands.row_empty.values():
+            yield from ((bit, obstacles) for bit in rows.values())
+        yield tags.commands.rows_full, obstacles
+
+    def _of_service(self, side: Side) -> Iterator[tuple[Bit, list[Obstacle]]]:
+        """Yield the obstacles of the commands that take an arm out of service and return it."""
+        tags, commands = self._tags, self._tags.commands
+        stopped = [
+            _only_in(Refusal.NOT_STOPPED, tags, State.STOPPED),
+            Obstacle(Refusal.MOVING, tags.machine.home_requested),
+        ]
+        yield (
+            commands.out_of_service[side],
+            [
+                *stopped,
+                Obstacle(Refusal.OTHER_ARM_OUT, tags.other(side).out_of_service),
+                Obstacle(Refusal[f"{side.upper()}_NOT_AT_FEED"], ~tags.arms[side].at_feed),
+            ],
+        )
+        yield commands.in_service[side], stopped
+
     def _arm_not_ready(self, side: Side) -> list[Obstacle]:
         """Return the obstacles of an arm that is not ready; a ready arm is empty at home, or loaded and up at feed."""
         arm, automatic = self._tags.arms[side], ~self._tags.machine.manual
@@ -203,7 +275,11 @@ class Orders:
             "NOT_CONVERGED": ~arm.loaded & ~arm.is_converged,
             "NOT_OPEN": ~arm.loaded & arm.claws_closed,
         }
-        return [Obstacle(Refusal[f"{side.upper()}_{name}"], automatic & active) for name, active in obstacles.items()]
+        works = automatic & ~arm.out_of_service
+        return [
+            Obstacle(Refusal[f"{side.upper()}_{name}"], (automatic if name == "NOT_AT_FEED" else works) & active)
+            for name, active in obstacles.items()
+        ]
 
 
 def _only_in(reason: Refusal, tags: Tags, *states: State) -> Obstacle:

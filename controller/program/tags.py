@@ -14,13 +14,13 @@ from controller.core.devices import INITIAL_PULSE
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.iomap.loader import IoMap
 from controller.program.areas import Area
-from controller.program.commands import ARM_OUTPUTS, JOGGED, Commands
+from controller.program.commands import ARM_OUTPUTS, JOGGED, TRAY_ROWS, Commands
 from controller.program.inputs import Inputs, System, driven
 from controller.program.set_points import SetPoints
 
 Side = Literal["left", "right"]
 SIDES: Final[tuple[Side, Side]] = ("left", "right")
-ROWS: Final = (1, 2, 3)
+ROWS: Final = TRAY_ROWS
 
 DEVICES: Final = ("lift", "slide", "belt")
 """Devices of an arm that move between switches."""
@@ -34,8 +34,8 @@ TAKEN, FULL, IN_PROGRESS, IN_DOUBT = 0, 1, 2, 3
 STEPPED: Final = ("left arm", "right arm", "tray feeder")
 """Sequences that can be stepped; value 1 of the set-point selects the first."""
 
-NO_TRAY, IN_PLACE, MOVING_OUT, COMING = 0, 1, 2, 3
-"""Phases of the tray: unknown or none, at the pick position, leaving it, approaching it."""
+NO_TRAY, IN_PLACE, MOVING_OUT, COMING, FORGOTTEN = 0, 1, 2, 3, 4
+"""Phases of the tray: none, at the pick position, leaving it, approaching it, unknown after a loss of memory."""
 
 FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
 
@@ -111,7 +111,25 @@ class MachineTags:
         self.cups_implausible = cups_m.bit("implausible", "a cup pulse is too early or its gap too short, this scan")
         self.t_cups_slow = Timer(130, "cups slow", "the left cups pass more slowly than permitted")
         self.cup_time_least = cups_d.word("time least x10 ms", "shortest plausible time until the next cup, left row")
+        self._add_ways_out(m, d)
         self.gap_shortest = cups_d.word("gap shortest x10 ms", "shortest plausible gap behind the last flag, left row")
+
+    def _add_ways_out(self, m: Area, d: Area) -> None:
+        """Allocate the devices of questions, next presses, and emptying of the line."""
+        self.next_press = d.word("next press", "number of the next useful press")
+        self.question = d.word("question", "number of the question that the buttons answer; 0 = none")
+        self.question_before = Word("D", 113, "previous question", "question in the previous scan")
+        self.rows_left = Word("D", 563, "rows left", "full rows conveyed out since the last reset of the counts")
+        self.yes_armed = m.bit("yes armed", "X0 pressed to answer a question")
+        self.no_armed = m.bit("no armed", "X24 pressed to answer a question")
+        self.released_early = m.bit("released early", "a button that must be held was released, this scan")
+        self.refused_now = m.bit("press refused", "a button or command was refused, this scan")
+        self.refused_shown = m.bit("refusal shown", "the amber lamp shows a refused press")
+        self.emptying = m.bit("emptying", "the tray is conveyed out after the last row, and no other one is fed")
+        self.line_clear = m.bit("line clear", "emptying, and no arm is over the tray or loaded")
+        self.answer_held = Timer(131, "answer held", "time for which X0 or X24 is held to answer a question")
+        self.t_question_lamp = Timer(132, "question lamp", "cycle of the flashes that number a question")
+        self.t_refused_lamp = Timer(133, "refusal lamp", "time for which the lamp shows a refused press")
 
 
 class ArmTags:
@@ -223,6 +241,7 @@ class ArmTags:
             place: retentive_m.bit(f"reached {place}", f"{place} was reached, and the device not driven away since")
             for place in PLACES
         }
+        self.out_of_service = retentive_m.bit("out of service", "the arm stays at feed and is not driven")
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
         self.missed_cups = retentive_d.word("missed cups", "cups missed since the last reset of the counts")
         self.cycles = retentive_d.word("cycles", "rows released over the cups")
@@ -248,6 +267,7 @@ class ArmTags:
             name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES
         }
         self.t_unbidden = t100.timer("switch changed at rest", "a switch has changed while the arm was at rest")
+        self.t_raising = t100.timer("raising", "lift driven upwards")
         self.lone_cups = Counter(
             2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
         )
@@ -287,7 +307,7 @@ class TrayTags:
         self.edge = x.tray_front_edge
         self.driven = {name: driven(io_map[name]) for name in ("tray_run", "tray_forward")}
         self.first_step = 180
-        self.phase = Word("D", 561, "tray.phase", "0 unknown or none, 1 in place, 2 moving out, 3 coming in")
+        self.phase = Word("D", 561, "tray.phase", "0 none, 1 in place, 2 moving out, 3 coming in, 4 unknown")
         self.want_run = m.bit("want run", "request: conveyor at full speed")
         self.want_creep = m.bit("want creep", "request: conveyor in short pulses")
         self.needed = m.bit("needed", "the tray is empty or missing, and another one is required")
@@ -305,6 +325,7 @@ class TrayTags:
         self.met = m.bit(
             "unexpected", "a tray reached the front edge sensor while the belt was not creeping, this scan"
         )
+        self.leaves = m.bit("leaves", "the tray is released to be conveyed out, this scan")
         self.t_index = t10.timer("index", "full speed into the gap behind a tray")
         self.t_settle = t10.timer("settle", "tray at rest")
         self.t_on = t10.timer("creep on", "creep: run time of a pulse")

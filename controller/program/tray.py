@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from controller.core.expr import all_of, any_of
+from controller.core.expr import Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Inc, Mov, OnDelay, Out, Rst, Rung, Set, ZoneReset
 from controller.core.sequence import Dwell, Sequence, Step, Timeout, To
@@ -16,6 +16,7 @@ from controller.program.alarms import TRAY_OUT_LIMIT_MS, Annunciators
 from controller.program.tags import (
     COMING,
     FIRST_SCAN,
+    FORGOTTEN,
     FULL,
     IN_PLACE,
     MOVING_OUT,
@@ -51,7 +52,7 @@ def feeder(tags: Tags, alarms: Annunciators) -> Sequence:
         Step(
             "move tray out",
             hold=[t.want_run],
-            go=[To("index", when=~t.edge)],
+            go=[To("wait for an empty tray", when=~t.edge & machine.emptying), To("index", when=~t.edge)],
             watch=Timeout(TRAY_OUT_LIMIT_MS, alarms.tray_jam, t.t_jam),
         ),
         Step(
@@ -100,34 +101,39 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
     """Return the rungs that set the phase of the tray and the request and permit for the next tray."""
     t, arms, machine, sp, commands = tags.tray, tags.arms, tags.machine, tags.sp, tags.commands
     rows = [arm.rows[row] for arm in arms.values() for row in ROWS]
-    all_taken = all_of(*(row.equals(TAKEN) for row in rows))
+    all_taken = all_of(
+        *(arm.out_of_service | all_of(*(row.equals(TAKEN) for row in arm.rows.values())) for arm in arms.values())
+    )
     at_feed = all_of(*(arm.at_feed for arm in arms.values()))
     homed = all_of(*(arm.homed for arm in arms.values()))
     unloading = any_of(*(arm.row_in_progress for arm in arms.values()))
     # a tray that is under the sensor but has not settled may have overrun
     unsettled = t.edge & (t.phase.equals(NO_TRAY) | t.phase.equals(COMING))
-    doubt = unsettled | (t.phase.equals(IN_PLACE) & ~t.edge)
+    doubt = any_of(unsettled, t.phase.equals(FORGOTTEN), t.phase.equals(IN_PLACE) & ~t.edge)
     accepted = t.ask & (~machine.motion | machine.resetting)  # rows must not change under an active arm
-    full = accepted & commands.tray_full & t.edge
+    full = (accepted & commands.tray_full & t.edge) | commands.rows_full
     none = accepted & commands.tray_none
     real = ~tags.system.link_lost
     jogged = machine.jogs["tray_run"] & t.driven["tray_run"]
     return [
-        Mov(NO_TRAY, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
+        Mov(FORGOTTEN, t.phase, when=FIRST_SCAN & tags.system.memory_lost),
+        *_stated_rows(tags),
         Out(t.emptied, when=all_taken & t.phase.equals(IN_PLACE)),
         Inc(machine.trays_done, when=t.emptied),
-        Mov(MOVING_OUT, t.phase, when=t.emptied),
+        Out(t.leaves, when=any_of(t.emptied, none, machine.line_clear & t.phase.equals(IN_PLACE))),
+        *(Inc(machine.rows_left, when=t.leaves & row.equals(FULL)) for row in rows),
+        Rst(machine.rows_left, when=commands.count_reset),
+        Mov(MOVING_OUT, t.phase, when=t.leaves),
         Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # the tray is unknown; the operator must check it
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not a row in progress
         *(Mov(TAKEN, row, when=none) for row in rows),
         Mov(IN_PLACE, t.phase, when=full),
-        Mov(MOVING_OUT, t.phase, when=none),
         Rst(t.ask, when=full | none | (accepted & commands.tray_same & t.edge & t.phase.equals(IN_PLACE))),
         Mov(COMING, t.phase, when=real & ~t.edge & (t.phase.equals(MOVING_OUT) | t.phase.equals(NO_TRAY))),
         Set(t.ask, when=jogged | all_of(machine.entered_resetting, ~machine.manual, doubt)),
         Out(machine.target_reached, when=sp.trays_target.differs(0) & (machine.trays_done >= sp.trays_target)),
-        Out(t.needed, when=all_of(t.phase.differs(IN_PLACE), ~machine.target_reached, ~machine.complete_ordered)),
+        Out(t.needed, when=t.phase.differs(IN_PLACE) & _wanted(tags)),
         Out(
             t.permit,
             when=all_of(t.needed, at_feed, ~t.ask, ~unloading, machine.running | (machine.resetting & homed)),
@@ -136,6 +142,22 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         Out(t.at_rest, when=t.fault | feeder["no tray"] | ~any_of(*(bit for bit, _ in feeder if bit != feeder.first))),
         Out(t.ready, when=t.missing | machine.target_reached | t.phase.equals(IN_PLACE)),
     ]
+
+
+def _stated_rows(tags: Tags) -> list[Rung]:
+    """Return the rungs with which the operator states which rows of the tray in place are empty."""
+    commands = tags.commands
+    return [
+        Mov(TAKEN, arm.rows[row], when=commands.row_empty[side][row]) for side, arm in tags.arms.items() for row in ROWS
+    ]
+
+
+def _wanted(tags: Tags) -> Expr:
+    """Return the condition that the feeder may move: another tray is wanted, or the last one is conveyed out."""
+    machine = tags.machine
+    return any_of(
+        ~machine.target_reached & ~machine.complete_ordered, machine.emptying & tags.tray.phase.equals(MOVING_OUT)
+    )
 
 
 def bookkeeping(tags: Tags, feeder: Sequence) -> Block:

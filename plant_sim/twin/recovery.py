@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from controller.program.states import State
-from controller.program.tags import IN_PLACE, SIDES
+from controller.program.tags import FORGOTTEN, IN_PLACE, SIDES
 from plant_sim.crop.seedling import COLUMNS, Location
 from plant_sim.devices.pneumatic import Cylinder
 from plant_sim.faults import Fault
@@ -102,14 +102,17 @@ def answer_truly(twin: Twin) -> set[str]:
 
 
 def true_tray(twin: Twin) -> str:
-    """Return the correct answer to the tray question: full, same or none."""
+    """Return the correct answer to the tray question: full, same or none.
+
+    A part-filled tray counts as full after a loss of memory: the claws then close on its empty rows as well.
+    """
     number = twin.plant.conveyor.placed_tray
     if number is None:
         return "none"
     columns = (twin.plant.seedlings.column(number, column) for column in range(COLUMNS))
     if all(plant.location is Location.STANDING for column in columns for plant in column):
         return "full"
-    return "same" if twin.plc.read(twin.machine.tags.tray.phase) == IN_PLACE else "none"
+    return {IN_PLACE: "same", FORGOTTEN: "full"}.get(twin.plc.read(twin.machine.tags.tray.phase), "none")
 
 
 # manual actions

@@ -135,7 +135,7 @@ class HmiSession(ModbusDevice):
     def on_request(self) -> None:
         """Renew the jog and the forced inputs of this client, which expire if it sends no requests."""
         runtime = self._state.runtime
-        runtime.panel_heartbeat()
+        runtime.panel_reads()
         if self._jog is not None:
             if self._jog_is_active(self._jog):
                 runtime.order(self._jog.name)

@@ -15,6 +15,7 @@ from controller.core.expr import Bit, Word
 from controller.hmi.modbus import status_registers as status
 from controller.hmi.modbus.fx3u_map import Table, coil_address, discrete_address, register_address
 from controller.program.machine import Transplanter
+from controller.program.next_press import press_meanings, question_meanings
 from controller.program.tags import ROWS, SIDES, Side
 
 Access = Literal["read", "write", "read/write"]
@@ -147,6 +148,9 @@ def _machine_tags(machine: Transplanter) -> Iterator[Tag]:
     tags = machine.tags.machine
     for name in ("state", "mode", "reason", "trays_done", "refused", "refusal", "refusals", "jog", "first_out"):
         yield _word(f"machine.{name}", getattr(tags, name))
+    yield _word("machine.next_press", tags.next_press, press_meanings())
+    yield _word("machine.question", tags.question, question_meanings())
+    yield _word("machine.rows_left", tags.rows_left)
     for name in ("running", "manual", "stepping", "fault", "horn", "suspend", "motion"):
         yield _bit(f"machine.{name}", getattr(tags, name))
     tray = machine.tags.tray
@@ -174,6 +178,7 @@ def _arm_tags(machine: Transplanter, side: Side) -> Iterator[Tag]:
         "ask",
         "ask_cups",
         "fault",
+        "out_of_service",
     ):
         yield _bit(f"{side}.{name}", getattr(arm, name))
     first = status.R_CYCLES + status.CYCLE_WORDS * SIDES.index(side)

@@ -17,7 +17,7 @@ from controller.program.requirements.safety import ArmMonitor, Safety
 from controller.program.requirements.time_limit import bounded
 from controller.program.requirements.ways_out import ways_out
 from controller.program.states import MOVING, Mode, State
-from controller.program.tags import IN_PLACE, IN_PROGRESS, NO_TRAY, ROWS, SIDES, TAKEN, Side
+from controller.program.tags import FORGOTTEN, IN_PLACE, IN_PROGRESS, NO_TRAY, ROWS, SIDES, TAKEN, Side
 
 _NAMES = {"lift": ("down", "up"), "slide": ("feed", "pick 1", "pick 2", "pick 3"), "belt": ("spread", "converged")}
 
@@ -73,7 +73,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     control = tags.machine
     yield "the state is a PackML state", _one_of(control.state, State)
     yield "the mode is valid", _one_of(control.mode, Mode)
-    yield "the tray phase is valid", _one_of(tags.tray.phase, range(4))
+    yield "the tray phase is valid", _one_of(tags.tray.phase, range(5))
     rows = [row for arm in tags.arms.values() for row in arm.rows.values()]
     yield "every row state is valid", all_of(*(_one_of(row, range(4)) for row in rows))
     yield "motion is allowed only in moving states", _implies(control.motion, _one_of(control.state, MOVING))
@@ -121,6 +121,13 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     for side in SIDES:
         cycle, home = machine.cycles[side], machine.homings[side]
         moves = all_of(control.motion, ~control.resetting)
+        arm, active = tags.arms[side], any_of(_any_step(cycle), _any_step(home))
+        yield f"{cycle.name}: no step is active while out of service", _implies(arm.out_of_service, ~active)
+        busy = any_of(*(bit for bit, step in cycle if step.title not in {"wait at feed", "parked"}))
+        yield (
+            f"{cycle.name}: a cycle in progress is recorded, or has its permit",
+            _implies(busy, arm.cycling | arm.permit),
+        )
         yield (
             f"{cycle.name}: steps are active only in moving states except Resetting",
             _implies(_any_step(cycle), moves),
@@ -135,11 +142,12 @@ def _homing_ends(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
     control, tray, wait = tags.machine, tags.tray, machine.feeder["wait for an empty tray"]
     for side in SIDES:
         home = machine.homings[side]
-        yield f"{home.name}: a step is active", _implies(control.resetting & ~control.manual, _any_step(home))
+        homes = all_of(control.resetting, ~control.manual, ~tags.arms[side].out_of_service)
+        yield f"{home.name}: a step is active", _implies(homes, _any_step(home))
         yield f"{home.name}: waits only for an answer", _implies(home["decide"], tags.arms[side].ask)
     jam, lost = machine.alarms.tray_jam, machine.alarms.tray_lost
     yield "a tray in the wrong place has its alarm", _implies(tray.met | tray.t_jam.done, jam)
-    unknown = all_of(control.resetting, ~control.manual, tray.phase.equals(NO_TRAY))
+    unknown = all_of(control.resetting, ~control.manual, _one_of(tray.phase, (NO_TRAY, FORGOTTEN)))
     yield "an unknown tray is asked about in homing", _implies(unknown, any_of(tray.ask, jam, lost))
     yield (
         "tray feeder: a permitted motion of homing begins at once",

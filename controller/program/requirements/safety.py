@@ -199,6 +199,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
             "a load may be released only over its cups, at its own row, or after a discard command",
             all_of(opens, monitor.holds, ~over_cups, ~(monitor.unmoved & down)),
         ),
+        "coil on while out of service": ("an arm out of service stays at feed", a.out_of_service & any_of(*y.values())),
         "coil on during a fault": (
             "a jammed actuator may be driven only in manual mode",
             all_of(fault, ~tags.machine.manual, any_of(*y.values())),
@@ -230,7 +231,7 @@ def _of_machine(
 ) -> Iterator[Requirement]:
     machine, x = tags.machine, tags.x
     moves = any_coil(tags)
-    arms = tags.arms.values()
+    arms = tuple(tags.arms.values())
     run, forward = tags.tray.driven["tray_run"], tags.tray.driven["tray_forward"]
     away = any_of(*(~arm.positions.certainly("feed") for arm in monitors.values()))
     entering = any_of(*(a.coils["slide_inward"] for a in arms))
@@ -248,6 +249,10 @@ def _of_machine(
         "motion in a state that does not allow it": (
             "no motion in a state that does not allow it",
             moves & ~machine.motion,
+        ),
+        "both arms out of service": (
+            "the machine cannot work without an arm",
+            all_of(*(arm.out_of_service for arm in arms)),
         ),
         "motion in the first scan": ("no motion at power-up", moves & FIRST_SCAN),
         "clearing without X24 or a command": (

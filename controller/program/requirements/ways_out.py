@@ -9,6 +9,7 @@ from controller.core.specification import WayOut
 from controller.program.machine import Transplanter
 from controller.program.requirements.safety import any_coil
 from controller.program.states import HOMED_FROM, State
+from controller.program.tags import FULL, SIDES, TAKEN
 
 Presses = Mapping[Bit, bool]
 
@@ -19,7 +20,14 @@ def ways_out(machine: Transplanter) -> tuple[WayOut, ...]:
     An emergency stop leads from any state to Aborted, the clear command leads from there to Stopped, and in Stopped
     every mode and homing can be selected.
     """
-    return (*_to_stopped(machine), *_from_stopped(machine), *_to_work(machine))
+    return (
+        *_to_stopped(machine),
+        *_from_stopped(machine),
+        *_to_work(machine),
+        *_of_service(machine),
+        *_of_rows(machine),
+        *_emptying(machine),
+    )
 
 
 class _OperatorPresses:
@@ -110,3 +118,41 @@ def _to_work(machine: Transplanter) -> Iterator[WayOut]:
     manual = all_of(_is(machine, State.IDLE), control.manual, machine.orders.free(tags.commands.start))
     run = (operator.press(tags.commands.start), operator.off())
     yield WayOut("start: from Idle to jogging in manual mode", manual, run, control.jogging | control.fault)
+
+
+def _of_service(machine: Transplanter) -> Iterator[WayOut]:
+    """Yield the ways to go on with one arm, and back to both."""
+    tags, operator = machine.tags, _OperatorPresses(machine)
+    for side, arm in tags.arms.items():
+        out, back = tags.commands.out_of_service[side], tags.commands.in_service[side]
+        stopped = _is(machine, State.STOPPED)
+        yield WayOut(
+            f"{side} arm: out of service from Stopped, at feed, other arm in service",
+            all_of(stopped, arm.at_feed, ~tags.other(side).out_of_service),
+            (operator.press(out),),
+            arm.out_of_service,
+        )
+        yield WayOut(f"{side} arm: in service from Stopped", stopped, (operator.press(back),), ~arm.out_of_service)
+
+
+def _of_rows(machine: Transplanter) -> Iterator[WayOut]:
+    """Yield the ways to state that a row of the tray in place is empty."""
+    tags, operator = machine.tags, _OperatorPresses(machine)
+    for side in SIDES:
+        for row, command in tags.commands.row_empty[side].items():
+            full = tags.arms[side].rows[row].equals(FULL)
+            start = all_of(_is(machine, State.STOPPED), full, machine.orders.free(command), ~tags.machine.motion)
+            empty = tags.arms[side].rows[row].equals(TAKEN)
+            seen = dict([_terminal(tags.tray.edge, active=True)])
+            yield WayOut(
+                f"{side} row {row}: stated as empty in Stopped", start, ({**operator.press(command), **seen},), empty
+            )
+
+
+def _emptying(machine: Transplanter) -> Iterator[WayOut]:
+    """Yield the way to empty the line: no new row is taken, and the tray leaves once the arms are empty."""
+    tags, operator = machine.tags, _OperatorPresses(machine)
+    running = all_of(_is(machine, State.EXECUTE), ~tags.machine.manual, ~tags.machine.fault)
+    emptying = all_of(tags.machine.emptying, tags.machine.complete_ordered)
+    command = tags.commands.empty_line
+    yield WayOut("empty_line: no new row from Execute", running, (operator.press(command),), emptying)

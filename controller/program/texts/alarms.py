@@ -121,8 +121,8 @@ ALARMS: Final = {
         Text("Retentive memory lost", "保持数据丢失"),
         Text(
             "Check the claws, the rows and the tray; the set-points have been reset to their defaults: enter them "
-            "again",
-            "查看夹爪、苗行和苗盘的实际情况；设定值已恢复为默认值，请重新设定",
+            "again; both arms are in service, the mode is continuous",
+            "查看夹爪、苗行和苗盘的实际情况；设定值已恢复为默认值，请重新设定；两臂均已启用，模式为连续运行",
         ),
     ),
     "air_low": AlarmText(

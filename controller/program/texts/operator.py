@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal, NamedTuple
 
 Language = Literal["en", "zh"]
+LANGUAGES: Final[tuple[Language, Language]] = ("en", "zh")
 
 
 class Text(NamedTuple):
@@ -95,6 +96,9 @@ ORDERS: Final = {
     "discard": Text("discard the load", "弃苗"),
     "count": Text("reset the counters", "清零计数"),
     "jog": Text("jog", "点动"),
+    "rows": Text("change the rows", "更改苗行状态"),
+    "service": Text("take the arm out of service or return it", "停用或启用机械臂"),
+    "empty_line": Text("empty the line", "清空生产线"),
 }
 """Names of commands in refusals, by command group."""
 
@@ -139,8 +143,67 @@ REFUSALS: Final = {
         }.items()
     },
     "OUTPUTS_TAKEN": Text("another controller owns the outputs", "输出被另一控制器占用"),
+    "NOT_STOPPABLE": Text("the machine is stopped or stopping already", "机器已停止或正在停止"),
+    "RELEASED_EARLY": Text("the button was released too early", "按钮松开过早"),
+    "TRAY_SEEN": Text(
+        "a tray is detected that may hold seedlings: remove it, or accept it as full and state its empty rows",
+        "检测到可能带苗的苗盘：请取走，或按满盘接受后标明空行",
+    ),
+    "ROW_IN_PROGRESS": Text("a row is clamped but not lifted", "苗行已夹紧但未提起"),
+    "NOT_STOPPED": Text("the machine is not in Stopped", "机器未处于停止状态"),
+    "OTHER_ARM_OUT": Text("the other arm is out of service", "另一臂已停用"),
 }
 """Reasons for refusing a command, by name of `refusals.Refusal`."""
+
+_HOLD: Final = Text("{question} Hold X0 for 2 s: yes; X24: no", "{question} 按住 X0 2 秒：是；按住 X24：否")
+
+
+def _held(question: Text) -> Text:
+    return Text(_HOLD.en.format(question=question.en), _HOLD.zh.format(question=question.zh))
+
+
+NEXT_PRESSES: Final = {
+    0: Text("no press required", "无需按钮操作"),
+    1: Text("press X0 to reset and home", "按 X0 复位并回原点"),
+    2: Text("press X0 to start", "按 X0 启动"),
+    3: Text("fill the magazine, then press X0", "苗盘仓补盘后按 X0"),
+    4: Text("press X0 for the next transfer", "按 X0 执行下一步"),
+    5: Text("hold X24 for 3 s to clear", "按住 X24 3 秒清除"),
+    6: Text("release X25, then hold X24 for 3 s", "释放 X25，然后按住 X24 3 秒"),
+    7: Text("remove the fault, then hold X24 for 3 s", "排除故障后按住 X24 3 秒"),
+    8: Text("release X24; if it is not pressed, check its wire", "松开 X24；若未按下，检查其接线"),
+    9: _held(QUESTIONS["loaded"].of(SIDES["left"])),
+    10: _held(QUESTIONS["loaded"].of(SIDES["right"])),
+    11: Text(
+        "Is it the same tray? Hold X0 for 2 s: yes; otherwise remove it",
+        "是否为原苗盘？按住 X0 2 秒：是；否则请取走",
+    ),
+    12: Text(
+        "Is the tray to be treated as full? Hold X0 for 2 s: yes; otherwise remove it",
+        "是否按满盘处理？按住 X0 2 秒：是；否则请取走",
+    ),
+    13: Text(
+        "Is there no tray at the pick position? Hold X24 for 2 s to feed one; otherwise push it under the sensor",
+        "取苗位没有苗盘？按住 X24 2 秒送入新盘；若有苗盘，请推到传感器下",
+    ),
+    14: Text(
+        "Are the cups under the claws empty? Hold X0 for 2 s: yes; otherwise wait for twelve cups",
+        "夹爪下方的苗杯是否为空？按住 X0 2 秒：是；否则等待十二个苗杯",
+    ),
+    15: Text("answer the question by a command", "请用命令回答问题"),
+    16: Text("remove the cause of the alarm, then press X0 to home", "排除报警原因后按 X0 回原点"),
+    17: Text("resume by command, or press X0 to home", "用命令解除保持，或按 X0 回原点"),
+    18: Text("homed; select another mode to start", "已回原点；启动前请选择其他模式"),
+    19: Text("unsuspend by command, or press X24 to stop", "用命令解除暂挂，或按 X24 停止"),
+    20: Text("jog by command, or press X24 to stop", "用命令点动，或按 X24 停止"),
+}
+"""Next useful press of the operator, by `next_press.NextPress`."""
+
+NEXT: Final = Text("{text}; next: {press}", "{text}；下一步：{press}")
+"""Format of a refused press with the next useful press."""
+
+IN_MODE: Final = Text("{text} (mode: {mode})", "{text}（模式：{mode}）")
+"""Format of a press in a mode other than continuous."""
 
 CANNOT: Final = Text("cannot {order}: {reason}", "无法{order}：{reason}")
 """Format of a refusal."""

@@ -215,7 +215,13 @@ def test_a_mode_change_and_a_refusal_with_its_reason_are_reported() -> None:
     assert reported == [
         ModeEvent(20, Mode.MANUAL, "manual"),
         ModeEvent(30, Mode.ONE_CYCLE, "one cycle"),
-        RefusalEvent(50, "start", Refusal.NOT_IDLE, "cannot start: the machine is not in Idle or Suspended"),
+        RefusalEvent(
+            50,
+            "start",
+            Refusal.NOT_IDLE,
+            "cannot start: the machine is not in Idle or Suspended",
+            "press X0 to reset and home (mode: one cycle)",
+        ),
     ]
 
 

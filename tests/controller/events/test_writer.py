@@ -11,10 +11,14 @@ import pytest
 from controller.events.production import StateEvent, TrayEvent
 from controller.events.writer import EventWriter, ServingEvent
 
-EVENTS = (ServingEvent(0, 5021), StateEvent(10, 2, "Stopped"), TrayEvent(1_234, 1))
+EVENTS = (
+    ServingEvent(0, 5021),
+    StateEvent(10, 2, "Stopped", next_press="press X0 to reset and home"),
+    TrayEvent(1_234, 1),
+)
 TEXT = (
     "        0 ms  serving  hmi_port=5021",
-    "       10 ms  state    state=2  text=Stopped  reason=",
+    "       10 ms  state    state=2  text=Stopped  reason=  next_press=press X0 to reset and home",
     "     1234 ms  tray     trays_done=1",
 )
 

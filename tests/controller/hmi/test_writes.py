@@ -142,6 +142,7 @@ def test_several_commands_in_one_request(rig: HmiRig, client: Client) -> None:
     ],
 )
 def test_other_writes_are_refused_and_change_nothing(rig: HmiRig, client: Client, request_pdu: bytes) -> None:
+    rig.twin.runtime.panel_reads()  # the request itself is reported in M8
     rig.twin.run_for(200)
     seen = record_commands(rig)
     memory = rig.twin.plc.memory

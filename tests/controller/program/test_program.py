@@ -135,11 +135,12 @@ def test_required_devices_are_retentive() -> None:
         tags.tray.phase,
         tags.machine.trays_done,
         tags.machine.batch_complete,
+        tags.machine.rows_left,
     ]
     wanted += [word for word, _ in tags.sp.defaults]
     for arm in tags.arms.values():
         wanted += [arm.loaded, arm.claws_closed, arm.claws_known, arm.clamped, *arm.rows.values()]
-        wanted += [arm.missed_cups, arm.cycles, arm.on_row, *arm.reached.values()]
+        wanted += [arm.missed_cups, arm.cycles, arm.on_row, *arm.reached.values(), arm.out_of_service]
     assert retentive == set(wanted)
 
 

@@ -17,7 +17,7 @@ from controller.core.scan import Plc
 from controller.program.commands import Command
 from controller.program.refusals import Refusal, refusal_text
 from controller.program.states import MOVING, RUNNING, Mode, State
-from controller.program.tags import FULL, IN_DOUBT
+from controller.program.tags import FULL, IN_DOUBT, TAKEN
 from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS
 from tests.controller.core.core_rig import copied
 from tests.controller.program.interlock_scene import MACHINE, TAGS
@@ -49,8 +49,10 @@ FOLLOWS = {
 """Bits derived by the previous scan from state, mode and rows."""
 BEGINNING = {CONTROL.home_requested: TAGS.commands.reset}
 """Bits derived in this scan from another command, which is issued together with the tested command."""
-NOT_LOOKED_FOR = {CONTROL.start_requested, CONTROL.unhold_requested, *FOLLOWS}
-REFUSAL_REGISTERS = (CONTROL.refused, CONTROL.refusal, CONTROL.refusals)
+NOT_LOOKED_FOR = {CONTROL.start_requested, CONTROL.unhold_requested, CONTROL.no_armed, CONTROL.yes_armed, *FOLLOWS}
+STOP_EDGE = 1
+"""Edge memory of X24: the second edge of the program."""
+REFUSAL_REGISTERS = (CONTROL.refused, CONTROL.refusal, CONTROL.refusals, CONTROL.next_press)
 CASES = [
     pytest.param(command, index, id=f"{command.name}-{obstacle.reason.name}-{index}")
     for command in TAGS.commands
@@ -101,7 +103,10 @@ def situation(command: Command, index: int, seed: int) -> Memory:
         memory.X[number] = level
     memory.set_word("D", CONTROL.mode.number, Mode.CONTINUOUS)
     for arm in TAGS.arms.values():
-        memory.set_word("D", arm.rows[3].number, FULL)
+        for row in arm.rows.values():
+            memory.set_word("D", row.number, TAKEN if command.name == "rows_full" else FULL)
+        memory.M[arm.out_of_service.number] = command.bit in TAGS.commands.in_service.values()
+    memory.set_word("D", CONTROL.state.number, State.IDLE if command.name == "stop" and index < 0 else 0)
     wanted = [(each.active, n == index) for n, each in enumerate(MACHINE.orders.obstacles(command.bit))]
     for bit, order in BEGINNING.items():
         if any(bit in leaves(condition) for condition, is_present in wanted if is_present):
@@ -115,6 +120,7 @@ def after(memory: Memory, *presses: Bit) -> Memory:
     for kind in fields(Memory):
         getattr(PLC.memory, kind.name)[:] = getattr(memory, kind.name)
     PLC.memory.E[:] = [False] * len(PLC.memory.E)
+    PLC.memory.E[STOP_EDGE] = evaluate(TAGS.x.stop, memory)  # held before, so that X24 itself is not a refused press
     PLC.scans = 1
     for bit in presses:
         PLC.press(bit)
@@ -123,8 +129,11 @@ def after(memory: Memory, *presses: Bit) -> Memory:
 
 
 def differing(one: Memory, other: Memory) -> set[str]:
-    """Return the devices whose values differ, excluding edge memories, timers, `ordered` and the refusal registers."""
-    apart = {"M": {CONTROL.ordered.number}, "D": {word.number for word in REFUSAL_REGISTERS}}
+    """Return the devices whose values differ, excluding edge memories, timers and the report of refusals."""
+    apart = {
+        "M": {CONTROL.ordered.number, CONTROL.refused_now.number, CONTROL.refused_shown.number},
+        "D": {word.number for word in REFUSAL_REGISTERS},
+    }
     return {
         f"{kind}{number}"
         for kind in ("X", "Y", "M", "S", "C", "D", "CV")
@@ -197,4 +206,4 @@ def test_every_refusal_text_contains_the_command_and_the_reason(command: Command
 
 def test_every_reason_is_used() -> None:
     reasons = {obstacle.reason for c in TAGS.commands for obstacle in MACHINE.orders.obstacles(c.bit)}
-    assert reasons == {*Refusal}
+    assert reasons | {Refusal.RELEASED_EARLY} == {*Refusal}

@@ -8,6 +8,7 @@ import pytest
 
 from controller.core.devices import INITIAL_PULSE, Memory
 from controller.core.expr import Bit, Expr, Not, evaluate
+from controller.program.commands import ARM_OUTPUTS
 from controller.program.requirements.safety import Safety
 from controller.program.tags import FULL, IN_PLACE, ROWS, SIDES, TAKEN, Side
 from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS
@@ -124,6 +125,13 @@ OF_AN_ARM: dict[str, list[Case]] = {
         Case("coil on during a fault", "fault claws_open", "fault"),
         Case("coil on during a fault", "fault claws_open", "manual"),
     ],
+    "an arm out of service is never driven, in no mode": [
+        *(
+            Case("coil on while out of service", f"out_of_service manual {coil}", "out_of_service")
+            for coil in ARM_OUTPUTS
+        ),
+        Case("coil on while out of service", "out_of_service claws_close", "claws_close"),
+    ],
 }
 OF_THE_MACHINE: dict[str, list[Case]] = {
     "the tray moves only with both arms at feed, and none goes in over it": [
@@ -154,6 +162,10 @@ OF_THE_MACHINE: dict[str, list[Case]] = {
     ],
     "an emergency stop is ended only by a person": [
         Case("clearing without X24 or a command", "cleared_unbidden", "cleared_unbidden"),
+    ],
+    "one arm at least is in service": [
+        Case("both arms out of service", "left.out_of_service right.out_of_service", f"{side}.out_of_service")
+        for side in SIDES
     ],
     "jogging only while the command is renewed": [
         Case("jog without renewal", f"manual motion left.{MOVES}", "jog"),
@@ -216,6 +228,7 @@ def arm_facts(side: Side) -> dict[str, Expr]:
         "lift_up": arm.sensed_up,
         "claws_spread": arm.sensed_spread,
         "claws_converged": arm.sensed_converged,
+        "out_of_service": arm.out_of_service,
         "fault": next(iter(MACHINE.alarms.of_side(side))),
         **{
             name: getattr(own, name)

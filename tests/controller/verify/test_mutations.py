@@ -48,6 +48,7 @@ UPHELD_BY_RULES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("close only at row or feed",): ("close away from row and feed",),
     ("release load only at cups or row",): ("load released away from its cups and row",),
     ("load down only when spread",): ("down over the cups with a load, not spread",),
+    ("in service",): ("coil on while out of service",),
 }
 """Arm rules and pairs of rules, each with the requirements that are violated if the rule or pair is removed."""
 UPHELD_BY_TRAY_RULES = {

@@ -23,10 +23,11 @@ from controller.hmi.panel.orders import messages
 from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import level_text, reply_text
-from controller.hmi.panel.orders.session import MOMENTARY, BrowserSession, OrderRefusedError, name_words, refused_text
+from controller.hmi.panel.orders.session import MOMENTARY, BrowserSession, OrderRefusedError, name_words
 from controller.io.pace import FASTEST, FLAT_OUT
 from controller.program.commands import Command
 from controller.program.machine import Transplanter
+from controller.program.next_press import refused_press_text
 from controller.program.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.texts.operator import Text
@@ -170,9 +171,10 @@ class OrderHandler:
         while self._clock.now_ms() < ends_ms:
             low, high = await self._connection.read_words(register_address("R", 0), 2)
             scans = low | high << 16
-            refused, reason, refusals = await self._refusal()
+            refused, reason, refusals, press = await self._refusal()
             if refusals != before and refused == command.number and reason in set(Refusal):
-                raise OrderRefusedError(refused_text(command, Refusal(reason)))
+                mode = self._mirror.memory.word("D", self._tags.machine.mode.number)
+                raise OrderRefusedError(refused_press_text(command, Refusal(reason), press, mode))
             first = scans if first is None else first
             if (scans - first) % (1 << 32) >= OUTCOME_SCANS:
                 return reply_text("done")
@@ -180,9 +182,9 @@ class OrderHandler:
         return reply_text("not yet")
 
     async def _refusal(self) -> list[int]:
-        """Return the number of the last refused command, the number of the reason, and the number of refusals."""
+        """Return the numbers of the last refused command and its reason, of refusals, and of the next press."""
         machine = self._tags.machine
-        words = (machine.refused, machine.refusal, machine.refusals)
+        words = (machine.refused, machine.refusal, machine.refusals, machine.next_press)
         first = min(word.number for word in words)
         count = max(word.number for word in words) - first + 1
         read = await self._connection.read_words(register_address("D", first), count)

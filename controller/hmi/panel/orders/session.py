@@ -11,8 +11,8 @@ from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import reply_text
 from controller.program.commands import Command
 from controller.program.machine import Transplanter
-from controller.program.refusals import Refusal, refusal_text
-from controller.program.texts.operator import Text
+from controller.program.refusals import refusal_text
+from controller.program.texts.operator import LANGUAGES, Text
 
 Button = Literal["start", "stop", "emergency_stop", "reset"]
 MOMENTARY: Final[tuple[Button, ...]] = ("start", "stop", "reset")
@@ -63,10 +63,5 @@ def obstacle_text(machine: Transplanter, memory: Memory, command: Command) -> Te
     """Return the reason why a command would be refused in the current state; None if it is available."""
     for obstacle in machine.orders.obstacles(command.bit):
         if evaluate(obstacle.active, memory):
-            return refused_text(command, obstacle.reason)
+            return Text(*(refusal_text(command, obstacle.reason, language) for language in LANGUAGES))
     return None
-
-
-def refused_text(command: Command, reason: Refusal) -> Text:
-    """Return the text of a refusal in both languages."""
-    return Text(refusal_text(command, reason, "en"), refusal_text(command, reason, "zh"))

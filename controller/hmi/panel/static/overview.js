@@ -12,7 +12,7 @@ import { labelled, list, named, note, seconds, t } from "./texts.js";
 
 const SIDES = ["left", "right"];
 const CLAMP_HIGHEST_N = 40;
-const EXCLUDED_GROUPS = new Set(["jog", "answer", "discard", "mode"]);
+const EXCLUDED_GROUPS = new Set(["jog", "answer", "discard", "mode", "rows", "service"]);
 
 export class OverviewPage {
   constructor() {
@@ -133,7 +133,7 @@ function words({ place, towards, look }, value, unit) {
 class Production {
   constructor() {
     this.facts = new Facts([
-      ["trays", t("trays")], ["cycles", t("cycles")], ["missed", t("missed_cups")], ["tray", t("tray")],
+      ["trays", t("trays")], ["cycles", t("cycles")], ["missed", t("missed_cups")], ["left", t("rows_left")], ["tray", t("tray")],
       ["in_cups", t("in_cups")], ["lost", t("lost")], ["success", t("success")],
     ]);
     this.node = section("production", this.facts.node);
@@ -142,6 +142,7 @@ class Production {
   update(view) {
     const { left, right } = view.arms;
     this.facts.write("trays", view.machine.trays_done);
+    this.facts.write("left", view.machine.rows_left);
     this.facts.write("cycles", left.cycles + right.cycles);
     this.facts.write("missed", left.missed_cups + right.missed_cups);
     const conveyor = active(view, "tray_run") ? "conveyor.runs" : "conveyor.stopped";

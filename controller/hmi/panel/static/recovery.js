@@ -1,4 +1,4 @@
-// Recovery page: next action, open questions with their answers, discarding of seedlings.
+// Recovery page: next press, open questions with their answers, discarding, part-filled trays, arms out of service.
 
 import { app } from "./app.js";
 import { OrderButton } from "./controls.js";
@@ -17,17 +17,21 @@ export class RecoveryPage {
     this.ways = buttons(WAYS_OUT);
     this.discards = buttons(["left_discard", "right_discard"]);
     this.facts = new Facts([["state", t("state")], ["mode", t("mode")], ["reason", t("reason")], ["refusal", t("recovery.last_refusal")]]);
+    this.rows = buttons(names("rows"));
+    this.service = buttons(names("service"));
     this.next = make("p", { class: "big-state", "data-fact": "next" });
     this.questions = make("div", {});
     this.node = make("div", { class: "column" },
       section("recovery.next", this.next, this.facts.node, orders(this.ways)),
       section("recovery.questions", this.questions),
-      section("recovery.discard", make("p", { text: t("recovery.discard_about") }), orders(this.discards)));
+      section("recovery.discard", make("p", { text: t("recovery.discard_about") }), orders(this.discards)),
+      section("recovery.part_filled", make("p", { text: t("recovery.part_filled_about") }), orders(this.rows)),
+      section("recovery.service", make("p", { text: t("recovery.service_about") }), orders(this.service)));
   }
 
   update(view) {
     const { machine } = view;
-    write(this.next, t(`next.${machine.state}`));
+    write(this.next, sentence(localized(machine.next)));
     this.facts.write("state", localized(app.describe.states[machine.state]));
     this.facts.write("mode", sentence(localized(app.describe.modes[machine.mode])));
     this.facts.write("reason", sentence(localized(app.describe.reasons[machine.reason])) || t("none"));
@@ -35,7 +39,7 @@ export class RecoveryPage {
     const key = view.questions.open.join();
     if (key !== this.open) this.#ask(view.questions.open);
     this.open = key;
-    [...this.ways, ...this.discards, ...this.answers].forEach((button) => button.update());
+    [...this.ways, ...this.discards, ...this.rows, ...this.service, ...this.answers].forEach((button) => button.update());
   }
 
   #ask(open) {
@@ -51,6 +55,11 @@ export class RecoveryPage {
     this.answers.push(...buttons);
     return make("div", { class: "question", "data-question": question.key }, make("p", { text: localized(question.text) }), orders(buttons));
   }
+}
+
+/** Return the names of the commands of a group. */
+function names(group) {
+  return app.describe.commands.filter((command) => command.group === group).map((command) => command.name);
 }
 
 function orders(buttons) {

@@ -16,10 +16,8 @@ from controller.program.commands import JOGGED, Command
 from controller.program.machine import Transplanter
 from controller.program.set_points import CUPS
 from controller.program.tags import ROWS, SIDES
-from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Text
+from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Text
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
-
-LANGUAGES: Final = ("en", "zh")
 
 GEOMETRY: Final = {
     "slide_mm": {"feed": 0, "pick_1": 192.5, "pick_2": 235.5, "pick_3": 278.5},

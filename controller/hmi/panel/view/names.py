@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 from controller.iomap.loader import POINT_NAMES
-from controller.program.texts.operator import Text
+from controller.program.commands import TRAY_ROWS
+from controller.program.texts.operator import SIDES, Text
 
 _COMMANDS: Final = {
     f"command.{name}": text
@@ -42,6 +43,17 @@ _COMMANDS: Final = {
         "right_loaded_no": Text("Right arm empty", "右臂无苗"),
         "right_discard": Text("Discard right", "右臂弃苗"),
         "jog_release": Text("End jog", "结束点动"),
+        **{
+            f"{side}_row_{row}_empty": Text(f"{name.en.capitalize()} row {row} empty", f"{name.zh}{row}行为空")
+            for side, name in SIDES.items()
+            for row in TRAY_ROWS
+        },
+        "rows_full": Text("All rows full", "各行均满"),
+        "left_out_of_service": Text("Left arm out of service", "停用左臂"),
+        "left_in_service": Text("Left arm in service", "启用左臂"),
+        "right_out_of_service": Text("Right arm out of service", "停用右臂"),
+        "right_in_service": Text("Right arm in service", "启用右臂"),
+        "empty_line": Text("Empty the line", "清空生产线"),
     }.items()
 }
 

@@ -12,8 +12,9 @@ from controller.hmi.panel.modbus import mirror as registers
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.jog import Jogging
-from controller.hmi.panel.orders.session import obstacle_text, refused_text
+from controller.hmi.panel.orders.session import obstacle_text
 from controller.program.machine import Transplanter
+from controller.program.next_press import press_text, refused_press_text
 from controller.program.refusals import Refusal
 from controller.program.tags import ROWS, SIDES, Side
 from controller.program.texts.operator import Text
@@ -107,6 +108,8 @@ class ViewBuilder:
             "trays_done": self._read(machine.trays_done),
             "refusals": self._read(machine.refusals),
             "refusal": self._refusal(),
+            "next": in_both(press_text(self._read(machine.next_press), self._read(machine.mode))),
+            "rows_left": self._read(machine.rows_left),
             "time_ms": self._mirror.long(status.R_TIME_MS),
         }
 
@@ -115,7 +118,8 @@ class ViewBuilder:
         command, reason = self._by_number.get(self._read(machine.refused)), self._read(machine.refusal)
         if command is None or reason not in set(Refusal):
             return None
-        return in_both(refused_text(command, Refusal(reason)))
+        press, mode = self._read(machine.next_press), self._read(machine.mode)
+        return in_both(refused_press_text(command, Refusal(reason), press, mode))
 
     def _arm(self, side: Side) -> Json:
         arm = self._tags.arms[side]
@@ -131,6 +135,7 @@ class ViewBuilder:
             "spread": self._is(arm.is_spread),
             "converged": self._is(arm.is_converged),
             "loaded": self._is(arm.loaded),
+            "out_of_service": self._is(arm.out_of_service),
             "claws_closed": self._is(arm.claws_closed),
             "step": active[-1] if active else None,
             "row": next((row for row in ROWS if self._is(arm.row_is[row])), ROWS[0]),

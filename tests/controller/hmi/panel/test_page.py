@@ -612,7 +612,6 @@ def part_keys() -> list[str]:
         *(f"step.{step.title}" for step in steps),
         *(f"waits.{step.waits_for}" for step in steps if step.waits_for),
         *(f"jog.{output.rpartition('.')[2]}" for output in tags.commands.jog),
-        *(f"next.{number}" for number in STATES),
     ]
 
 

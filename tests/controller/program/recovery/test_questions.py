@@ -327,13 +327,13 @@ def test_answer_full_starts_an_exchanged_tray_at_its_first_row() -> None:
 
 @pytest.mark.parametrize("is_seen", [True, False])
 def test_answer_none_conveys_the_tray_out_and_brings_in_the_next(is_seen: bool) -> None:
-    """After a memory loss or removal of the tray, 'none' conveys out any tray present and brings in the next."""
+    """If the tray is exchanged or removed, 'none' conveys out any tray present and brings in the next."""
     twin = stopped_after_row_1(trays=2)
     left_over = twin.plant.counts().in_tray - 72
+    push_tray(twin, until_seen=False)
     if is_seen:
-        lose_memory(twin)
-    else:
-        push_tray(twin, until_seen=False)
+        assert held(twin) == {"tray"}
+        operate_manually(twin, "tray_run", for_ms=200)
     assert held(twin) == {"tray"}
     recorder = ChangeRecorder.of_steps(twin)
     answer(twin, "tray_none")
@@ -372,7 +372,7 @@ def test_memory_lost_with_a_held_row_over_the_tray(side: Side) -> None:
     recorder = ChangeRecorder.of_outputs(twin)
     assert held(twin) == {"tray"}
     assert came_on(recorder, side) == ["lift_retract", "slide_outward"]
-    answer(twin, "tray_none")
+    answer(twin, "tray_full")
     assert home_again(twin) == set()
     finish(twin)
     assert {seedling.location for seedling in load} == {Location.IN_CUP}
