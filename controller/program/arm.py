@@ -13,6 +13,7 @@ from controller.core.rungs import Inc, Mov, OnDelay, Out, Pulse, Rst, Rung, Set
 from controller.core.sequence import Dwell, Sequence, Step, To
 from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_MS, SPREAD_LIMIT_MS, StepLimits
 from controller.program.cups import cup_count
+from controller.program.interlocks import in_the_way
 from controller.program.places import leaving, places
 from controller.program.states import Mode, State
 from controller.program.tags import FIRST_SCAN, FULL, IN_DOUBT, IN_PLACE, IN_PROGRESS, ROWS, TAKEN, ArmTags, Side, Tags
@@ -229,11 +230,15 @@ def _at_or_beyond(a: ArmTags, row: int) -> Expr:
 def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     """Return the rungs of the cycle permit: the arm is home, its row is full, the tray at rest and the centre free.
 
-    Only one arm at a time may be in the centre (inward of pick 2); the left arm has priority.
+    Only one arm at a time may be in the centre (inward of pick 2); the left arm has priority. An arm on its way to row 2
+    counts as in the centre until it arrives, because it would pass a row whose switch is dead; both arms may approach
+    row 2 together.
     """
     other, machine, tray = tags.other(a.side), tags.machine, tags.tray
     may_meet = tags.sp.arms_may_meet.differs(0)
-    other_goes = other.in_centre if a.side == "left" else other.in_centre | (other.permit & other.row_is[3])
+    other_goes = in_the_way(a, other)
+    if a.side == "right":
+        other_goes |= other.permit & (other.row_is[3] | (other.row_is[2] & a.row_is[3]))
     other_known = other.at_feed | other.cycling
     home = all_of(steps["wait at feed"], a.down, a.at_feed, a.is_converged, ~a.claws_closed, ~a.loaded)
     return [
@@ -241,7 +246,7 @@ def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
             a.permit,
             when=all_of(machine.executing, home, a.row_full, tray.phase.equals(IN_PLACE), tray.edge, ~a.cycle_done)
             & ~machine.complete_ordered
-            & (~a.row_is[3] | may_meet | (other_known & ~other_goes)),
+            & (a.row_is[1] | may_meet | (other_known & ~other_goes)),
         )
     ]
 
@@ -270,8 +275,11 @@ def bookkeeping(tags: Tags, side: Side, steps: Sequence, home: Sequence) -> Bloc
         Set(a.retried, when=steps["return to row"]),
         Rst(a.retried, when=steps["wait at feed"] | steps["lift from row"]),
         Out(a.over_row, when=off_row),
-        Set(a.in_centre, when=(going_in & a.row_is[3]) | a.sensed_at_pick[3]),
-        Rst(a.in_centre, when=(a.at_feed & ~going_in) | (steps["slide to feed"] & a.at_pick[2])),
+        Set(a.in_centre, when=(going_in & ~a.row_is[1]) | a.sensed_at_pick[3]),
+        Rst(
+            a.in_centre,
+            when=(a.at_feed & ~going_in) | (a.at_pick[2] & (steps["slide to feed"] | (a.row_is[2] & ~going_in))),
+        ),
         Out(
             a.ask_cups,
             when=~a.count_valid & ~a.cups_confirmed & a.loaded & any_of(*(steps[title] for title in over_cups)),

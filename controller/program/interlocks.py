@@ -19,7 +19,7 @@ from controller.iomap.loader import IoMap
 from controller.program.answers import Question
 from controller.program.commands import ARM_OUTPUTS
 from controller.program.states import State
-from controller.program.tags import IN_PLACE, MachineTags, Side, Tags
+from controller.program.tags import IN_PLACE, ArmTags, MachineTags, Side, Tags
 
 SLIDE = ("slide_inward", "slide_outward")
 LIFT = ("lift_extend", "lift_retract")
@@ -105,9 +105,9 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ),
         (
             "centre is free",
-            "the fingers of both arms overlap inward of pick 2",
+            "the fingers of both arms overlap inward of pick 2, which an arm on its way to row 2 may pass",
             ("slide_inward",),
-            any_of(~a.row_is[3], sp.arms_may_meet.differs(0), ~other.in_centre & (other.at_feed | other.cycling)),
+            any_of(a.row_is[1], sp.arms_may_meet.differs(0), ~in_the_way(a, other) & (other.at_feed | other.cycling)),
         ),
         (
             "outward clear",
@@ -172,6 +172,11 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
         ("in service", "an arm that is out of service stays at feed", ARM_OUTPUTS, ~a.out_of_service),
     ]
     return [Rule(number, *row) for number, row in enumerate(table, 1)]
+
+
+def in_the_way(a: ArmTags, other: ArmTags) -> Expr:
+    """Return the condition that the other arm is in the centre, or may be; arms on their way to row 2 do not collide."""
+    return other.in_centre & ~(a.row_is[2] & other.row_is[2])
 
 
 def _one_of_a_pair(want: Mapping[str, Bit]) -> list[tuple[str, str, tuple[str, ...], Expr]]:

@@ -204,7 +204,7 @@ class ArmTags:
         self.at_wanted_row = m.bit("at next row", "slide at the next row")
         self.permit = m.bit("cycle permit", "a new cycle may start")
         self.park = m.bit("park", "a loaded arm moves up and stays there")
-        self.in_centre = m.bit("in centre", "the arm occupies the space inward of pick 2")
+        self.in_centre = m.bit("in centre", "the arm occupies the space inward of pick 2, or may on its way to row 2")
         self.thrown = m.bit("row released", "row released over the cups, this scan")
         self.retried = m.bit("retried", "the slide has returned to its row once")
         self.cycle_done = m.bit("cycle done", "one-cycle mode: the cycle is complete")
@@ -333,6 +333,7 @@ class TrayTags:
         self.t_met = Timer(234, "tray.in gap", "front edge sensor on in the gap behind a tray")
         self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
         self.t_lost = Timer(106, "tray.lost", "front edge sensor off while a tray should be in place")
+        self.t_out = Timer(250, "tray.out", "run time of the belt with a leaving tray, over all stops")
         self.t_jam = Timer(104, "tray.jam", "front edge sensor still on while a tray moves out")
 
 

@@ -124,7 +124,11 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         *(Inc(machine.rows_left, when=t.leaves & row.equals(FULL)) for row in rows),
         Rst(machine.rows_left, when=commands.count_reset),
         Mov(MOVING_OUT, t.phase, when=t.leaves),
-        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.met),  # the tray is unknown; the operator must check it
+        Rst(t.t_out, when=t.phase.differs(MOVING_OUT)),
+        OnDelay(t.t_out, TRAY_OUT_LIMIT_MS, when=t.driven["tray_run"] & t.phase.equals(MOVING_OUT)),
+        Mov(
+            NO_TRAY, t.phase, when=t.t_jam.done | t.t_out.done | t.met
+        ),  # the tray is unknown; the operator must check it
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not a row in progress
         *(Mov(TAKEN, row, when=none) for row in rows),

@@ -35,7 +35,9 @@ class ArmMonitor:
         self.released = m.bit("released", "a cup for the release of the load has been counted")
         self.discarded = m.bit("discarded", "the operator has discarded the load")
         self.arrived = m.bit("arrived", "a switch at or beyond the next row has been on since the slide left feed")
-        self.in_centre = m.bit("in centre", "the arm has moved in to row 3 and its return has not been detected")
+        self.in_centre = m.bit(
+            "in centre", "the arm may be inward of pick 2, and neither its arrival at row 2 nor its return is certain"
+        )
 
     @property
     def remembered(self) -> tuple[Bit, ...]:
@@ -67,7 +69,7 @@ class ArmMonitor:
             Rst(self.arrived, when=certainly("feed")),
             Set(self.arrived, when=_at_or_beyond_next_row(a)),
             Rst(self.in_centre, when=certainly("feed") | (certainly("pick 2") & ~y["slide_inward"])),
-            Set(self.in_centre, when=(y["slide_inward"] & a.row_is[3]) | a.sensed_at_pick[3]),
+            Set(self.in_centre, when=(y["slide_inward"] & ~a.row_is[1]) | a.sensed_at_pick[3]),
             *self.positions.motion(),
         ]
 
@@ -141,6 +143,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
     spreads, converges, opens, closes = (y[name] for name in (*BELT, *CLAWS))
     belt, slide_or_lift = spreads | converges, any_of(*(y[name] for name in (*SLIDE, *LIFT)))
     over_cups = all_of(feed, down, spread, monitor.released | monitor.discarded)
+    both_at_row_2 = a.row_is[2] & tags.other(side).row_is[2]
     never = {
         **{
             f"{one} with {two}": ("two opposing coils of a valve or motor must not be on together", y[one] & y[two])
@@ -160,7 +163,7 @@ def _of_arm(tags: Tags, side: Side, monitors: dict[Side, ArmMonitor], fault: Exp
         ),
         "inward, other arm in the centre": (
             "the fingers of both arms do not fit in the centre together",
-            all_of(inward, a.row_is[3], tags.sp.arms_may_meet.equals(0), other.in_centre),
+            all_of(inward, ~a.row_is[1], tags.sp.arms_may_meet.equals(0), other.in_centre, ~both_at_row_2),
         ),
         "close away from row and feed": (
             "claws may close only at the next row or at feed",
