@@ -230,9 +230,9 @@ def _at_or_beyond(a: ArmTags, row: int) -> Expr:
 def _permit(tags: Tags, a: ArmTags, steps: Sequence) -> list[Rung]:
     """Return the rungs of the cycle permit: the arm is home, its row is full, the tray at rest and the centre free.
 
-    Only one arm at a time may be in the centre (inward of pick 2); the left arm has priority. An arm on its way to row 2
-    counts as in the centre until it arrives, because it would pass a row whose switch is dead; both arms may approach
-    row 2 together.
+    Only one arm at a time may be in the centre (inward of pick 2); the left arm has priority. An arm on its way to row
+    2 counts as in the centre until it arrives, because it would pass a row whose switch is dead; both arms may
+    approach row 2 together.
     """
     other, machine, tray = tags.other(a.side), tags.machine, tags.tray
     may_meet = tags.sp.arms_may_meet.differs(0)

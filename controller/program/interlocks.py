@@ -175,7 +175,7 @@ def arm_rules(tags: Tags, side: Side, cycle: Sequence, home: Sequence) -> list[R
 
 
 def in_the_way(a: ArmTags, other: ArmTags) -> Expr:
-    """Return the condition that the other arm is in the centre, or may be; arms on their way to row 2 do not collide."""
+    """Return the condition that the other arm is or may be in the centre; arms on their way to row 2 do not collide."""
     return other.in_centre & ~(a.row_is[2] & other.row_is[2])
 
 

@@ -106,7 +106,7 @@ def _of_machine(machine: Transplanter, safety: Safety) -> Iterator[tuple[str, Ex
     )
     yield (
         "a tray being fed is not in place",
-        _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.t_out.done, tags.tray.met), ~in_place),
+        _implies(any_of(feeding, tags.tray.t_jam.done, tags.tray.met), ~in_place),
     )
     for side in SIDES:
         over_tray = ("approach row", "settle at row", "return to row", "close claws")

@@ -35,9 +35,7 @@ class ArmMonitor:
         self.released = m.bit("released", "a cup for the release of the load has been counted")
         self.discarded = m.bit("discarded", "the operator has discarded the load")
         self.arrived = m.bit("arrived", "a switch at or beyond the next row has been on since the slide left feed")
-        self.in_centre = m.bit(
-            "in centre", "the arm may be inward of pick 2, and neither its arrival at row 2 nor its return is certain"
-        )
+        self.in_centre = m.bit("in centre", "the arm may be inward of pick 2; it is not certainly at feed or at row 2")
 
     @property
     def remembered(self) -> tuple[Bit, ...]:
