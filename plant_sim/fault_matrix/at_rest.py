@@ -12,7 +12,7 @@ from controller.program.tags import SIDES, Side
 from plant_sim.crop.seedling import TRAY_CELLS, SeedlingCounts
 from plant_sim.fault_matrix.run import RESTS, ROUNDS, TRAY_LIMIT_MS, MatrixSetup, Outcome, recover, thrown, undisturbed
 from plant_sim.fault_matrix.situations import TRAY_SWITCH, come_to_rest, twin_at
-from plant_sim.fault_matrix.stops import Stop
+from plant_sim.fault_matrix.stops import StopKind
 from plant_sim.faults import Fault
 from plant_sim.twin.lock_step import NotReachedError, Twin
 from plant_sim.twin.monitors import collect_violations
@@ -91,7 +91,7 @@ class RestOutcome:
         return bool(self.trips) or self.lost > 0
 
 
-def run_at_rest(stop: Stop, at_ms: int, cases: Sequence[RestCase], setting: MatrixSetup) -> list[RestOutcome]:
+def run_at_rest(stop: StopKind, at_ms: int, cases: Sequence[RestCase], setting: MatrixSetup) -> list[RestOutcome]:
     """Run cases of one stop at one moment, and the same stop without a fault first.
 
     Args:
@@ -116,7 +116,7 @@ def run_at_rest(stop: Stop, at_ms: int, cases: Sequence[RestCase], setting: Matr
     return outcomes
 
 
-def _run(twin: Twin, stop: Stop, case: RestCase, setting: MatrixSetup) -> RestOutcome:
+def _run(twin: Twin, stop: StopKind, case: RestCase, setting: MatrixSetup) -> RestOutcome:
     twin.unwatch()
     outcome = RestOutcome(case, twin.plant.counts())
     trips = collect_violations(twin)
@@ -165,7 +165,7 @@ def _look_for_fault(twin: Twin, book: Outcome) -> None:
     twin.plc.write(tags.sp.trays_target, min(done + 1, target))
 
 
-def _go_on(twin: Twin, stop: Stop, book: Outcome) -> None:
+def _go_on(twin: Twin, stop: StopKind, book: Outcome) -> None:
     """Resume or home and start the machine as if nothing were wrong; if it does not obey, look for the fault."""
     if stop.resumes:
         twin.command("unhold")

@@ -19,7 +19,7 @@ from plant_sim.fault_matrix.situations import (
     longest_spells,
     spells_between,
 )
-from plant_sim.fault_matrix.stops import STOPS, Stop
+from plant_sim.fault_matrix.stops import STOPS, StopKind
 from plant_sim.faults import FaultError
 
 PERIOD_MS: Final = 1_000
@@ -51,7 +51,7 @@ class RestSelection:
         faults: Kinds of fault and switches, without the side.
     """
 
-    stops: tuple[Stop, ...]
+    stops: tuple[StopKind, ...]
     faults: tuple[tuple[str, str], ...]
 
 
@@ -94,7 +94,7 @@ def periods(setting: MatrixSetup) -> list[tuple[int, int]]:
     return [(first, min(first + PERIOD_MS, trial.ends_ms)) for first in firsts]
 
 
-def search(period: tuple[int, int], setting: MatrixSetup, stops: Sequence[Stop]) -> list[Spell]:
+def search(period: tuple[int, int], setting: MatrixSetup, stops: Sequence[StopKind]) -> list[Spell]:
     """Return the spells in one period; see `spells_between`."""
     return spells_between(*period, setting, stops=stops)
 

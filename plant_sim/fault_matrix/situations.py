@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from controller.core.expr import Bit
 from controller.program.tags import SIDES, ArmTags, Side
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
-from plant_sim.fault_matrix.stops import STOPS, Stop
+from plant_sim.fault_matrix.stops import STOPS, StopKind
 from plant_sim.twin.lock_step import SCAN_MS, Twin, TwinSnapshot
 
 ARM_SWITCHES: Final = (
@@ -86,7 +86,7 @@ def remembered(arm: ArmTags) -> dict[str, Bit]:
     }
 
 
-def situation_of(twin: Twin, stop: Stop, side: Side) -> Situation:
+def situation_of(twin: Twin, stop: StopKind, side: Side) -> Situation:
     """Return the rest situation of an arm.
 
     Args:
@@ -104,7 +104,7 @@ def situation_of(twin: Twin, stop: Stop, side: Side) -> Situation:
     return Situation(stop.name, side, on, (*bits, *(f"{name} = {value}" for name, value in values.items() if value)))
 
 
-def come_to_rest(twin: Twin, stop: Stop) -> list[Situation]:
+def come_to_rest(twin: Twin, stop: StopKind) -> list[Situation]:
     """Stop a twin, run it until it is at rest, and return the situations of both arms; none if all work is complete.
 
     After a loss of power, they are those at the next power-up; the twin is then left without power.
@@ -122,7 +122,7 @@ def come_to_rest(twin: Twin, stop: Stop) -> list[Situation]:
 
 
 def spells_between(
-    from_ms: int, to_ms: int, setting: MatrixSetup, *, every_ms: int = SEARCH_MS, stops: Sequence[Stop] = STOPS
+    from_ms: int, to_ms: int, setting: MatrixSetup, *, every_ms: int = SEARCH_MS, stops: Sequence[StopKind] = STOPS
 ) -> list[Spell]:
     """Return the spells of the stops in a period of the undisturbed trial.
 
@@ -154,7 +154,9 @@ def spells_between(
     return spells
 
 
-def _search(twin: Twin, stop: Stop, running: Sequence[TwinSnapshot], every: int) -> dict[int, dict[Side, Situation]]:
+def _search(
+    twin: Twin, stop: StopKind, running: Sequence[TwinSnapshot], every: int
+) -> dict[int, dict[Side, Situation]]:
     """Return the situations by the number of the snapshot from which the machine was stopped."""
     found: dict[int, dict[Side, Situation]] = {}
 

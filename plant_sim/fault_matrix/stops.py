@@ -27,7 +27,7 @@ LINK_MS: Final = 2_000
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StopKind:
     """Kind of stop.
 
     Attributes:
@@ -115,14 +115,16 @@ def _nothing(_twin: Twin) -> None:
 
 
 STOPS: Final = (
-    Stop("emergency stop", "released, then X24 held for 3 s", _press_emergency_stop, clear),
-    Stop("controller off", "the machine keeps its power and its air", _lose_controller, _restore_power, is_blind=True),
-    Stop("power off", "controller, coils and air are off", _lose_power, _restore_power, is_blind=True),
-    Stop("link lost", "the link returns, then X24 is held for 3 s", _lose_link, _restore_link, is_blind=True),
-    Stop("held, homed", "held by command, then homed", _hold, _nothing),
-    Stop("held, resumed", "held by command, then resumed by command", _hold, _nothing, resumes=True),
-    Stop("stopped", "stopped by X24, then homed", _stop, _nothing),
-    Stop("complete", "completed by command, then homed", _complete, _nothing),
+    StopKind("emergency stop", "released, then X24 held for 3 s", _press_emergency_stop, clear),
+    StopKind(
+        "controller off", "the machine keeps its power and its air", _lose_controller, _restore_power, is_blind=True
+    ),
+    StopKind("power off", "controller, coils and air are off", _lose_power, _restore_power, is_blind=True),
+    StopKind("link lost", "the link returns, then X24 is held for 3 s", _lose_link, _restore_link, is_blind=True),
+    StopKind("held, homed", "held by command, then homed", _hold, _nothing),
+    StopKind("held, resumed", "held by command, then resumed by command", _hold, _nothing, resumes=True),
+    StopKind("stopped", "stopped by X24, then homed", _stop, _nothing),
+    StopKind("complete", "completed by command, then homed", _complete, _nothing),
 )
 """All kinds of stop."""
 

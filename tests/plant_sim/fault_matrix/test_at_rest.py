@@ -29,7 +29,7 @@ from plant_sim.fault_matrix.situations import (
     spells_between,
     twin_at,
 )
-from plant_sim.fault_matrix.stops import STOPS, Stop
+from plant_sim.fault_matrix.stops import STOPS, StopKind
 from plant_sim.links.in_process import InProcessLink, LinkDown
 from plant_sim.twin.lock_step import SCAN_MS
 from tests.paths import DOCS
@@ -52,7 +52,7 @@ def moment(side: Side, step: str, after_ms: int, setting: MatrixSetup = ONE_TRAY
 
 
 @pytest.mark.parametrize("stop", STOPS, ids=str)
-def test_a_stop_leaves_the_machine_at_rest_and_ends_where_it_can_be_homed(stop: Stop) -> None:
+def test_a_stop_leaves_the_machine_at_rest_and_ends_where_it_can_be_homed(stop: StopKind) -> None:
     """Nothing moves after the stop, and no alarm of the stop remains after its end."""
     twin = twin_at(moment("left", "slide to feed", 500), ONE_TRAY)
     stop.begin(twin)
@@ -94,7 +94,7 @@ def test_a_situation_contains_the_switches_and_the_memory_of_its_arm() -> None:
 
 
 @pytest.mark.parametrize("stop", STOPS[:4], ids=str)
-def test_a_search_by_bisection_finds_every_situation_of_a_period(stop: Stop) -> None:
+def test_a_search_by_bisection_finds_every_situation_of_a_period(stop: StopKind) -> None:
     """The period contains the closing of the claws on a row and the start of the lift."""
     start_ms = moment("left", "close claws", 0) - 60
     every, coarse = (
@@ -191,7 +191,7 @@ def test_a_switch_that_sticks_at_rest_is_told_and_the_trial_completes(
 @pytest.mark.nightly
 @pytest.mark.timeout(3_600)
 @pytest.mark.parametrize("stop", STOPS, ids=str)
-def test_every_switch_in_every_rest_situation(stop: Stop) -> None:
+def test_every_switch_in_every_rest_situation(stop: StopKind) -> None:
     results = run_table(selection([stop.name]), TWO_TRAYS, every_ms=None, jobs=1)
     assert [finding for result in results for finding in result.findings] == []
 
@@ -199,7 +199,7 @@ def test_every_switch_in_every_rest_situation(stop: Stop) -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(3_600)
 @pytest.mark.parametrize("stop", STOPS[:4], ids=str)
-def test_every_switch_at_every_tenth_of_a_second_of_a_cycle(stop: Stop) -> None:
+def test_every_switch_at_every_tenth_of_a_second_of_a_cycle(stop: StopKind) -> None:
     """The moments are not in the middle of the situations; one cycle of the left arm."""
     chosen = selection([stop.name])
     begin_ms = moment("left", "approach row", 0)
