@@ -204,6 +204,8 @@ _CONDITIONS: Final = {
         "pause at feed": ("pause at feed elapsed", "投苗位停顿时间到"),
         "pressurise at feed": ("pressurising time elapsed", "压紧时间到"),
         "release delay": ("release delay elapsed", "投苗延时到"),
+        "release due": ("cup in position, release now", "苗杯到位，投苗"),
+        "release missed": ("cup left empty, its pulse is in doubt", "脉冲可疑，空过此杯"),
         "release edge": ("release cup detected", "检测到投苗苗杯"),
         "retried": ("row retried", "已重新返回苗行"),
         "row in progress": ("row in progress", "苗行取苗中"),
