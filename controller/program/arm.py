@@ -194,7 +194,8 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     driven = a.loaded & (a.coils["slide_inward"] | a.coils["slide_outward"])
     raising = any_of(steps["lift from row"], home["raise loaded"], jogged)
     already_up = all_of(a.loaded, a.up, ~a.at_feed, ~steps["close claws"])
-    lifted = driven | (real & any_of(raising & ~a.sensed_down, already_up))
+    sank = all_of(a.clamped, a.on_row, ~a.sensed_down)  # raised in a stop, it may sink back before homing begins
+    lifted = driven | (real & any_of(raising & ~a.sensed_down, already_up, sank))
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE

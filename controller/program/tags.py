@@ -248,6 +248,7 @@ class ArmTags:
             name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES
         }
         self.t_unbidden = t100.timer("switch changed at rest", "a switch has changed while the arm was at rest")
+        self.t_press_down = t100.timer("press down at feed", "upper chamber of the lift fills")
         self.lone_cups = Counter(
             2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
         )

@@ -28,7 +28,7 @@ from tests.plant_sim.twin.twin_rig import (
 LIFT_MS = range(700, 800)
 """Time to lower the lift, ms: 145 mm at 0.21 m/s, with valve, tube, and cushions at both ends."""
 
-PRESS_MS = range(600, 620)
+PRESS_MS = range(1_000, 1_020)
 """Time to fill the outer chamber of the slide at its end position, ms."""
 EMPTY_AT_FEED = ["claws_open", "lift_retract", "lift_extend", "slide_outward"]
 """Outputs of homing for an empty, converged arm at feed."""
