@@ -64,8 +64,8 @@ def leak_down(plant: Plant, share: float, over_ms: int) -> list[Fault]:
     """Let the chambers of slides and lifts leak to a pressure over a time.
 
     Every chamber gets the leak that lowers its pressure to the given value in this time if its volume is constant and
-    its air at wall temperature. A chamber with a lower pressure gets none. The air of a sinking lift is compressed while
-    it leaks, so that its pressure at the end is higher.
+    its air at wall temperature. A chamber with a lower pressure gets none. A sinking lift compresses its air while it
+    leaks, so that the pressure at the end is higher.
 
     Args:
         plant: The machine.
@@ -79,9 +79,7 @@ def leak_down(plant: Plant, share: float, over_ms: int) -> list[Fault]:
         FaultError: A chamber already leaks.
         ValueError: The share is outside 0.01 to 1, or the time is less than one second.
     """
-    _check_share(share, LEAST_SHARE)
-    if over_ms < LEAST_LEAK_MS:
-        raise ValueError(f"{over_ms} ms: air leaks for at least {LEAST_LEAK_MS} ms; omit the time to set it at once")
+    check_leak(share, over_ms)
     now_ms, end_pa = plant.time_ms, ATMOSPHERE_PA + share * _regulated_pa(plant)
     leaks = []
     for name, line, params in _lines(plant):
@@ -92,6 +90,13 @@ def leak_down(plant: Plant, share: float, over_ms: int) -> list[Fault]:
     for leak in leaks:
         plant.faults.add(leak)
     return leaks
+
+
+def check_leak(share: float, over_ms: int) -> None:
+    """Raise `ValueError` if the pressure or the time of a leak is out of range; arguments as for `leak_down`."""
+    _check_share(share, LEAST_SHARE)
+    if over_ms < LEAST_LEAK_MS:
+        raise ValueError(f"{over_ms} ms: air leaks for at least {LEAST_LEAK_MS} ms; omit the time to set it at once")
 
 
 def _lines(plant: Plant) -> Iterator[tuple[str, Any, Any]]:

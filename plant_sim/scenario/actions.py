@@ -11,7 +11,7 @@ from controller.program.machine import Transplanter
 from plant_sim.common.units import parse_ms, parse_quantity
 from plant_sim.faults import FAULTS, Fault, parse_fault
 from plant_sim.machine.plant import Plant
-from plant_sim.machine.stored_air import leak_down, parse_share, set_air
+from plant_sim.machine.stored_air import check_leak, leak_down, parse_share, set_air
 from plant_sim.twin.lock_step import Twin
 
 Effect = Callable[[Twin], None]
@@ -81,9 +81,14 @@ def _power_cycle(text: str, _for_ms: int, _context: CheckContext) -> Effect:
 
 def _air(text: str, for_ms: int, _context: CheckContext) -> Effect:
     share = parse_share(text)
-    if for_ms:
-        return lambda twin: leak_down(twin.plant, share, for_ms)
-    return lambda twin: set_air(twin.plant, share)
+    if not for_ms:
+        return lambda twin: set_air(twin.plant, share)
+    check_leak(share, for_ms)
+
+    def leak(twin: Twin) -> None:
+        leak_down(twin.plant, share, for_ms)
+
+    return leak
 
 
 def _fault(text: str, for_ms: int, context: CheckContext) -> Effect:
