@@ -154,16 +154,15 @@ class Lift(Cylinder):
             bounce_s: Bounce time of a closing contact, s.
         """
         params = arm.params["lift"]
-        super().__init__(
-            arm.state["lift"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + held_pa
-        )
+        super().__init__(arm.state["lift"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + held_pa)
         self._stroke_m = spec.stroke_m
         params["stroke_m"] = spec.stroke_m
         params["plus_area_m2"] = piston_area_m2(spec.bore_m)
         params["minus_area_m2"] = spec.lifting_area_m2
         params["load_kg"], params["weight_n"] = spec.carried_kg, spec.weight_n
         params["bumper_n_m"], params["bumper_n_s_m"] = spec.stop_n_m, spec.stop_n_s_m
-        self._fit_remedies(spec)
+        self._fit_meter_in(spec.meter_in_conductance_m3_s_pa)
+        params["friction"]["viscous_n_s_m"] += spec.damper_n_s_m
         params["cushion_m"] = spec.cushion_m
         least_m3 = min(spec.cushion_volume_m3, port.dead_volume_m3 - spec.cushion_volume_m3)
         params["overtravel_m"] = 0.5 * least_m3 / spec.area_m2

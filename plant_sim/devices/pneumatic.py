@@ -356,12 +356,11 @@ class Cylinder(View):
         """
         fill_cylinder(self.state, self.params, ATMOSPHERE_PA + gauge_pa, self._gas)
 
-    def _fit_remedies(self, spec: Any) -> None:
-        """Fit the meter-in throttles and the hydraulic speed regulator of a slide or lift, as far as there are any."""
-        self.params["friction"]["viscous_n_s_m"] += spec.damper_n_s_m
-        if spec.meter_in_conductance_m3_s_pa > 0.0:
+    def _fit_meter_in(self, conductance_m3_s_pa: float) -> None:
+        """Replace the free flow inward by meter-in throttles, if there are any."""
+        if conductance_m3_s_pa > 0.0:
             for line in (self.params["plus"], self.params["minus"]):
-                line["free_m3_s_pa"] = spec.meter_in_conductance_m3_s_pa
+                line["free_m3_s_pa"] = conductance_m3_s_pa
 
     def _add_switches(
         self, states: Any, all_params: Any, places_m: tuple[float, ...], spec: Any, bounce_s: float

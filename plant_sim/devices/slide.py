@@ -28,7 +28,6 @@ class SlideSpec:
         throttle_conductance_m3_s_pa: Sonic conductance of the meter-out throttles, m3/(s Pa).
         meter_in_conductance_m3_s_pa: Sonic conductance of the meter-in throttles, including check valve and port,
             m3/(s Pa); 0 if there are none.
-        damper_n_s_m: Damping of a hydraulic speed regulator parallel to the cylinder, N s/m; 0 if there is none.
         magnet_holds_n: Force above which the magnets decouple, N.
         magnet_n_m: Stiffness of the magnetic coupling, N/m.
         magnet_n_s_m: Damping of the coupling, N s/m.
@@ -51,7 +50,6 @@ class SlideSpec:
     piston_kg: float
     throttle_conductance_m3_s_pa: float
     meter_in_conductance_m3_s_pa: float
-    damper_n_s_m: float
     magnet_holds_n: float
     magnet_n_m: float
     magnet_n_s_m: float
@@ -74,7 +72,6 @@ class SlideSpec:
         require_within(self, 0.01, 50.0, "piston_kg")
         require_within(self, 1e-11, 1e-7, "throttle_conductance_m3_s_pa")
         require_within(self, 0.0, 1e-7, "meter_in_conductance_m3_s_pa")
-        require_within(self, 0.0, 5000.0, "damper_n_s_m")
         require_within(self, 1.0, 1e5, "magnet_holds_n")
         require_within(self, 1e3, 1e7, "magnet_n_m")
         require_within(self, 0.0, 1e5, "magnet_n_s_m")
@@ -162,7 +159,7 @@ class Slide(Cylinder):
             params[name] = getattr(spec, name)
         for name in ("brake_n", "brake_bites_pa", "brake_delay_s"):
             params[name] = getattr(spec, name)
-        self._fit_remedies(spec)
+        self._fit_meter_in(spec.meter_in_conductance_m3_s_pa)
         for line in (params["plus"], params["minus"]):
             line["chamber_wall"] = annular_wall(spec.bore_m, 0.0)
             line["throttle_m3_s_pa"] = spec.throttle_conductance_m3_s_pa

@@ -42,7 +42,11 @@ REMEDIES: Final[Mapping[str, Mapping[str, Value]]] = {
         "slide.meter_in_conductance_m3_s_pa": 0.4e-9,
         "lift.meter_in_conductance_m3_s_pa": 2.5e-9,
     },
-    "speed regulators": {"slide.damper_n_s_m": 600.0, "lift.damper_n_s_m": 900.0},
+    "meter-in, lift regulators": {
+        "slide.meter_in_conductance_m3_s_pa": 0.4e-9,
+        "lift.meter_in_conductance_m3_s_pa": 2.5e-9,
+        "lift.damper_n_s_m": 900.0,
+    },
 }
 """Parameters of the machine by remedy. Computed: the largest conductances and the smallest damping, rounded, with which
 no speed in the table exceeds its rating; see docs/stored-air.md."""
@@ -202,11 +206,13 @@ class AirCondition:
         meaning: Description for the page.
         strike: Bring the machine into the condition and let it rest, ready to be homed unless it still works.
         jams: True if a device is jammed.
+        is_remedied: True if the outcome is good with every remedy.
     """
 
     meaning: str
     strike: Callable[[Twin, AirOutcome], None]
     jams: bool = False
+    is_remedied: bool = True
 
 
 def _vented(twin: Twin, _outcome: AirOutcome) -> None:
@@ -251,9 +257,11 @@ def _briefly(twin: Twin, outcome: AirOutcome) -> None:
 CONDITIONS: Final[Mapping[str, AirCondition]] = {
     "vented": AirCondition("emergency stop; all chambers are vented", _vented),
     "leaked": AirCondition("emergency stop; all chambers leak to 30 % of the main pressure within 60 s", _leaked),
-    "freed": AirCondition("jammed until Held, then freed under pressure", _freed, jams=True),
-    "vented, freed": AirCondition("jammed until Held, its chambers vented by hand, then freed", _vented_and_freed, True),
-    "freed early": AirCondition("jammed for 0.5 s; its coil is still on", _briefly, jams=True),
+    "freed": AirCondition("jammed until Held, then freed under pressure", _freed, True, is_remedied=False),
+    "vented, freed": AirCondition(
+        "jammed until Held, its chambers vented by hand, then freed", _vented_and_freed, True
+    ),
+    "freed early": AirCondition("jammed for 0.5 s; its coil is still on", _briefly, True, is_remedied=False),
 }
 """Conditions by name."""
 
