@@ -15,7 +15,7 @@ PRESS_MS = 1_000
 chamber may be empty; the first stroke inward would then have too little back pressure. With 600 ms it reaches row 1 at
 0.3 m/s, and the switch there is not believed."""
 LIFT_PRESS_MS = 500
-"""Time to fill the upper chamber of the lift at its lower end, ms, so that its first stroke upward has back pressure."""
+"""Time to fill the upper chamber of the lift at its lower end, ms, so that its first upstroke has back pressure."""
 
 
 def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
