@@ -10,7 +10,6 @@ from controller.common.errors import InputError
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.network import add_network_arguments, check_port
 from plant_sim.cli.options import (
-    add_air_argument,
     add_fault_arguments,
     add_machine_arguments,
     add_record_argument,
@@ -52,7 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-panel", action="store_true", help="do not start the web panel")
     parser.add_argument("--keep", action="store_true", help="continue to serve after the report, until Ctrl-C")
     parser.add_argument("--language", choices=("en", "zh"), default="en", help="language of the controller's texts")
-    add_air_argument(parser)
     add_fault_arguments(parser)
     add_record_argument(parser)
 
