@@ -157,7 +157,7 @@ def test_with_meter_in_throttles_a_homed_machine_that_has_leaked_can_be_started(
     assert lift_m_s < RATING.lift_m_s
 
 
-@pytest.mark.parametrize("after_ms", first_of([40, 20, 60, 80, 100]))
+@pytest.mark.parametrize("after_ms", first_of([20, 0, 30, 60]))
 def test_a_row_that_has_risen_in_a_stop_and_sunk_back_is_not_put_back(after_ms: int) -> None:
     """Its plugs have left their cells; released over the tray they would be lost. It is thrown instead."""
     twin = Twin(trays=1, parameters=machine_with(ONE_TRAY, "meter-in"), set_points={"trays_target": 1})
