@@ -30,8 +30,8 @@ LIFT_MS = range(700, 800)
 
 PRESS_MS = range(1_000, 1_020)
 """Time to fill the outer chamber of the slide at its end position, ms."""
-LIFT_PRESS_MS = range(500, 520)
-"""Time to fill the upper chamber of the lift at its lower end, ms."""
+LIFT_PRESS_MS = range(400, 510)
+"""Time to fill the upper chamber of the lift at its lower end, ms; its timer counts in steps of 100 ms."""
 EMPTY_AT_FEED = ["lift_extend", "claws_open", "lift_retract", "lift_extend", "slide_outward"]
 """Outputs of homing for an empty, converged arm that is down at feed."""
 SPREAD_AT_FEED = ["lift_extend", "claws_open", "lift_retract", "converge", "lift_extend", "slide_outward"]
