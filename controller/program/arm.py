@@ -202,7 +202,10 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     raising = any_of(steps["lift from row"], home["raise loaded"], jogged)
     already_up = all_of(a.loaded, a.up, ~a.at_feed, ~steps["close claws"])
     left_switch = ~a.sensed_down | a.t_raising.done  # also if the lower switch has failed on
-    lifted = driven | (real & any_of(raising & left_switch, already_up))
+    sank = all_of(
+        a.clamped, a.on_row, ~a.sensed_down, ~steps["close claws"]
+    )  # raised in a stop, it may sink back before homing begins
+    lifted = driven | (real & any_of(raising & left_switch, already_up, sank))
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
     earlier: Expr = TRUE

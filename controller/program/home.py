@@ -10,9 +10,12 @@ from controller.program.alarms import CLAW_LIMIT_MS, LIFT_LIMIT_MS, SLIDE_LIMIT_
 from controller.program.tags import FULL, IN_DOUBT, IN_PROGRESS, TAKEN, ArmTags, Side, Tags
 
 FIRST_STEP_OFFSET = 40
-PRESS_MS = 600
+PRESS_MS = 1_000
 """Time to fill the outer chamber of the slide through its valve and tube, ms. After low air pressure or a jam this
-chamber may be empty; the first stroke inward would then have no back pressure."""
+chamber may be empty; the first stroke inward would then have too little back pressure. With 600 ms it reaches row 1 at
+0.3 m/s, and the switch there is not believed."""
+LIFT_PRESS_MS = 500
+"""Time to fill the upper chamber of the lift at its lower end, ms, so that its first upstroke has back pressure."""
 
 
 def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
@@ -26,6 +29,7 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
     4. An empty arm away from feed moves out without rising if it is down, otherwise up and then out.
     5. A loaded arm at feed moves up and stays there, ready to start.
     6. An empty arm at feed opens its claws, moves up, converges and moves down.
+       An arm that is down at feed is pressed down first, so that its lift has back pressure when it moves up.
     7. If memory and sensors do not determine the rule, the step waits for an answer from the operator.
     """
     a = tags.arms[side]
@@ -40,6 +44,7 @@ def homing(tags: Tags, side: Side, limit: StepLimits) -> Sequence:
                 To("raise loaded", when=~a.ask & a.loaded & ~a.at_feed),
                 To("out low", when=~a.ask & ~a.at_feed & a.down),
                 To("raise empty", when=~a.ask & ~a.at_feed),
+                To("press down at feed", when=~a.ask & a.down),
                 To("raise at feed", when=~a.ask & a.loaded),
                 To("open at feed", when=~a.ask & ~a.loaded),
             ],
@@ -88,7 +93,7 @@ def _to_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
         Step(
             "out low",
             hold=[want["slide_outward"]],
-            go=[To("open at feed", when=a.at_feed)],
+            go=[To("press down at feed", when=a.at_feed)],
             watch=limit("home: out low", SLIDE_LIMIT_MS),
         ),
     ]
@@ -148,6 +153,15 @@ def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
             go=[To("homed", when=a.t_press.done)],
         ),
         Step("homed", waits_for="start", go=[]),
+        Step(
+            "press down at feed",
+            hold=[want["lift_extend"]],
+            dwell=Dwell(a.t_press_down, LIFT_PRESS_MS),
+            go=[
+                To("raise at feed", when=a.t_press_down.done & a.loaded),
+                To("open at feed", when=a.t_press_down.done),
+            ],
+        ),
     ]
 
 

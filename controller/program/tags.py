@@ -268,6 +268,7 @@ class ArmTags:
         }
         self.t_unbidden = t100.timer("switch changed at rest", "a switch has changed while the arm was at rest")
         self.t_raising = t100.timer("raising", "lift driven upwards")
+        self.t_press_down = t100.timer("press down at feed", "upper chamber of the lift fills")
         self.lone_cups = Counter(
             2 + index, f"{side}.unmatched cups", "cups counted since the last cup of the other row"
         )

@@ -1,4 +1,4 @@
-"""Command ``faults``: both tables of the fault matrix, with their cases distributed over processes."""
+"""Command ``faults``: the tables of the fault matrix, with their cases distributed over processes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from rich.progress import MofNCompleteColumn, Progress, TextColumn, TimeElapsedC
 
 from controller.common.stop_request import interrupts_blocked
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
-from plant_sim.fault_matrix import report, rest_report
+from plant_sim.fault_matrix import air_report, report, rest_report
+from plant_sim.fault_matrix.air_report import AirResult
 from plant_sim.fault_matrix.cases import Subject, subjects
 from plant_sim.fault_matrix.report import MatrixRow
 from plant_sim.fault_matrix.rest_report import RestResult
@@ -35,6 +36,7 @@ from plant_sim.fault_matrix.rest_table import (
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
 from plant_sim.fault_matrix.situations import Spell
 from plant_sim.fault_matrix.stops import STOPS
+from plant_sim.fault_matrix.stored_air import REMEDIES, AirCase, AirOutcome, air_cases, run_air_case
 from plant_sim.faults import FaultError
 from plant_sim.twin.lock_step import SCAN_MS
 
@@ -77,6 +79,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MS",
         help="with --at-rest: stop at all moments of the trial with this distance, a multiple of 10 ms",
     )
+    parser.add_argument(
+        "--stored-air",
+        action="store_true",
+        help="vent slides and lifts, let them leak, and free jams, with every remedy, instead of the faults",
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="parallel processes")
     parser.add_argument("--out", type=Path, default=None, metavar="DIR", help="folder for the table, CSV and JSON")
 
@@ -96,6 +103,8 @@ def run(options: argparse.Namespace) -> int:
     machine_of(options)  # prints warnings about ratings
     _check(options)
     setting = MatrixSetup(options.seed, options.trays, options.io_map, options.machine)
+    if options.stored_air:
+        return _run_with_stored_air(options, setting)
     return _run_at_rest(options, setting) if options.at_rest else _run_in_motion(options, setting)
 
 
@@ -121,6 +130,39 @@ def _run_at_rest(options: argparse.Namespace, setting: MatrixSetup) -> int:
         for path in rest_report.write_report(results, folder):
             print(path)
     return 1 if any(result.findings for result in results) else 0
+
+
+def _run_with_stored_air(options: argparse.Namespace, setting: MatrixSetup) -> int:
+    folder = _create_folder(options.out) if options.out is not None else None
+    start_s = time.perf_counter()
+    results = run_stored_air(setting, moments=options.moments, jobs=options.jobs)
+    print(air_report.summary(results, time.perf_counter() - start_s))
+    if folder is not None:
+        for path in air_report.write_report(results, folder):
+            print(path)
+    return 1 if air_report.all_findings(results) else 0
+
+
+def run_stored_air(setting: MatrixSetup, *, moments: int, jobs: int) -> list[AirResult]:
+    """Run the cases of the third table with every remedy.
+
+    Args:
+        setting: Machine and trial.
+        moments: Moments per condition, arm and jammed device.
+        jobs: Parallel processes; 1 = this process only.
+    """
+    tasks = [(remedy, case) for remedy in REMEDIES for case in air_cases(setting, remedy, moments=moments)]
+    results: list[AirResult] = []
+    with _progress(len(tasks)) as progress, _results(partial(_run_air, setting=setting), tasks, jobs) as outcomes:
+        for (remedy, case), outcome in zip(tasks, outcomes, strict=True):
+            results.append(AirResult(remedy, outcome))
+            progress.update(progress.task_ids[0], advance=1, description=f"{remedy}: {case.condition}")
+    return results
+
+
+def _run_air(task: tuple[str, AirCase], setting: MatrixSetup) -> AirOutcome:
+    remedy, case = task
+    return run_air_case(case, setting, remedy)
 
 
 def run_table(chosen: RestSelection, setting: MatrixSetup, *, every_ms: int | None, jobs: int) -> list[RestResult]:
@@ -211,7 +253,9 @@ def _ignore_interrupts() -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise `FaultError` if an option is invalid."""
-    if options.all == bool(options.fault):
+    if options.stored_air and (options.all or options.fault or options.at_rest):
+        raise FaultError("--stored-air: has cases of its own; omit --all, --fault and --at-rest")
+    if not options.stored_air and options.all == bool(options.fault):
         raise FaultError("faults: specify either --all or --fault KIND[:TARGET], for example --fault jammed:left.slide")
     for name in ("moments", "jobs"):
         if not 1 <= getattr(options, name) <= 1000:

@@ -10,6 +10,7 @@ from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP
 from plant_sim.faults import Fault, parse_fault
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
+from plant_sim.machine.stored_air import parse_share
 
 MOST_TRAYS = 1_000
 """Capacity of the magazine."""
@@ -40,9 +41,16 @@ def machine_of(options: argparse.Namespace) -> Machine:
     """Return the parameters of the machine; print a warning for each that is outside the ratings of its component.
 
     Raises:
-        MachineError: The file is invalid.
+        InputError: The file is invalid, or ``--air`` is.
     """
-    return warn_of_ratings(load_machine(options.machine))
+    machine = load_machine(options.machine)
+    air: str | None = getattr(options, "air", None)
+    if air is not None:
+        try:
+            machine = machine.with_values({"start.chamber_share": parse_share(air)})
+        except ValueError as error:
+            raise InputError(f"--air {error}") from None
+    return warn_of_ratings(machine)
 
 
 def warn_of_ratings(machine: Machine) -> Machine:
@@ -50,6 +58,17 @@ def warn_of_ratings(machine: Machine) -> Machine:
     for warning in machine.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     return machine
+
+
+def add_air_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option for the air in slides and lifts at the start; `machine_of` applies it."""
+    parser.add_argument(
+        "--air",
+        default=None,
+        metavar="vented|full|SHARE",
+        help="air in slides and lifts at the start, as a share of the main pressure, e.g. 30%%; replaces "
+        "start.chamber_share of the machine",
+    )
 
 
 def add_fault_arguments(parser: argparse.ArgumentParser) -> None:

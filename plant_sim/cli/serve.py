@@ -13,6 +13,7 @@ from controller.common.modbus.address import listening_remedy
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.network import add_network_arguments, check_port
 from plant_sim.cli.options import (
+    add_air_argument,
     add_fault_arguments,
     add_machine_arguments,
     add_record_argument,
@@ -50,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--planting-frequency", type=float, default=None, help="cups per minute per row; 0 = tractor stationary"
     )
+    add_air_argument(parser)
     add_fault_arguments(parser)
     add_record_argument(parser)
 

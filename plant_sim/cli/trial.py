@@ -9,6 +9,7 @@ from pathlib import Path
 from controller.common.errors import InputError
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.options import (
+    add_air_argument,
     add_fault_arguments,
     add_machine_arguments,
     add_record_argument,
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="FX program, instruction list or GX Works2 CSV, that replaces the controller",
     )
+    add_air_argument(parser)
     add_fault_arguments(parser)
     add_record_argument(parser)
 

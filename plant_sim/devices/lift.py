@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from plant_sim.common.limits import require, require_within
 from plant_sim.devices.pneumatic import (
-    HELD_SHARE,
     Cylinder,
     FrictionSpec,
     Pneumatics,
@@ -30,6 +29,9 @@ class LiftSpec:
         carried_kg: Mass on the rod, including rod and piston, kg.
         extend_conductance_m3_s_pa: Sonic conductance of the throttle at the rod side, m3/(s Pa).
         retract_conductance_m3_s_pa: Sonic conductance of the throttle at the cap side, m3/(s Pa).
+        meter_in_conductance_m3_s_pa: Sonic conductance of the meter-in throttles, including check valve and port,
+            m3/(s Pa); 0 if there are none.
+        damper_n_s_m: Damping of a hydraulic speed regulator parallel to the cylinder, N s/m; 0 if there is none.
         cushion_m: Length of the cushions, m.
         cushion_plunger_m: Diameter of the cushion plungers, m.
         cushion_volume_m3: Volume that a plunger closes off at the end of the stroke, m3.
@@ -46,6 +48,8 @@ class LiftSpec:
     carried_kg: float
     extend_conductance_m3_s_pa: float
     retract_conductance_m3_s_pa: float
+    meter_in_conductance_m3_s_pa: float
+    damper_n_s_m: float
     cushion_m: float
     cushion_plunger_m: float
     cushion_volume_m3: float
@@ -61,6 +65,8 @@ class LiftSpec:
         require_within(self, 0.01, 1.0, "stroke_m")
         require_within(self, 0.1, 500.0, "carried_kg")
         require_within(self, 1e-11, 1e-7, "extend_conductance_m3_s_pa", "retract_conductance_m3_s_pa")
+        require_within(self, 0.0, 1e-7, "meter_in_conductance_m3_s_pa")
+        require_within(self, 0.0, 5000.0, "damper_n_s_m")
         require_within(self, 0.0, 0.05, "cushion_m")
         require_within(self, 1e-7, 1e-3, "cushion_volume_m3")
         require_within(self, 1e-12, 1e-7, "needle_conductance_m3_s_pa")
@@ -133,7 +139,7 @@ class Lift(Cylinder):
         common: Pneumatics,
         arm: Records,
         *,
-        pressure_pa: float,
+        held_pa: float,
         bounce_s: float,
     ) -> None:
         """Initialise the lift at rest with the arm down.
@@ -144,19 +150,19 @@ class Lift(Cylinder):
             friction: Friction of the lift.
             common: Valves, check valves and air.
             arm: Records of the arm in the kernel memory.
-            pressure_pa: Gauge pressure of the main line, Pa.
+            held_pa: Gauge pressure of the chambers at rest, Pa.
             bounce_s: Bounce time of a closing contact, s.
         """
         params = arm.params["lift"]
-        super().__init__(
-            arm.state["lift"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + HELD_SHARE * pressure_pa
-        )
+        super().__init__(arm.state["lift"], params, arm.gas, port, friction, common, hold_pa=ATMOSPHERE_PA + held_pa)
         self._stroke_m = spec.stroke_m
         params["stroke_m"] = spec.stroke_m
         params["plus_area_m2"] = piston_area_m2(spec.bore_m)
         params["minus_area_m2"] = spec.lifting_area_m2
         params["load_kg"], params["weight_n"] = spec.carried_kg, spec.weight_n
         params["bumper_n_m"], params["bumper_n_s_m"] = spec.stop_n_m, spec.stop_n_s_m
+        self._fit_meter_in(spec.meter_in_conductance_m3_s_pa)
+        params["friction"]["viscous_n_s_m"] += spec.damper_n_s_m
         params["cushion_m"] = spec.cushion_m
         least_m3 = min(spec.cushion_volume_m3, port.dead_volume_m3 - spec.cushion_volume_m3)
         params["overtravel_m"] = 0.5 * least_m3 / spec.area_m2

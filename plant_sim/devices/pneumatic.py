@@ -15,9 +15,6 @@ from plant_sim.pneumatics.meter_out import annulus_area_m2
 _WAVE_M_S = 343.0
 """Speed of sound, at which a pressure change travels through a tube, m/s. Source: docs/sources/plant.md 1.3."""
 
-HELD_SHARE = 0.9
-"""Pressure in the chambers of a slide or lift at rest, as a fraction of the main gauge pressure. Assumed."""
-
 
 @dataclass(frozen=True, slots=True)
 class AirSpec:
@@ -209,19 +206,36 @@ def annular_wall(outer_m: float, inner_m: float, *, count: int = 1) -> tuple[flo
 
 @compiled_and_cached
 def place_cylinder(c: Any, params: Any, position_m: float, mean_pa: float, gas: Any) -> None:
-    """Set a cylinder to a position at rest as an initial condition; the chamber pressures balance the load."""
+    """Set a cylinder to a position at rest as an initial condition; see `fill_cylinder`."""
     c.position_m = c.piston_m = position_m
     c.speed_m_s = c.piston_m_s = c.magnet_n = 0.0
     c.decoupled = 0
+    c.braked, c.brake_s = 1, 0.0
+    fill_cylinder(c, params, mean_pa, gas)
+
+
+@compiled_and_cached
+def fill_cylinder(c: Any, params: Any, mean_pa: float, gas: Any) -> None:
+    """Set the pressure of both chambers without motion.
+
+    The pressures balance the load, unless that requires less than the ambient pressure: a load without air rests on its
+    end stop or moves to it.
+
+    Args:
+        c: The cylinder.
+        params: Its parameters.
+        mean_pa: Absolute pressure of the chamber that drives towards 0, Pa.
+        gas: Gas model.
+    """
     plus_m2, minus_m2 = params.plus_area_m2, params.minus_area_m2
     # force balance of the load: plus_pa plus_m2 - minus_pa minus_m2 = atmosphere (plus_m2 - minus_m2) - weight
     minus_pa = mean_pa
     plus_pa = (minus_pa * minus_m2 + ATMOSPHERE_PA * (plus_m2 - minus_m2) - params.weight_n) / plus_m2
-    c.braked, c.brake_s = 1, 0.0
-    ahead_m = params.stroke_m - position_m
-    plus_m3 = params.plus.dead_m3 + plus_m2 * position_m
+    plus_pa = max(plus_pa, ATMOSPHERE_PA)
+    ahead_m = params.stroke_m - c.piston_m
+    plus_m3 = params.plus.dead_m3 + plus_m2 * c.piston_m
     minus_m3 = params.minus.dead_m3 + minus_m2 * ahead_m
-    _fill_line(c.plus, params.plus, plus_m3, position_m, params.cushion_m, plus_pa, gas)
+    _fill_line(c.plus, params.plus, plus_m3, c.piston_m, params.cushion_m, plus_pa, gas)
     _fill_line(c.minus, params.minus, minus_m3, ahead_m, params.cushion_m, minus_pa, gas)
 
 
@@ -313,6 +327,15 @@ class Cylinder(View):
         """Speed, m/s, positive away from 0."""
         return float(self.state["speed_m_s"])
 
+    @property
+    def fastest_m_s(self) -> float:
+        """Highest speed so far in either direction, m/s; may be set to 0 at any time."""
+        return float(self.state["fastest_m_s"])
+
+    @fastest_m_s.setter
+    def fastest_m_s(self, speed_m_s: float) -> None:
+        self.state["fastest_m_s"] = speed_m_s
+
     def place(self, position_m: float) -> None:
         """Set the position at rest as an initial condition, without motion.
 
@@ -324,6 +347,20 @@ class Cylinder(View):
         place_cylinder(self.state, self.params, position_m, self._hold_pa, self._gas)
         for state, params in self._switches:
             place_switch(state, params, position_m)
+
+    def set_air(self, gauge_pa: float) -> None:
+        """Set the pressure of both chambers at once, without motion; see `fill_cylinder`.
+
+        Args:
+            gauge_pa: Gauge pressure of the chamber that drives towards 0, Pa; 0 vents both chambers.
+        """
+        fill_cylinder(self.state, self.params, ATMOSPHERE_PA + gauge_pa, self._gas)
+
+    def _fit_meter_in(self, conductance_m3_s_pa: float) -> None:
+        """Replace the free flow inward by meter-in throttles, if there are any."""
+        if conductance_m3_s_pa > 0.0:
+            for line in (self.params["plus"], self.params["minus"]):
+                line["free_m3_s_pa"] = conductance_m3_s_pa
 
     def _add_switches(
         self, states: Any, all_params: Any, places_m: tuple[float, ...], spec: Any, bounce_s: float

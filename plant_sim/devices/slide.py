@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from plant_sim.common.limits import require, require_within
 from plant_sim.devices.pneumatic import (
-    HELD_SHARE,
     Cylinder,
     FrictionSpec,
     Pneumatics,
@@ -27,6 +26,8 @@ class SlideSpec:
         carried_kg: Mass of carriage and arm, kg.
         piston_kg: Mass of the piston, kg.
         throttle_conductance_m3_s_pa: Sonic conductance of the meter-out throttles, m3/(s Pa).
+        meter_in_conductance_m3_s_pa: Sonic conductance of the meter-in throttles, including check valve and port,
+            m3/(s Pa); 0 if there are none.
         magnet_holds_n: Force above which the magnets decouple, N.
         magnet_n_m: Stiffness of the magnetic coupling, N/m.
         magnet_n_s_m: Damping of the coupling, N s/m.
@@ -48,6 +49,7 @@ class SlideSpec:
     carried_kg: float
     piston_kg: float
     throttle_conductance_m3_s_pa: float
+    meter_in_conductance_m3_s_pa: float
     magnet_holds_n: float
     magnet_n_m: float
     magnet_n_s_m: float
@@ -69,6 +71,7 @@ class SlideSpec:
         require_within(self, 0.1, 500.0, "carried_kg")
         require_within(self, 0.01, 50.0, "piston_kg")
         require_within(self, 1e-11, 1e-7, "throttle_conductance_m3_s_pa")
+        require_within(self, 0.0, 1e-7, "meter_in_conductance_m3_s_pa")
         require_within(self, 1.0, 1e5, "magnet_holds_n")
         require_within(self, 1e3, 1e7, "magnet_n_m")
         require_within(self, 0.0, 1e5, "magnet_n_s_m")
@@ -122,7 +125,7 @@ class Slide(Cylinder):
         arm: Records,
         *,
         picks_m: tuple[float, ...],
-        pressure_pa: float,
+        held_pa: float,
         bounce_s: float,
     ) -> None:
         """Initialise the slide at rest in the feed position.
@@ -134,7 +137,7 @@ class Slide(Cylinder):
             common: Valves, check valves and air.
             arm: Records of the arm in the kernel memory.
             picks_m: Pick positions from the feed inward, m.
-            pressure_pa: Gauge pressure of the main line, Pa.
+            held_pa: Gauge pressure of the chambers at rest, Pa.
             bounce_s: Bounce time of a closing contact, s.
         """
         params = arm.params["slide"]
@@ -145,7 +148,7 @@ class Slide(Cylinder):
             port,
             friction,
             common,
-            hold_pa=ATMOSPHERE_PA + HELD_SHARE * pressure_pa,
+            hold_pa=ATMOSPHERE_PA + held_pa,
         )
         params["stroke_m"] = spec.stroke_m
         params["plus_area_m2"] = params["minus_area_m2"] = spec.area_m2
@@ -156,6 +159,7 @@ class Slide(Cylinder):
             params[name] = getattr(spec, name)
         for name in ("brake_n", "brake_bites_pa", "brake_delay_s"):
             params[name] = getattr(spec, name)
+        self._fit_meter_in(spec.meter_in_conductance_m3_s_pa)
         for line in (params["plus"], params["minus"]):
             line["chamber_wall"] = annular_wall(spec.bore_m, 0.0)
             line["throttle_m3_s_pa"] = spec.throttle_conductance_m3_s_pa

@@ -9,7 +9,7 @@ from plant_sim.faults.kind import FaultKind, Size
 
 _CONDUCTANCE = "m3/(s Pa)"
 _SHARE_LEFT = Size("-", 0.0, 1.0, "remaining share", "30 %")
-_HOLE = Size(_CONDUCTANCE, 1e-12, 1e-7, "sonic conductance of the hole", "2e-9")
+_HOLE = Size(_CONDUCTANCE, 1e-16, 1e-7, "sonic conductance of the hole", "2e-9")
 _SEAT = Size(_CONDUCTANCE, 1e-12, 1e-7, "sonic conductance past the seat", "5e-10")
 _DELAY = Size("s", 0.001, 10.0, "additional delay", "200 ms")
 _FLAGS = Size("-", 0.0, 1.0, "share of the flags", "5 %")

@@ -86,7 +86,7 @@ class ArmPlant(Saved):
             report: Callback for incidents.
             seed: Seed of the initial chain position and of the flag offsets.
         """
-        common, bounce_s, main_pa = machine.pneumatics, machine.contact.bounce_s, machine.supply.pressure_pa
+        common, bounce_s, held_pa = machine.pneumatics, machine.contact.bounce_s, machine.held_pressure_pa
         self.slide = Slide(
             machine.slide,
             machine.slide_port,
@@ -94,7 +94,7 @@ class ArmPlant(Saved):
             common,
             records,
             picks_m=machine.picks_m,
-            pressure_pa=main_pa,
+            held_pa=held_pa,
             bounce_s=bounce_s,
         )
         self.lift = Lift(
@@ -103,7 +103,7 @@ class ArmPlant(Saved):
             machine.lift_friction,
             common,
             records,
-            pressure_pa=main_pa,
+            held_pa=held_pa,
             bounce_s=bounce_s,
         )
         self.claws = Claws(

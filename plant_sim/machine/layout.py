@@ -23,6 +23,22 @@ class LayoutSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class StartSpec:
+    """State of the machine at the start of the simulation.
+
+    Attributes:
+        chamber_share: Pressure in the chambers of slides and lifts, as a fraction of the main gauge pressure; 0 if they
+            are vented.
+    """
+
+    chamber_share: float
+
+    def __post_init__(self) -> None:
+        """Validate the parameters."""
+        require_within(self, 0.0, 1.0, "chamber_share")
+
+
+@dataclass(frozen=True, slots=True)
 class SimulationSpec:
     """Time resolution of the simulation.
 

@@ -29,7 +29,7 @@ from plant_sim.devices.sensor import ContactSpec
 from plant_sim.devices.slide import SlideSpec
 from plant_sim.devices.spreader import SpreaderSpec
 from plant_sim.devices.supply import SupplySpec
-from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec
+from plant_sim.machine.layout import LayoutSpec, RatingSpec, SimulationSpec, StartSpec
 from plant_sim.machine.time_step import MOST_STEPS_PER_MS, steps_per_ms_by_key
 from plant_sim.pneumatics.flow import ATMOSPHERE_PA, REFERENCE_K
 
@@ -54,6 +54,7 @@ class Machine:
 
     Attributes:
         simulation: Time resolution of the simulation.
+        start: State at the start.
         rating: Manufacturers' ratings.
         layout: Layout of the machine.
         air: Gas model.
@@ -80,6 +81,7 @@ class Machine:
     """
 
     simulation: SimulationSpec
+    start: StartSpec
     rating: RatingSpec
     layout: LayoutSpec
     air: AirSpec
@@ -233,6 +235,11 @@ class Machine:
     def claw_pressure_pa(self) -> float:
         """Set pressure of the claw regulator, gauge, Pa."""
         return self.crop.claw_pressure_mpa * _MPA
+
+    @property
+    def held_pressure_pa(self) -> float:
+        """Gauge pressure of the chambers of slides and lifts at the start, Pa."""
+        return self.start.chamber_share * self.supply.pressure_pa
 
     @property
     def held_claw_pressure_pa(self) -> float:

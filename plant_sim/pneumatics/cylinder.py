@@ -24,6 +24,7 @@ CYLINDER = np.dtype(
         ("decoupled", "i8"),
         ("braked", "i8"),
         ("brake_s", "f8"),
+        ("fastest_m_s", "f8"),
         ("valve", VALVE),
         ("plus", LINE),
         ("minus", LINE),
@@ -33,7 +34,8 @@ CYLINDER = np.dtype(
 
 The load is at `position_m` from the end stop at 0 and moves at `speed_m_s`. The piston has a separate position and
 speed if it is magnetically coupled to the load, else those of the load. `braked` is 1 while the brake is engaged,
-`brake_s` the time until it engages. `plus` drives away from 0, `minus` towards it.
+`brake_s` the time until it engages. `fastest_m_s` is the highest speed of the load so far, in either direction. `plus`
+drives away from 0, `minus` towards it.
 """
 
 CYLINDER_PARAMS = np.dtype(
@@ -103,6 +105,7 @@ def move_cylinder(c: Any, params: Any, plus: bool, minus: bool, manifold: Any, g
         _move_coupled(c, params, push_n, gas.step_s)
     else:
         _move(c, params, push_n, gas.step_s)
+    c.fastest_m_s = max(c.fastest_m_s, abs(c.speed_m_s))
     ahead_m = params.stroke_m - c.piston_m
     plus_m3 = params.plus.dead_m3 + params.plus_area_m2 * c.piston_m
     minus_m3 = params.minus.dead_m3 + params.minus_area_m2 * ahead_m

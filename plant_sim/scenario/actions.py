@@ -11,6 +11,7 @@ from controller.program.machine import Transplanter
 from plant_sim.common.units import parse_ms, parse_quantity
 from plant_sim.faults import FAULTS, Fault, parse_fault
 from plant_sim.machine.plant import Plant
+from plant_sim.machine.stored_air import check_leak, leak_down, parse_share, set_air
 from plant_sim.twin.lock_step import Twin
 
 Effect = Callable[[Twin], None]
@@ -78,6 +79,18 @@ def _power_cycle(text: str, _for_ms: int, _context: CheckContext) -> Effect:
     return cycle
 
 
+def _air(text: str, for_ms: int, _context: CheckContext) -> Effect:
+    share = parse_share(text)
+    if not for_ms:
+        return lambda twin: set_air(twin.plant, share)
+    check_leak(share, for_ms)
+
+    def leak(twin: Twin) -> None:
+        leak_down(twin.plant, share, for_ms)
+
+    return leak
+
+
 def _fault(text: str, for_ms: int, context: CheckContext) -> Effect:
     fault = _named(text, context)
     if "@" in text:
@@ -114,6 +127,11 @@ VERBS = {
     "command": ActionKind("issue a command from the command table", _command),
     "planting_frequency": ActionKind("change the tractor speed; 0 = standstill", _planting_frequency),
     "power_cycle": ActionKind("switch the controller off for a duration", _power_cycle),
+    "air": ActionKind(
+        "set the air in slides and lifts: vented, full, or a share of the main pressure; for = leak down in this time",
+        _air,
+        0,
+    ),
     "fault": ActionKind("start a fault; for = its duration (default: permanent)", _fault, 0),
     "mend": ActionKind("end a fault, specified by kind and target", _mend),
 }

@@ -40,27 +40,28 @@ class AlarmText(NamedTuple):
 # switches are named by their tags, which do not change if a wire is moved to another terminal.
 _LIFT_UP: Final = Text(
     "Coil lift_retract on? Lift valve, tubes, throttle; air pressure; guide jammed or load caught? With the arm up: "
-    "LED, position and wire of switch lift_up",
+    "LED, position and wire of switch lift_up. Vent both chambers by hand before freeing a jam",
     "线圈 lift_retract 是否得电；升降电磁阀、气管、节流阀；气压；导向卡滞或负载受阻；"
-    "臂在上限位时开关 lift_up 的指示灯、安装位置和接线",
+    "臂在上限位时开关 lift_up 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _LIFT_DOWN: Final = Text(
     "Coil lift_extend on? Lift valve, tubes, throttle; air pressure; guide jammed or something below? With the arm "
-    "down: LED, position and wire of switch lift_down",
+    "down: LED, position and wire of switch lift_down. Vent both chambers by hand before freeing a jam",
     "线圈 lift_extend 是否得电；升降电磁阀、气管、节流阀；气压；导向卡滞或下方有异物；"
-    "臂在下限位时开关 lift_down 的指示灯、安装位置和接线",
+    "臂在下限位时开关 lift_down 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _SLIDE_TO_ROW: Final = Text(
     "Coil slide_inward (back: slide_outward) on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic "
-    "coupling lost? At the row: LED, position and wire of switches slide_at_pick_1 to slide_at_pick_3",
+    "coupling lost? At the row: LED, position and wire of switches slide_at_pick_1 to slide_at_pick_3. Vent both "
+    "chambers by hand before freeing a jam",
     "线圈 slide_inward（退回时为 slide_outward）是否得电；滑块电磁阀、气管、节流阀；气压；导轨卡滞或磁耦脱开；"
-    "在取苗位时开关 slide_at_pick_1 至 slide_at_pick_3 的指示灯、安装位置和接线",
+    "在取苗位时开关 slide_at_pick_1 至 slide_at_pick_3 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _SLIDE_TO_FEED: Final = Text(
     "Coil slide_outward on? Slide valve, tubes, throttle; air pressure; rail jammed, magnetic coupling lost, claws "
-    "caught? At feed: LED, position and wire of switch slide_at_feed",
+    "caught? At feed: LED, position and wire of switch slide_at_feed. Vent both chambers by hand before freeing a jam",
     "线圈 slide_outward 是否得电；滑块电磁阀、气管、节流阀；气压；导轨卡滞、磁耦脱开或夹爪受阻；"
-    "在投苗位时开关 slide_at_feed 的指示灯、安装位置和接线",
+    "在投苗位时开关 slide_at_feed 的指示灯、安装位置和接线；排除卡滞前先手动排空气缸两腔",
 )
 _SPREAD: Final = Text(
     "Output spread on? Motor drive, fuse and cable; belt tension; a claw jammed or two claws caught? With the claws "

@@ -45,7 +45,7 @@ def test_every_example_of_the_table_is_a_fault_of_the_machine(row: tuple[str, ..
         ("stuck_off:left.lift_up=3", "stuck_off:left.lift_up: takes no size; remove 3"),
         (
             "leak:left.slide.plus",
-            "leak:left.slide.plus: requires a size (sonic conductance of the hole); write 1e-12 to "
+            "leak:left.slide.plus: requires a size (sonic conductance of the hole); write 1e-16 to "
             "1e-07 m3/(s Pa), for example 2e-9",
         ),
         (

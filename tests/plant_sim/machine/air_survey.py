@@ -133,7 +133,7 @@ class SurveyedArm:
         gas["thermal"], gas["wall_w_m2_k"], gas["step_s"] = air.thermal, air.wall_w_m2_k, machine.step_s
         Supply(machine.supply, self.state[0]["air"], params["air"], gas, claw_pressure_pa=machine.claw_pressure_pa)
         records = Records(self.state[0]["arms"][0], params["arms"][0], gas)
-        common, main_pa = machine.pneumatics, machine.supply.pressure_pa
+        common, held_pa = machine.pneumatics, machine.held_pressure_pa
         Slide(
             machine.slide,
             machine.slide_port,
@@ -141,10 +141,10 @@ class SurveyedArm:
             common,
             records,
             picks_m=machine.picks_m,
-            pressure_pa=main_pa,
+            held_pa=held_pa,
             bounce_s=0.0,
         )
-        Lift(machine.lift, machine.lift_port, machine.lift_friction, common, records, pressure_pa=main_pa, bounce_s=0.0)
+        Lift(machine.lift, machine.lift_port, machine.lift_friction, common, records, held_pa=held_pa, bounce_s=0.0)
         Claws(
             machine.claws,
             machine.claws_port,

@@ -101,7 +101,7 @@ def test_an_invalid_line_is_rejected_with_its_number_and_key(tmp_path: Path, lin
     [
         (f"  {BORE}\n", "", "slide.bore_m: is missing; add it"),
         ("\nslide:", "\nslid:", "slid: unknown key; did you mean slide?"),
-        ("\nslide:", "\nbanana:", f"{BORE_LINE - 1}: banana: unknown key; use one of simulation, rating, "),
+        ("\nslide:", "\nbanana:", f"{BORE_LINE - 1}: banana: unknown key; use one of simulation, start, rating, "),
         ("\n  bore_m:", "\n  bo.re_m:", f"{BORE_LINE}: slide.bo.re_m: unknown key; did you mean bore_m?"),
         ("value: 10, unit: ms", "value: 10.0, unit: ms", "simulation.look_ms: cannot be 10.0; write an integer"),
         ("value: false", "value: 0", "layout.arms_may_meet_in_plant: cannot be 0; write true or false"),

@@ -263,6 +263,7 @@ class Cylinder:
     decoupled: int
     braked: int
     brake_s: float
+    fastest_m_s: float
     valve: Valve
     plus: Line
     minus: Line
@@ -279,6 +280,7 @@ class Cylinder:
             self._move_two(params, push_n, gas.step_s)
         else:
             self._move_one(params, push_n + params.weight_n, gas.step_s)
+        self.fastest_m_s = max(self.fastest_m_s, abs(self.speed_m_s))
         spool, pilot_plus_pa, pilot_minus_pa = self.valve.spool, self.minus.tube.pressure_pa, self.plus.tube.pressure_pa
         left_m = params.stroke_m - self.piston_m
         plus_m3 = params.plus.dead_m3 + params.plus_area_m2 * self.piston_m

@@ -306,7 +306,7 @@ def test_an_action_with_a_fault_already_active_ends_the_scenario(tmp_path: Path)
         (
             "title: t\nactions: [{at: 1 s}]",
             "2: actions[1]: must contain exactly one action, not 0; use one of press, hold, release, "
-            "command, planting_frequency, power_cycle, fault, mend",
+            "command, planting_frequency, power_cycle, air, fault, mend",
         ),
         (
             "title: t\nactions: [{at: 1 s, press: resett}]",

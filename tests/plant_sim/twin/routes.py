@@ -266,6 +266,7 @@ ROUTES: dict[tuple[str, str], Route] = {
     ("homing", "discard, spread"): Route(lead=homing_after("slide to feed", 300, discard=True), discards=True),
     ("homing", "discard, lower"): Route(lead=homing_after("slide to feed", 300, discard=True), discards=True),
     ("homing", "open at feed"): Route(lead=homing_after("converge", 300)),
+    ("homing", "press down at feed"): Route(lead=homing_after("converge", 300)),
     ("homing", "raise to converge"): Route(lead=homing_after("converge", 300)),
     ("homing", "converge"): Route(lead=homing_after("converge", 300)),
     ("homing", "lower"): Route(lead=homing_after("converge", 300)),

@@ -28,12 +28,14 @@ from tests.plant_sim.twin.twin_rig import (
 LIFT_MS = range(700, 800)
 """Time to lower the lift, ms: 145 mm at 0.21 m/s, with valve, tube, and cushions at both ends."""
 
-PRESS_MS = range(600, 620)
+PRESS_MS = range(1_000, 1_020)
 """Time to fill the outer chamber of the slide at its end position, ms."""
-EMPTY_AT_FEED = ["claws_open", "lift_retract", "lift_extend", "slide_outward"]
-"""Outputs of homing for an empty, converged arm at feed."""
-SPREAD_AT_FEED = ["claws_open", "lift_retract", "converge", "lift_extend", "slide_outward"]
-"""Outputs of homing for an empty, spread arm at feed."""
+LIFT_PRESS_MS = range(400, 510)
+"""Time to fill the upper chamber of the lift at its lower end, ms; its timer counts in steps of 100 ms."""
+EMPTY_AT_FEED = ["lift_extend", "claws_open", "lift_retract", "lift_extend", "slide_outward"]
+"""Outputs of homing for an empty, converged arm that is down at feed."""
+SPREAD_AT_FEED = ["lift_extend", "claws_open", "lift_retract", "converge", "lift_extend", "slide_outward"]
+"""Outputs of homing for an empty, spread arm that is down at feed."""
 NOT_YET_MS = 10**9
 
 
@@ -265,8 +267,8 @@ def test_an_empty_arm_at_mid_height_moves_up_and_then_out(side: Side) -> None:
         ("pause at feed", 250, [], ["spread", "lift_extend"]),
         ("spread", 400, [], ["spread", "lift_extend"]),
         ("lower over cups", 400, ["lift_retract"], ["lift_extend"]),
-        ("wait for cups", 300, ["lift_retract"], ["lift_extend"]),
-        ("release delay", 50, ["lift_retract"], ["lift_extend"]),
+        ("wait for cups", 300, ["lift_extend", "lift_retract"], ["lift_extend"]),
+        ("release delay", 50, ["lift_extend", "lift_retract"], ["lift_extend"]),
     ],
 )
 def test_a_row_at_feed_stays_ready_and_start_resumes_with_it(
@@ -305,7 +307,8 @@ def test_an_empty_arm_at_feed_opens_moves_up_converges_and_moves_down(side: Side
     ((up_ms, _),) = times(recorder, side, "lift_retract")
     assert shut_ms - open_ms in range(200, 230)
     assert up_ms - open_ms in range(200, 230)
-    ((down_ms, lower_limit_ms),) = times(recorder, side, "lift_extend")
+    (pressed_ms, released_ms), (down_ms, lower_limit_ms) = times(recorder, side, "lift_extend")
+    assert released_ms - pressed_ms in LIFT_PRESS_MS
     assert lower_limit_ms - down_ms in LIFT_MS
     assert at_initial_state(twin, side)
     assert rows(twin, side) == [TAKEN, FULL, FULL]

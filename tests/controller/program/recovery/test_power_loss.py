@@ -34,8 +34,9 @@ TRAY_IN_DOUBT = {"creep", "settle"}
 
 CREEP_M = 0.003
 """Rise of a lift that was moving down, m, until the air above its piston has reached the cylinder temperature."""
-STOP_M = 0.0005
-"""Travel of a lift in its elastic end stop, m."""
+
+SETTLE_M = 0.0005
+"""Descent of a lift that was just moving up, m, until its chambers balance its weight."""
 
 
 def positions_without_lifts(twin: Twin) -> list[float]:
@@ -59,7 +60,7 @@ def check_at_rest(twin: Twin, for_ms: int) -> None:
         assert not twin.outputs()
     assert positions_without_lifts(twin) == before
     rises_m = [high - low for low, high in zip(low_m, lift_heights_m(twin), strict=True)]
-    assert all(-STOP_M <= rise <= CREEP_M for rise in rises_m)
+    assert all(-SETTLE_M <= rise_m <= CREEP_M for rise_m in rises_m)
 
 
 @pytest.mark.parametrize("stop", interrupted(2))
