@@ -202,7 +202,8 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     raising = any_of(steps["lift from row"], home["raise loaded"], jogged)
     already_up = all_of(a.loaded, a.up, ~a.at_feed, ~steps["close claws"])
     left_switch = ~a.sensed_down | a.t_raising.done  # also if the lower switch has failed on
-    sank = all_of(
+    # an arm that was stopped while it rose may sink back before homing begins
+    sank = all_of(a.loaded, a.clamped, a.on_row, ~a.sensed_down, ~steps["close claws"])
         a.clamped, a.on_row, ~a.sensed_down, ~steps["close claws"]
     )  # raised in a stop, it may sink back before homing begins
     lifted = driven | (real & any_of(raising & left_switch, already_up, sank))
