@@ -204,8 +204,6 @@ def _rows(tags: Tags, a: ArmTags, steps: Sequence, home: Sequence) -> list[Rung]
     left_switch = ~a.sensed_down | a.t_raising.done  # also if the lower switch has failed on
     # an arm that was stopped while it rose may sink back before homing begins
     sank = all_of(a.loaded, a.clamped, a.on_row, ~a.sensed_down, ~steps["close claws"])
-        a.clamped, a.on_row, ~a.sensed_down, ~steps["close claws"]
-    )  # raised in a stop, it may sink back before homing begins
     lifted = driven | (real & any_of(raising & left_switch, already_up, sank))
     left_row = [Mov(TAKEN, a.rows[row], when=lifted & (a.rows[row] >= IN_PROGRESS)) for row in ROWS]
     next_is: list[Rung] = []
