@@ -152,7 +152,6 @@ def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
             dwell=Dwell(a.t_press, PRESS_MS),
             go=[To("homed", when=a.t_press.done)],
         ),
-        Step("homed", waits_for="start", go=[]),
         Step(
             "press down at feed",
             hold=[want["lift_extend"]],
@@ -162,6 +161,7 @@ def _at_feed(tags: Tags, side: Side, limit: StepLimits) -> list[Step]:
                 To("open at feed", when=a.t_press_down.done),
             ],
         ),
+        Step("homed", waits_for="start", go=[]),
     ]
 
 
