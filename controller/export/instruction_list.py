@@ -230,6 +230,13 @@ class _ListWriter:
                 before = None if changed else when
 
     def _sequence(self, sequence: Sequence) -> None:
+        *earlier, _ = sequence.steps
+        for step in earlier:
+            if step.dwell is None and not sequence.transfers[step.title]:
+                raise LadderError(
+                    f"{sequence.name}: step {step.title!r} has no instructions, and STL instructions that follow each "
+                    "other join parallel branches; make it the last step of its sequence"
+                )
         for bit, step in sequence:
             self._titles.setdefault(len(self._list), step.title)
             self._add("STL", DeviceOperand("S", bit.number))

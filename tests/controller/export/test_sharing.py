@@ -121,6 +121,18 @@ def test_condition_of_a_sequence_is_evaluated_before_its_first_step() -> None:
     assert conditions(program)[:2] == ["M500 | X5", "M500 | X6"]
 
 
+def test_a_step_without_instructions_must_be_the_last_one() -> None:
+    """The STL instruction of the step after it would follow directly, and the FX would join both branches."""
+    begin, end, work = (
+        Step("begin", [To("end", X[0]), To("work", X[1])], waits_for="start"),
+        Step("end", [], waits_for="reset"),
+        Step("work", [To("end", X[2])], waits_for="X2"),
+    )
+    assert export(small(Steps("bench", 20, [begin, work, end])))
+    with pytest.raises(LadderError, match="step 'end' has no instructions"):
+        export(small(Steps("bench", 20, [begin, end, work])))
+
+
 def test_condition_that_the_sequence_changes_is_not_taken_out_of_it() -> None:
     twice = any_of(all_of(BUSY | HELD, X[5]), all_of(BUSY | HELD, X[6]), DELAYED)
     steps = [
