@@ -3,7 +3,8 @@
 The transformation is value numbering, as in a compiler. Two conditions have the same value if they have the same form
 and no rung between them writes a device that they read. Each value for which a relay saves steps is evaluated once,
 directly before its first use, and read from the relay afterwards. The relay is written in every scan before it is
-read, so neither its previous value nor a power failure has an effect.
+read, so neither its previous value nor a power failure has an effect. Contacts that several conditions have in common
+form a value of their own (common cube extraction, as in logic synthesis).
 
 Within a sequence, a condition is shared only if the sequence does not write the devices that the condition reads.
 The relays are evaluated before the first step of the sequence, because a step is executed only while its state is on.
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 from textwrap import shorten
 from typing import Final
 
@@ -27,6 +29,8 @@ RELAYS: Final = range(500, 1024)
 """Auxiliary relays of the export, which the program must not use. A contact of M1536 or above would take two steps."""
 
 _COMPARISON_STEPS: Final = 5
+_PAIR_STEPS: Final = 3
+"""Steps of the rung of a relay for two contacts in series. Each use of the relay saves one step."""
 _COMPLEMENTS: Final = {"!=": "==", ">=": "<", ">": "<="}
 
 
@@ -40,7 +44,8 @@ def shared(program: Program) -> Program:
         raise LadderError(f"M{RELAYS[0]} to M{RELAYS[-1]} are reserved for the export; use other relays")
     values = _Values()
     rows = [[(item, values.of_item(item)) for item in block.items] for block in program.blocks]
-    writer = _Writer(values.worth_a_relay())
+    values.extract_common_operands()
+    writer = _Writer(values)
     blocks = (Block(block.title, tuple(writer.items(row))) for block, row in zip(program.blocks, rows, strict=True))
     return replace(program, blocks=tuple(blocks))
 
@@ -65,8 +70,7 @@ class _Value:
 class _Values:
     """Value numbers of conditions, assigned in scan order.
 
-    A parallel connection is numbered as the complement of a series connection of complements. Operands have lower
-    numbers than their connection.
+    A parallel connection is numbered as the complement of a series connection of complements.
     """
 
     def __init__(self) -> None:
@@ -74,6 +78,7 @@ class _Values:
         self._operands: list[frozenset[tuple[int, bool]]] = []
         self._steps: list[int] = []
         self._uses: list[int] = []
+        self._order: list[int] = []  # operands before their connections
         self._versions: Counter[tuple[str, int]] = Counter()
         self._changing: set[tuple[str, int]] = set()
         self._before: tuple[int, bool] | None = None
@@ -94,6 +99,48 @@ class _Values:
         self._versions.update(written)
         return values
 
+    def extract_common_operands(self) -> None:
+        """Replace pairs of operands that several connections have in common by values of their own."""
+        chosen = self.worth_a_relay()
+        uses = self._total_uses(chosen)
+        times_written = {n: 1 if n in chosen else uses[n] for n, operands in enumerate(self._operands) if operands}
+        while True:
+            pairs: Counter[tuple[tuple[int, bool], ...]] = Counter()
+            for number, times in times_written.items():
+                for pair in combinations(sorted(self._operands[number]), 2):
+                    pairs[pair] += times
+            pair, times = max(pairs.items(), key=lambda item: item[1], default=((), 0))
+            if times <= _PAIR_STEPS:
+                return
+            self._extract(frozenset(pair), times_written)
+
+    def _extract(self, pair: frozenset[tuple[int, bool]], times_written: dict[int, int]) -> None:
+        common = self._number(pair, 0, pair)
+        having = [n for n in times_written if n != common and pair <= self._operands[n]]
+        for number in having:
+            self._operands[number] = self._operands[number] - pair | {(common, False)}
+        self._order.remove(common)
+        self._order.insert(min(map(self._order.index, having)), common)
+        times_written[common] = 1
+
+    def grouped(self, value: _Value) -> tuple[_Value, ...]:
+        """Return the operands of a connection, with extracted operands combined."""
+        parallel = isinstance(value.expr, Or)
+        single = {(part.number, part.negated != parallel): part for part in value.parts}
+        positions = {operand: position for position, operand in enumerate(single)}
+
+        def position(operand: tuple[int, bool]) -> int:
+            return positions[operand] if operand in single else min(map(position, self._operands[operand[0]]))
+
+        def combined(operand: tuple[int, bool]) -> _Value:
+            if operand in single:
+                return single[operand]
+            parts = tuple(map(combined, sorted(self._operands[operand[0]], key=position)))
+            expr = (any_of if parallel else all_of)(*(part.expr for part in parts))
+            return _Value(operand[0], parallel, expr, parts)
+
+        return tuple(map(combined, sorted(self._operands[value.number], key=position)))
+
     def worth_a_relay(self) -> set[int]:
         """Return the numbers of the values for which a relay saves steps."""
         chosen = {number for number, operands in enumerate(self._operands) if operands or self._steps[number] > 1}
@@ -111,17 +158,17 @@ class _Values:
 
     def _total_uses(self, chosen: set[int]) -> list[int]:
         uses = self._uses.copy()
-        for number in reversed(range(len(uses))):
+        for number in reversed(self._order):
             for operand, _ in self._operands[number]:
                 uses[operand] += min(uses[number], 1) if number in chosen else uses[number]
         return uses
 
     def _inline_steps(self, chosen: set[int]) -> list[int]:
         """Return the number of steps of each value if the chosen values among its operands are read from relays."""
-        steps: list[int] = []
-        for number, operands in enumerate(self._operands):
-            parts = (1 if n in chosen else steps[n] + bool(self._operands[n]) for n, _ in operands)
-            steps.append(self._steps[number] + sum(parts))
+        steps = self._steps.copy()
+        for number in self._order:
+            operands = self._operands[number]
+            steps[number] += sum(1 if n in chosen else steps[n] + bool(self._operands[n]) for n, _ in operands)
         return steps
 
     def _of(self, expr: Expr) -> _Value:
@@ -147,6 +194,7 @@ class _Values:
     def _number(self, key: object, steps: int, operands: frozenset[tuple[int, bool]] = frozenset()) -> int:
         if key not in self._numbers:
             self._numbers[key] = len(self._numbers)
+            self._order.append(self._numbers[key])
             self._operands.append(operands)
             self._steps.append(steps)
             self._uses.append(0)
@@ -161,8 +209,9 @@ class _Values:
 class _Writer:
     """Writer of the items of a program, in which the chosen values are replaced by relays."""
 
-    def __init__(self, chosen: set[int]) -> None:
-        self._chosen = chosen
+    def __init__(self, values: _Values) -> None:
+        self._grouped = values.grouped
+        self._chosen = values.worth_a_relay()
         self._free = iter(RELAYS)
         self._relays: dict[int, Expr] = {}
         self._pending: list[Rung] = []
@@ -192,9 +241,9 @@ class _Writer:
     def _written_out(self, value: _Value) -> Expr:
         match value.expr:
             case And():
-                return all_of(*map(self._read, value.parts))
+                return all_of(*map(self._read, self._grouped(value)))
             case Or():
-                return any_of(*map(self._read, value.parts))
+                return any_of(*map(self._read, self._grouped(value)))
         return value.expr
 
 

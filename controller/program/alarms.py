@@ -315,7 +315,7 @@ def _machine_alarms(tags: Tags, alarms: Annunciators) -> list[Rung]:
         Set(alarms.panel_silent, when=system.panel_silent),
         Rst(alarms.panel_silent, when=~system.panel_silent),
         Set(alarms.memory_lost, when=FIRST_SCAN & system.memory_lost),
-        Set(alarms.tray_jam, when=tray.met | tray.t_out.done),
+        Set(alarms.tray_jam, when=tray.met | tray.overdue),
         Annunciate(
             tray.t_lost,
             TRAY_LOST_MS,

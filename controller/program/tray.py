@@ -124,11 +124,12 @@ def conditioning(tags: Tags, feeder: Sequence) -> list[Rung]:
         *(Inc(machine.rows_left, when=t.leaves & row.equals(FULL)) for row in rows),
         Rst(machine.rows_left, when=commands.count_reset),
         Mov(MOVING_OUT, t.phase, when=t.leaves),
-        Rst(t.t_out, when=t.phase.differs(MOVING_OUT)),
-        OnDelay(t.t_out, TRAY_OUT_LIMIT_MS, when=t.driven["tray_run"] & t.phase.equals(MOVING_OUT)),
-        Mov(
-            NO_TRAY, t.phase, when=t.t_jam.done | t.t_out.done | t.met
-        ),  # the tray is unknown; the operator must check it
+        Mov(0, t.exit_time, when=t.phase.differs(MOVING_OUT)),
+        OnDelay(t.t_exit, 100, when=all_of(t.driven["tray_run"], t.phase.equals(MOVING_OUT), ~t.t_exit.done)),
+        Inc(t.exit_time, when=t.t_exit.done),
+        Out(t.overdue, when=t.exit_time >= TRAY_OUT_LIMIT_MS // 100),
+        # the tray is unknown; the operator must check it
+        Mov(NO_TRAY, t.phase, when=t.t_jam.done | t.overdue | t.met),
         Rst(machine.trays_done, when=commands.count_reset),
         *(Mov(FULL, row, when=full & (row <= FULL)) for row in rows),  # not a row in progress
         *(Mov(TAKEN, row, when=none) for row in rows),

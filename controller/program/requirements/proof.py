@@ -146,7 +146,7 @@ def _homing_ends(machine: Transplanter) -> Iterator[tuple[str, Expr]]:
         yield f"{home.name}: a step is active", _implies(homes, _any_step(home))
         yield f"{home.name}: waits only for an answer", _implies(home["decide"], tags.arms[side].ask)
     jam, lost = machine.alarms.tray_jam, machine.alarms.tray_lost
-    yield "a tray in the wrong place has its alarm", _implies(any_of(tray.met, tray.t_jam.done, tray.t_out.done), jam)
+    yield "a tray in the wrong place has its alarm", _implies(any_of(tray.met, tray.t_jam.done, tray.overdue), jam)
     unknown = all_of(control.resetting, ~control.manual, _one_of(tray.phase, (NO_TRAY, FORGOTTEN)))
     yield "an unknown tray is asked about in homing", _implies(unknown, any_of(tray.ask, jam, lost))
     yield (

@@ -72,6 +72,26 @@ def test_condition_that_is_short_or_used_once_has_no_relay() -> None:
     assert relays(shared(small(Out(M[1], LONG), Out(M[2], LONG)))) == {}  # such rungs share their contacts
 
 
+def test_contacts_that_many_conditions_have_in_common_have_one_relay() -> None:
+    """Five conditions have X0 and ~X1 in common, one of them as its complement and one with X2 between them."""
+    common = [all_of(X[0], ~X[1], X[n]) for n in (3, 4, 5)]
+    items = [Out(M[n], condition) for n, condition in enumerate(common, 1)]
+    items += [Out(M[4], any_of(X[6], ~X[0], X[1])), Out(M[5], all_of(X[0], X[2], ~X[1], X[7]))]
+    program = small(*items)
+    assert relays(shared(program)) == {"M500": "X0 & ~X1"}
+    assert conditions(shared(program))[:5] == ["M500 & X3", "M500 & X4", "M500 & X5", "X6 | ~M500", "M500 & X2 & X7"]
+    assert_every_condition_has_its_value(program)
+
+
+def test_extracted_contacts_are_contacts_of_other_relays() -> None:
+    """The relay of X0 and X1 is a contact of the relay that has X2 in addition."""
+    items = [Out(Bit("M", 10 + n), all_of(X[0], X[1], X[2], D[n % 4] > n)) for n in range(8)]
+    items += [Out(Bit("M", 20 + n), all_of(X[0], X[1], D[n % 4] < n)) for n in range(8)]
+    program = small(*items)
+    assert relays(shared(program)) == {"M500": "X0 & X1", "M501": "M500 & X2"}
+    assert_every_condition_has_its_value(program)
+
+
 TIMER = Timer(0, "timer")
 DELAYED = all_of(TIMER.done, X[1], X[2], ~X[3], X[4])
 HELD = all_of(M[5], X[1], X[2], ~X[3], X[4])
@@ -105,7 +125,8 @@ PAIR = Steps(
 def test_condition_is_evaluated_again_after_a_write_to_what_it_reads(condition: Expr, write: Rung | Steps) -> None:
     first, second, third = (Out(M[n], condition | X[5 + n]) for n in range(3))
     assert relays(shared(small(first, second))) == {"M500": str(condition)}
-    assert relays(shared(small(first, write, second))) == {}
+    written = {(device.kind, device.number) for device in writes(write)}
+    assert not any(reads(rung.when) & written for rung in shared(small(first, write, second)).rungs() if is_relay(rung))
     assert_every_condition_has_its_value(small(first, second, write, third))
 
 
@@ -139,7 +160,7 @@ def test_condition_that_the_sequence_changes_is_not_taken_out_of_it() -> None:
         Step("a", [To("b", twice)], waits_for="b"),
         Step("b", [To("a", twice)], dwell=Dwell(TIMER, 200), hold=[M[7]]),
     ]
-    assert relays(shared(small(Steps("pair", 20, steps, consumes=M[5])))) == {}
+    assert relays(shared(small(Steps("pair", 20, steps, consumes=M[5])))) == {"M500": "X1 & X2 & ~X3 & X4"}
 
 
 def normal(expr: Expr, *, negated: bool = False) -> object:

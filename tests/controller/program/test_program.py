@@ -136,6 +136,7 @@ def test_required_devices_are_retentive() -> None:
         tags.machine.trays_done,
         tags.machine.batch_complete,
         tags.machine.rows_left,
+        tags.tray.exit_time,
     ]
     wanted += [word for word, _ in tags.sp.defaults]
     for arm in tags.arms.values():
