@@ -159,7 +159,7 @@ def _release(tags: Tags, a: ArmTags) -> list[Rung]:
         fixed & a.t_release_delay.done,
     )
     uneven = any_of(
-        slow & a.flag_short,
+        ~fixed & a.flag_short,
         all_of(slow, ~left, a.t_cup.value > a.flag_longest),
         all_of(fast, left, ~half_gap_over),
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable, Iterator
-from itertools import permutations
+from itertools import permutations, product
 from typing import NamedTuple
 
 import pytest
@@ -57,6 +57,7 @@ def told(story: Iterable[Phase], *, per_min: float, ramp_m_s2: float = RAMP_M_S2
     if twin.state is not State.COMPLETE:
         twin.plant.planting_frequency_per_min = 60.0
         twin.run_until_state(State.COMPLETE, within_ms=200_000)
+    twin.run_for(500)  # the last row lands
     stopped = [name for name in twin.alarms() if name != "planting_fast"]
     assert stopped == []
     counts = twin.plant.counts()
@@ -87,9 +88,10 @@ def test_plugs_land_in_their_cups_in_ramps_between_two_frequencies(one: float, o
     assert worst_m(told(story, per_min=one)) < CATCH_M
 
 
-@pytest.mark.parametrize("per_min", one_in(3, LEVELS))
-def test_plugs_land_in_their_cups_when_the_tractor_stops_and_starts_again(per_min: float) -> None:
-    draws = random.Random(f"{per_min}")
+@pytest.mark.parametrize(("seed", "per_min"), [(4, 80.0), *one_in(17, product(range(5, 11), LEVELS))])
+def test_plugs_land_in_their_cups_when_the_tractor_stops_and_starts_again(seed: int, per_min: float) -> None:
+    """In story 4 at 80 per minute, the flag that times a release is much shorter than the one before."""
+    draws = random.Random(f"{seed} {per_min}")
     story = [
         phase
         for _ in range(30)
