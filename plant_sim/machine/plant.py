@@ -284,8 +284,7 @@ class Plant(Saved):
 
     def _advance(self, for_ms: int) -> None:
         """Advance all moving parts; the emergency-stop relay removes coil power and air regardless of the outputs."""
-        fed = not self.box.emergency_stop
-        coils = self.coils if fed else self.no_coils
+        coils = self.coils if (fed := not self.box.emergency_stop) else self.no_coils
         first, steps = self.time_ms * self.steps_per_ms, for_ms * self.steps_per_ms
         advance(self.state, self.params, coils, fed, first, steps, self.positions)
         self.time_ms += for_ms
@@ -296,11 +295,16 @@ class Plant(Saved):
         Returns:
             True if a seedling has been moved, or an incident reported.
         """
-        moves, events = self.seedlings.move_count, len(self.events)
+        happenings = self.happenings
         positions: list[float] = self.positions.tolist()
         self.limits.look(self.time_ms / 1000, positions)
         self._check_meeting(positions[0], positions[len(POSITIONS)])
-        return self.seedlings.move_count != moves or len(self.events) != events
+        return self.happenings != happenings
+
+    @property
+    def happenings(self) -> tuple[int, int]:
+        """Number of moves of seedlings and number of incidents so far."""
+        return self.seedlings.move_count, len(self.events)
 
     def limit(self) -> None:
         """Set the limits within which no motion can affect a seedling."""

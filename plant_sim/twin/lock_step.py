@@ -269,7 +269,9 @@ class Twin(Watched):
             if reason == CHANGE:
                 self.runtime.notify_observers(now_ms)
                 self._call_watchers(now_ms, run.begun())
+                happenings = self.plant.happenings
                 self._advance_plant()
+                report = self.plant.happenings != happenings
             if reason == CONDITION or (reason == CHANGE and self._is_met(condition)):
                 return True
         return False

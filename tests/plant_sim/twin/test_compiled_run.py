@@ -252,6 +252,29 @@ def test_a_fault_begins_and_ends_in_the_same_millisecond(kind: str, where: str) 
     assert images[0] == images[1]
 
 
+def test_a_monitor_is_called_after_every_move_of_a_seedling() -> None:
+    """Also if the move happens in a tick that begins with the change of an observed device."""
+
+    def moves(*, step_by_step: bool) -> list[tuple[int, tuple[int, int]]]:
+        parameters = MACHINE.with_values({"cups.planting_frequency_per_min": 90.0})
+        twin = Twin(trays=2, parameters=parameters, step_by_step=step_by_step, set_points={"trays_target": 2})
+        seen: list[tuple[int, tuple[int, int]]] = []
+
+        def record(twin: Twin) -> None:
+            if not seen or seen[-1][1] != twin.plant.happenings:
+                seen.append((twin.now_ms, twin.plant.happenings))
+
+        twin.watch(record, devices=())
+        twin.home()
+        twin.start()
+        twin.run_until_state(State.COMPLETE, within_ms=120_000)
+        return seen
+
+    found = moves(step_by_step=False)
+    assert len(found) > 30
+    assert found == moves(step_by_step=True)
+
+
 def test_a_violation_leaves_a_twin_that_can_go_on() -> None:
     """An exception of a monitor ends the run after its scan, with all times as in a run step by step."""
     times = []
