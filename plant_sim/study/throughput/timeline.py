@@ -132,7 +132,7 @@ class Timeline:
 
     Attributes:
         intervals: Step intervals by sequence, in order, without gaps while the sequence is active.
-        centre: Start and end, ms, of the intervals in which an arm is inward of pick 2, by arm.
+        centre: Start and end, ms, of the intervals in which an arm is inward of pick 2 or may pass it.
         cups_ms: Times of the counted cups by arm, ms.
         approaches: Approached rows by arm and start time, ms.
         releases_ms: Times of the cup edges that trigger the releases, by arm, ms; each release restarts the cup count.

@@ -126,7 +126,8 @@ def inward_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
     """Return each condition that is forbidden while the slide moves inward, and whether it is present."""
     arm, other, place = TAGS.arms[side], TAGS.other(side), scene.places(side)
     tray_in_place = scene.has(TAGS.tray.phase) == IN_PLACE and "tray_front_edge" in scene.sensed
-    shares = not scene.has(arm.row_is[3]) or scene.has(TAGS.sp.arms_may_meet)
+    shares = bool(scene.has(arm.row_is[1]) or scene.has(TAGS.sp.arms_may_meet))
+    both_at_row_2 = scene.has(arm.row_is[2]) and scene.has(other.row_is[2])
     return [
         ("inward, not down", "lift_down" not in place),
         ("inward, closed or loaded", bool(scene.has(arm.loaded) or scene.has(arm.claws_closed))),
@@ -135,7 +136,7 @@ def inward_forbidden(scene: Scene, side: Side) -> list[tuple[str, bool]]:
         ("inward over a tray about to move", tray_is_wanted(scene)),
         ("inward past the row", bool(scene.has(arm.passed))),
         ("inward without a wanted row", not any(scene.has(wanted) for wanted in arm.row_is.values())),
-        ("inward into the other arm", not shares and bool(scene.has(other.in_centre))),
+        ("inward into the other arm", not shares and not both_at_row_2 and bool(scene.has(other.in_centre))),
         (
             "inward with the other arm in an unknown place",
             not shares and "slide_at_feed" not in scene.places(other.side) and not scene.has(other.cycling),

@@ -74,11 +74,14 @@ def test_the_set_point_at_the_default_frequency_is_the_default_of_the_program() 
 
 
 def test_plugs_land_in_the_middle_at_every_frequency() -> None:
-    """The mean landing offset is at most 1 mm, and every one is less than a quarter of the tolerance of 8.5 mm."""
+    """The mean landing offset is at most 1.5 mm, and every one is less than a quarter of the tolerance of 8.5 mm.
+
+    Up to 55 cups per minute, twice the time of a flag, which is measured to 10 ms, times the release: 20 ms are 1.1 mm.
+    """
     for frequency in FREQUENCIES:
         landings_mm = paces()(frequency).landings_mm
         assert len(landings_mm) == 6 * TRAYS, frequency
-        assert abs(fmean(landings_mm)) < 1.0, frequency
+        assert abs(fmean(landings_mm)) < 1.5, frequency
         assert max(map(abs, landings_mm)) < 1000 * MACHINE.cups.catch_m / 4, frequency
 
 

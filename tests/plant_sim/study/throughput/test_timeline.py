@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 
 import pytest
 from hypothesis import given
@@ -99,16 +99,20 @@ def test_each_arm_throws_three_rows_twelve_cups_apart(release_lead: int) -> None
             assert len([at_ms for at_ms in timeline.cups_ms[side] if since_ms < at_ms <= until_ms]) == 12
 
 
-def test_only_one_arm_at_a_time_is_in_the_centre_and_only_for_row_three() -> None:
-    """Each arm is in the centre once per tray, from the start of its approach to row 3 until it returns past pick 2."""
+def test_only_one_arm_at_a_time_is_in_the_centre_except_at_row_two() -> None:
+    """An arm is in the centre from its approach to row 2 until it is there, and to row 3 until it is back at pick 2."""
     timeline, _ = recorded(25)
-    (left,), (right,) = timeline.centre["left"], timeline.centre["right"]
-    assert left[1] <= right[0] or right[1] <= left[0]
-    for side, (from_ms, to_ms) in zip(SIDES, (left, right), strict=True):
-        assert timeline.approaches[side][from_ms] == 3
-        left_it = timeline.before(ARM[side], to_ms)
-        assert left_it is not None
-        assert left_it.step == "slide to feed"
+    occupied = {
+        side: {timeline.approaches[side][from_ms]: (from_ms, to_ms) for from_ms, to_ms in timeline.centre[side]}
+        for side in SIDES
+    }
+    for row, end in ((2, "settle at row"), (3, "slide to feed")):
+        for side in SIDES:
+            left_it = timeline.before(ARM[side], occupied[side][row][1])
+            assert left_it is not None
+            assert left_it.step == end
+    for (one, left), (other, right) in product(occupied["left"].items(), occupied["right"].items()):
+        assert one == other == 2 or left[1] <= right[0] or right[1] <= left[0]
 
 
 def test_dwells_last_their_set_point_plus_at_most_one_scan() -> None:
