@@ -75,11 +75,7 @@ def test_a_motion_timeout_is_latched_and_listed_until_it_is_acknowledged() -> No
 
 
 def test_a_reset_does_not_clear_an_alarm_whose_cause_is_present() -> None:
-    """X0 does not reset the alarm of a stuck limit switch until the switch is repaired.
-
-    The repair alone is not sufficient: the arm has moved up while its lower switch was stuck, so its position is
-    unknown and its upper switch is not trusted until homing restarts.
-    """
+    """X0 does not reset the alarm of a stuck limit switch until the switch is repaired; the repair alone does not."""
     changes: list[AlarmChange] = []
     twin = switched_on()
     twin.home()
@@ -98,9 +94,9 @@ def test_a_reset_does_not_clear_an_alarm_whose_cause_is_present() -> None:
     assert [row.state for row in alarms.rows()] == [ACKNOWLEDGED]
     twin.plant.faults.clear("stuck_on:left.lift_down")
     twin.run_for(100)
-    assert [row.state for row in alarms.rows()] == [ACKNOWLEDGED]
+    assert [row.state for row in alarms.rows()] == [LATCHED_ACKNOWLEDGED]
     twin.home()
-    assert [change.after for change in changes] == [UNACKNOWLEDGED, ACKNOWLEDGED, NORMAL]
+    assert [change.after for change in changes] == [UNACKNOWLEDGED, ACKNOWLEDGED, LATCHED_ACKNOWLEDGED, NORMAL]
 
 
 def test_only_warnings_can_be_shelved() -> None:

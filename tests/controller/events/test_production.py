@@ -278,7 +278,7 @@ def test_the_cup_question_is_asked_once_over_the_cups_until_it_is_answered() -> 
     twin.run_until(lambda: bool(questions(twin, "right_cups")), within_ms=10_000)
     assert twin.in_step("right arm", "wait to lower") or twin.in_step("right arm", "lower over cups")
     until_step(twin, "right arm", "wait for cups")
-    twin.run_for(2_000)
+    twin.run_for(500)
     assert [event.active for event in questions(twin, "right_cups")] == [True]
     twin.command("cups_empty")
     twin.scan()

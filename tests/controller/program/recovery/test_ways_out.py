@@ -129,6 +129,7 @@ def test_a_question_that_changes_while_a_button_is_held_is_not_answered() -> Non
     twin.plant.box.start = True
     twin.run_for(1_500)
     twin.command("left_loaded_no")
+    twin.plc.write(tags_of(twin, "right").loaded, False)
     twin.plc.write(tags_of(twin, "right").rows[1], IN_DOUBT)
     twin.run_for(1_500)
     assert rows(twin, "right")[0] == IN_DOUBT
