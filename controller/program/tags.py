@@ -334,7 +334,9 @@ class TrayTags:
         self.t_met = Timer(234, "tray.in gap", "front edge sensor on in the gap behind a tray")
         self.t_no_tray = Timer(103, "tray.no tray", "creeping without a tray")
         self.t_lost = Timer(106, "tray.lost", "front edge sensor off while a tray should be in place")
-        self.exit_time = Word("D", 564, "tray.exit time x100 ms", "run time of the belt with a leaving tray, over all stops")
+        self.exit_time = Word(
+            "D", 564, "tray.exit time x100 ms", "run time of the belt with a leaving tray, over all stops"
+        )
         self.t_exit = Timer(134, "tray.exit", "unit of the exit time")
         self.overdue = m.bit("overdue", "the belt has run longer than a tray needs to leave, this scan")
         self.t_jam = Timer(104, "tray.jam", "front edge sensor still on while a tray moves out")

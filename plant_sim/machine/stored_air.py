@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from plant_sim.common.compiled import compiled_and_cached
 from plant_sim.common.units import parse_quantity
 from plant_sim.faults import Fault
 from plant_sim.machine.plant import Plant
-from plant_sim.pneumatics.flow import ATMOSPHERE_PA, GAS_CONSTANT, REFERENCE_K, flow
+from plant_sim.pneumatics.flow import ATMOSPHERE_PA
+from plant_sim.pneumatics.leak import leak_conductance
 
 FULL_SHARE: Final = 0.9
 """Gauge pressure in slides and lifts after a normal stop, relative to the main line. Assumed."""
@@ -18,8 +18,6 @@ LEAST_LEAK_MS: Final = 1_000
 """Shortest time of a leak, ms: in a shorter time, the air in a chamber would not remain at wall temperature."""
 LEAST_SHARE: Final = 0.01
 """Lowest share at the end of a leak; the last part of the air leaves in infinite time."""
-
-_PARTS: Final = 1_000
 
 
 def parse_share(text: str) -> float:
@@ -85,7 +83,9 @@ def leak_down(plant: Plant, share: float, over_ms: int) -> list[Fault]:
     for name, line, params in _lines(plant):
         start_pa = float(line["chamber"]["pressure_pa"])
         if start_pa > end_pa:
-            leak_m3_s_pa: float = _leak_m3_s_pa(line, start_pa, end_pa, over_ms / 1000, float(params["critical_ratio"]))
+            leak_m3_s_pa: float = leak_conductance(
+                line, start_pa, end_pa, over_ms / 1000, float(params["critical_ratio"])
+            )
             leaks.append(Fault("leak", name, now_ms, now_ms + over_ms, leak_m3_s_pa))
     for leak in leaks:
         plant.faults.add(leak)
@@ -106,24 +106,6 @@ def _lines(plant: Plant) -> Iterator[tuple[str, Any, Any]]:
             for port in ("plus", "minus"):
                 state, params = plant.state[0]["arms"][number], plant.params[0]["arms"][number]
                 yield f"{side}.{drive}.{port}", state[drive][port], params[drive][port]
-
-
-@compiled_and_cached
-def _leak_m3_s_pa(line: Any, start_pa: float, end_pa: float, time_s: float, critical_ratio: float) -> float:
-    """Return the conductance through which a chamber at wall temperature leaks from one pressure to another.
-
-    The flow is proportional to the conductance, so the time is the integral of dm / flow with a conductance of 1. The
-    pressures of the integral are a geometric series.
-    """
-    kg_pa = (line.chamber.volume_m3 + line.cushion.volume_m3) / (GAS_CONSTANT * REFERENCE_K)
-    ratio = (start_pa / end_pa) ** (1.0 / _PARTS)
-    pressure_pa, time_of_one = end_pa, 0.0
-    for _ in range(_PARTS):
-        next_pa = pressure_pa * ratio
-        kg_s = flow(0.5 * (pressure_pa + next_pa), ATMOSPHERE_PA, 1.0, critical_ratio, REFERENCE_K)[0]
-        time_of_one += kg_pa * (next_pa - pressure_pa) / kg_s
-        pressure_pa = next_pa
-    return time_of_one / time_s
 
 
 def _regulated_pa(plant: Plant) -> float:

@@ -47,4 +47,4 @@ def test_the_page_says_that_it_is_no_safety_device() -> None:
     text = PAGE.read_text(encoding="utf-8")
     assert text.startswith("# Hazards\n\n**This program is not a safety PLC.**")
     assert "does not replace a safety relay" in text
-    assert f"for up to {time_limit(MACHINE).ms // 100 / 10} s" in text
+    assert f"for up to {time_limit(MACHINE).ms / 1000:.1f} s" in text

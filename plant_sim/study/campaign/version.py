@@ -16,7 +16,7 @@ from controller.common.extras import DISTRIBUTION
 
 _SOURCES: Final[Mapping[Path, tuple[str, ...]]] = {
     Path(controller.__file__).parent: (
-        "common/*.py",
+        "common/**/*.py",
         "core/*.py",
         "events/*.py",
         "io/*.py",

@@ -64,7 +64,7 @@ def image(twin: Twin) -> dict[str, object]:
     for side, arm in plant.arms.items():
         grip, sweep, row = arm.grip, arm._sweep, arm.row
         found[side] = (
-            (grip.extracted, grip.delivered, grip.slipped, grip._closed, grip._loosened, grip.history),
+            (grip.extracted, grip.delivered, grip.slipped, grip._closed, grip._loosened, grip.history.save()),
             [(each.tray, each.column, each.along) for each in grip.held],
             (sweep.low, sweep._passed, sweep._gentle_x_m, sweep._tray_has_moved),
             (row.missed_cups, list(row.recent), row.off_m, row.filled, len(row._falls)),

@@ -23,7 +23,7 @@ replicates: 2
 seedlings: 12
 faults:
   - []
-  - [stuck_off:left.lift_up@12s..20s]
+  - [stuck_off:left.lift_up@26s..34s]
 """
 """Campaign of 16 runs."""
 SMALL_RUNS = 16

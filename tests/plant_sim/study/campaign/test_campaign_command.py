@@ -65,7 +65,7 @@ def test_a_campaign_stores_each_combination_once(undisturbed: Path) -> None:
     )
     assert len(settings) == SMALL_RUNS
     assert {pause_ms for _, pause_ms, _, _ in settings} == {200.0, 300.0}
-    assert {faults for _, _, faults, _ in settings} == {"", "stuck_off:left.lift_up@12000ms..20000ms"}
+    assert {faults for _, _, faults, _ in settings} == {"", "stuck_off:left.lift_up@26000ms..34000ms"}
     seeds = {(row["seed"], row["faults"]) for row in rows}
     assert len(seeds) == SMALL_RUNS
     assert len({seed for seed, _ in seeds}) == SMALL_RUNS / 2  # every set of faults has the same seeds
@@ -109,7 +109,7 @@ def test_the_program_of_the_guide_reads_the_folder(undisturbed: Path, tmp_path: 
     (tmp_path / "var/campaign").symlink_to(undisturbed)
     arguments = [sys.executable, "-c", program]
     done = subprocess.run(arguments, check=True, capture_output=True, text=True, cwd=tmp_path, timeout=60)
-    assert "stuck_off:left.lift_up@12000ms..20000ms" in done.stdout
+    assert "stuck_off:left.lift_up@26000ms..34000ms" in done.stdout
     assert "crop.claw_pressure_mpa" in done.stdout
 
 
@@ -329,7 +329,7 @@ def test_the_version_covers_every_source_that_a_trial_loads() -> None:
         "from plant_sim.study.campaign.record import report_record\n"
         "from plant_sim.twin.trial import run_trial\n"
         "before = set(sys.modules)\n"
-        "report_record(run_trial(seed=1, seedlings=1, faults=[parse_fault('stuck_off:left.lift_up@12s..20s')]))\n"
+        "report_record(run_trial(seed=1, seedlings=1, faults=[parse_fault('stuck_off:left.lift_up@26s..34s')]))\n"
         "names = [name for name in sys.modules if name.partition('.')[0] in ('controller', 'plant_sim')]\n"
         "print(*(sys.modules[name].__file__ for name in names), sep='\\n')\n"
     )

@@ -120,7 +120,7 @@ def test_the_example_of_the_guide_is_valid(tmp_path: Path) -> None:
         ("  - []\n", "  - [[a]]\n", ":8: faults[1]: must be a list of words, not of a list"),
         ("stuck_off", "stuck_of", ":9: faults[2]: stuck_of: unknown fault; did you mean stuck_off?"),
         ("left.lift_up", "left.lift", ":7: faults: "),
-        ("  - []\n", "  - [stuck_off:left.lift_up@12s..20s]\n", ":7: faults: contains [stuck_off:left.lift_up@"),
+        ("  - []\n", "  - [stuck_off:left.lift_up@26s..34s]\n", ":7: faults: contains [stuck_off:left.lift_up@"),
         ("[0.3, 0.5]", "[0.3, 1.5]", ":3: factors.crop.claw_pressure_mpa: must be 0 to 1, not 1.5"),
         ("seedlings: 12", "fixed: {crop.foam_thickness_mm: 99}", ":6: fixed.crop.foam_thickness_mm: must be 0 to 30"),
     ],
