@@ -220,14 +220,15 @@ def every_command(stage: Stage) -> None:
     twin = stage.twin
     twin.scan()
     commands = [command.name for command in twin.machine.tags.commands]
-    harmless = [name for name in commands if name not in {"abort", "stop", "reset", "start", "mode_manual"}]
+    stopping = {"abort", "stop", "reset", "start", "mode_manual", "right_row_3_empty"}  # an empty tray is conveyed out
+    harmless = [name for name in commands if name not in stopping]
     _give_all(stage, "Stopped", harmless)
     twin.command(f"mode_{Mode.CONTINUOUS.name.lower()}")
     twin.home()
     _give_all(stage, "Idle", [name for name in harmless if not name.startswith("mode")])
     twin.start()
     twin.run_for(3_000)
-    keep = {"hold", "suspend", "unsuspend", "complete", "discard"}
+    keep = {"hold", "suspend", "unsuspend", "complete", "empty_line", "discard"}
     _give_all(stage, "Execute", [name for name in harmless if name not in keep])
     twin.command("hold")
     twin.run_until_state(State.HELD, within_ms=STOP_MS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 from controller.program.commands import JOGGED
 from controller.program.states import Mode, State
@@ -220,6 +221,42 @@ def set_points(stage: Stage) -> None:
     complete(stage)
 
 
+def stated_rows(stage: Stage) -> None:
+    """State two rows of the tray as empty, and transplant the other ones."""
+    twin = stage.twin
+    twin.home()
+    for row in ("left_row_1", "right_row_2"):
+        give(stage, f"{row}_empty")
+    twin.start()
+    complete(stage)
+
+
+def emptying(stage: Stage) -> None:
+    """Empty the line after the first row; then transplant another tray."""
+    twin = stage.twin
+    begin(twin)
+    twin.run_until(twin.machine.tags.arms["left"].cycles.equals(1), within_ms=TRAY_MS)
+    give(stage, "empty_line", State.COMPLETE, within_ms=TRAY_MS)
+    begin_homing(twin)
+    twin.run_until_state(State.IDLE, State.HELD, within_ms=STOP_MS)
+    twin.start()
+    complete(stage)
+
+
+def one_arm(stage: Stage, side: str) -> None:
+    """Transplant a tray with one arm out of service, and return the arm to service."""
+    twin = stage.twin
+    twin.home()
+    give(stage, "stop", State.STOPPED)
+    give(stage, f"{side}_out_of_service")
+    begin(twin)
+    complete(stage)
+    give(stage, "stop", State.STOPPED)
+    give(stage, f"{side}_in_service")
+    twin.home()
+    stage.end("homed")
+
+
 STORIES = (
     Story("two trays", two_trays, trays=2),
     Story("holds and stops", holds, trays=2, values=FASTER),
@@ -230,6 +267,9 @@ STORIES = (
     Story("jogs", jogs, trays=3, set_points={"trays_target": 2}),
     Story("steps", steps, trays=2),
     Story("steps, lowering and converging late", steps, trays=2, set_points=LATE),
+    Story("stated rows", stated_rows, values=FASTER),
+    Story("emptying the line", emptying, trays=3, set_points={"trays_target": 2}, values=FASTER),
+    *(Story(f"{side} arm out of service", partial(one_arm, side=side), trays=2, values=FASTER) for side in SIDES),
     Story("fixed release delay", set_points, set_points={"release_delay": 60}, values=FASTER),
 )
 
