@@ -16,7 +16,7 @@ from controller.fx.language.special_devices import PROVIDED
 from controller.program.alarms import Alarm, Severity
 from controller.program.interlocks import Rule
 from controller.program.machine import Transplanter
-from controller.program.refusals import Refusal
+from controller.program.operator.refusals import Refusal
 from controller.program.requirements.proof import specification
 from controller.program.texts.operator import MODES, NEXT_PRESSES, REFUSALS
 

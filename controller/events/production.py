@@ -11,8 +11,8 @@ from controller.core.devices import ANNUNCIATORS
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.program.machine import Transplanter
-from controller.program.next_press import NextPress, press_text
-from controller.program.refusals import Refusal, refusal_text
+from controller.program.operator.next_press import NextPress, press_text
+from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOLDS, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
 from controller.program.texts.operator import MODES, QUESTIONS, REASONS, STATES, Language

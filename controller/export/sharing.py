@@ -109,10 +109,10 @@ class _Values:
             for number, times in times_written.items():
                 for pair in combinations(sorted(self._operands[number]), 2):
                     pairs[pair] += times
-            pair, times = max(pairs.items(), key=lambda item: item[1], default=((), 0))
-            if times <= _PAIR_STEPS:
+            most_common = pairs.most_common(1)
+            if not most_common or most_common[0][1] <= _PAIR_STEPS:
                 return
-            self._extract(frozenset(pair), times_written)
+            self._extract(frozenset(most_common[0][0]), times_written)
 
     def _extract(self, pair: frozenset[tuple[int, bool]], times_written: dict[int, int]) -> None:
         common = self._number(pair, 0, pair)

@@ -45,7 +45,7 @@ class Console:
         Raises:
             OrderError: The order is unknown or refused; nothing has changed.
         """
-        self._runtime.panel_heartbeat()
+        self._runtime.panel.heartbeat()
         word, *rest = line.split() or [""]
         try:
             if word:

@@ -17,6 +17,7 @@ from controller.core.scan import Plc
 from controller.io.forcing import Forcing
 from controller.io.link import FieldLink, LinkWatchdog, OutputsTakenError
 from controller.io.ownership import OutputGuard, OutputOwnership
+from controller.io.panel_watch import PanelWatch
 from controller.io.retentive_writer import RetentiveWriter
 from controller.program.machine import Transplanter
 from controller.program.set_points import SetPointError
@@ -31,8 +32,6 @@ STORE_LIMIT_MS = 1_000
 """Longest time that outputs wait for the retentive store, ms; a longer wait sets a store fault."""
 SCAN_LIMIT_MS = 200
 """Longest time from one scan to the next, ms, as in D8000 of the FX2N (docs/sources/fx2n.md 1.4)."""
-PANEL_SHOWN_MS = 3_000
-"""Time after the last request of an operator panel for which the questions count as shown, ms."""
 REOPEN_MS = 500
 """Interval between attempts to reopen a lost link, ms."""
 
@@ -45,6 +44,7 @@ class Runtime(Saved):
         plc: PLC that executes the program.
         forcing: Forced inputs.
         ownership: Ownership of the outputs.
+        panel: Messages of the operator panel and their timeout.
         link_lost: True if the field link has exceeded its timeout.
         released: Y image written last, raw levels.
         released_words: Values of the output registers written last.
@@ -60,9 +60,6 @@ class Runtime(Saved):
         "_last_scan_ms",
         "_open",
         "_orders",
-        "_panel_alive",
-        "_panel_alive_ms",
-        "_panel_shown_ms",
         "_reopen_at_ms",
         "_status",
         "_store_failed",
@@ -125,10 +122,7 @@ class Runtime(Saved):
         self._held_since_ms: int | None = None
         self._orders: deque[Sequence[tuple[Bit | Word, int]]] = deque()
         """Writes from other threads; the writes of one entry take effect in the same scan."""
-        self._panel_limit_ms = panel_limit_ms
-        self._panel_alive = False
-        self._panel_alive_ms: int | None = None
-        self._panel_shown_ms: int | None = None
+        self.panel = PanelWatch(panel_limit_ms)
         self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
@@ -140,16 +134,24 @@ class Runtime(Saved):
 
     def save(self) -> Any:
         """Return the current state, with that of the PLC, but without those of the link and the retentive writer."""
-        return super().save(), self.plc.save(), self.forcing.save(), self._watchdog.save(), self.ownership.save()
+        return (
+            super().save(),
+            self.plc.save(),
+            self.forcing.save(),
+            self._watchdog.save(),
+            self.ownership.save(),
+            self.panel.save(),
+        )
 
     def restore(self, saved: Any) -> None:
         """Restore a state returned by `save`."""
-        own, plc, forcing, watchdog, ownership = saved
+        own, plc, forcing, watchdog, ownership, panel = saved
         super().restore(own)
         self.plc.restore(plc)
         self.forcing.restore(forcing)
         self._watchdog.restore(watchdog)
         self.ownership.restore(ownership)
+        self.panel.restore(panel)
 
     def tick(self, now_ms: int, start_ms: int | None = None) -> None:
         """Execute one scan.
@@ -168,14 +170,15 @@ class Runtime(Saved):
         while self._orders:
             for device, value in self._orders.popleft():
                 self.plc.write(device, value)
+        self.panel.update(now_ms)
         self._write_status(
             self.link_lost,
             late or self._failed,
             self._held_since_ms is not None,
             self._store_fault(now_ms),
-            self._panel_silent(now_ms),
+            self.panel.is_silent(now_ms),
             *self.ownership.status(start_ms),
-            self._panel_shown_ms is not None and now_ms - self._panel_shown_ms < PANEL_SHOWN_MS,
+            self.panel.is_shown(now_ms),
         )
         levels = self.forcing.apply(self._inputs, now_ms)
         image = self._scan(now_ms, levels)
@@ -203,7 +206,8 @@ class Runtime(Saved):
             self._open
             and self._has_inputs
             and not (any(self._status) or self.link_lost or self._failed or self._orders or self.forcing.levels)
-            and not (self._panel_alive or self._panel_limit_ms is not None or self.released_words)
+            and self.panel.is_idle
+            and not self.released_words
             and self._held_since_ms is None
             and self.ownership.guard is None
             and self._retentive_writer.error is None
@@ -247,7 +251,7 @@ class Runtime(Saved):
             KeyError: The command is unknown; nothing is changed.
         """
         self._orders.append([(self.machine.tags.commands[command], 1)])
-        self.panel_heartbeat()
+        self.panel.heartbeat()
 
     def set_points(self, values: Mapping[str, str]) -> None:
         """Change set-points; thread-safe. All of them take effect in the next scan.
@@ -262,16 +266,7 @@ class Runtime(Saved):
                 "a machine parameter cannot change while the controller runs; set it at start-up with --set"
             )
         self._orders.append(changes)
-        self.panel_heartbeat()
-
-    def panel_heartbeat(self) -> None:
-        """Restart the timeout of the operator panel; thread-safe."""
-        self._panel_alive = True
-
-    def panel_reads(self) -> None:
-        """Report a request of an operator panel, which shows the open questions; thread-safe."""
-        self._panel_shown_ms = self.now_ms
-        self.panel_heartbeat()
+        self.panel.heartbeat()
 
     def write_safe_outputs(self) -> bool:
         """Write the safe state of every output and return True if the field I/O accepted it.
@@ -318,13 +313,6 @@ class Runtime(Saved):
             _log.error("retentive memory cannot be stored: %s", self._retentive_writer.error)
         self._store_failed = self._retentive_writer.error is not None
         return overdue or self._store_failed
-
-    def _panel_silent(self, now_ms: int) -> bool:
-        if self._panel_alive:
-            self._panel_alive, self._panel_alive_ms = False, now_ms
-        if self._panel_limit_ms is None or self._panel_alive_ms is None:
-            return False
-        return now_ms - self._panel_alive_ms >= self._panel_limit_ms
 
     def _read(self, now_ms: int) -> None:
         try:

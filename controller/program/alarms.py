@@ -20,8 +20,9 @@ from controller.core.rungs import Annunciate, Count, Mov, Out, Pulse, Rst, Rung,
 from controller.core.sequence import Sequence, Timeout
 from controller.program.set_points import LONGEST_CUP_X10_MS, ROWS_DIFFER_X10_MS
 from controller.program.tags import FIRST_SCAN, IN_PLACE, SIDES, ArmTags, Side, Tags
-from controller.program.texts.alarms import ALARMS, AlarmText
+from controller.program.texts.alarms import ALARMS
 from controller.program.texts.operator import SIDES as SIDE_TEXTS
+from controller.program.texts.operator import AlarmText
 
 SLIDE_LIMIT_MS: Final = 5_000
 """Time limit for slide motion, ms: twice the 2.6 s of the longest stroke (378.5 mm at 800 mm row spacing, 0.143 m/s),

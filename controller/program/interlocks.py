@@ -16,8 +16,8 @@ from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Rst, Rung, Set
 from controller.core.sequence import Sequence
 from controller.iomap.loader import IoMap
-from controller.program.answers import Question
-from controller.program.commands import ARM_OUTPUTS
+from controller.program.operator.answers import Question
+from controller.program.operator.commands import ARM_OUTPUTS
 from controller.program.states import State
 from controller.program.tags import IN_PLACE, ArmTags, MachineTags, Side, Tags
 

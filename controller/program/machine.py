@@ -15,8 +15,8 @@ from controller.program import arm, home, modes, tray
 from controller.program.alarms import Annunciators, ArmAlarms, StepLimits, alarm_block
 from controller.program.cups import plausibility
 from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
+from controller.program.operator.refusals import Orders
 from controller.program.planting import planting_block
-from controller.program.refusals import Orders
 from controller.program.tags import SIDES, Side, Tags
 
 OUTPUTS = "interlocks and outputs"

@@ -8,10 +8,10 @@ from controller.core.expr import FALSE, TRUE, Expr, all_of, any_of
 from controller.core.program import Block
 from controller.core.rungs import Mov, OnDelay, Out, Pulse, Rst, Rung, Set, ZoneReset
 from controller.iomap.loader import IoMap
-from controller.program.answers import answer_rungs
-from controller.program.commands import JOG_LEASE_MS
-from controller.program.next_press import next_press_rungs
-from controller.program.refusals import Orders
+from controller.program.operator.answers import answer_rungs
+from controller.program.operator.commands import JOG_LEASE_MS
+from controller.program.operator.next_press import next_press_rungs
+from controller.program.operator.refusals import Orders
 from controller.program.states import HOLDS, MOVING, RUNNING, STOPPABLE, Mode, Reason, State
 from controller.program.tags import FIRST_SCAN, IN_PLACE, MOVING_OUT, STEPPED, Tags
 

@@ -14,8 +14,9 @@ from controller.core.program import Block
 from controller.core.rungs import Annunciate, Count, Mov, OnDelay, Out, Rst, Rung, Scale, Set
 from controller.core.sequence import Sequence
 from controller.program.alarms import Annunciators
+from controller.program.planting_tags import PlantingTags, PulseTags, ReadinessTags
 from controller.program.set_points import CUPS
-from controller.program.tags import FIRST_SCAN, SIDES, ArmTags, PlantingTags, PulseTags, ReadinessTags, Side, Tags
+from controller.program.tags import FIRST_SCAN, SIDES, ArmTags, Side, Tags
 
 GROUND_PULSES: Final = 20
 """Ground pulses per measurement: 1 m at the default pulse distance."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from controller.program.commands import JOGGED
+from controller.program.operator.commands import JOGGED
 from controller.program.states import Mode, State
 from controller.program.tags import SIDES, STEPPED
 from plant_sim.stories.story import Stage, Story

@@ -23,7 +23,7 @@ from controller.hmi.modbus.snapshot import Snapshot, Snapshots
 from controller.io.forcing import ForcingError
 from controller.io.pace import PaceError
 from controller.io.runtime import Runtime
-from controller.program.commands import Command
+from controller.program.operator.commands import Command
 from controller.program.set_points import SetPointError
 
 JOG_RELEASE: Final = "jog_release"
@@ -135,7 +135,7 @@ class HmiSession(ModbusDevice):
     def on_request(self) -> None:
         """Renew the jog and the forced inputs of this client, which expire if it sends no requests."""
         runtime = self._state.runtime
-        runtime.panel_reads()
+        runtime.panel.read()
         if self._jog is not None:
             if self._jog_is_active(self._jog):
                 runtime.order(self._jog.name)

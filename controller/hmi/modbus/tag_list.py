@@ -15,7 +15,7 @@ from controller.core.expr import Bit, Word
 from controller.hmi.modbus import status_registers as status
 from controller.hmi.modbus.fx3u_map import Table, coil_address, discrete_address, register_address
 from controller.program.machine import Transplanter
-from controller.program.next_press import press_meanings, question_meanings
+from controller.program.operator.next_press import press_meanings, question_meanings
 from controller.program.tags import ROWS, SIDES, Side
 
 Access = Literal["read", "write", "read/write"]

@@ -2,39 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
-from controller.program.texts.operator import Text
-
-
-class AlarmText(NamedTuple):
-    """Texts of an alarm.
-
-    Attributes:
-        message: Description of the event for the operator.
-        check: Checks that help the operator find the cause.
-        comment: Device comment of the annunciator in exports; empty = the English message.
-    """
-
-    message: Text
-    check: Text
-    comment: str = ""
-
-    @property
-    def en(self) -> str:
-        """Message in English."""
-        return self.message.en
-
-    @property
-    def zh(self) -> str:
-        """Message in Chinese."""
-        return self.message.zh
-
-    def of(self, side: Text | None) -> AlarmText:
-        """Return the texts with the side name filled in."""
-        comment = Text(self.comment or self.message.en, "").of(side).en
-        return AlarmText(self.message.of(side), self.check.of(side), comment)
-
+from controller.program.texts.operator import AlarmText, Text
 
 # The checks depend on the actuator and its direction, so all steps with the same motion share one text. Coils and
 # switches are named by their tags, which do not change if a wire is moved to another terminal.

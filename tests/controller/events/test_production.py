@@ -21,7 +21,7 @@ from controller.events.production import (
     TrayEvent,
     as_record,
 )
-from controller.program.refusals import Refusal
+from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.twin.lock_step import Twin

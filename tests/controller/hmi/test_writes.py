@@ -13,8 +13,8 @@ from controller.hmi.modbus.server import AUDITED_REFUSALS_PER_MINUTE
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.commands import Command
 from controller.program.machine import build
+from controller.program.operator.commands import Command
 from controller.program.states import Mode, State
 from plant_sim.twin.lock_step import Twin
 from tests.controller.common.modbus_rig import (
@@ -142,7 +142,7 @@ def test_several_commands_in_one_request(rig: HmiRig, client: Client) -> None:
     ],
 )
 def test_other_writes_are_refused_and_change_nothing(rig: HmiRig, client: Client, request_pdu: bytes) -> None:
-    rig.twin.runtime.panel_reads()  # the request itself is reported in M8
+    rig.twin.runtime.panel.read()  # the request itself is reported in M8
     rig.twin.run_for(200)
     seen = record_commands(rig)
     memory = rig.twin.plc.memory

@@ -9,9 +9,9 @@ from __future__ import annotations
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from controller.program.commands import ARM_OUTPUTS, JOGGED
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE
 from controller.program.machine import build
+from controller.program.operator.commands import ARM_OUTPUTS, JOGGED
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
 
 MACHINE = build(load_io_map(DEFAULT_IO_MAP))

@@ -16,9 +16,9 @@ from controller.core.expr import And, Bit, Compare, Const, Expr, Not, Or, Word, 
 from controller.core.program import Program
 from controller.core.rungs import written_devices
 from controller.core.scan import Plc
-from controller.program.commands import JOGGED
 from controller.program.interlocks import BELT, CLAWS, LIFT, SLIDE, Rule, granted, output_block
 from controller.program.machine import OUTPUTS
+from controller.program.operator.commands import JOGGED
 from controller.program.tags import SIDES, Side
 from tests.controller.program.interlock_scene import COILS, MACHINE, TAGS, BlockScene, Device, forbidden, tag_of
 from tests.sampling import first_of

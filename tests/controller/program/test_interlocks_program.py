@@ -9,7 +9,7 @@ import pytest
 
 from controller.core.devices import ANNUNCIATORS
 from controller.core.scan import Plc
-from controller.program.commands import JOGGED
+from controller.program.operator.commands import JOGGED
 from controller.program.states import MOVING, Mode, State
 from controller.program.tags import IN_PLACE, ROWS, SIDES, Side
 from tests.controller.program.interlock_scene import COILS, MACHINE, PLACES, SWITCHES, TAGS, Scene, forbidden, tag_of

@@ -14,8 +14,8 @@ import pytest
 from controller.core.devices import Memory
 from controller.core.expr import Bit, Expr, Word, any_of, evaluate, leaves
 from controller.core.scan import Plc
-from controller.program.commands import Command
-from controller.program.refusals import Refusal, refusal_text
+from controller.program.operator.commands import Command
+from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import MOVING, RUNNING, Mode, State
 from controller.program.tags import FULL, IN_DOUBT, TAKEN
 from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS

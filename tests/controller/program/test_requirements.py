@@ -8,7 +8,7 @@ import pytest
 
 from controller.core.devices import INITIAL_PULSE, Memory
 from controller.core.expr import Bit, Expr, Not, evaluate
-from controller.program.commands import ARM_OUTPUTS
+from controller.program.operator.commands import ARM_OUTPUTS
 from controller.program.requirements.safety import Safety
 from controller.program.tags import FULL, IN_PLACE, ROWS, SIDES, TAKEN, Side
 from tests.controller.verify.proof_rig import MACHINE, SOUND, TAGS

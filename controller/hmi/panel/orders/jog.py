@@ -18,8 +18,8 @@ from controller.hmi.panel.modbus.connection import ExceptionResponseError, Modbu
 from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, Mirror
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.session import BrowserSession, OrderRefusedError, name_words, obstacle_text
-from controller.program.commands import JOG_LEASE_MS
 from controller.program.machine import Transplanter
+from controller.program.operator.commands import JOG_LEASE_MS
 
 LEASE_MS: Final = JOG_LEASE_MS
 """Time without a renewal after which the output is released, ms."""

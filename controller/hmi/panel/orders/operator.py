@@ -25,10 +25,10 @@ from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import level_text, reply_text
 from controller.hmi.panel.orders.session import MOMENTARY, BrowserSession, OrderRefusedError, name_words
 from controller.io.pace import FASTEST, FLAT_OUT
-from controller.program.commands import Command
 from controller.program.machine import Transplanter
-from controller.program.next_press import refused_press_text
-from controller.program.refusals import Refusal
+from controller.program.operator.commands import Command
+from controller.program.operator.next_press import refused_press_text
+from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.texts.operator import Text
 

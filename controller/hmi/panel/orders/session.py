@@ -9,9 +9,9 @@ from controller.core.expr import evaluate
 from controller.hmi.modbus.status_registers import NAME_WORDS
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import reply_text
-from controller.program.commands import Command
 from controller.program.machine import Transplanter
-from controller.program.refusals import refusal_text
+from controller.program.operator.commands import Command
+from controller.program.operator.refusals import refusal_text
 from controller.program.texts.operator import LANGUAGES, Text
 
 Button = Literal["start", "stop", "emergency_stop", "reset"]

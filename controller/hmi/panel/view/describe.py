@@ -12,8 +12,8 @@ from controller.hmi.panel.view.conditions import condition_text
 from controller.hmi.panel.view.state import Json, in_both
 from controller.hmi.panel.view.texts import TEXTS
 from controller.iomap.loader import Point
-from controller.program.commands import JOGGED, Command
 from controller.program.machine import Transplanter
+from controller.program.operator.commands import JOGGED, Command
 from controller.program.set_points import CUPS
 from controller.program.tags import ROWS, SIDES
 from controller.program.texts.operator import LANGUAGES, MODES, QUESTIONS, REASONS, STATES, Text

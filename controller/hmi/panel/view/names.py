@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from controller.iomap.loader import POINT_NAMES
-from controller.program.commands import TRAY_ROWS
+from controller.program.operator.commands import TRAY_ROWS
 from controller.program.texts.operator import SIDES, Text
 
 _COMMANDS: Final = {

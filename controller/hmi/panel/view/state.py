@@ -14,8 +14,8 @@ from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.orders.jog import Jogging
 from controller.hmi.panel.orders.session import obstacle_text
 from controller.program.machine import Transplanter
-from controller.program.next_press import press_text, refused_press_text
-from controller.program.refusals import Refusal
+from controller.program.operator.next_press import press_text, refused_press_text
+from controller.program.operator.refusals import Refusal
 from controller.program.tags import ROWS, SIDES, Side
 from controller.program.texts.operator import Text
 

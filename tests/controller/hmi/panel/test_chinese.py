@@ -21,7 +21,7 @@ from controller.hmi.panel.view.state import ViewBuilder
 from controller.hmi.panel.view.texts import TEXTS
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
-from controller.program.refusals import refusal_text
+from controller.program.operator.refusals import refusal_text
 from controller.program.states import State
 from controller.program.texts.alarms import ALARM_REFUSALS, ALARMS
 from controller.program.texts.operator import CANNOT, MODES, ORDERS, QUESTIONS, REASONS, REFUSALS, STATES, Text

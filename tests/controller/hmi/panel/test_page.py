@@ -19,7 +19,7 @@ from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 from controller.hmi.panel.view import texts
 from controller.hmi.panel.web import app
 from controller.io.pace import FLAT_OUT, PAUSED
-from controller.program.commands import JOG_LEASE_MS
+from controller.program.operator.commands import JOG_LEASE_MS
 from controller.program.states import Mode, State
 from controller.program.texts.operator import CANNOT, MODES, STATES
 from plant_sim.crop.seedling import Location

@@ -6,7 +6,7 @@ import pytest
 
 from controller.core.retentive_store import MemoryStore
 from controller.events.production import RefusalEvent, TrayEvent
-from controller.program.refusals import Refusal
+from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import IN_PLACE, NO_TRAY, SIDES, Side
 from plant_sim.twin.lock_step import Twin

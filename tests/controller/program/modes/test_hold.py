@@ -204,7 +204,7 @@ def test_abort_switches_every_coil_off_in_its_scan_and_clear_ends_it(step: str) 
 def fall_silent(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
     """Start the panel supervision with a single request and a short time limit."""
     monkeypatch.setattr(twin.runtime, "_panel_limit_ms", PANEL_LIMIT_MS)
-    twin.runtime.panel_heartbeat()
+    twin.runtime.panel.heartbeat()
     twin.scan()
 
 
@@ -224,7 +224,7 @@ def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side, monkeypatch: p
     go_on(twin)
     assert twin.alarms() == ["hmi_silent"], "reset only when the panel responds again"
     assert to_complete(twin) == undisturbed()
-    twin.runtime.panel_heartbeat()
+    twin.runtime.panel.heartbeat()
     twin.run_for(20)
     assert twin.alarms() == []
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pytest
 
 from controller.events.production import RefusalEvent
-from controller.program.refusals import Refusal
+from controller.program.operator.refusals import Refusal
 from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.twin.lock_step import SCAN_MS, Twin

@@ -129,7 +129,7 @@ def test_a_scan_over_its_limit_is_latched(gap_ms: int, faulty: bool) -> None:
 def watched_panel(twin: Twin) -> Twin:
     """Start the panel supervision with a single request."""
     twin.runtime._panel_limit_ms = PANEL_LIMIT_MS
-    twin.runtime.panel_heartbeat()
+    twin.runtime.panel.heartbeat()
     return twin
 
 
@@ -137,7 +137,7 @@ def speak_until(twin: Twin, reached: Callable[[], bool]) -> None:
     """Run until a condition is true, with a panel that sends a request every 500 ms."""
     while not reached():
         if twin.now_ms % 500 == 0:
-            twin.runtime.panel_heartbeat()
+            twin.runtime.panel.heartbeat()
         twin.scan()
 
 
@@ -164,7 +164,7 @@ def test_a_panel_request_ends_its_timeout_warning() -> None:
     """One request from the panel resets the warning."""
     twin = watched_panel(at_work({"trays_target": 1}))
     twin.run_until(lambda: twin.alarms() == ["hmi_silent"], within_ms=PANEL_LIMIT_MS + 2 * SCAN_MS)
-    twin.runtime.panel_heartbeat()
+    twin.runtime.panel.heartbeat()
     twin.scan()
     assert twin.alarms() == []
 

@@ -10,10 +10,10 @@ import pytest
 from controller.core.expr import evaluate
 from controller.events.production import ModeEvent, RefusalEvent, StateEvent
 from controller.iomap.loader import IoMap
-from controller.program.answers import Question
-from controller.program.commands import ARM_OUTPUTS
-from controller.program.next_press import NextPress, press_text
-from controller.program.refusals import Refusal
+from controller.program.operator.answers import Question
+from controller.program.operator.commands import ARM_OUTPUTS
+from controller.program.operator.next_press import NextPress, press_text
+from controller.program.operator.refusals import Refusal
 from controller.program.states import Mode, State
 from controller.program.tags import FULL, IN_DOUBT, ROWS, SIDES, TAKEN, Side
 from plant_sim.twin.lock_step import Twin
@@ -35,7 +35,7 @@ def machine(*, io_map: IoMap | None = None, trays: int = 1, **set_points: int) -
 
 def show_panel(twin: Twin) -> None:
     """Connect an operator panel, which reads the controller in every scan."""
-    twin.watch(lambda each: each.runtime.panel_reads())
+    twin.watch(lambda each: each.runtime.panel.read())
 
 
 def power_lost_clamping(side: Side, io_map: IoMap | None = None) -> Twin:

@@ -11,7 +11,7 @@ from enum import IntEnum, auto
 
 from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.rungs import Inc, Mov, Out, Rst, Rung
-from controller.program.commands import Command
+from controller.program.operator.commands import Command
 from controller.program.states import HOMED_FROM, MODE_CHANGES, RUNNING, STOPPABLE, Mode, State
 from controller.program.tags import FORGOTTEN, IN_PLACE, SIDES, Side, Tags
 from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS, Language

@@ -8,9 +8,9 @@ from typing import Final
 
 from controller.core.expr import TRUE, Expr, all_of, any_of
 from controller.core.rungs import Add, Mov, Rung
-from controller.program.answers import Question
-from controller.program.commands import Command
-from controller.program.refusals import Refusal, refusal_text
+from controller.program.operator.answers import Question
+from controller.program.operator.commands import Command
+from controller.program.operator.refusals import Refusal, refusal_text
 from controller.program.states import HOMED_FROM, Mode, State
 from controller.program.tags import Tags
 from controller.program.texts.operator import IN_MODE, MODES, NEXT, NEXT_PRESSES, Text
