@@ -11,7 +11,11 @@ SHOWN_MS = 3_000
 
 
 class PanelWatch(Saved):
-    """Times since the operator panel last sent a message and last read the state."""
+    """Times since the operator panel last sent a message and last read the state.
+
+    Attributes:
+        limit_ms: Timeout, ms, active after the first message; None = none.
+    """
 
     SAVED: ClassVar[tuple[str, ...]] = ("_message", "_message_ms", "_request", "_request_ms")
 
@@ -21,7 +25,7 @@ class PanelWatch(Saved):
         Args:
             limit_ms: Timeout, ms, active after the first message; None = none.
         """
-        self._limit_ms = limit_ms
+        self.limit_ms = limit_ms
         self._message = self._request = False
         self._message_ms: int | None = None
         self._request_ms: int | None = None
@@ -43,9 +47,9 @@ class PanelWatch(Saved):
 
     def is_silent(self, now_ms: int) -> bool:
         """Return True if the timeout has expired."""
-        if self._limit_ms is None or self._message_ms is None:
+        if self.limit_ms is None or self._message_ms is None:
             return False
-        return now_ms - self._message_ms >= self._limit_ms
+        return now_ms - self._message_ms >= self.limit_ms
 
     def is_shown(self, now_ms: int) -> bool:
         """Return True if a panel has recently read the state."""
@@ -54,4 +58,4 @@ class PanelWatch(Saved):
     @property
     def is_idle(self) -> bool:
         """True if there is no timeout, and no message since the last scan."""
-        return self._limit_ms is None and not (self._message or self._request)
+        return self.limit_ms is None and not (self._message or self._request)

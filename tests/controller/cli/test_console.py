@@ -103,7 +103,7 @@ def test_a_warning_is_shelved_and_unshelved() -> None:
 def test_every_line_resets_the_panel_watchdog() -> None:
     """If a panel timeout is set, an empty line and an invalid order both reset the watchdog."""
     rig = ConsoleRig()
-    rig.twin.runtime._panel_limit_ms = 1_000
+    rig.twin.runtime.panel.limit_ms = 1_000
     for line in ("", "dance", "", ""):
         if line:
             with pytest.raises(OrderError):

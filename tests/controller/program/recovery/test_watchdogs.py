@@ -128,7 +128,7 @@ def test_a_scan_over_its_limit_is_latched(gap_ms: int, faulty: bool) -> None:
 
 def watched_panel(twin: Twin) -> Twin:
     """Start the panel supervision with a single request."""
-    twin.runtime._panel_limit_ms = PANEL_LIMIT_MS
+    twin.runtime.panel.limit_ms = PANEL_LIMIT_MS
     twin.runtime.panel.heartbeat()
     return twin
 
@@ -172,6 +172,6 @@ def test_a_panel_request_ends_its_timeout_warning() -> None:
 def test_a_panel_that_never_connected_does_not_hold_the_machine() -> None:
     """If no panel has ever connected, no alarm is raised and the machine stays in Execute."""
     twin = at_work({"trays_target": 1})
-    twin.runtime._panel_limit_ms = PANEL_LIMIT_MS
+    twin.runtime.panel.limit_ms = PANEL_LIMIT_MS
     twin.run_for(5_000)
     assert (twin.state, twin.alarms()) == (State.EXECUTE, [])
