@@ -201,18 +201,18 @@ def test_abort_switches_every_coil_off_in_its_scan_and_clear_ends_it(step: str) 
 # the panel
 
 
-def fall_silent(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
+def fall_silent(twin: Twin) -> None:
     """Start the panel supervision with a single request and a short time limit."""
-    monkeypatch.setattr(twin.runtime, "_panel_limit_ms", PANEL_LIMIT_MS)
+    twin.runtime.panel.limit_ms = PANEL_LIMIT_MS
     twin.runtime.panel.heartbeat()
     twin.scan()
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side) -> None:
     """After a panel timeout the row is brought to feed and the reason is reported; pressing X0 twice resumes work."""
     twin = in_row_1(side, "lift from row")
-    fall_silent(twin, monkeypatch)
+    fall_silent(twin)
     twin.run_for(PANEL_LIMIT_MS - 20)
     assert twin.state is State.EXECUTE
     twin.run_until_state(State.HOLDING, within_ms=40)
@@ -229,11 +229,11 @@ def test_a_panel_timeout_finishes_the_cycle_and_holds(side: Side, monkeypatch: p
     assert twin.alarms() == []
 
 
-def test_a_panel_timeout_does_not_hold_a_machine_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_panel_timeout_does_not_hold_a_machine_at_rest() -> None:
     """In Idle a panel timeout raises only the warning."""
     twin = switched_on({"trays_target": 1})
     twin.home()
-    fall_silent(twin, monkeypatch)
+    fall_silent(twin)
     twin.run_for(2 * PANEL_LIMIT_MS)
     assert (twin.state, twin.alarms()) == (State.IDLE, ["hmi_silent"])
 
