@@ -115,14 +115,7 @@ class ModbusTcpLink:
         Raises:
             LinkError: The link is closed, or the answer is late, malformed or an exception response.
         """
-        image = [False] * self._input_count
-        for run in self._input_runs:
-            count = len(run.numbers)
-            operation = f"read of {count} inputs from offset {run.first_offset}"
-            request = ReadDiscreteInputsRequest(address=run.first_offset, count=count, dev_id=self._unit)
-            for number, level in zip(run.numbers, self._bits(operation, request, count), strict=False):
-                image[number] = level
-        return image
+        return self._image("inputs", ReadDiscreteInputsRequest, self._input_runs, self._input_count)
 
     def read_outputs(self) -> list[bool]:
         """Read back the raw Y image.
@@ -133,14 +126,7 @@ class ModbusTcpLink:
         Raises:
             LinkError: The link is closed, or the answer is late, malformed or an exception response.
         """
-        image = [False] * self._output_count
-        for run in self._output_runs:
-            count = len(run.numbers)
-            operation = f"read of {count} outputs from offset {run.first_offset}"
-            request = ReadCoilsRequest(address=run.first_offset, count=count, dev_id=self._unit)
-            for number, level in zip(run.numbers, self._bits(operation, request, count), strict=False):
-                image[number] = level
-        return image
+        return self._image("outputs", ReadCoilsRequest, self._output_runs, self._output_count)
 
     def read_owner(self) -> OwnerReport:
         """Read who owns the outputs.
@@ -225,6 +211,23 @@ class ModbusTcpLink:
     def close(self) -> None:
         """Close the connection; no effect on a closed link."""
         self._client.close()  # type: ignore[no-untyped-call]
+
+    def _image(
+        self,
+        kind: str,
+        request: type[ReadDiscreteInputsRequest | ReadCoilsRequest],
+        runs: Iterable[Run],
+        points: int,
+    ) -> list[bool]:
+        """Read the runs of one kind of points; return their levels by number."""
+        image = [False] * points
+        for run in runs:
+            count = len(run.numbers)
+            operation = f"read of {count} {kind} from offset {run.first_offset}"
+            read = request(address=run.first_offset, count=count, dev_id=self._unit)
+            for number, level in zip(run.numbers, self._bits(operation, read, count), strict=False):
+                image[number] = level
+        return image
 
     def _bits(self, operation: str, request: ModbusPDU, count: int) -> Sequence[bool]:
         """Return the bits of an answer, which is padded to complete bytes."""

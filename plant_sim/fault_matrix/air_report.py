@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from plant_sim.fault_matrix.stored_air import CONDITIONS, AirOutcome
+from plant_sim.fault_matrix.table_files import markdown_table, write_table
 
 HEADING = ("remedy", "condition", "arm", "device", "runs", "slide m/s", "lift m/s", "jump mm", "lost", "not as wanted")
 COLUMNS = (
@@ -58,8 +56,8 @@ def markdown(results: Sequence[AirResult]) -> str:
     for result in results:
         case = result.outcome.case
         rows.setdefault((result.remedy, case.condition, case.side, case.drive), []).append(result.outcome)
-    lines = [_line(HEADING), _line(["---"] * len(HEADING))]
-    lines += [_line((*key[:3], key[3] or "-", *_cells(outcomes))) for key, outcomes in rows.items()]
+    cells = ((*key[:3], key[3] or "-", *_cells(outcomes)) for key, outcomes in rows.items())
+    lines = markdown_table(HEADING, cells)
     findings = [f"- {finding}" for finding in all_findings(results)]
     return "\n".join([*lines, "", "### Findings with stored air", "", *(findings or ["None."]), ""])
 
@@ -74,32 +72,13 @@ def records(results: Iterable[AirResult]) -> list[dict[str, object]]:
     return [_record(result) for result in results]
 
 
-def as_csv(results: Iterable[AirResult]) -> str:
-    """Return every case as one line of CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        {key: "; ".join(value) if isinstance(value, list) else value for key, value in record.items()}
-        for record in records(results)
-    )
-    return text.getvalue()
-
-
 def write_report(results: Sequence[AirResult], folder: Path) -> list[Path]:
     """Write the table to a folder; return the files.
 
     Raises:
         OSError: The folder is not writable.
     """
-    texts = {
-        "stored-air.md": f"# Stored air\n\n{markdown(results)}",
-        "stored-air.csv": as_csv(results),
-        "stored-air.json": json.dumps(records(results), indent=1) + "\n",
-    }
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return [folder / name for name in texts]
+    return write_table(folder, "stored-air", f"# Stored air\n\n{markdown(results)}", records(results), COLUMNS)
 
 
 def summary(results: Sequence[AirResult], wall_s: float) -> str:
@@ -156,7 +135,3 @@ def _cells(outcomes: Sequence[AirOutcome]) -> tuple[str, ...]:
 
 def _fastest(outcomes: Iterable[AirOutcome], drive: str) -> str:
     return f"{max(getattr(outcome, f'{drive}_m_s') for outcome in outcomes):.2f}"
-
-
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,6 +12,7 @@ from plant_sim.fault_matrix.cases import Subject
 from plant_sim.fault_matrix.expected import Expectation, expectation
 from plant_sim.fault_matrix.judge import complaints
 from plant_sim.fault_matrix.run import Outcome
+from plant_sim.fault_matrix.table_files import markdown_table, write_table
 
 HEADING = (
     "fault",
@@ -112,7 +110,7 @@ class MatrixRow:
 
 def markdown(rows: Sequence[MatrixRow]) -> str:
     """Return the matrix, the limits of detection and the findings as Markdown."""
-    lines = [_line(HEADING), _line(["---"] * len(HEADING)), *(_line(row.cells()) for row in rows)]
+    lines = markdown_table(HEADING, (row.cells() for row in rows))
     lines += ["", *LEGEND]
     notes = [f"- `{row.subject}`: {row.expected.note}" for row in rows if row.expected.note]
     if notes:
@@ -126,32 +124,13 @@ def records(rows: Iterable[MatrixRow]) -> list[dict[str, object]]:
     return [_record(row.subject, outcome) for row in rows for outcome in row.outcomes]
 
 
-def as_csv(rows: Iterable[MatrixRow]) -> str:
-    """Return every case as one line of CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        {key: "; ".join(value) if isinstance(value, list) else value for key, value in record.items()}
-        for record in records(rows)
-    )
-    return text.getvalue()
-
-
 def write_report(rows: Sequence[MatrixRow], folder: Path) -> list[Path]:
     """Write the matrix to a folder; return the files.
 
     Raises:
         OSError: The folder is not writable.
     """
-    texts = {
-        "fault-matrix.md": f"# Fault matrix\n\n{markdown(rows)}",
-        "fault-matrix.csv": as_csv(rows),
-        "fault-matrix.json": json.dumps(records(rows), indent=1) + "\n",
-    }
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return [folder / name for name in texts]
+    return write_table(folder, "fault-matrix", f"# Fault matrix\n\n{markdown(rows)}", records(rows), COLUMNS)
 
 
 def summary(rows: Sequence[MatrixRow], wall_s: float) -> str:
@@ -202,7 +181,3 @@ def _counted(names: Iterable[str]) -> str:
 def _range(numbers: Sequence[int]) -> str:
     low, high = min(numbers), max(numbers)
     return f"{low}" if low == high else f"{low} to {high}"
-
-
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -14,6 +11,7 @@ from plant_sim.fault_matrix.at_rest import RestOutcome
 from plant_sim.fault_matrix.rest_expected import complaints, expectation_at_rest
 from plant_sim.fault_matrix.situations import Situation
 from plant_sim.fault_matrix.stops import STOPS
+from plant_sim.fault_matrix.table_files import markdown_table, write_table
 
 HEADING = ("stop", "fault", "runs", "first signal", "harm", "lost", "repairs", "findings")
 COLUMNS = (
@@ -62,8 +60,8 @@ def markdown(results: Sequence[RestResult]) -> str:
     order = {stop.name: number for number, stop in enumerate(STOPS)}
     for result in results:
         rows.setdefault((order[result.situation.stop], result.fault), []).append(result)
-    lines = [_line(HEADING), _line(["---"] * len(HEADING))]
-    lines += [_line(_cells(STOPS[number].name, fault, rows[number, fault])) for number, fault in sorted(rows)]
+    cells = (_cells(STOPS[number].name, fault, rows[number, fault]) for number, fault in sorted(rows))
+    lines = markdown_table(HEADING, cells)
     notes = {
         f"- `{result.fault}`: {note}" for result in results if (note := expectation_at_rest(result.outcome.case).note)
     }
@@ -86,32 +84,15 @@ def records(results: Iterable[RestResult]) -> list[dict[str, object]]:
     return [_record(result) for result in results]
 
 
-def as_csv(results: Iterable[RestResult]) -> str:
-    """Return every case as one line of CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(
-        {key: "; ".join(value) if isinstance(value, list) else value for key, value in record.items()}
-        for record in records(results)
-    )
-    return text.getvalue()
-
-
 def write_report(results: Sequence[RestResult], folder: Path) -> list[Path]:
     """Write the table to a folder; return the files.
 
     Raises:
         OSError: The folder is not writable.
     """
-    texts = {
-        "fault-matrix-at-rest.md": f"# Fault matrix at rest\n\n{markdown(results)}",
-        "fault-matrix-at-rest.csv": as_csv(results),
-        "fault-matrix-at-rest.json": json.dumps(records(results), indent=1) + "\n",
-    }
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return [folder / name for name in texts]
+    return write_table(
+        folder, "fault-matrix-at-rest", f"# Fault matrix at rest\n\n{markdown(results)}", records(results), COLUMNS
+    )
 
 
 def summary(results: Sequence[RestResult], wall_s: float) -> str:
@@ -180,7 +161,3 @@ def _counted(names: Iterable[str]) -> str:
 def _range(numbers: Sequence[int]) -> str:
     low, high = min(numbers), max(numbers)
     return f"{low}" if low == high else f"{low} to {high}"
-
-
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"

@@ -16,7 +16,7 @@ from plant_sim.cli.main import main
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.fault_matrix.at_rest import KINDS, RestCase, RestOutcome, run_at_rest
 from plant_sim.fault_matrix.rest_expected import AT_REST, complaints
-from plant_sim.fault_matrix.rest_report import COLUMNS, RestResult, as_csv, markdown, records, summary
+from plant_sim.fault_matrix.rest_report import COLUMNS, RestResult, markdown, records, summary
 from plant_sim.fault_matrix.rest_table import ALL_FAULTS, jobs_at, jobs_of, selection
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
 from plant_sim.fault_matrix.situations import (
@@ -30,6 +30,7 @@ from plant_sim.fault_matrix.situations import (
     twin_at,
 )
 from plant_sim.fault_matrix.stops import STOPS, StopKind
+from plant_sim.fault_matrix.table_files import as_csv
 from plant_sim.links.in_process import InProcessLink, LinkDown
 from plant_sim.twin.lock_step import SCAN_MS
 from tests.paths import DOCS
@@ -263,7 +264,7 @@ def test_the_table_has_a_row_per_stop_and_fault() -> None:
 
 def test_a_csv_line_equals_the_record() -> None:
     result = RestResult(SITUATION, SOUND)
-    (line,) = csv.DictReader(as_csv([result]).splitlines())
+    (line,) = csv.DictReader(as_csv(records([result]), COLUMNS).splitlines())
     (record,) = records([result])
     assert tuple(line) == tuple(record) == COLUMNS
     assert (line["fault"], line["switches"]) == ("stuck_on:left.lift_up", "lift_down; slide_at_feed")

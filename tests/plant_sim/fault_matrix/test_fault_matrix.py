@@ -24,8 +24,9 @@ from plant_sim.fault_matrix.cases import Subject, subjects
 from plant_sim.fault_matrix.expected import EXPECTED, NO_ROW, Expectation, expectation
 from plant_sim.fault_matrix.first_signal import SUSPENSIONS, Signal
 from plant_sim.fault_matrix.judge import complaints
-from plant_sim.fault_matrix.report import COLUMNS, MatrixRow, as_csv, markdown, records, summary
+from plant_sim.fault_matrix.report import COLUMNS, MatrixRow, markdown, records, summary
 from plant_sim.fault_matrix.run import MatrixSetup, Outcome, run_case, undisturbed
+from plant_sim.fault_matrix.table_files import as_csv
 from plant_sim.faults import FAULTS, Fault, parse_fault
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
@@ -243,7 +244,7 @@ def test_the_table_contains_signal_times_and_losses() -> None:
 
 def test_a_csv_line_equals_the_record() -> None:
     row = MatrixRow(subject_of(JAM), [replace(SOUND, asked=["left loaded", "tray"], trips={"double": "cup 3, again"})])
-    (line,) = csv.DictReader(as_csv([row]).splitlines())
+    (line,) = csv.DictReader(as_csv(records([row]), COLUMNS).splitlines())
     (record,) = records([row])
     assert tuple(line) == tuple(record) == COLUMNS
     assert (line["after_ms"], line["asked"], line["monitors"]) == ("5500", "left loaded; tray", "double: cup 3, again")

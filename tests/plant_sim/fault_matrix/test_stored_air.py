@@ -14,7 +14,7 @@ from controller.program.states import State
 from controller.program.tags import SIDES, Side
 from plant_sim.cli.faults import run_stored_air
 from plant_sim.cli.main import main
-from plant_sim.fault_matrix.air_report import COLUMNS, AirResult, all_findings, as_csv, markdown, records, summary
+from plant_sim.fault_matrix.air_report import COLUMNS, AirResult, all_findings, markdown, records, summary
 from plant_sim.fault_matrix.run import MatrixSetup
 from plant_sim.fault_matrix.stored_air import (
     CONDITIONS,
@@ -26,6 +26,7 @@ from plant_sim.fault_matrix.stored_air import (
     machine_with,
     run_air_case,
 )
+from plant_sim.fault_matrix.table_files import as_csv
 from plant_sim.machine.stored_air import leak_down, set_air
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.recovery import clear, home_again, press_emergency_stop
@@ -249,7 +250,7 @@ def test_the_table_has_a_row_per_condition_arm_and_device() -> None:
 
 def test_a_csv_line_equals_the_record() -> None:
     results = [AirResult("none", GOOD), AirResult("meter-in", BAD)]
-    lines = list(csv.DictReader(as_csv(results).splitlines()))
+    lines = list(csv.DictReader(as_csv(records(results), COLUMNS).splitlines()))
     assert tuple(lines[0]) == COLUMNS
     assert [line["at_ms"] for line in lines] == [str(record["at_ms"]) for record in records(results)]
 
