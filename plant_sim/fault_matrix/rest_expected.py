@@ -6,7 +6,7 @@ from typing import Final
 
 from plant_sim.fault_matrix.at_rest import RestCase, RestOutcome
 from plant_sim.fault_matrix.expected import EXPECTED, Expectation
-from plant_sim.fault_matrix.indistinguishable import REMEDY
+from plant_sim.fault_matrix.indistinguishable import REMEDY, TRAY_REMEDY
 
 NO_HARM: Final = Expectation()
 """A switch that sticks at rest is told before any harm, or does no harm."""
@@ -18,6 +18,18 @@ _PASSED_ROW: Final = (
     f"{REMEDY} would tell"
 )
 _TRAY_PASSES: Final = EXPECTED["stuck_off"]["tray_front_edge"].note
+_TRAY_SENT: Final = (
+    "if the sensor sticks while the next tray is on its way, the machine asks about the tray. After the answer that no "
+    "usable tray is there, the belt conveys out the tray that the sensor shows, for 3.2 s at most; the tray on its way "
+    "passes, and the alarm tells. Its seedlings are undamaged and can be fed again. The recorded evidence is described "
+    f"above; {TRAY_REMEDY} would tell"
+)
+_LINK: Final = (
+    "the outputs of the module keep their last state until its watchdog trips, 100 ms after the loss. A slide that "
+    "arrives at its row in this time overruns it by up to 14 mm, into the standing seedlings beyond, with or without a "
+    "fault. The arm is low with its claws open and converged, so no seedling is damaged. Only a module with a shorter "
+    "watchdog can prevent it"
+)
 
 AT_REST: Final[dict[tuple[str, str], Expectation]] = {
     **{
@@ -25,12 +37,19 @@ AT_REST: Final[dict[tuple[str, str], Expectation]] = {
         for row in (1, 2, 3)
     },
     ("stuck_off", "tray_front_edge"): Expectation(loses=True, note=_TRAY_PASSES, stops=3),
+    ("stuck_on", "tray_front_edge"): Expectation(loses=True, note=_TRAY_SENT),
 }
 """Expectations by kind and switch; `NO_HARM` for all others."""
+WITHOUT_FAULT: Final[dict[str, Expectation]] = {
+    "link lost": Expectation(harm=frozenset({"arm_through_tray"}), note=_LINK)
+}
+"""Expectations for the stops themselves, by name; `NO_HARM` for all others."""
 
 
 def expectation_at_rest(case: RestCase) -> Expectation:
     """Return the expectation for a case."""
+    if not case.kind:
+        return WITHOUT_FAULT.get(case.stop, NO_HARM)
     return AT_REST.get((case.kind, case.switch), NO_HARM)
 
 

@@ -63,7 +63,9 @@ def markdown(results: Sequence[RestResult]) -> str:
     cells = (_cells(STOPS[number].name, fault, rows[number, fault]) for number, fault in sorted(rows))
     lines = markdown_table(HEADING, cells)
     notes = {
-        f"- `{result.fault}`: {note}" for result in results if (note := expectation_at_rest(result.outcome.case).note)
+        f"- `{result.fault or result.situation.stop}`: {note}"
+        for result in results
+        if (note := expectation_at_rest(result.outcome.case).note)
     }
     lines += ["", "### Limits of detection at rest", "", *sorted(notes)] if notes else []
     findings = [f"- {finding}" for finding in all_findings(results)]

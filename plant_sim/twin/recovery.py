@@ -20,6 +20,10 @@ AIR_SHARE = 0.95
 """Fraction of the regulated pressure at which the air supply counts as restored."""
 MANIFOLD = Quantity("air.network.manifold.pressure_pa")
 """Regulated pressure, absolute, Pa."""
+MARK_M = 0.005
+"""Distance of a tray from its mark up to which the operator calls it in place, m; at 6 mm the fingers miss stems."""
+MOST_PUSHES = 100
+"""Number of backward moves of 50 ms within which the operator frees the beam."""
 AIR = ("supply", "compressor")
 """Fault targets that affect the air of every cylinder."""
 
@@ -93,9 +97,8 @@ def answer_truly(twin: Twin) -> set[str]:
         if f"{side} loaded" in asked:
             twin.command(f"{side}_loaded_{'yes' if twin.plant.arms[side].grip.held else 'no'}")
     if "tray" in asked:
-        if twin.plant.conveyor.beam.read() and twin.plant.conveyor.placed_tray is None:
-            operate_manually(twin, "tray_run", for_ms=400)
-            twin.run_for(200)  # the belt stops within this time
+        if _tray_in_place(twin) is None:
+            _push_back(twin)
         twin.command(f"tray_{true_tray(twin)}")
     twin.run_for(200)
     return asked
@@ -106,13 +109,31 @@ def true_tray(twin: Twin) -> str:
 
     A part-filled tray counts as full after a loss of memory: the claws then close on its empty rows as well.
     """
-    number = twin.plant.conveyor.placed_tray
+    number = _tray_in_place(twin)
     if number is None:
         return "none"
     columns = (twin.plant.seedlings.column(number, column) for column in range(COLUMNS))
     if all(plant.location is Location.STANDING for column in columns for plant in column):
         return "full"
     return {IN_PLACE: "same", FORGOTTEN: "full"}.get(twin.plc.read(twin.machine.tags.tray.phase), "none")
+
+
+def _push_back(twin: Twin) -> None:
+    """Move the trays backward manually until none is in the beam."""
+    conveyor, length_m = twin.plant.conveyor, twin.parameters.conveyor.tray_length_m
+    for _ in range(MOST_PUSHES):
+        if not any(0.0 <= front_m < length_m for front_m in conveyor.front_m.values()):
+            break
+        operate_manually(twin, "tray_run", for_ms=50)
+    twin.run_for(200)  # the belt stops within this time
+
+
+def _tray_in_place(twin: Twin) -> int | None:
+    """Return the number of the tray from which the arms can pick, or None: it must be detected, and at its mark."""
+    conveyor = twin.plant.conveyor
+    number = conveyor.placed_tray
+    in_place = number is not None and conveyor.beam.read() and abs(conveyor.offset_m(number)) <= MARK_M
+    return number if in_place else None
 
 
 # manual actions

@@ -9,7 +9,7 @@ import pytest
 
 from controller.program.tags import ROWS, SIDES, Side
 from plant_sim.crop.incident import Incident
-from plant_sim.fault_matrix.indistinguishable import Evidence, ImageTrace, dead_pick_switch
+from plant_sim.fault_matrix.indistinguishable import Evidence, ImageTrace, dead_pick_switch, welded_tray_sensor
 from plant_sim.fault_matrix.run import MatrixSetup
 from tests.sampling import first_of
 
@@ -39,6 +39,14 @@ def test_evidence_is_not_conclusive_if_the_images_differ_before_the_harm_or_the_
     assert not replace(found, arrived_scan=found.harm_scan).is_conclusive
     assert not replace(found, healthy_alarms=("left: approach row",)).is_conclusive
     assert not replace(found, healthy=replace(found.healthy, in_cups=60)).is_conclusive
+
+
+def test_a_healthy_machine_has_the_same_images_until_a_tray_has_passed() -> None:
+    """A tray sensor that welds at rest while a tray is on its way looks like a tray that was moved under the sensor."""
+    found = welded_tray_sensor(MatrixSetup(trays=2))
+    assert found.is_conclusive, found
+    assert not replace(found, equal_scans=found.passed_scan).is_conclusive
+    assert not replace(found, left_scan=found.passed_scan).is_conclusive
 
 
 def test_a_difference_in_inputs_or_outputs_ends_the_equality() -> None:
