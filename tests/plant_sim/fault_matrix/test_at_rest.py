@@ -15,7 +15,7 @@ from plant_sim.cli.faults import run_table
 from plant_sim.cli.main import main
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.fault_matrix.at_rest import KINDS, RestCase, RestOutcome, run_at_rest
-from plant_sim.fault_matrix.rest_expected import AT_REST, complaints
+from plant_sim.fault_matrix.rest_expected import AT_REST, WITHOUT_FAULT, complaints
 from plant_sim.fault_matrix.rest_report import COLUMNS, RestResult, markdown, records, summary
 from plant_sim.fault_matrix.rest_table import ALL_FAULTS, jobs_at, jobs_of, selection
 from plant_sim.fault_matrix.run import MatrixSetup, undisturbed
@@ -274,6 +274,7 @@ def test_the_page_names_every_stop_and_every_limit() -> None:
     page = (DOCS / "fault-matrix.md").read_text(encoding="utf-8").partition("## Switches that stick at rest")[2]
     assert all(f"| {stop.name} | {stop.meaning} |" in page for stop in STOPS)
     assert all(f"- `{kind}:{switch}`: {expected.note}" in page for (kind, switch), expected in AT_REST.items())
+    assert all(f"- `{stop}`: {expected.note}" in page for stop, expected in WITHOUT_FAULT.items())
 
 
 # --- command ------------------------------------------------------------------------------------
