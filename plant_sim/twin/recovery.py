@@ -120,20 +120,24 @@ def true_tray(twin: Twin) -> str:
 
 def _push_back(twin: Twin) -> None:
     """Move the trays backward manually until none is in the beam."""
-    conveyor, length_m = twin.plant.conveyor, twin.parameters.conveyor.tray_length_m
     for _ in range(MOST_PUSHES):
-        if not any(0.0 <= front_m < length_m for front_m in conveyor.front_m.values()):
+        if not any(_is_in_beam(twin, number) for number in twin.plant.conveyor.front_m):
             break
         operate_manually(twin, "tray_run", for_ms=50)
     twin.run_for(200)  # the belt stops within this time
 
 
 def _tray_in_place(twin: Twin) -> int | None:
-    """Return the number of the tray from which the arms can pick, or None: it must be detected, and at its mark."""
+    """Return the number of the tray from which the arms can pick, or None: it must be in the beam, and at its mark."""
     conveyor = twin.plant.conveyor
     number = conveyor.placed_tray
-    in_place = number is not None and conveyor.beam.read() and abs(conveyor.offset_m(number)) <= MARK_M
+    in_place = number is not None and _is_in_beam(twin, number) and abs(conveyor.offset_m(number)) <= MARK_M
     return number if in_place else None
+
+
+def _is_in_beam(twin: Twin, number: int) -> bool:
+    """Return True if a tray is between transmitter and receiver of the sensor, whatever the sensor reports."""
+    return 0.0 <= twin.plant.conveyor.front_m[number] < twin.parameters.conveyor.tray_length_m
 
 
 # manual actions
