@@ -123,6 +123,10 @@ _CUPS_COUNTED_WRONGLY = _damaging(
     "until a flag counted wrongly reaches the counter, nothing is wrong; the cup after it is left empty",
 )
 
+_CUPS_STOP = (
+    "cups that stop within the half second between the last edge that the program reads before a release and the "
+    "landing are not where the plugs fall; the claws open before any signal changes"
+)
 _ROW_SWITCHES = ("slide_at_pick_1", "slide_at_pick_2", "slide_at_pick_3")
 _SWITCH_OFF = {
     "lift_up": _detected("lift from row", "slide to feed", "spread", "unbidden"),
@@ -137,6 +141,7 @@ _SWITCH_OFF = {
         "converge",
         "lower over cups",
         "unbidden",
+        "lift switches",  # blocked just before its end, the lift arrives there without its coil
         "tray_jam",  # the belt may not move while an arm is not detected at feed, so the tray does not leave
     ),
     **dict.fromkeys(_ROW_SWITCHES, _damaging(_ROW, _PASSED_ROW, "arm_through_tray")),
@@ -144,7 +149,9 @@ _SWITCH_OFF = {
     "claws_converged": _detected("converge", "approach row", "off home", "unbidden"),
     "cup_pulse": _CUPS_MISSING,
     "tray_front_edge": replace(
-        _damaging(_detected("tray_lost", "no tray", "approach row"), _TRAY_PASSES, loses=True), stops=2
+        # blocked just before a row, the slide arrives there without its coil: "slide switches"
+        _damaging(_detected("tray_lost", "no tray", "approach row", "slide switches"), _TRAY_PASSES, loses=True),
+        stops=2,
     ),
 }
 """Alarms for a switch stuck off: it blocks a step or the interlock of a coil, or its signal is missing at rest."""
@@ -231,7 +238,7 @@ EXPECTED: dict[str, dict[str, Expectation]] = {
         "lift": _LIFT,
         "claws": _CLAWS_FAIL,
         "spreader": _BELT,
-        "cups": _CUPS_MISSING,
+        "cups": _damaging(_CUPS_MISSING, _CUPS_STOP, loses=True),
         "conveyor": _detected("tray_jam", "no tray", "tray_lost"),
     },
     "dropping_arm": {"lift": _SINKING},

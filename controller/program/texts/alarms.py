@@ -134,9 +134,10 @@ ALARMS: Final = {
         Text("{side} lift: both switches on, or a switch on too early", "{side}升降：上、下限位开关同时接通或过早接通"),
         Text(
             "Switches lift_up and lift_down: which LED is wrong? Stuck switch, position on the cylinder, wires "
-            "shorted or swapped; after a jam the lift may have moved too fast: reset again",
+            "shorted or swapped; after a jam the lift may have moved too fast: reset again. Both right? An interlock "
+            "has stopped the lift just before its end: check the other switches of the arm",
             "开关 lift_up 和 lift_down：哪个指示灯不对；开关粘连、在气缸上的位置、接线短路或接反；"
-            "卡滞排除后升降可能动作过快，请再次复位",
+            "卡滞排除后升降可能动作过快，请再次复位；两开关均正常：升降在到位前被联锁停止，检查该臂其他开关",
         ),
         comment="{side} lift: both switches on, or one too early",
     ),
@@ -145,9 +146,11 @@ ALARMS: Final = {
         Text(
             "Switches slide_at_feed and slide_at_pick_1 to slide_at_pick_3: which LED is wrong? Stuck switch, metal "
             "in front of it, wires shorted or swapped. After a jam the slide may have moved too fast: reset again. Row "
-            "spacing changed? Set-point slide_least",
+            "spacing changed? Set-point slide_least. All right? An interlock has stopped the slide just before the "
+            "row: check the other switches of the arm and of the tray",
             "开关 slide_at_feed 和 slide_at_pick_1 至 slide_at_pick_3：哪个指示灯不对；开关粘连、前方有金属物、"
-            "接线短路或接反；卡滞排除后滑块可能移动过快，请再次复位；行距改变时检查设定值 slide_least",
+            "接线短路或接反；卡滞排除后滑块可能移动过快，请再次复位；行距改变时检查设定值 slide_least；"
+            "开关均正常：滑块在到位前被联锁停止，检查该臂其他开关和苗盘开关",
         ),
         comment="{side} slide: two switches on, or one too early",
     ),
