@@ -22,6 +22,8 @@ MANIFOLD = Quantity("air.network.manifold.pressure_pa")
 """Regulated pressure, absolute, Pa."""
 MARK_M = 0.005
 """Distance of a tray from its mark up to which the operator calls it in place, m; at 6 mm the fingers miss stems."""
+OVERRUN_M = 0.1
+"""Distance past the beam up to which the operator moves a tray back, m; beyond it, the tray is conveyed out."""
 MOST_PUSHES = 100
 """Number of backward moves of 50 ms within which the operator frees the beam."""
 AIR = ("supply", "compressor")
@@ -90,7 +92,7 @@ def questions(twin: Twin) -> set[str]:
 def answer_truly(twin: Twin) -> set[str]:
     """Answer every open question according to the plant's actual state; return the questions.
 
-    A misplaced tray is first moved back behind the beam manually; the answer is then "none".
+    A tray that has overrun its mark is first moved back behind the beam manually; the answer is then "none".
     """
     asked = questions(twin)
     for side in SIDES:
@@ -119,9 +121,9 @@ def true_tray(twin: Twin) -> str:
 
 
 def _push_back(twin: Twin) -> None:
-    """Move the trays backward manually until none is in the beam."""
+    """Move the trays backward manually until the front edge of none is just past the beam."""
     for _ in range(MOST_PUSHES):
-        if not any(_is_in_beam(twin, number) for number in twin.plant.conveyor.front_m):
+        if not any(0.0 <= front_m < OVERRUN_M for front_m in twin.plant.conveyor.front_m.values()):
             break
         operate_manually(twin, "tray_run", for_ms=50)
     twin.run_for(200)  # the belt stops within this time
