@@ -519,6 +519,7 @@ def test_every_page_is_chinese(stopped: Station, screen: Screen) -> None:
     screen.press("[data-box=emergency_stop]")
     live.until_state(State.ABORTED)
     screen.press("[data-banner=acknowledge]")
+    expect(screen.find("[data-part=notice]")).to_contain_text("✓")
     screen.find("[data-action=language]").select_option("zh")
     screen.find("[data-command=start]").click(force=True)
     expect(screen.find("[data-part=notice]")).to_contain_text(CANNOT.zh.partition("{")[0])
