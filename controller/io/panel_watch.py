@@ -38,7 +38,7 @@ class PanelWatch(Saved):
         """Report a request of a panel that shows the open questions; thread-safe."""
         self._message = self._request = True
 
-    def update(self, now_ms: int) -> None:
+    def adopt(self, now_ms: int) -> None:
         """Adopt the messages since the last scan."""
         if self._message:
             self._message, self._message_ms = False, now_ms

@@ -170,7 +170,7 @@ class Runtime(Saved):
         while self._orders:
             for device, value in self._orders.popleft():
                 self.plc.write(device, value)
-        self.panel.update(now_ms)
+        self.panel.adopt(now_ms)
         self._write_status(
             self.link_lost,
             late or self._failed,

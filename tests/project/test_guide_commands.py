@@ -67,7 +67,14 @@ SLOW: Final = {
     "--traces traces",
     '.venv/bin/python -m controller replay --without "left: down at feed only" traces/left-down-away-from-feed.json',
     ".venv/bin/python -m controller run --hmi-port 5021",
+    ".venv/bin/python -m controller prove --mutants 20 --seed 1",
+    ".venv/bin/python -m controller prove --mutants 300 --seed 1 --out docs/reference",
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --at-rest --all --out fault-matrix",
+    ".venv/bin/python -m plant_sim faults --at-rest --all --stop stopped --every 500",
+    '.venv/bin/python -m plant_sim faults --at-rest --fault stuck_on:slide_at_feed --stop "emergency stop" '
+    '--stop "link lost"',
+    ".venv/bin/python -m plant_sim faults --stored-air --trays 1 --out stored-air",
     ".venv/bin/python -m plant_sim planter --figure 9 --plot var/planter.gif",
     ".venv/bin/python -m plant_sim serve --watchdog-ms 500",
     ".venv/bin/python -m plant_sim study campaign docs/examples/campaign.yaml --trials 1 --seedlings 12 "
