@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator
 from functools import partial
 
 from controller.core.expr import any_of
+from controller.program.operator.answers import ANSWER_HOLD_MS
 from controller.program.states import Mode, State
-from controller.program.tags import SIDES
+from controller.program.tags import FORGOTTEN, ROWS, SIDES
 from plant_sim.faults import Fault
 from plant_sim.stories.stops import HOMING_MS, home_and_answer
 from plant_sim.stories.story import Stage, Story
 from plant_sim.stories.work import FASTER, STOP_MS, TRAY_MS, begin, complete
-from plant_sim.twin.recovery import answer_truly, clear, press_emergency_stop, repair
+from plant_sim.twin.recovery import answer_truly, begin_homing, clear, operate_manually, press_emergency_stop, repair
 
 SWITCHES = (
     "lift_down",
@@ -37,6 +39,8 @@ DRIVES = ("lift", "slide", "spreader")
 NOTICED_MS = 60_000
 """Longest time until a fault stops the machine, ms: the part may move only once a cycle."""
 RESTS = (State.HELD, State.ABORTED, State.STOPPED, State.SUSPENDED)
+FAST_PER_MIN = 120.0
+"""Planting frequency above the permitted 90 cups per minute."""
 BEGIN_MS = 12_000
 """Time of work before a fault, ms."""
 
@@ -116,6 +120,37 @@ def stopped_tractor(stage: Stage) -> None:
     complete(stage)
 
 
+def fast_tractor(stage: Stage) -> None:
+    """Drive faster than permitted, stop the tractor, and drive at the usual speed again."""
+    twin = stage.twin
+    begin(twin)
+    twin.run_until(twin.machine.tags.arms["left"].cycles.equals(1), within_ms=TRAY_MS)
+    twin.plant.planting_frequency_per_min = FAST_PER_MIN
+    twin.run_until_state(State.HELD, within_ms=STOP_MS)
+    stage.end("too fast")
+    twin.plant.planting_frequency_per_min = 0.0
+    twin.run_for(5_000)
+    home_and_answer(stage)
+    twin.start()
+    twin.run_for(3_000)
+    stage.end("started at a standstill")
+    twin.plant.planting_frequency_per_min = 60.0
+    complete(stage)
+
+
+def stop_and_go(stage: Stage) -> None:
+    """Stop and start the tractor again and again, so that releases are left out."""
+    twin, draws = stage.twin, random.Random(1)
+    begin(twin)
+    for _ in range(20):
+        twin.plant.planting_frequency_per_min = 0.0
+        twin.run_for(draws.choice((500, 1_000, 2_000)))
+        twin.plant.planting_frequency_per_min = 60.0
+        twin.run_for(draws.randrange(4_500, 9_000, 10))
+    stage.end("stop and go")
+    complete(stage)
+
+
 def no_tray(stage: Stage) -> None:
     """Work without a second tray until the feeder reports none, insert one, and start again."""
     twin = stage.twin
@@ -165,6 +200,46 @@ def answers(stage: Stage, side: str, answer: str, after_ms: int = BEGIN_MS) -> N
     home_and_answer(stage)
     twin.start()
     complete(stage)
+
+
+def answers_by_buttons(stage: Stage, side: str, row: int, *, moved: bool) -> None:
+    """Lose power while the claws close on a row, and answer the questions with X0 and X24 as a panel shows them.
+
+    Args:
+        stage: Stage of the story.
+        side: Arm.
+        row: Row on which its claws close.
+        moved: True if the arm is moved to feed by hand before the answer.
+    """
+    twin = stage.twin
+    begin(twin)
+    tags = twin.machine.tags
+    closing = twin.step_of(f"{side} arm", "close claws") & tags.arms[SIDES[side == "right"]].row_is[row]
+    twin.run_until(closing, within_ms=2 * TRAY_MS)
+    twin.run_for(150)
+    twin.power_cycle()
+    twin.watch(lambda each: each.runtime.panel.read())
+    twin.run_for(300)
+    twin.plc.write(tags.tray.phase, FORGOTTEN)
+    if moved:
+        operate_manually(twin, f"{side}.slide_outward", for_ms=4_000)
+        twin.run_for(1_500)
+    stage.end("asked")
+    _hold(stage, "stop")
+    begin_homing(twin)
+    twin.run_until_state(State.HELD, within_ms=HOMING_MS)
+    stage.end("tray asked")
+    _hold(stage, "start")
+    home_and_answer(stage)
+    twin.start()
+    complete(stage)
+
+
+def _hold(stage: Stage, button: str) -> None:
+    """Hold a button until it answers."""
+    stage.twin.press(button, for_ms=ANSWER_HOLD_MS + 200)
+    stage.twin.run_for(ANSWER_HOLD_MS + 1_000)
+    stage.end(f"{button} held")
 
 
 def discards(stage: Stage, side: str) -> None:
@@ -261,6 +336,8 @@ def stories() -> Iterator[Story]:
     """Yield the stories of disturbances."""
     yield Story("every command", every_command)
     yield Story("stopped tractor", stopped_tractor)
+    yield Story("fast tractor", fast_tractor, values=FASTER)
+    yield Story("stop and go", stop_and_go, trays=2, set_points={"trays_target": 2}, values=FASTER)
     yield Story("no tray", no_tray, trays=2, values=FASTER)
     for answer in ("tray_same", "tray_full", "tray_none"):
         yield Story(
@@ -275,6 +352,11 @@ def stories() -> Iterator[Story]:
             yield Story(f"answer {side} {answer}", partial(answers, side=side, answer=answer), values=FASTER)
         first_row = partial(answers, side=side, answer="loaded_no", after_ms=0)
         yield Story(f"answer {side} loaded_no on row 1", first_row, values=FASTER)
+        for row in ROWS:
+            for moved in (False, True):
+                by_buttons = partial(answers_by_buttons, side=side, row=row, moved=moved)
+                name = f"answers by buttons, {side} row {row}{', moved' if moved else ''}"
+                yield Story(name, by_buttons, values=FASTER)
         yield Story(f"discards, {side} arm", partial(discards, side=side), trays=2, values=FASTER)
         for kind in ("stuck_off", "stuck_on"):
             which = _switch_faults(side, kind)
