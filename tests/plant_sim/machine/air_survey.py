@@ -98,7 +98,8 @@ class Survey:
     """Extremes of a machine over all phases.
 
     Attributes:
-        kelvin: Lowest and highest temperature of any air, K.
+        kelvin: Lowest and highest temperature of any air outside the cushions, K.
+        cushion_kelvin: Lowest and highest temperature of the air in the cushions, K.
         energy_error: Error of the energy balance, relative to the enthalpy of the air drawn in and exhausted.
         over: Highest ratio of a pressure outside the cushions to the pressure that supply and kinetic energy allow,
             with the name of the volume.
@@ -109,6 +110,7 @@ class Survey:
     """
 
     kelvin: tuple[float, float]
+    cushion_kelvin: tuple[float, float]
     energy_error: float
     over: tuple[float, str]
     strokes_s: NDArray[np.float64]
@@ -172,7 +174,8 @@ class SurveyedArm:
         # rows: pressure of plus tube, plus chamber, minus tube, minus chamber; least volumes; fastest kinetic energy
         seen = np.zeros((3, 7))
         seen[:, 4:6] = np.inf
-        stores_pa, kelvin = np.zeros(len(STORES)), np.array([1e9, 0.0])
+        # lowest and highest temperature outside the cushions, and in them
+        stores_pa, kelvin = np.zeros(len(STORES)), np.array([1e9, 0.0, 1e9, 0.0])
         balance_j, through_j = 0.0, 1e-9
         before_j = _balance_j(self.state[0])
         for number, (for_s, signs, fed) in enumerate(PHASES):
@@ -189,6 +192,7 @@ class SurveyedArm:
         through_j = max(through_j, 1004.675 * 293.15 * drawn_kg)
         return Survey(
             (float(kelvin[0]), float(kelvin[1])),
+            (float(kelvin[2]), float(kelvin[3])),
             balance_j / through_j,
             self._over(seen, stores_pa),
             strokes_s,
@@ -314,15 +318,15 @@ def _drive(
 @compiled
 def _watch_store(c: Any, stores_pa: Any, number: int, kelvin: Any) -> None:
     stores_pa[number] = max(stores_pa[number], c.pressure_pa)
-    _watch_kelvin(c, kelvin)
+    _watch_kelvin(c, kelvin, 0)
 
 
 @compiled
-def _watch_kelvin(c: Any, kelvin: Any) -> None:
-    if not c.temperature_k >= kelvin[0]:
-        kelvin[0] = c.temperature_k
-    if not c.temperature_k <= kelvin[1]:
-        kelvin[1] = c.temperature_k
+def _watch_kelvin(c: Any, kelvin: Any, first: int) -> None:
+    if not c.temperature_k >= kelvin[first]:
+        kelvin[first] = c.temperature_k
+    if not c.temperature_k <= kelvin[first + 1]:
+        kelvin[first + 1] = c.temperature_k
 
 
 @compiled
@@ -335,11 +339,11 @@ def _watch(c: Any, params: Any, seen: Any, kelvin: Any) -> None:
     seen[5] = min(seen[5], c.minus.chamber.volume_m3)
     kinetic_j = 0.5 * params.load_kg * c.speed_m_s**2 + 0.5 * params.piston_kg * c.piston_m_s**2
     seen[6] = max(seen[6], kinetic_j)
-    _watch_kelvin(c.plus.tube, kelvin)
-    _watch_kelvin(c.plus.chamber, kelvin)
-    _watch_kelvin(c.minus.tube, kelvin)
-    _watch_kelvin(c.minus.chamber, kelvin)
+    _watch_kelvin(c.plus.tube, kelvin, 0)
+    _watch_kelvin(c.plus.chamber, kelvin, 0)
+    _watch_kelvin(c.minus.tube, kelvin, 0)
+    _watch_kelvin(c.minus.chamber, kelvin, 0)
     if c.plus.cushion.volume_m3 > 0.0:
-        _watch_kelvin(c.plus.cushion, kelvin)
+        _watch_kelvin(c.plus.cushion, kelvin, 2)
     if c.minus.cushion.volume_m3 > 0.0:
-        _watch_kelvin(c.minus.cushion, kelvin)
+        _watch_kelvin(c.minus.cushion, kelvin, 2)

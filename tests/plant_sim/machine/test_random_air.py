@@ -48,7 +48,10 @@ PARTS: Final = [*DEFAULT_PARTS, *(pytest.param(part, marks=pytest.mark.nightly) 
 
 @pytest.mark.parametrize("part", PARTS)
 def test_the_air_stays_physical(part: int) -> None:
-    """All temperatures are within 150 to 500 K, and the energy balance is closed to 1e-6 of the throughput.
+    """Outside the cushions, all temperatures are within 150 to 500 K. The energy balance is closed to 1e-6.
+
+    In the cushions they are below 650 K. Of 19,976 runs of 10,000 machines, 3 exceed 500 K there: the cushion of a lift
+    with a small bore compresses its air to up to 14 times its pressure.
 
     Outside the cushions, no pressure exceeds by more than 2 % that of the source, of the load and of the kinetic
     energy.
@@ -57,6 +60,7 @@ def test_the_air_stays_physical(part: int) -> None:
         for survey in both:
             assert survey.finite, name
             assert 150.0 <= survey.kelvin[0] <= survey.kelvin[1] <= 500.0, name
+            assert 150.0 <= survey.cushion_kelvin[0] <= survey.cushion_kelvin[1] <= 650.0, name
             assert survey.energy_error <= 1e-6, name
             assert survey.over[0] <= 1.02, (survey.over, name)
 
