@@ -22,7 +22,7 @@ from tests.controller.verify.proof_rig import MACHINE, SOUND
 
 TABLE = Path(__file__).parents[3] / "docs" / "reference" / "mutants.csv"
 SAMPLE = 300
-DEFAULT = 10
+DEFAULT = 20
 SEED = 1
 REMEDY = "run 'python -m controller prove --mutants 300 --seed 1 --out docs/reference'"
 

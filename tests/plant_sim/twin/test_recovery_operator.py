@@ -108,6 +108,27 @@ def test_the_tray_question_is_answered_from_the_tray() -> None:
     assert true_tray(twin) == "same"
 
 
+def test_only_a_tray_that_has_overrun_its_mark_is_moved_back() -> None:
+    """A tray 6.6 mm past its mark is misplaced and is moved behind the beam; one that is leaving stays where it is."""
+    twin = switched_on({"trays_target": 1})
+    twin.home()
+    conveyor = twin.plant.conveyor
+    operate_manually(twin, "tray_run", "tray_forward", for_ms=50)
+    twin.run_for(100)
+    assert conveyor.placed_tray == 0
+    assert true_tray(twin) == "none"
+    twin.plc.write(twin.machine.tags.tray.ask, True)
+    answer_truly(twin)
+    assert conveyor.front_m[0] < 0
+    operate_manually(twin, "tray_run", "tray_forward", for_ms=1_000)
+    twin.run_for(300)
+    leaving_m = conveyor.front_m[0]
+    assert leaving_m > 0.1
+    twin.plc.write(twin.machine.tags.tray.ask, True)
+    answer_truly(twin)
+    assert conveyor.front_m[0] == leaving_m
+
+
 def test_homing_continues_after_its_question_is_answered() -> None:
     """After a power loss as the tray stops, homing holds for the tray question and then ends in Idle."""
     twin = switched_on({"trays_target": 1})
