@@ -1,0 +1,156 @@
+"""Operator interfaces of the command ``run``: events, history, alarm list, console and servers for panels."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from controller.common.command_line import version
+from controller.common.errors import InputError
+from controller.common.modbus.rtu import SerialLine
+from controller.core.clock import utc_ms
+from controller.core.scan import Plc
+from controller.events.alarm_list import AlarmChange, AlarmList
+from controller.events.cycle_edges import CycleEdges
+from controller.events.production import Event, ProductionLog
+from controller.events.writer import EventWriter, OutputsEvent, ServingEvent
+from controller.history.schema import HistoryError
+from controller.history.writer import HistoryWriter
+from controller.hmi.console import Console, ConsoleReader
+from controller.hmi.modbus.server import DEFAULT_PORT, HmiOptions, HmiServer
+from controller.io.loop import LoopFigures
+from controller.io.pace import Pace
+from controller.io.runtime import Runtime
+from controller.program.machine import Transplanter
+
+SWITCH_INTERVAL_S = 0.0005
+"""Thread switch interval, s: maximum time that the scan waits for another thread; one tenth of Python's default."""
+
+
+def add_hmi_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the Modbus server for panels."""
+    hmi = parser.add_argument_group("Modbus server for operator panels")
+    hmi.add_argument("--no-hmi", action="store_true", help="do not start this server")
+    hmi.add_argument("--hmi-host", default="127.0.0.1", help="address to listen on")
+    hmi.add_argument(
+        "--hmi-port", type=int, default=DEFAULT_PORT, help="TCP port; 0 = any free port, reported by an event"
+    )
+    hmi.add_argument("--hmi-allow-remote", action="store_true", help="permit an address that other computers can reach")
+    hmi.add_argument("--hmi-certificate", default=None, metavar="FILE", help="certificate (PEM) for TLS")
+    hmi.add_argument("--hmi-key", default=None, metavar="FILE", help="private key of the certificate (PEM)")
+    hmi.add_argument(
+        "--hmi-clients",
+        default=None,
+        metavar="FILE",
+        help="certificate authorities (PEM) of the required client certificates (default: none required)",
+    )
+    hmi.add_argument(
+        "--hmi-serial", default=None, metavar="DEVICE:BAUD:8E1:UNIT", help="also serve Modbus RTU on a serial line"
+    )
+    hmi.add_argument(
+        "--allow-forcing",
+        action="store_true",
+        help="permit a panel to force inputs while the machine is Stopped in manual mode; motion is then inhibited",
+    )
+
+
+@contextmanager
+def operator_interfaces(
+    runtime: Runtime, figures: LoopFigures, pace: Pace | None, options: argparse.Namespace
+) -> Iterator[None]:
+    """Connect the runtime to event output, history, alarm list, console and Modbus server."""
+    machine = runtime.machine
+    with ExitStack() as stack:
+        printer = EventWriter(options.events, sys.stdout)
+        stack.callback(printer.close)
+        receivers: list[Callable[[Event | AlarmChange], None]] = [printer.write]
+        edges = CycleEdges(machine)
+        history = _history(machine, edges, options)
+        if history is not None:
+            stack.callback(history.close)
+            receivers.append(history.write)
+            runtime.observers.append(edges)
+
+        def publish(event: Event | AlarmChange) -> None:
+            for receive in receivers:
+                receive(event)
+
+        def audit(peer: str, who: str, what: str, value: str, result: str) -> None:
+            if history is not None:
+                history.audit(peer, who, what, value, result, runtime.now_ms)
+
+        runtime.observers.append(ProductionLog(machine, publish, options.language))
+        alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, publish, options.language)
+        runtime.observers.append(alarms)
+        runtime.observers.append(_OutputReport(runtime, printer))
+        if not options.no_hmi:
+            server = _server(runtime, alarms, options, figures=figures, pace=pace, audit=audit)
+            receivers.append(server.cycles.record)
+            sys.setswitchinterval(SWITCH_INTERVAL_S)
+            stack.enter_context(server)
+            printer.write(ServingEvent(runtime.now_ms, server.port))
+        if not options.no_console and sys.stdin is not None:  # None = closed by the parent process
+            stack.enter_context(ConsoleReader(Console(runtime, alarms), sys.stdin.fileno()))
+        yield
+
+
+class _OutputReport:
+    """Observer that reports another master after its alarm has been set."""
+
+    def __init__(self, runtime: Runtime, printer: EventWriter) -> None:
+        self._ownership = runtime.ownership
+        self._printer = printer
+        self._system = runtime.machine.tags.system
+        self._reported = ("", "")
+
+    def __call__(self, now_ms: int, plc: Plc) -> None:
+        taken = self._ownership.taken if plc.read(self._system.outputs_taken) else ""
+        rival = self._ownership.rival if plc.read(self._system.outputs_contested) else ""
+        if taken not in ("", self._reported[0]):
+            self._printer.write(OutputsEvent(now_ms, taken, taken=True))
+        if rival not in ("", self._reported[1]):
+            number, _, address = rival.partition(" ")
+            text = f"write by {address} refused by the field I/O ({number} so far)"
+            self._printer.write(OutputsEvent(now_ms, text, taken=False))
+        self._reported = taken, rival
+
+
+def _history(machine: Transplanter, edges: CycleEdges, options: argparse.Namespace) -> HistoryWriter | None:
+    if options.no_history:
+        return None
+    path = options.history or options.retain.with_name("history.sqlite")
+    try:
+        return HistoryWriter(
+            path,
+            wall_ms=utc_ms,
+            program=machine.program.name,
+            version=version(),
+            edges_of=edges.of,
+            language=options.language,
+        )
+    except HistoryError as error:
+        raise InputError(f"--history: {error}") from error
+
+
+def _server(
+    runtime: Runtime,
+    alarms: AlarmList,
+    options: argparse.Namespace,
+    *,
+    figures: LoopFigures,
+    pace: Pace | None,
+    audit: Callable[[str, str, str, str, str], None],
+) -> HmiServer:
+    serial = None if options.hmi_serial is None else SerialLine.parsed(options.hmi_serial)
+    hmi_options = HmiOptions(
+        options.hmi_host,
+        options.hmi_port,
+        options.hmi_allow_remote,
+        options.hmi_certificate,
+        options.hmi_key,
+        options.hmi_clients,
+        serial,
+    )
+    return HmiServer(runtime, alarms, hmi_options, figures=figures, pace=pace, audit=audit, version=version())
