@@ -1,8 +1,8 @@
 """Devices of an FX PLC as the MC protocol names them.
 
-X and Y have octal labels, and all frames contain the value of the label: X10 is number 8. Sources of the 1E codes: FX3U-ENET
-user's manual 9.3 (device list, public scan), of the 3E codes: FX5 user's manual (MELSEC communication protocol),
-"Device range", and the tables of plc-comm-slmp and pymcprotocol (PyPI), which agree.
+X and Y have octal labels, and all frames contain the value of the label: X10 is number 8. Sources of the 1E codes:
+FX3U-ENET user's manual 9.3 (device list, public scan), of the 3E codes: FX5 user's manual (MELSEC communication
+protocol), "Device range", and the tables of plc-comm-slmp and pymcprotocol (PyPI), which agree.
 """
 
 from __future__ import annotations

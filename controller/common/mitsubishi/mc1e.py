@@ -336,7 +336,9 @@ def _other(reader: FieldReader, subheader: int) -> Request:
         if not 1 <= size <= _LOOPBACK_BYTES:
             raise RequestError(TOO_MANY_POINTS)
         return SelfTest(bytes(reader.numbers(size, 1)))
-    return {0x13: RemoteRun, 0x14: RemoteStop, 0x15: ReadTypeName}[subheader]()
+    if subheader == SUBHEADERS[RemoteRun]:
+        return RemoteRun()
+    return RemoteStop() if subheader == SUBHEADERS[RemoteStop] else ReadTypeName()
 
 
 def _random(reader: FieldReader, size: int, limit: int) -> tuple[tuple[Device, int], ...]:
