@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import time
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, Protocol, Self, cast
@@ -32,8 +31,6 @@ from controller.common.mitsubishi.requests import (
 )
 
 _RECEIVE_BYTES: Final = 4_096
-_LEAST_WAIT_S: Final = 0.001
-"""Timeout after the deadline of a request, s; 0 would make the socket non-blocking."""
 
 
 class ClientFrame(Protocol):
@@ -97,7 +94,7 @@ class McClient:
             host: Address of the PLC.
             port: TCP port.
             frame: Frame and code that the PLC is configured for.
-            timeout_s: Time limit of connecting, and of each request, s.
+            timeout_s: Time limit of connecting, and of each piece of a reply (usually there is one), s.
         """
         self._address = (host, port)
         self._frame = frame
@@ -141,12 +138,10 @@ class McClient:
         if self._socket is None:
             raise ConnectionError("not connected to the PLC")
         exchange = _Exchange(self._frame, request)
-        deadline_s = time.monotonic() + self._timeout_s
         try:
-            self._socket.settimeout(self._timeout_s)
             self._socket.sendall(self._frame.encode_request(request))
             while exchange.missing(self._socket.recv(_RECEIVE_BYTES)):
-                self._socket.settimeout(max(deadline_s - time.monotonic(), _LEAST_WAIT_S))
+                pass
             return exchange.reply()
         except RefusedError:
             raise
@@ -179,7 +174,7 @@ class AsyncMcClient:
     """Asynchronous client with the methods and errors of `McClient`."""
 
     def __init__(self, host: str, port: int, frame: ClientFrame, *, timeout_s: float = 1.0) -> None:
-        """Create a client that is not connected; the arguments are those of `McClient`."""
+        """Create a client that is not connected; the arguments are those of `McClient`, `timeout_s` is for a whole request."""
         self._address = (host, port)
         self._frame = frame
         self._timeout_s = timeout_s

@@ -1,8 +1,8 @@
 """MC protocol frames 3E and 4E (SLMP), as the built-in Ethernet port of an FX5U has them.
 
-Sources: FX5 user's manual (MELSEC communication protocol), message formats; end codes C050h to C061h: manuals of the FX5
-and of the QCPU 5.1.4, public scans. From memory (general knowledge): end codes 4B00h and 4B02h; that the numbers of X
-and Y are hexadecimal in ASCII code (the manual names decimal and hexadecimal numbers only).
+Sources: FX5 user's manual (MELSEC communication protocol), message formats; end codes C050h to C061h: manuals of the
+FX5 and of the QCPU 5.1.4, public scans. From memory (general knowledge): end codes 4B00h and 4B02h; that the numbers of
+X and Y are hexadecimal in ASCII code (the manual names decimal and hexadecimal numbers only).
 """
 
 from __future__ import annotations
