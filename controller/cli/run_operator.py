@@ -19,7 +19,8 @@ from controller.events.writer import EventWriter, OutputsEvent, ServingEvent
 from controller.history.schema import HistoryError
 from controller.history.writer import HistoryWriter
 from controller.hmi.console import Console, ConsoleReader
-from controller.hmi.modbus.server import DEFAULT_PORT, HmiOptions, HmiServer
+from controller.hmi.modbus.endpoint import DEFAULT_PORT, HmiOptions
+from controller.hmi.modbus.server import HmiServer
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime

@@ -22,8 +22,9 @@ import asyncio
 
 from pymodbus.constants import ExcCodes
 
+from controller.common.connections import Traffic
 from controller.common.modbus.address import checked_host
-from controller.common.modbus.mbap import MbapServer, Traffic
+from controller.common.modbus.mbap import MbapServer
 from controller.common.modbus.requests import RequestRefusedError
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_image import image_of
