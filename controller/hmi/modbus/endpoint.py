@@ -14,7 +14,7 @@ from controller.hmi.modbus.session import HmiSession
 from controller.hmi.serving.endpoints import EndpointNames, SerialEndpoint, ServerError, TcpEndpoint, TcpSettings
 
 DEFAULT_PORT: Final = 5021
-HMI_NAMES: Final = EndpointNames("HMI server", "Modbus", "--hmi", "--no-hmi")
+HMI_NAMES: Final = EndpointNames("HMI server", "Modbus", "--hmi-host", "--hmi-port", "--hmi-allow-remote", "--no-hmi")
 
 
 @dataclass(frozen=True, slots=True)

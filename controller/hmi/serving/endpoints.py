@@ -79,13 +79,17 @@ class EndpointNames:
     Attributes:
         server: Name of the server.
         protocol: Name of the protocol.
-        option: Start of the names of its command-line options, such as "--hmi".
-        omitted: Option without which, or with which, the server is not started.
+        host: Command-line option of the address.
+        port: Command-line option of the port.
+        allow_remote: Command-line option that permits remote access.
+        omitted: What to do in order not to start the server.
     """
 
     server: str
     protocol: str
-    option: str
+    host: str
+    port: str
+    allow_remote: str
     omitted: str
 
 
@@ -115,7 +119,7 @@ class TcpEndpoint:
             self._host = checked_host(
                 settings.host,
                 allow_remote=settings.allow_remote,
-                option=f"{names.option}-allow-remote",
+                option=names.allow_remote,
                 protocol=names.protocol,
             )
         except ValueError as error:
@@ -152,9 +156,9 @@ class TcpEndpoint:
                 self._frontend, self._host, self._port, ssl=self._tls, ssl_handshake_timeout=handshake_s
             )
         except OSError as error:
-            option = self._names.option
-            remedy = listening_remedy(error, host=f"{option}-host", port=f"{option}-port")
-            raise ServerError(f"{self._names.server}: {error}; {remedy}, or {self._names.omitted}") from error
+            names = self._names
+            remedy = listening_remedy(error, host=names.host, port=names.port)
+            raise ServerError(f"{names.server}: {error}; {remedy}, or {names.omitted}") from error
         self._port = self._listener.sockets[0].getsockname()[1]
 
     async def stop(self) -> None:
