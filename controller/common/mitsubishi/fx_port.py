@@ -14,14 +14,14 @@ from controller.common.mitsubishi.fields import DigitError, parsed
 from controller.common.mitsubishi.requests import FrameError
 
 STX, ETX, ENQ, ACK, NAK = b"\x02", b"\x03", b"\x05", b"\x06", b"\x15"
-LONGEST_TRANSFER: Final = 64
-"""Largest number of bytes that a request reads or writes, from the recordings."""
-LONGEST_FRAME: Final = 160
-"""Longest accepted frame, bytes; the longest valid one, an extended write of 64 bytes, has 141."""
-_SUM_CHARACTERS: Final = 2
-
 Space = Literal["basic", "extended", "program"]
 """Address space: of the commands 0, 1, 7 and 8; of E00, E10, E7 and E8; of E01, E11 and E41."""
+LONGEST_TRANSFER: Final[dict[Space, int]] = {"basic": 64, "extended": 254, "program": 254}
+"""Largest number of bytes that a request reads or writes: the largest in the recordings are 64 and 254 bytes."""
+LONGEST_FRAME: Final = 530
+"""Longest accepted frame, bytes; the longest valid one, an extended write of 254 bytes, has 521."""
+_SUM_CHARACTERS: Final = 2
+
 _READS: Final[dict[bytes, Space]] = {b"0": "basic", b"E00": "extended", b"E01": "program"}
 _WRITES: Final[dict[bytes, Space]] = {b"1": "basic", b"E10": "extended", b"E11": "program"}
 _FORCES: Final[dict[bytes, tuple[Space, bool]]] = {
@@ -138,15 +138,16 @@ def decode_request(frame: bytes) -> PortRequest:
     if len(data) < 6:
         raise FrameError(f"{text!r}: address or count is missing")
     address, count, content = parsed(data[:4], 16), parsed(data[4:6], 16), data[6:]
-    if not 1 <= count <= LONGEST_TRANSFER or address + count > 0x1_0000:
+    space = {**_READS, **_WRITES}[command]
+    if not 1 <= count <= LONGEST_TRANSFER[space] or address + count > 0x1_0000:
         raise FrameError(f"{text!r}: {count} bytes")
     if command in _READS:
         if content:
             raise FrameError(f"{text!r}: characters after the count")
-        return ReadMemory(_READS[command], address, count)
+        return ReadMemory(space, address, count)
     if len(content) != 2 * count:
         raise FrameError(f"{text!r}: {len(content)} digits instead of {2 * count}")
-    return WriteMemory(_WRITES[command], address, _bytes(content))
+    return WriteMemory(space, address, _bytes(content))
 
 
 def encode_bytes(data: bytes) -> bytes:

@@ -13,7 +13,7 @@ from controller.hmi.serving.endpoints import SerialEndpoint
 
 BAUD: Final = 9_600
 GAP_S: Final = 0.5
-"""Idle time after which an incomplete frame is discarded, s; a frame takes at most 0.17 s (assumed)."""
+"""Idle time after which an incomplete frame is discarded, s (assumed)."""
 _RECEIVE_BYTES: Final = 256
 _WRITE_LIMIT_S: Final = 0.1
 """Write timeout, s; a line that does not accept an answer within this time is treated as disconnected."""
