@@ -14,7 +14,7 @@ from typing import Final
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.common.stop_request import Stop
-from controller.core.devices import SIZES
+from controller.core.devices import RUN_MONITOR, SIZES
 from controller.fx.engine.plc import FxPlc
 from controller.hmi.access.devices import (
     AccessRefusedError,
@@ -29,6 +29,8 @@ from controller.io.pace import Pace
 
 _SIGN_16: Final = 0x8000
 _SIGN_32: Final = 0x8000_0000
+_STOPPED: Final = (False, True, False, True)
+"""M8000-M8003 of a PLC in STOP: a real one answers 0Ah there (bomingfeng/Fx2N, doc: recordings of GPPW)."""
 
 
 class LivePlc:
@@ -64,7 +66,10 @@ class LivePlc:
         while self._writes:
             self._writes.popleft()()
         self.plc.scan(now_ms, self._levels)
-        self.latest = snapshot_of(self.plc.memory, now_ms, self.plc.scans)
+        latest = snapshot_of(self.plc.memory, now_ms, self.plc.scans)
+        if not self.plc.running:
+            latest.bits["M"][RUN_MONITOR : RUN_MONITOR + len(_STOPPED)] = _STOPPED
+        self.latest = latest
 
     def write(self, action: Callable[[], None]) -> None:
         """Call a function at the start of the next scan; thread-safe."""

@@ -18,13 +18,13 @@ from controller.common.mitsubishi.fx_port import (
 )
 from controller.common.mitsubishi.fx_port_map import address_of, bit_number
 from controller.fx.engine.plc import FxPlc
-from controller.fx.language.parsing import parse_ladder
+from controller.fx.language.il import read_il
 from controller.hmi.ladder.live import LivePlc
 from controller.hmi.mitsubishi.port_session import PortSession
 from tests.controller.common.mitsubishi.test_port_frames import telegrams
 
 ACK, NAK = b"\x06", b"\x15"
-PROGRAM = "LD X10\nOUT Y10\nOUT T0 K5\nLD X11\nOUT C0 K9\nLD M10\nMOV D10 D11\nLD M12\nMOV D10 C201Z0\nEND\n"
+PROGRAM = "LD X10\nOUT Y10\nOUT T0 K5\nLD X11\nOUT C0 K9\nLD M10\nMOV D10 D11\nEND\n"
 D = Device.parsed
 
 
@@ -32,7 +32,7 @@ class PortRig:
     """Live program with a programming port; `ask` executes one scan after the request."""
 
     def __init__(self) -> None:
-        self.live = LivePlc(FxPlc(parse_ladder(PROGRAM.replace("LD M12\nMOV D10 C201Z0\n", "")), input_filter_ms=0))
+        self.live = LivePlc(FxPlc(read_il(PROGRAM), input_filter_ms=0))
         self.port = PortSession(self.live.session("line"))
         self.now_ms = 0
         self.scan()
@@ -66,8 +66,10 @@ MONITORING = [
 
 
 def test_gx_works2_is_answered_as_in_the_recording_with_the_model_of_an_fx2n(rig: PortRig) -> None:
-    """Connecting and monitoring: same answers, except for the values of D8000-D8127, which are those of this PLC."""
-    assert len(MONITORING) == 22
+    """Connecting and monitoring in STOP: same answers, except for the values of D8000-D8127."""
+    rig.live.session("test").set_running(running=False)
+    rig.scan()
+    assert len(MONITORING) == 18
     assert rig.port.feed(b"\x05") == ACK
     for source, sent, received in MONITORING:
         answer = rig.port.feed(sent)
@@ -121,9 +123,12 @@ def test_the_watch_list_shows_words_and_bits(rig: PortRig) -> None:
 
 
 def test_remote_stop_and_run_are_the_relays_that_gx_works2_forces(rig: PortRig) -> None:
+    rig.scan()
+    assert rig.read("extended", "M8000", 1) == b"\x09", "the recorded status of a real PLC in RUN"
     assert rig.force("extended", "M8037", level=True) == ACK
     rig.scan()
     assert not rig.live.plc.running
+    assert rig.read("extended", "M8000", 1) == b"\x0a", "the recorded status of a real PLC in STOP"
     assert rig.force("extended", "M8037", level=False) == ACK
     assert rig.force("extended", "M8035", level=True) == ACK
     assert rig.force("extended", "M8036", level=True) == ACK
@@ -146,9 +151,7 @@ def test_remote_stop_and_run_are_the_relays_that_gx_works2_forces(rig: PortRig) 
         ForceBit("basic", 0x3FFF, level=True),
     ],
 )
-def test_addresses_without_a_device_are_refused(
-    rig: PortRig, request_: ReadMemory | WriteMemory | ForceBit
-) -> None:
+def test_addresses_without_a_device_are_refused(rig: PortRig, request_: ReadMemory | WriteMemory | ForceBit) -> None:
     before = rig.live.plc.memory.D.copy()
     assert rig.ask(request_) == NAK
     assert rig.live.plc.memory.D.copy()[:8000] == before[:8000]
@@ -172,8 +175,8 @@ def test_frames_are_found_in_pieces_and_after_noise(rig: PortRig) -> None:
 
 
 def test_mutated_frames_do_no_harm(rig: PortRig) -> None:
-    """3,000 mutated recordings, seed 1: every answer is ACK, NAK or a frame, and a good request is answered after it."""
-    generator = random.Random(1)  # noqa: S311 - test data
+    """3,000 mutated recordings, seed 1: an answer is ACK, NAK or a frame, and a good request is answered afterwards."""
+    generator = random.Random(1)
     frames = [sent for _, sent, _ in telegrams()]
     for _ in range(3_000):
         data = bytearray(generator.choice(frames))
