@@ -312,6 +312,8 @@ def test_a_hundred_connections_leave_no_slot_occupied(rig: McRig) -> None:
     for turn in range(100):
         with rig.raw() as raw:
             raw.send(request[: turn % len(request) + 1])
+            raw.socket.shutdown(socket.SHUT_WR)
+            raw.until_closed()
     until(lambda: rig.mc.connections == 0, bystander)
     assert rig.client().read_words(D("D8000"), 1) == (rig.hmi.twin.plc.memory.D[8000],)
 
