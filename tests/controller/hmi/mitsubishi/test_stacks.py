@@ -61,7 +61,7 @@ def hexadecimal(name: str) -> str:
     """Return the name of a device as a Q has it: TS0 and CS0 are contacts, X and Y have hexadecimal numbers."""
     device = Device.parsed(name)
     if device.kind in ("X", "Y"):
-        return f"{device.kind}{device.number:X}"
+        return f"{device.kind}0{device.number:X}"
     return f"{device.kind}S{device.number}" if device.kind in ("T", "C") else name
 
 
@@ -243,12 +243,11 @@ def test_every_kind_of_device_is_read_and_written(stack: Stack) -> None:
     assert stack.write_bits("C0", [False])
     assert stack.write_words("D10", [-5, 0])
     assert not stack.has_states or stack.write_bits("S20", [True, False, True])
-    assert stack.write_bits("Y14", [True])
+    assert stack.write_bits("Y11", [True])
     until_bits(stack, "X6", [False] * 4)
     assert stack.write_bits("X10", [True])
     until_bits(stack, "X6", [False, False, True, False])  # X6 X7 X10 X11
-    until_bits(stack, "Y6", [False, False, True, False])
-    until_bits(stack, "Y14", [True])  # no coil drives it
+    until_bits(stack, "Y6", [False, False, True, True])  # no coil drives Y11
     if stack.has_states:
         until_bits(stack, "S20", [True, False, True])
     until_words(stack, "TN0", [5])
