@@ -122,28 +122,33 @@ class PlcCommSlmp:
 
 
 class NodeMcProtocol:
-    """mcprotocol (npm): frame 1E in binary and ASCII code, octal X and Y; one process per exchange."""
+    """mcprotocol (npm): frame 1E in binary and ASCII code, octal X and Y."""
 
     has_states = True
 
-    def __init__(self, port: int, *, is_ascii: bool) -> None:
-        self.port = port
-        self.is_ascii = is_ascii
-
-    def exchange(self, write: Mapping[str, Any], read: Sequence[str]) -> dict[str, Any]:
-        order = {"port": self.port, "ascii": self.is_ascii, "frame": "1E", "write": write, "read": list(read)}
+    def __init__(self, stack: ExitStack, port: int, *, code: str) -> None:
         node = shutil.which("node")
         assert node is not None, "the tests need nodejs: run scripts/setup dev"
-        done = subprocess.run(
-            [node, NODE_FOLDER / "exchange.js", json.dumps(order)],
-            capture_output=True,
+        self.process = subprocess.Popen(
+            [node, NODE_FOLDER / "exchange.js", str(port), code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
             text=True,
-            timeout=LIMIT_S,
-            check=False,
         )
-        assert done.returncode == 0, done.stderr
-        result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-        return result
+        stack.enter_context(self.process)
+        stack.callback(self.process.kill)
+
+    def exchange(self, write: Mapping[str, Any], read: Sequence[str]) -> dict[str, Any]:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(json.dumps({"write": write, "read": list(read)}) + "\n")
+        self.process.stdin.flush()
+        for line in self.process.stdout:
+            if line.startswith("{"):
+                result: dict[str, Any] = json.loads(line)
+                return result
+        raise AssertionError("mcprotocol has ended; run scripts/setup dev")
 
     def bits(self, first: str, count: int) -> list[bool]:
         return [bool(value) for value in self.read(hexadecimal_free(first), count)]
@@ -189,7 +194,7 @@ STACKS_1E = ["mcprotocol", "mcprotocol ASCII"]
 
 def stack_of(name: str, ports: Mapping[str, int], stack: ExitStack) -> Stack:
     if name.startswith("mcprotocol"):
-        return NodeMcProtocol(ports["1e"], is_ascii="ASCII" in name)
+        return NodeMcProtocol(stack, ports["1e"], code="ascii" if "ASCII" in name else "binary")
     if name == "plc-comm-slmp":
         return PlcCommSlmp(stack, ports["3e"])
     code = "ascii" if "ASCII" in name else "binary"

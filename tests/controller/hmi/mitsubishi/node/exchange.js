@@ -1,47 +1,46 @@
-// One exchange with the npm package mcprotocol: writes the items of the first argument, then reads those of the second.
-// Usage: node exchange.js '{"port": 1, "ascii": false, "frame": "1E", "write": {"D10": 5}, "read": ["D10", "X10,3"]}'
-// Prints {"write_failed": ..., "read_failed": ..., "values": {...}}.
+// Exchanges with the npm package mcprotocol over one connection. Usage: node exchange.js PORT binary|ascii
+// Each line of input is an order: {"write": {"D10": 5}, "read": ["D10", "X10,3"]}; the items are written, then read.
+// Each line of output that starts with { is a result: {"write_failed": ..., "read_failed": ..., "values": {...}}.
 "use strict";
 
+const readline = require("readline");
 const McProtocol = require("mcprotocol");
 
-const order = JSON.parse(process.argv[2]);
+const [port, code] = process.argv.slice(2);
 const connection = new McProtocol({ silent: true });
-const result = { write_failed: null, read_failed: null, values: {} };
 
-function end(code) {
-    process.stdout.write(JSON.stringify(result) + "\n", () => process.exit(code));
-}
-
-function read() {
+function read(order, result, done) {
     if (order.read.length === 0) {
-        end(0);
+        done(result);
         return;
     }
+    connection.removeItems();
     connection.addItems(order.read);
     connection.readAllItems((failed, values) => {
-        result.read_failed = failed;
-        result.values = values;
-        end(0);
+        done({ ...result, read_failed: failed, values });
     });
 }
 
-connection.initiateConnection(
-    { host: "127.0.0.1", port: order.port, ascii: order.ascii, frame: order.frame },
-    (error) => {
-        if (error !== undefined) {
-            process.stderr.write(`${error}\n`);
-            end(1);
-            return;
-        }
-        const names = Object.keys(order.write);
-        if (names.length === 0) {
-            read();
-            return;
-        }
-        connection.writeItems(names, Object.values(order.write), (failed) => {
-            result.write_failed = failed;
-            read();
-        });
-    },
-);
+function exchange(order, done) {
+    const result = { write_failed: null, read_failed: null, values: {} };
+    const names = Object.keys(order.write);
+    if (names.length === 0) {
+        read(order, result, done);
+        return;
+    }
+    connection.writeItems(names, Object.values(order.write), (failed) => {
+        read(order, { ...result, write_failed: failed }, done);
+    });
+}
+
+connection.initiateConnection({ host: "127.0.0.1", port: Number(port), ascii: code === "ascii" }, (error) => {
+    if (error !== undefined) {
+        process.stderr.write(`${error}\n`);
+        process.exit(1);
+    }
+    const lines = readline.createInterface({ input: process.stdin });
+    lines.on("line", (line) => {
+        exchange(JSON.parse(line), (result) => process.stdout.write(`\n${JSON.stringify(result)}\n`));
+    });
+    lines.on("close", () => process.exit(0));
+});
