@@ -19,7 +19,7 @@ WORD_KINDS: Final = frozenset({"D", "R", "TN", "CN"})
 _DEVICE_OF_WORD: Final = {"D": "D", "TN": "T", "CN": "C"}
 
 
-class Refusal(Enum):
+class AccessRefusal(Enum):
     """Reason for which a request is refused."""
 
     NOT_READY = "no scan has been completed yet"
@@ -36,7 +36,7 @@ class AccessRefusedError(Exception):
         refusal: Reason.
     """
 
-    def __init__(self, refusal: Refusal) -> None:
+    def __init__(self, refusal: AccessRefusal) -> None:
         super().__init__(refusal.value)
         self.refusal = refusal
 
@@ -87,7 +87,7 @@ class AccessSource(Protocol):
 def check_bits(first: Device, count: int) -> None:
     """Raise AccessRefusedError unless all bits exist."""
     if first.kind not in BIT_KINDS or count < 1:
-        raise AccessRefusedError(Refusal.NO_DEVICE)
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     _check_range(first.kind, first.number, first.number + count - 1)
 
 
@@ -106,15 +106,15 @@ def check_words(first: Device, count: int, registers: int = 0) -> None:
         registers: Number of R registers.
     """
     if count < 1:
-        raise AccessRefusedError(Refusal.NO_DEVICE)
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     last = last_counter(first.number, count) if first.kind == "CN" else first.number + count - 1
     if first.kind == "R":
         if not 0 <= first.number <= last < registers:
-            raise AccessRefusedError(Refusal.NO_DEVICE)
+            raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     elif first.kind in _DEVICE_OF_WORD:
         _check_range(_DEVICE_OF_WORD[first.kind], first.number, last)
     else:
-        raise AccessRefusedError(Refusal.NO_DEVICE)
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE)
 
 
 def words_of_counters(values: Sequence[int]) -> list[int]:
@@ -135,9 +135,9 @@ def _check_range(kind: str, first: int, last: int) -> None:
         check_device(kind, first)
         check_device(kind, last)
     except DeviceError as error:
-        raise AccessRefusedError(Refusal.NO_DEVICE) from error
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE) from error
     if kind == "M" and first < _SPECIAL_RELAYS <= last:
-        raise AccessRefusedError(Refusal.NO_DEVICE)  # between the general and the special relays there are none
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE)  # between the general and the special relays there are none
 
 
 _SPECIAL_RELAYS: Final = 8000

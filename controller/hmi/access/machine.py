@@ -17,8 +17,8 @@ from controller.events.alarm_list import AlarmList, AlarmRefusalError
 from controller.hmi.access import status_registers as status
 from controller.hmi.access.devices import (
     BIT_KINDS,
+    AccessRefusal,
     AccessRefusedError,
-    Refusal,
     check_bits,
     check_words,
     word_index,
@@ -92,7 +92,7 @@ class MachineAccess:
             AccessRefusedError: No scan has been completed yet.
         """
         if self.snapshots.latest is None:
-            raise AccessRefusedError(Refusal.NOT_READY)
+            raise AccessRefusedError(AccessRefusal.NOT_READY)
         return self.snapshots.latest
 
     def status_words(self, snapshot: Snapshot) -> list[int]:
@@ -208,13 +208,15 @@ class MachineSession:
             else:
                 self._change_set_points(values)
         except (AlarmRefusalError, PaceError, ForcingError, SetPointError) as error:
-            raise self.refused(str(first), str(numbers), Refusal.BAD_VALUE, str(error)) from error
+            raise self.refused(str(first), str(numbers), AccessRefusal.BAD_VALUE, str(error)) from error
 
     def set_running(self, *, running: bool) -> None:
         """Refuse to stop or start the program; the machine has commands for this."""
-        raise self.refused("RUN" if running else "STOP", "", Refusal.NOT_SUPPORTED, "remote RUN/STOP is not supported")
+        raise self.refused(
+            "RUN" if running else "STOP", "", AccessRefusal.NOT_SUPPORTED, "remote RUN/STOP is not supported"
+        )
 
-    def refused(self, what: str, value: str, refusal: Refusal, why: str = "not writable") -> AccessRefusedError:
+    def refused(self, what: str, value: str, refusal: AccessRefusal, why: str = "not writable") -> AccessRefusedError:
         """Record a refused write and return its error."""
         self._state.refused_writes += 1
         self._note(what, value, f"refused: {why}")
@@ -302,19 +304,19 @@ class MachineSession:
             alarms.unshelve(number, by=by)
             self._note("unshelve", str(number))
         else:
-            raise self.refused("alarm action", str(list(values)), Refusal.BAD_VALUE, "no such action")
+            raise self.refused("alarm action", str(list(values)), AccessRefusal.BAD_VALUE, "no such action")
 
     def _set_name(self, values: Sequence[int]) -> None:
         text = b"".join(value.to_bytes(2) for value in values).rstrip(b"\0")
         if not all(0x20 <= byte < 0x7F for byte in text):
-            raise self.refused("name", "", Refusal.BAD_VALUE, "not ASCII")
+            raise self.refused("name", "", AccessRefusal.BAD_VALUE, "not ASCII")
         self._name = text.decode("ascii").strip()
 
     def _set_pace(self, values: Sequence[int]) -> None:
         pace = self._state.source.pace
         if pace is None:
             raise self.refused(
-                "pace", str(values[0]), Refusal.NOT_WRITABLE, "not a simulation: the speed cannot be changed"
+                "pace", str(values[0]), AccessRefusal.NOT_WRITABLE, "not a simulation: the speed cannot be changed"
             )
         pace.set(values[0])
         self._state.invalidate_status_words()
@@ -323,7 +325,9 @@ class MachineSession:
     def _force(self, values: Sequence[int]) -> None:
         number, level = values
         if level > status.RELEASE_FORCE:
-            raise self.refused("force", str(list(values)), Refusal.BAD_VALUE, "must be 0 or 1, or 2 to end forcing")
+            raise self.refused(
+                "force", str(list(values)), AccessRefusal.BAD_VALUE, "must be 0 or 1, or 2 to end forcing"
+            )
         self._state.runtime.forcing.force(number, None if level == status.RELEASE_FORCE else bool(level))
         if level != status.RELEASE_FORCE:
             self._state.forcer = self
@@ -333,7 +337,7 @@ class MachineSession:
         self._state.audit(self._peer, self._name, what, value, result)
 
 
-def _refusal_of(devices: Sequence[Device]) -> Refusal:
+def _refusal_of(devices: Sequence[Device]) -> AccessRefusal:
     """Return the reason for which a write of devices is refused: one does not exist, or is not writable."""
     try:
         for device in devices:
@@ -343,4 +347,4 @@ def _refusal_of(devices: Sequence[Device]) -> Refusal:
                 check_words(device, 1, status.STATUS_WORDS)
     except AccessRefusedError as error:
         return error.refusal
-    return Refusal.NOT_WRITABLE
+    return AccessRefusal.NOT_WRITABLE

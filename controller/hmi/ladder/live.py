@@ -17,8 +17,8 @@ from controller.common.stop_request import Stop
 from controller.core.devices import RUN_MONITOR, SIZES
 from controller.fx.engine.plc import FxPlc
 from controller.hmi.access.devices import (
+    AccessRefusal,
     AccessRefusedError,
-    Refusal,
     check_bits,
     check_words,
     word_index,
@@ -154,7 +154,7 @@ class LiveSession:
 
     def _snapshot(self) -> Snapshot:
         if self._live.latest is None:
-            raise AccessRefusedError(Refusal.NOT_READY)
+            raise AccessRefusedError(AccessRefusal.NOT_READY)
         return self._live.latest
 
 

@@ -28,7 +28,7 @@ from controller.common.mitsubishi.requests import (
     has_two_words,
     words_of_bits,
 )
-from controller.hmi.access.devices import AccessRefusedError, DeviceAccess, Refusal
+from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, DeviceAccess
 
 _SPECIAL_DEVICES: Final = {"SM": "M", "SD": "D"}
 _FIRST_SPECIAL: Final = 8000
@@ -104,7 +104,7 @@ def _write(access: DeviceAccess, request: Request) -> None:
             for block in word_blocks + bit_blocks:
                 _add_words(block.first, block.values, bits, words)
     if bits and words:  # they could not be refused together
-        raise AccessRefusedError(Refusal.NOT_SUPPORTED)
+        raise AccessRefusedError(AccessRefusal.NOT_SUPPORTED)
     if bits:
         access.write_bits(bits)
     else:
@@ -122,7 +122,7 @@ def _add_words(first: Device, values: Sequence[int], bits: BitPairs, words: Word
         value = left.pop(0)
         if has_two_words(device):
             if not left:
-                raise AccessRefusedError(Refusal.BAD_VALUE)
+                raise AccessRefusedError(AccessRefusal.BAD_VALUE)
             value |= left.pop(0) << 16
         words.append((device, value))
         number += 1
@@ -139,5 +139,5 @@ def _own(device: Device) -> Device:
     if kind is None:
         return device
     if device.number < _FIRST_SPECIAL:
-        raise AccessRefusedError(Refusal.NO_DEVICE)
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     return Device(kind, device.number)

@@ -13,7 +13,7 @@ from controller.common.mitsubishi import commands_3e, mc1e
 from controller.common.mitsubishi.mc1e import Abnormal1EError, Frame1E
 from controller.common.mitsubishi.mc3e import Frame3E
 from controller.common.mitsubishi.requests import FrameError, RequestError, TypeName
-from controller.hmi.access.devices import AccessRefusedError, AccessSource, DeviceAccess, Refusal
+from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, AccessSource, DeviceAccess
 from controller.hmi.mitsubishi.execution import execute
 from controller.hmi.serving.endpoints import EndpointNames, TcpEndpoint, TcpSettings
 
@@ -27,18 +27,18 @@ MC_NAMES: Final = EndpointNames(
 )
 
 _CODES_1E: Final = {
-    Refusal.NOT_READY: Abnormal1EError(mc1e.MODE_ERROR),
-    Refusal.NO_DEVICE: RequestError(mc1e.TOO_MANY_POINTS),
-    Refusal.NOT_WRITABLE: Abnormal1EError(mc1e.MODE_ERROR),
-    Refusal.BAD_VALUE: Abnormal1EError(mc1e.MODE_ERROR),
-    Refusal.NOT_SUPPORTED: Abnormal1EError(mc1e.REMOTE_ERROR),
+    AccessRefusal.NOT_READY: Abnormal1EError(mc1e.MODE_ERROR),
+    AccessRefusal.NO_DEVICE: RequestError(mc1e.TOO_MANY_POINTS),
+    AccessRefusal.NOT_WRITABLE: Abnormal1EError(mc1e.MODE_ERROR),
+    AccessRefusal.BAD_VALUE: Abnormal1EError(mc1e.MODE_ERROR),
+    AccessRefusal.NOT_SUPPORTED: Abnormal1EError(mc1e.REMOTE_ERROR),
 }
 _CODES_3E: Final = {
-    Refusal.NOT_READY: RequestError(0xC05F),
-    Refusal.NO_DEVICE: RequestError(0xC056),
-    Refusal.NOT_WRITABLE: RequestError(commands_3e.NO_SUCH_DEVICE),
-    Refusal.BAD_VALUE: RequestError(commands_3e.WRONG_CONTENTS),
-    Refusal.NOT_SUPPORTED: RequestError(0xC05F),
+    AccessRefusal.NOT_READY: RequestError(0xC05F),
+    AccessRefusal.NO_DEVICE: RequestError(0xC056),
+    AccessRefusal.NOT_WRITABLE: RequestError(commands_3e.NO_SUCH_DEVICE),
+    AccessRefusal.BAD_VALUE: RequestError(commands_3e.WRONG_CONTENTS),
+    AccessRefusal.NOT_SUPPORTED: RequestError(0xC05F),
 }
 """C05Fh: the request cannot be executed for this CPU."""
 _MODEL_1E: Final = TypeName(0xF3)

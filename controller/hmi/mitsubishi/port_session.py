@@ -29,7 +29,7 @@ from controller.common.mitsubishi.fx_port import (
 )
 from controller.common.mitsubishi.fx_port_map import Region, bit_device, region_of
 from controller.common.mitsubishi.requests import FrameError
-from controller.hmi.access.devices import AccessRefusedError, DeviceAccess, Refusal
+from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, DeviceAccess
 
 _MODEL: Final = 24_100
 """FX2N (24) of version 1.00, in D8001 and D8101."""
@@ -128,7 +128,7 @@ class PortSession:
                 return encode_bytes(self._read(space, address, count))
             case WriteMemory("extended", address, data) if _WATCH_LIST <= address < _VALUES:
                 if address + len(data) > _VALUES:
-                    raise AccessRefusedError(Refusal.NO_DEVICE)
+                    raise AccessRefusedError(AccessRefusal.NO_DEVICE)
                 start = address - _WATCH_LIST
                 self._watch_list[start : start + len(data)] = data
             case WriteMemory(space, address, data):
@@ -136,16 +136,16 @@ class PortSession:
             case ForceBit(space, number, level):
                 device = bit_device(space, number)
                 if device is None:
-                    raise AccessRefusedError(Refusal.NO_DEVICE)
+                    raise AccessRefusedError(AccessRefusal.NO_DEVICE)
                 self._access.write_bits([(device, level)])
             case OtherCommand():
-                raise AccessRefusedError(Refusal.NOT_SUPPORTED)
+                raise AccessRefusedError(AccessRefusal.NOT_SUPPORTED)
         return ACK
 
     def _parameter_bytes(self, address: int, count: int) -> bytes:
         start = address - _PARAMETERS
         if start < 0 or start + count > _PARAMETER_BYTES:
-            raise AccessRefusedError(Refusal.NOT_SUPPORTED)
+            raise AccessRefusedError(AccessRefusal.NOT_SUPPORTED)
         return self._parameters[start : start + count]
 
     def _read(self, space: Space, address: int, count: int) -> bytes:
@@ -159,7 +159,7 @@ class PortSession:
             at = address + len(data)
             region = region_of(space, at)
             if region is None:
-                raise AccessRefusedError(Refusal.NO_DEVICE)
+                raise AccessRefusedError(AccessRefusal.NO_DEVICE)
             data += self._region_bytes(region, at, min(count - len(data), region.end - at))
         return data
 
@@ -185,7 +185,7 @@ class PortSession:
         """Write consecutive devices of one region; parts of words are refused."""
         region = region_of(space, address)
         if region is None or address + len(data) > region.end:
-            raise AccessRefusedError(Refusal.NO_DEVICE)
+            raise AccessRefusedError(AccessRefusal.NO_DEVICE)
         first, offset = region.first, address - region.address
         if region.bits == 1:
             number = int.from_bytes(data, "little")
@@ -196,7 +196,7 @@ class PortSession:
             return
         size = region.bits // 8
         if offset % size or len(data) % size:
-            raise AccessRefusedError(Refusal.BAD_VALUE)
+            raise AccessRefusedError(AccessRefusal.BAD_VALUE)
         start = first.number + offset // size
         values = [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
         self._access.write_words([(Device(first.kind, start + index), value) for index, value in enumerate(values)])
@@ -209,7 +209,7 @@ class PortSession:
         watch_list = self._watch_list
         words, bits = watch_list[0], int.from_bytes(watch_list[2:4], "little")
         if watch_list[1] != _WATCH_LIST_MARK or 4 + 2 * (words + bits) > _WATCH_LIST_BYTES:
-            raise AccessRefusedError(Refusal.BAD_VALUE)
+            raise AccessRefusedError(AccessRefusal.BAD_VALUE)
         entries = [int.from_bytes(watch_list[at : at + 2], "little") for at in range(4, 4 + 2 * (words + bits), 2)]
         data = b"".join(self._watched_word(address) for address in entries[:words])
         levels = [self._watched_bit(number) for number in entries[words:]]

@@ -13,16 +13,16 @@ from pymodbus.constants import ExcCodes
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
 from controller.common.modbus.requests import ModbusDevice, RequestRefusedError
-from controller.hmi.access.devices import AccessRefusedError, DeviceAccess, Refusal
+from controller.hmi.access.devices import AccessRefusal, AccessRefusedError, DeviceAccess
 from controller.hmi.access.status_registers import STATUS_WORDS
 from controller.hmi.modbus.fx3u_map import Span, Table, bit_spans, register_spans
 
 _EXCEPTIONS: Final = {
-    Refusal.NOT_READY: ExcCodes.DEVICE_BUSY,
-    Refusal.NO_DEVICE: ExcCodes.ILLEGAL_ADDRESS,
-    Refusal.NOT_WRITABLE: ExcCodes.ILLEGAL_ADDRESS,
-    Refusal.BAD_VALUE: ExcCodes.ILLEGAL_VALUE,
-    Refusal.NOT_SUPPORTED: ExcCodes.ILLEGAL_FUNCTION,
+    AccessRefusal.NOT_READY: ExcCodes.DEVICE_BUSY,
+    AccessRefusal.NO_DEVICE: ExcCodes.ILLEGAL_ADDRESS,
+    AccessRefusal.NOT_WRITABLE: ExcCodes.ILLEGAL_ADDRESS,
+    AccessRefusal.BAD_VALUE: ExcCodes.ILLEGAL_VALUE,
+    AccessRefusal.NOT_SUPPORTED: ExcCodes.ILLEGAL_FUNCTION,
 }
 _SPANS: Final[Mapping[Table, tuple[Span, ...]]] = {
     "coil": bit_spans("coil"),
@@ -67,7 +67,7 @@ class HmiSession(ModbusDevice):
         with _translated():
             span = _span("holding", first, count)
             if span is None:
-                raise AccessRefusedError(Refusal.NO_DEVICE)
+                raise AccessRefusedError(AccessRefusal.NO_DEVICE)
             device, skipped = _register(span, first)
             return self._access.read_words(device, count + skipped)[skipped:]
 
@@ -93,7 +93,7 @@ class HmiSession(ModbusDevice):
         with _translated():
             span = _span(table, first, count)
             if span is None:
-                raise AccessRefusedError(Refusal.NO_DEVICE)
+                raise AccessRefusedError(AccessRefusal.NO_DEVICE)
             return self._access.read_bits(Device(span.kind, span.number + first - span.first), count)
 
 

@@ -21,7 +21,7 @@ from controller.common.mitsubishi.mc3e import Frame3E
 from controller.common.mitsubishi.requests import RemoteRun, RemoteStop
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.il import read_il
-from controller.hmi.access.devices import AccessRefusedError, Refusal
+from controller.hmi.access.devices import AccessRefusal, AccessRefusedError
 from controller.hmi.ladder.live import LivePlc, LiveSession
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
 from plant_sim.twin.process import Process
@@ -54,7 +54,7 @@ def rig() -> LiveRig:
 def test_nothing_is_read_before_the_first_scan(rig: LiveRig) -> None:
     with pytest.raises(AccessRefusedError) as error:
         rig.session.read_bits(D("X0"), 1)
-    assert error.value.refusal is Refusal.NOT_READY
+    assert error.value.refusal is AccessRefusal.NOT_READY
 
 
 def test_an_input_keeps_its_level_and_an_output_is_driven_again(rig: LiveRig) -> None:
@@ -90,7 +90,7 @@ def test_a_write_to_a_device_that_does_not_exist_is_refused_as_a_whole(
 ) -> None:
     with pytest.raises(AccessRefusedError) as error:
         write(rig.session)
-    assert error.value.refusal is Refusal.NO_DEVICE
+    assert error.value.refusal is AccessRefusal.NO_DEVICE
     rig.scan()
     assert not rig.live.plc.memory.M[0]
     assert rig.live.plc.memory.D[0] == 1

@@ -22,6 +22,8 @@ from controller.fx.language.il import read_il
 from controller.hmi.ladder.live import LivePlc
 from controller.hmi.mitsubishi.port_session import PortSession
 from tests.controller.common.mitsubishi.test_port_frames import telegrams
+from tests.controller.hmi.hmi_rig import HmiRig
+from tests.controller.hmi.test_writes import record_commands
 
 ACK, NAK = b"\x06", b"\x15"
 PROGRAM = "LD X10\nOUT Y10\nOUT T0 K5\nLD X11\nOUT C0 K9\nLD M10\nMOV D10 D11\nEND\n"
@@ -188,3 +190,38 @@ def test_mutated_frames_do_no_harm(rig: PortRig) -> None:
         assert set(answer[:1]) <= {0x02, 0x05, 0x06, 0x15}
         rig.port.discard()
         assert rig.port.feed(encode(b"00E0202")) == FX2N_MODEL
+
+
+# --- the machine's program, with a whitelist --------------------------------------------------------
+
+
+def test_the_whitelist_of_the_machine_applies_to_forces_and_writes() -> None:
+    with HmiRig() as hmi:
+        port = PortSession(hmi.server.access.session("line"))
+        tags = hmi.twin.machine.tags
+        target = Device("D", tags.sp.trays_target.number)
+        seen = record_commands(hmi)
+
+        def ask(request: ReadMemory | WriteMemory | ForceBit) -> bytes:
+            return port.feed(encode_request(request))
+
+        for space in ("basic", "extended"):
+            assert ask(WriteMemory(space, address_of(space, target), b"\x07\x00")) == ACK
+            acknowledge = Device("M", tags.commands["acknowledge"].number)
+            assert ask(ForceBit(space, bit_number(space, acknowledge), level=True)) == ACK
+            hmi.twin.scan()
+            assert seen[-1] == {"acknowledge"}
+            assert hmi.twin.plc.memory.D[target.number] == 7
+            before = (hmi.twin.plc.memory.Y.copy(), hmi.twin.plc.memory.D.copy(), hmi.twin.plc.memory.M.copy())
+            audited = len(hmi.audits)
+            for name in ("Y0", "X10", "M0", "S0", "T0", "C0", "M8037", "M8034"):
+                assert ask(ForceBit(space, bit_number(space, D(name)), level=True)) == NAK, name
+            for name in ("D100", "TN0", "CN0", "D8000"):
+                assert ask(WriteMemory(space, address_of(space, D(name)), b"\x01\x00")) == NAK, name
+            assert ask(WriteMemory(space, address_of(space, D("Y0")), b"\xff")) == NAK
+            assert ask(WriteMemory(space, address_of(space, target), b"\xff\x7f")) == NAK, "out of range"
+            after = (hmi.twin.plc.memory.Y.copy(), hmi.twin.plc.memory.D.copy(), hmi.twin.plc.memory.M.copy())
+            assert after == before
+            assert len(hmi.audits) == audited + 14
+            assert {row[0] for row in hmi.audits} == {"line"}
+        assert decode_bytes(ask(ReadMemory("basic", 0x0E02, 2))) == b"\x24\x5e", "the model of an FX2N"
