@@ -42,7 +42,7 @@ SERVER_1E = {"no device": (0x57, 0), "not writable": (0x5B, 0x11), "bad value": 
 SERVER_3E = {"no device": (0xC056, 0), "not writable": (0xC05B, 0), "bad value": (0xC05C, 0), "remote": (0xC05F, 0)}
 
 
-@pytest.fixture(scope="module", params=FORMS.values(), ids=FORMS)
+@pytest.fixture(scope="module", params=list(FORMS.values()), ids=list(FORMS))
 def running(request: pytest.FixtureRequest) -> Iterator[McRig]:
     with McRig(request.param) as rig:
         rig.hmi.twin.run_for(500)
@@ -56,7 +56,7 @@ def shared(running: McRig) -> Iterator[McRig]:
     running.close_clients()
 
 
-@pytest.fixture(params=FORMS.values(), ids=FORMS)
+@pytest.fixture(params=list(FORMS.values()), ids=list(FORMS))
 def rig(request: pytest.FixtureRequest) -> Iterator[McRig]:
     with McRig(request.param) as rig:
         yield rig
@@ -227,6 +227,7 @@ def test_a_set_point_out_of_range_or_beside_another_device_is_refused_as_a_whole
     client = rig.client()
     first, value = set_point(rig, "trays_target"), rig.hmi.twin.plc.memory.D[set_point(rig, "trays_target").number]
     assert refused(client, WriteWords(first, (60_000,))) == codes(rig.frame)["bad value"]
+    assert refused(client, WriteWords(Device("TN", first.number), (5,))) == codes(rig.frame)["no device"]
     pair = WriteRandomWords(((first, 5), (D("D100"), 1)))
     assert refused(client, pair) == codes(rig.frame)["not writable"]
     rig.hmi.twin.scan()
