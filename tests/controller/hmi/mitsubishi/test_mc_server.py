@@ -151,6 +151,7 @@ def test_random_and_block_reads(frame: Frame3E) -> None:
         assert client.read_bits(Device("SM", 8000), 4) == tuple(memory.M[8000:8004])
         assert client.read_words(Device("SD", 8000), 1) == (memory.D[8000],)
         assert refused(client, ReadBits(Device("SM", 400), 1))[0] == 0xC056
+        assert refused(client, ReadWords(D("M3056"), 320))[0] == 0xC056, "M3072 to M7999 do not exist"
 
 
 # --- writes ---------------------------------------------------------------------------------------
