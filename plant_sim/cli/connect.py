@@ -10,8 +10,11 @@ from plant_sim.cli.serving import add_plant_arguments, build, operate, tell
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import DEFAULT_PORT
 from plant_sim.links.plc.client import PlcClient
-from plant_sim.links.plc.modbus import ModbusPlc, RtuTransport, TcpTransport, Transport
-from plant_sim.links.plc.profile import PlcProfile, load_profile, profile_names
+from plant_sim.links.plc.mc import McPlc
+from plant_sim.links.plc.modbus import ModbusPlc
+from plant_sim.links.plc.port import PlcPort
+from plant_sim.links.plc.profile import PlcProfile, PlcProtocol, load_profile, profile_names
+from plant_sim.links.plc.transport import ModbusTransport, RtuTransport, TcpTransport
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,16 +75,20 @@ def run(options: argparse.Namespace) -> int:
     return operate(options, module, machine, host=host, port=port, plc=client)
 
 
-def _port(options: argparse.Namespace, profile: PlcProfile, module: IoModule) -> ModbusPlc:
+def _port(options: argparse.Namespace, profile: PlcProfile, module: IoModule) -> PlcPort:
     """Return the closed port of the PLC."""
-    timeout_s = options.timeout_ms / 1_000
-    transport: Transport
+    timeout_s, output_count = options.timeout_ms / 1_000, module.io_map.output_count
+    port = profile.port if options.port is None else options.port
+    if profile.protocol is not PlcProtocol.MODBUS:
+        if options.serial is not None:
+            raise InputError(f"--serial: profile {options.profile} is for TCP; specify --host instead")
+        return McPlc(profile, options.host, port, output_count=output_count, timeout_s=timeout_s)
+    transport: ModbusTransport
     if options.serial is not None:
         transport = RtuTransport(SerialLine.parsed(options.serial), timeout_s=timeout_s)
     else:
-        port = profile.port if options.port is None else options.port
         transport = TcpTransport(options.host, port, unit=options.unit, timeout_s=timeout_s)
-    return ModbusPlc(profile, transport, output_count=module.io_map.output_count)
+    return ModbusPlc(profile, transport, output_count=output_count)
 
 
 def _check(options: argparse.Namespace) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
+from controller.common.mitsubishi.devices import Device
 from controller.common.suggestion import suggestion
 from controller.common.yaml_section import Section, one_of, read_section, whole
 
@@ -24,15 +25,15 @@ class ProfileError(InputError):
     """Raised for an invalid profile; the message is one line with file, line, key and remedy."""
 
 
-class Protocol(enum.StrEnum):
-    """Protocol of a PLC."""
+class PlcProtocol(enum.StrEnum):
+    """PlcProtocol of a PLC."""
 
     MODBUS = "modbus"
     MC_1E = "mc_1e"
     MC_3E = "mc_3e"
 
 
-class Area(enum.StrEnum):
+class ModbusArea(enum.StrEnum):
     """Modbus table."""
 
     COIL = "coil"
@@ -43,14 +44,16 @@ class Area(enum.StrEnum):
     @property
     def is_words(self) -> bool:
         """True for a table of registers; bit 0 of the first one is X0 or Y0, bit 0 of the next one X20 or Y20."""
-        return self in {Area.HOLDING_REGISTER, Area.INPUT_REGISTER}
+        return self in {ModbusArea.HOLDING_REGISTER, ModbusArea.INPUT_REGISTER}
 
 
-_WRITABLE: Final = (Area.COIL, Area.HOLDING_REGISTER)
+_MC_KINDS: Final = ("X", "Y", "M", "S", "D", "R")
+"""Kinds of MC protocol devices for inputs and outputs."""
+_WRITABLE: Final = (ModbusArea.COIL, ModbusArea.HOLDING_REGISTER)
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class PlcBlock:
     """Consecutive bits of a PLC, in the order of the X or Y numbers.
 
     Attributes:
@@ -61,7 +64,7 @@ class Block:
     """
 
     device: str
-    area: Area | None
+    area: ModbusArea | None
     first: int
     source: str
 
@@ -76,7 +79,7 @@ class PlcProfile:
 
     Attributes:
         title: PLC and its interface.
-        protocol: Protocol.
+        protocol: PlcProtocol.
         port: Usual TCP port.
         function_23: True if one Modbus request with function 23 writes the inputs and reads the outputs.
         outputs: Outputs, read from the PLC.
@@ -86,11 +89,11 @@ class PlcProfile:
     """
 
     title: str
-    protocol: Protocol
+    protocol: PlcProtocol
     port: int
     function_23: bool
-    outputs: Block
-    inputs: Block
+    outputs: PlcBlock
+    inputs: PlcBlock
     ok_bit: int | None
 
     def input_bits(self, input_count: int) -> int:
@@ -121,8 +124,8 @@ def load_profile(name: str, *, input_count: int, output_count: int) -> PlcProfil
     file = read_section(
         path, ("title", "protocol", "port", "function_23", "outputs", "inputs"), error_type=ProfileError
     )
-    protocol = file.read("protocol", one_of("protocol", Protocol))
-    outputs = _block(file, "outputs", protocol, tuple(Area))
+    protocol = file.read("protocol", one_of("protocol", PlcProtocol))
+    outputs = _block(file, "outputs", protocol, tuple(ModbusArea))
     inputs = _block(file, "inputs", protocol, _WRITABLE)
     section = file.section("inputs")
     ok_bit = None
@@ -141,9 +144,9 @@ def load_profile(name: str, *, input_count: int, output_count: int) -> PlcProfil
     return profile
 
 
-def _block(file: Section, key: str, protocol: Protocol, areas: tuple[Area, ...]) -> Block:
+def _block(file: Section, key: str, protocol: PlcProtocol, areas: tuple[ModbusArea, ...]) -> PlcBlock:
     known = ["device", "source"]
-    if protocol is Protocol.MODBUS:
+    if protocol is PlcProtocol.MODBUS:
         known += ["area", "first"]
     if key == "inputs":
         known.append("ok_bit")
@@ -151,10 +154,11 @@ def _block(file: Section, key: str, protocol: Protocol, areas: tuple[Area, ...])
     if section is None:
         raise file.error(key, f"is missing; add it with the keys {', '.join(known)}")
     area, first = None, 0
-    if protocol is Protocol.MODBUS:
+    if protocol is PlcProtocol.MODBUS:
         area = section.read("area", one_of("area", areas))
         first = section.read("first", whole(0, _LAST_ADDRESS))
-    return Block(section.read("device", _text), area, first, section.read("source", _text))
+    device = section.read("device", _text if protocol is PlcProtocol.MODBUS else _mc_device)
+    return PlcBlock(device, area, first, section.read("source", _text))
 
 
 def _check(file: Section, profile: PlcProfile, input_count: int, output_count: int) -> None:
@@ -163,11 +167,14 @@ def _check(file: Section, profile: PlcProfile, input_count: int, output_count: i
     for key, block, length in (("outputs", outputs, lengths[0]), ("inputs", inputs, lengths[1])):
         if block.first + length - 1 > _LAST_ADDRESS:
             raise file.error(key, f"{length} addresses from {block.first} exceed {_LAST_ADDRESS}; choose a lower first")
-    if profile.protocol is not Protocol.MODBUS:
+    if profile.protocol is not PlcProtocol.MODBUS:
         if profile.function_23:
             raise file.error("function_23", "is a Modbus function; remove the key")
         return
-    if profile.function_23 and (outputs.area, inputs.area) != (Area.HOLDING_REGISTER, Area.HOLDING_REGISTER):
+    if profile.function_23 and (outputs.area, inputs.area) != (
+        ModbusArea.HOLDING_REGISTER,
+        ModbusArea.HOLDING_REGISTER,
+    ):
         raise file.error("function_23", "transfers holding registers only; change both areas, or write false")
     ranges = (
         range(block.first, block.first + length) for block, length in zip((outputs, inputs), lengths, strict=True)
@@ -181,6 +188,16 @@ def _text(text: str) -> str:
     if not text.strip():
         raise ValueError("is empty; write text")
     return text.strip()
+
+
+def _mc_device(text: str) -> str:
+    try:
+        device = Device.parsed(text)
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    if device.kind not in _MC_KINDS:
+        raise ValueError(f"must be one of {', '.join(_MC_KINDS)} with a number, not {text!r}")
+    return text
 
 
 def _flag(text: str) -> bool:
