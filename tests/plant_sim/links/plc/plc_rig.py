@@ -15,6 +15,7 @@ from controller.export.instruction_list import acting, export
 from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import Ladder
+from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.io_module import IoModule
@@ -24,6 +25,7 @@ from plant_sim.links.plc.port import PlcPort
 from plant_sim.links.plc.profile import PlcProfile, load_profile
 from plant_sim.links.server_thread import ServerThread
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from tests.controller.common.modbus_rig import IO_MAP, MACHINE
 
@@ -38,7 +40,7 @@ def profile_of(name: str) -> PlcProfile:
 
 @cache
 def exported() -> Ladder:
-    return export(acting(Twin(trays=1).machine.program))
+    return export(acting(build(IO_MAP).program))
 
 
 @dataclass(frozen=True)
@@ -81,16 +83,19 @@ class ProgramOfPlc:
     fx: FxPlc = field(init=False)
 
     def __post_init__(self) -> None:
-        twin = Twin(trays=self.trays, set_points={"trays_target": self.trays})
         self.fx = FxPlc(exported(), execution=fastest_execution)
-        for name, value in {**twin._set_points}.items():
-            device = getattr(twin.machine.tags.sp, name)
-            self.fx.memory.set_word(device.kind, device.number, value)
 
     def scan(self, inputs: Sequence[bool]) -> list[bool]:
         outputs = self.fx.scan(self.now_ms, list(inputs)[: IO_MAP.input_count])[: IO_MAP.output_count]
+        if self.now_ms == 0:  # the first scan sets the defaults
+            self._commission()
         self.now_ms += SCAN_MS
         return outputs
+
+    def _commission(self) -> None:
+        for name, value in {**set_points_of(MACHINE), "trays_target": self.trays}.items():
+            device = getattr(build(IO_MAP).tags.sp, name)
+            self.fx.memory.set_word(device.kind, device.number, value)
 
 
 class PlcMemory(DataHandler):
