@@ -3,8 +3,8 @@
 A gap is a time between two output writes that exceeds a limit. Its seedlings are those lost (P, D and T) from the
 beginning of the gap, which is the last write before it, to the end of the following cycle. An arm ends a cycle when its
 slide leaves the feed position; the window of a gap ends when both arms have ended the cycle in which the gap began and
-the next one. Further gaps in the window belong to it. Not every seedling of a window is lost because of the gap: a
-machine without gaps loses some as well.
+the next one. Further gaps in the window belong to it. A machine without gaps loses seedlings as well: the number that
+is usual in the same number of cycles, from the cycles outside windows so far, is reported beside the number lost.
 """
 
 from __future__ import annotations
@@ -113,6 +113,7 @@ class GapWatch:
         self._in_gap = False
         self._was_tripped = False
         self._window: _Window | None = None
+        self._window_cycles = self._window_losses = 0
         self._told_second: int | None = None
         module.observers.append(self._advanced)
         module.write_observers.append(self._written)
@@ -184,9 +185,20 @@ class GapWatch:
         if self._in_gap:
             window.longest_ms = max(window.longest_ms, self._module.plant.time_ms - (self._last_ms or 0))
         lost = self._count() - window.before
+        cycles = sum(self._cycles) - sum(window.cycles)
+        self._window_cycles += cycles
+        self._window_losses += lost.seedlings
         self._module.timing.seedlings_lost_after_gaps += lost.seedlings
         if lost.seedlings:
-            self._tell(f"{window.text()}: {lost.text()} from the gap to {end}")
+            self._tell(f"{window.text()}: {lost.text()} from the gap to {end}; {self._usual(cycles)}")
+
+    def _usual(self, cycles: int) -> str:
+        """Return the number of seedlings that is lost in some cycles of one arm without a gap."""
+        quiet = sum(self._cycles) - self._window_cycles
+        if not quiet:
+            return "no cycle without a gap to compare with"
+        losses = self._count().seedlings - self._window_losses
+        return f"usual without a gap: {losses / quiet * cycles:.1f}"
 
     def _count(self) -> Losses:
         """Return the losses so far, counted again only if a seedling has moved or an incident has occurred."""

@@ -70,8 +70,18 @@ def reference(trays: int = 1, run_ms: int | None = RUN_MS) -> Reference:
     if run_ms is None:
         twin.run_until_state(State.COMPLETE, within_ms=600_000)
     else:
-        twin.run_until(lambda: twin.now_ms >= idle_ms + run_ms, within_ms=run_ms)
+        twin.run_for(idle_ms + run_ms - twin.now_ms)
     return Reference((10, idle_ms + 200), twin.now_ms, twin.plant.counts(), twin.plant.state.tobytes())
+
+
+@cache
+def homing(until_ms: int) -> Reference:
+    """Run the twin from the power-up to a time during homing."""
+    twin = Twin(trays=1, set_points={"trays_target": 1})
+    twin.scan()
+    twin.press("start")
+    twin.run_for(until_ms - twin.now_ms)
+    return Reference((10,), twin.now_ms, twin.plant.counts(), twin.plant.state.tobytes())
 
 
 @dataclass
