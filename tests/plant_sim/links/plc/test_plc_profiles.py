@@ -72,7 +72,7 @@ class SerialSlave(modbus_tk.modbus.Slave):  # type: ignore[misc]
     program: ProgramOfPlc
     inputs = outputs = (0, 0)
 
-    def handle_request(self, request: bytes, broadcast: bool = False) -> bytes:  # noqa: FBT002
+    def handle_request(self, request: bytes, broadcast: bool = False) -> bytes:
         if request[0] == 23:  # modbus_tk executes the read first; the write must take effect before it
             write = request[5:9] + request[9:]
             super().handle_request(bytes([16]) + write, broadcast)
