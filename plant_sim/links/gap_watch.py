@@ -3,8 +3,9 @@
 A gap is a time between two output writes that exceeds a limit. Its seedlings are those lost (P, D and T) from the
 beginning of the gap, which is the last write before it, to the end of the following cycle. An arm ends a cycle when its
 slide leaves the feed position; the window of a gap ends when both arms have ended the cycle in which the gap began and
-the next one. Further gaps in the window belong to it. A machine without gaps loses seedlings as well: the number that
-is usual in the same number of cycles, from the cycles outside windows so far, is reported beside the number lost.
+the next one, or when neither has ended a cycle for 20 s. Further gaps in the window belong to it. A machine without
+gaps loses seedlings as well: the number that is usual in the same number of cycles, from the cycles outside windows so
+far, is reported beside the number lost.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from plant_sim.links.io_module import IoModule
 
 CYCLES: Final = 2
 """Cycles of a window: the one in which the gap began, and the following one."""
+STANDSTILL_MS: Final = 20_000
+"""Time without a cycle that ends a window, ms (assumed): twelve cups at 45 cups/min take 16 s."""
 _LEFT_FEED_M: Final = 0.05
 _AT_FEED_M: Final = 0.02
 """Positions at which a slide has left the feed position, and has returned to it (assumed; pick 1 is farther)."""
@@ -64,6 +67,7 @@ class _Window:
         longest_ms: Longest gap so far, ms.
         gaps: Number of gaps.
         cycles: Cycles that each arm had ended when the first gap began.
+        ended_ms: Plant time at which the latest gap ended, ms.
     """
 
     began_ms: int
@@ -72,6 +76,7 @@ class _Window:
     longest_ms: int
     gaps: int
     cycles: tuple[int, ...]
+    ended_ms: int = 0
 
     def text(self) -> str:
         if self.gaps == 1:
@@ -103,6 +108,7 @@ class GapWatch:
         self._tell = tell
         self._arms = tuple(module.plant.arms.values())
         self._is_away = [False] * len(self._arms)
+        self._moved_ms = 0
         self._cycles = [0] * len(self._arms)
         self._seen: tuple[int, int] | None = None
         self._losses = self._count()
@@ -139,6 +145,7 @@ class GapWatch:
             if not self._is_away[number] and slide_m > _LEFT_FEED_M:
                 self._is_away[number] = True
                 self._cycles[number] += 1
+                self._moved_ms = self._module.plant.time_ms
             elif self._is_away[number] and slide_m < _AT_FEED_M:
                 self._is_away[number] = False
         now_ms = self._module.plant.time_ms
@@ -150,11 +157,16 @@ class GapWatch:
                 f"last write by {self._client or 'no client'} at {self._last_ms} ms"
             )
         self._was_tripped = self._module.tripped
-        window = self._window
-        if window is not None and not self._in_gap:
-            ended = (cycles - before for cycles, before in zip(self._cycles, window.cycles, strict=True))
-            if min(ended) >= CYCLES:
-                self._end_window("the end of the following cycle")
+        if self._window is not None and not self._in_gap:
+            self._check_window(self._window, now_ms)
+
+    def _check_window(self, window: _Window, now_ms: int) -> None:
+        """End the window if both arms have ended their cycles, or the machine stands still."""
+        ended = (cycles - before for cycles, before in zip(self._cycles, window.cycles, strict=True))
+        if min(ended) >= CYCLES:
+            self._end_window("the end of the following cycle")
+        elif now_ms - max(self._moved_ms, window.ended_ms) >= STANDSTILL_MS:
+            self._end_window(f"a standstill of {STANDSTILL_MS // 1_000} s")
 
     def _begin_gap(self) -> None:
         self._in_gap = True
@@ -168,7 +180,7 @@ class GapWatch:
         window = self._window
         length_ms = now_ms - (self._last_ms or 0)
         if window is not None:
-            window.longest_ms = max(window.longest_ms, length_ms)
+            window.longest_ms, window.ended_ms = max(window.longest_ms, length_ms), now_ms
         if self._told_second != now_ms // 1_000:  # at most one line per second; every gap is counted
             self._told_second = now_ms // 1_000
             lost = self._count() - self._before
