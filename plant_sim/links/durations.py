@@ -7,7 +7,7 @@ from typing import Final
 
 _SHORTEST_S: Final = 1e-6
 _RATIO: Final = 1.02
-"""Ratio of the limits of a class: a percentile is at most 2 % too long."""
+"""Ratio of the limits of a class: a percentile differs by at most 2 %."""
 _LOG_RATIO: Final = math.log(_RATIO)
 
 
@@ -33,7 +33,7 @@ class Durations:
         self.longest_s = 0.0
         self.mean_s = 0.0
         self._squares = 0.0  # sum of the squared deviations from the mean
-        self._classes: dict[int, int] = {}
+        self._classes: dict[int, tuple[int, float]] = {}  # number and sum of the durations
 
     def add(self, duration_s: float) -> None:
         """Add a duration, s; a negative one counts as 0."""
@@ -44,7 +44,8 @@ class Durations:
         self.mean_s += deviation_s / self.count
         self._squares += deviation_s * (duration_s - self.mean_s)
         number = 0 if duration_s <= _SHORTEST_S else math.ceil(math.log(duration_s / _SHORTEST_S) / _LOG_RATIO)
-        self._classes[number] = self._classes.get(number, 0) + 1
+        count, total_s = self._classes.get(number, (0, 0.0))
+        self._classes[number] = count + 1, total_s + duration_s
 
     @property
     def deviation_s(self) -> float:
@@ -52,12 +53,15 @@ class Durations:
         return math.sqrt(self._squares / self.count) if self.count else 0.0
 
     def percentile_s(self, percent: float) -> float | None:
-        """Return the upper limit of the class that contains a percentile, s; None without a duration."""
+        """Return the mean of the class that contains a percentile, s; 100 = the longest. None without a duration."""
         if not self.count:
             return None
-        passed = 0
+        if percent >= 100:
+            return self.longest_s
+        passed, percentile_s = 0, 0.0
         for number in sorted(self._classes):
-            passed += self._classes[number]
+            count, total_s = self._classes[number]
+            passed, percentile_s = passed + count, total_s / count
             if 100 * passed >= percent * self.count:
                 break
-        return min(_SHORTEST_S * _RATIO**number, self.longest_s)
+        return percentile_s

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from pyModbusTCP.server import DataHandler, ModbusServer
+from pyModbusTCP.server import DataHandler, ModbusServer  # type: ignore[import-untyped]
 
 from controller.export.instruction_list import acting, export
 from controller.fx.engine.execution import fastest_execution
@@ -108,7 +108,7 @@ class ProgramOfPlc:
             self.fx.memory.set_word(device.kind, device.number, value)
 
 
-class PlcMemory(DataHandler):
+class PlcMemory(DataHandler):  # type: ignore[misc]
     """Memory of the PLC: a write of the inputs executes one scan of the program."""
 
     def __init__(self, profile: PlcProfile, scan: Callable[[Sequence[bool]], list[bool]]) -> None:

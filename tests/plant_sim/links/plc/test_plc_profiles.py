@@ -8,11 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import modbus_tk.defines
-import modbus_tk.modbus
-import modbus_tk.modbus_rtu
 import pytest
-import serial
+from modbus_tk import defines, modbus, modbus_rtu  # type: ignore[import-untyped]
 
 from controller.common.modbus.rtu import SerialLine
 from plant_sim.links.io_module import IoModule
@@ -66,7 +63,7 @@ def test_a_complete_trial_behind_a_modbus_server_has_the_counts_of_the_twin() ->
     assert (counts.in_cups, counts.P, counts.D, counts.T, counts.in_tray) == (134, 4, 3, 3, 0)
 
 
-class SerialSlave(modbus_tk.modbus.Slave):  # type: ignore[misc]
+class SerialSlave(modbus.Slave):  # type: ignore[misc]
     """Slave of modbus_tk: a write of the inputs executes one scan of the program."""
 
     program: ProgramOfPlc
@@ -77,7 +74,7 @@ class SerialSlave(modbus_tk.modbus.Slave):  # type: ignore[misc]
             write = request[5:9] + request[9:]
             super().handle_request(bytes([16]) + write, broadcast)
             self._scan()
-            return bytes([23]) + super().handle_request(bytes([3]) + request[1:5], broadcast)[1:]
+            return b"\x17" + bytes(super().handle_request(bytes([3]) + request[1:5], broadcast)[1:])
         answer: bytes = super().handle_request(request, broadcast)
         if request[0] in (15, 16):
             self._scan()
@@ -88,9 +85,8 @@ class SerialSlave(modbus_tk.modbus.Slave):  # type: ignore[misc]
         is_words = self.inputs[1] < 32
         levels = [bool(word >> n & 1) for word in values for n in range(16)] if is_words else [bool(v) for v in values]
         y = self.program.scan(levels)
-        if is_words:
-            y = [sum(on << n for n, on in enumerate(y[first : first + 16])) for first in (0, 16)]
-        self.set_values("outputs", self.outputs[0], y)
+        words = [sum(on << n for n, on in enumerate(y[first : first + 16])) for first in (0, 16)]
+        self.set_values("outputs", self.outputs[0], words if is_words else y)
 
 
 @contextmanager
@@ -98,14 +94,14 @@ def serial_slave(name: str, path: str) -> Iterator[None]:
     """Run a PLC as Modbus RTU slave."""
     profile = profile_of(name)
     is_words = profile.function_23
-    kind = modbus_tk.defines.HOLDING_REGISTERS if is_words else modbus_tk.defines.COILS
+    kind = defines.HOLDING_REGISTERS if is_words else defines.COILS
     slave = SerialSlave(UNIT)
     slave.program = ProgramOfPlc()
     for block, key in ((profile.inputs, "inputs"), (profile.outputs, "outputs")):
         slave.add_block(key, kind, block.first, 2 if is_words else 32)
         setattr(slave, key, (block.first, 2 if is_words else 32))
-    line = serial.Serial(path, 115_200)
-    server = modbus_tk.modbus_rtu.RtuServer(line)
+    line = SerialLine(path, 115_200, "N", 1).open()
+    server = modbus_rtu.RtuServer(line)
     server._databank._slaves[UNIT] = slave
     server.start()
     try:
