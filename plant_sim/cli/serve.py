@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
 from plant_sim.cli.network import add_network_arguments, check_port
 from plant_sim.cli.serving import add_plant_arguments, build, operate
@@ -39,6 +40,8 @@ def run(options: argparse.Namespace) -> int:
         InputError: An option or a file is invalid, or the port or the serial line cannot be opened.
     """
     check_port(options)
+    if options.wire_time and options.serial is None:
+        raise InputError("--wire-time: requires --serial; add it, or omit --wire-time")
     serial = None if options.serial is None else SerialLine.parsed(options.serial)
     module, machine = build(options)
     return operate(options, module, machine, host=options.host, port=options.port, serial=serial)

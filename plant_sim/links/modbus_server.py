@@ -26,7 +26,7 @@ from pymodbus.constants import ExcCodes
 from controller.common.modbus.address import checked_host
 from controller.common.modbus.mbap import MbapServer, Traffic
 from controller.common.modbus.requests import RequestRefusedError
-from controller.common.modbus.rtu import RtuServer, SerialLine
+from controller.common.modbus.rtu import RtuServer, SerialError, SerialLine
 from plant_sim.links.gap_watch import GapWatch
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_image import ModbusImage, image_of
@@ -120,12 +120,11 @@ class PlantServer:
 
         Raises:
             OSError: The port is in use or the address is not local; the message states which.
-            SerialError: The serial line cannot be opened.
+            SerialError: The serial line cannot be opened; the message is one line.
             ModuleNotFoundError: pyserial is not installed.
         """
         loop = asyncio.get_running_loop()
-        if self._serial is not None:
-            self._serial.start(loop)
+        self._start_serial(loop)
         self._listener = await loop.create_server(self._frontend, self._host, self._port)
         self._port = self._listener.sockets[0].getsockname()[1]
         self._ended = loop.create_future()
@@ -134,6 +133,14 @@ class PlantServer:
             self._tasks.append(loop.create_task(self._real_time.run()))
         if self._plc is not None:
             self._tasks.append(loop.create_task(self._follow_plc(self._plc)))
+
+    def _start_serial(self, loop: asyncio.AbstractEventLoop) -> None:
+        if self._serial is None:
+            return
+        try:
+            self._serial.start(loop)
+        except (OSError, ValueError, OverflowError) as error:
+            raise SerialError(f"serial line {self._serial.path}: {error}; specify another line, or omit it") from error
 
     async def serve_forever(self) -> None:
         """Wait for `end` or for a failure of the plant, which is raised as an exception."""

@@ -49,7 +49,7 @@ class ClientTiming:
         periods = self.periods
         half_s, most_s = periods.percentile_s(50), periods.percentile_s(99)
         if half_s is None or most_s is None:
-            return f"{self.writes} writes"
+            return f"{self.writes} write{'s' if self.writes > 1 else ''}"
         return (
             f"{self.writes} writes, period {1e3 * half_s:.2f} ms (p50), {1e3 * most_s:.2f} ms (p99), "
             f"jitter {1e3 * periods.deviation_s:.2f} ms, longest gap {1e3 * self.longest_gap_s:.1f} ms"

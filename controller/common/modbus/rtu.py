@@ -131,6 +131,11 @@ class RtuServer:
         self._timers: set[asyncio.TimerHandle] = set()
         self._gap: asyncio.TimerHandle | None = None
 
+    @property
+    def path(self) -> str:
+        """Device file of the serial line."""
+        return self._line.path
+
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Open the serial line and start listening.
 
