@@ -93,7 +93,7 @@ def operate(
     serial: SerialLine | None = None,
     plc: PlcClient | None = None,
 ) -> int:
-    """Serve until the request to stop, then report the measured timing.
+    """Serve until the request to stop, then report the timing measured in real time.
 
     Args:
         options: Options of the command.
@@ -138,8 +138,9 @@ def operate(
             reason = error.strerror or str(error)
             text = f"cannot listen on {host}:{port}: {reason}; {listening_remedy(error)}"
             raise InputError(text) from error
-    for line in module.timing.lines():
-        tell(line)
+    if options.lock_step_ms is None:  # otherwise the timing is that of the option
+        for line in module.timing.lines():
+            tell(line)
     return 0
 
 

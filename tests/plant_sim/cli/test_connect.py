@@ -88,8 +88,7 @@ def test_serve_on_a_serial_line() -> None:
             assert client.connect()
             assert not client.write_coils(0, [False] * 18, device_id=4).isError()
             client.close()
-            lines = ended(process)
-    assert lines == [f"outputs from {cable.ends[1]}: 1 write"]
+            assert ended(process) == []
 
 
 @pytest.mark.parametrize(
