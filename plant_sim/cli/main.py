@@ -31,7 +31,7 @@ COMMAND_LINE = CommandLine(
         ),
         "plot": ("plant_sim.cli.plot", "draw the timing diagram and the curves of a recording"),
         "air": ("plant_sim.cli.air", "compare the air consumption of a run with Table 1 of the paper"),
-        "study": ("plant_sim.cli.study", "run the papers' experiments, or custom ones, on the twin"),
+        "study": ("plant_sim.cli.study.command", "run the papers' experiments, or custom ones, on the twin"),
         "planter": ("plant_sim.cli.planter", "motion of the chain planter of the cabbage paper"),
         "bench": ("plant_sim.cli.bench", "measure the speeds stated in the documentation"),
         "docs": ("plant_sim.cli.docs", "write the reference tables generated from the plant"),

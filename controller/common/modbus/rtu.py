@@ -234,12 +234,8 @@ class RtuServer:
     def _execute(self, frame: bytes) -> None:
         unit = frame[0]
         reply = framed(unit, answer(self._device, frame[1:-2]))
-        if unit == BROADCAST:
-            return
-        if self._models_wire:
-            self._after(self._line.wire_s(len(reply)), lambda: self._send(reply))
-        else:
-            self._send(reply)
+        if unit != BROADCAST:
+            self._after(self._line.wire_s(len(reply)) if self._models_wire else 0, lambda: self._send(reply))
 
     def _send(self, reply: bytes) -> None:
         if self._port is None:
