@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 from controller.cli.ladder_export import add_export
+from controller.cli.ladder_live import add_live_arguments, is_live, run_live_program
 from controller.common.errors import InputError
 from controller.fx.drawing.ladder import draw
 from controller.fx.engine.parts import parts_of
@@ -24,11 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check_ = commands.add_parser("check", help="report probable errors in a program")
     check_.set_defaults(action=_check)
     check_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
-    run_ = commands.add_parser("run", help="run a program with a stimulus and trace devices scan by scan")
+    run_ = commands.add_parser("run", help="run a program with a stimulus and trace devices, or live with servers")
     run_.set_defaults(action=_run)
     run_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
-    run_.add_argument("--stimulus", type=Path, required=True, help="input changes over time, YAML")
+    run_.add_argument("--stimulus", type=Path, help="input changes over time, YAML; omitted with the options below")
     run_.add_argument("--json", action="store_true", help="print one JSON object")
+    add_live_arguments(run_)
     draw_ = commands.add_parser("draw", help="draw a program as ladder diagrams and step charts, SVG")
     draw_.set_defaults(action=_draw)
     draw_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
@@ -64,6 +66,8 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    if is_live(options):
+        return run_live_program(options)
     scans = run_stimulus(load_ladder(options.file), load_stimulus(options.stimulus))
     if options.json:
         print(json.dumps({"scans": scans}))

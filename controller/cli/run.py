@@ -16,7 +16,7 @@ from controller.cli.run_field import (
     output_guard,
     wait_for_field,
 )
-from controller.cli.run_operator import add_hmi_arguments, operator_interfaces
+from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
 from controller.common.errors import InputError
 from controller.common.file_lock import FileLockError, lock_file
 from controller.common.stop_request import StopRequest
@@ -80,6 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="initial speed of simulated time: 0 = paused, 100 = real time, 65535 = as fast as possible",
     )
     add_hmi_arguments(parser)
+    add_mitsubishi_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -140,6 +141,7 @@ def _check_numbers(options: argparse.Namespace) -> None:
     for name, value, least, most in (
         ("--scan-ms", options.scan_ms, 1, 100),
         ("--hmi-port", options.hmi_port, 0, 65_535),
+        ("--mc-port", options.mc_port, 0, 65_535),
     ):
         if not least <= value <= most:
             raise InputError(f"{name} {value}: must be {least} to {most}")

@@ -15,11 +15,17 @@ from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange, AlarmList
 from controller.events.cycle_edges import CycleEdges
 from controller.events.production import Event, ProductionLog
-from controller.events.writer import EventWriter, OutputsEvent, ServingEvent
+from controller.events.writer import EventWriter, McServingEvent, OutputsEvent, ServingEvent
 from controller.history.schema import HistoryError
 from controller.history.writer import HistoryWriter
+from controller.hmi.access.devices import AccessSource
 from controller.hmi.console import Console, ConsoleReader
-from controller.hmi.modbus.server import DEFAULT_PORT, HmiOptions, HmiServer
+from controller.hmi.mitsubishi.mc import DEFAULT_PORT as DEFAULT_MC_PORT
+from controller.hmi.mitsubishi.mc import FRAMES, mc_tcp
+from controller.hmi.mitsubishi.port_line import programming_port
+from controller.hmi.modbus.endpoint import DEFAULT_PORT, HmiOptions
+from controller.hmi.modbus.server import HmiServer
+from controller.hmi.serving.endpoints import Endpoint, TcpEndpoint, TcpSettings
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
@@ -56,6 +62,27 @@ def add_hmi_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_mitsubishi_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the servers for tools that speak the protocols of Mitsubishi PLCs."""
+    group = parser.add_argument_group("servers for Mitsubishi tools, with the same permissions as Modbus")
+    group.add_argument(
+        "--mc", choices=FRAMES, default=None, help="serve the MC protocol: frames 1E (FX3U), or 3E and 4E (FX5U)"
+    )
+    group.add_argument("--mc-host", default="127.0.0.1", help="address to listen on")
+    group.add_argument(
+        "--mc-port", type=int, default=DEFAULT_MC_PORT, help="TCP port; 0 = any free port, reported by an event"
+    )
+    group.add_argument(
+        "--mc-allow-remote", action="store_true", help="permit an address that other computers can reach"
+    )
+    group.add_argument(
+        "--fx-port",
+        default=None,
+        metavar="DEVICE",
+        help="serve the programming port of an FX2N on a serial line, 9600 bit/s 7E1",
+    )
+
+
 @contextmanager
 def operator_interfaces(
     runtime: Runtime, figures: LoopFigures, pace: Pace | None, options: argparse.Namespace
@@ -85,12 +112,15 @@ def operator_interfaces(
         alarms = AlarmList(machine.alarms, machine.tags.machine.first_out, publish, options.language)
         runtime.observers.append(alarms)
         runtime.observers.append(_OutputReport(runtime, printer))
-        if not options.no_hmi:
-            server = _server(runtime, alarms, options, figures=figures, pace=pace, audit=audit)
+        if not options.no_hmi or options.mc is not None or options.fx_port is not None:
+            server, mc = _server(runtime, alarms, options, figures=figures, pace=pace, audit=audit)
             receivers.append(server.cycles.record)
             sys.setswitchinterval(SWITCH_INTERVAL_S)
             stack.enter_context(server)
-            printer.write(ServingEvent(runtime.now_ms, server.port))
+            if server.modbus is not None:
+                printer.write(ServingEvent(runtime.now_ms, server.port))
+            for port in mc:
+                printer.write(McServingEvent(runtime.now_ms, port.port))
         if not options.no_console and sys.stdin is not None:  # None = closed by the parent process
             stack.enter_context(ConsoleReader(Console(runtime, alarms), sys.stdin.fileno()))
         yield
@@ -142,15 +172,28 @@ def _server(
     figures: LoopFigures,
     pace: Pace | None,
     audit: Callable[[str, str, str, str, str], None],
-) -> HmiServer:
-    serial = None if options.hmi_serial is None else SerialLine.parsed(options.hmi_serial)
+) -> tuple[HmiServer, list[TcpEndpoint]]:
+    """Return the server and its ports with the MC protocol, of which there is at most one."""
+    serial = None if options.no_hmi or options.hmi_serial is None else SerialLine.parsed(options.hmi_serial)
     hmi_options = HmiOptions(
         options.hmi_host,
-        options.hmi_port,
+        None if options.no_hmi else options.hmi_port,
         options.hmi_allow_remote,
         options.hmi_certificate,
         options.hmi_key,
         options.hmi_clients,
         serial,
     )
-    return HmiServer(runtime, alarms, hmi_options, figures=figures, pace=pace, audit=audit, version=version())
+    mc: list[TcpEndpoint] = []
+
+    def further(source: AccessSource) -> list[Endpoint]:
+        if options.mc is not None:
+            settings = TcpSettings(options.mc_host, options.mc_port, options.mc_allow_remote)
+            mc.append(mc_tcp(source, options.mc, settings))
+        line = [] if options.fx_port is None else [programming_port(source, options.fx_port, "--fx-port")]
+        return [*mc, *line]
+
+    server = HmiServer(
+        runtime, alarms, hmi_options, figures=figures, pace=pace, audit=audit, version=version(), further=further
+    )
+    return server, mc

@@ -112,6 +112,11 @@ class StopRequest:
         if self._is_set:
             self._raise()
 
+    def collect(self) -> None:
+        """Let SIGINT and SIGTERM make the request again, after `interrupt`; no effect before `listen`."""
+        if self._listens:
+            self.listen()
+
     def _raise(self, *_: object) -> None:
         """Raise `KeyboardInterrupt`, which may interrupt the clean-up after an earlier one only after `REPEAT_S`."""
         now_s = time.perf_counter()

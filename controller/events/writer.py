@@ -28,6 +28,20 @@ class ServingEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class McServingEvent:
+    """Start of the server of the MC protocol.
+
+    Attributes:
+        at_ms: Time of the event, ms.
+        mc_port: TCP port of the MC protocol.
+    """
+
+    at_ms: int
+    mc_port: int
+    event: str = "serving_mc"
+
+
+@dataclass(frozen=True, slots=True)
 class OutputsEvent:
     """Another master that writes the outputs, or has tried to.
 
@@ -43,6 +57,10 @@ class OutputsEvent:
     event: str = "outputs"
 
 
+Written = Event | AlarmChange | ServingEvent | McServingEvent | OutputsEvent
+"""Events on standard output."""
+
+
 class EventWriter:
     """Event writer in a background thread; a slow or disconnected reader does not delay the scan."""
 
@@ -55,11 +73,11 @@ class EventWriter:
         """
         self._form = form
         self._out = out
-        self._events: queue.SimpleQueue[Event | AlarmChange | ServingEvent | OutputsEvent | None] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Written | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="events", daemon=True)
         self._thread.start()
 
-    def write(self, event: Event | AlarmChange | ServingEvent | OutputsEvent) -> None:
+    def write(self, event: Written) -> None:
         """Queue an event for writing."""
         self._events.put(event)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from controller.hmi.modbus import status_registers as own
+from controller.hmi.access import status_registers as own
 from controller.hmi.modbus.fx3u_map import register_address
 from controller.io.loop import BOUNDS_US
 from plant_sim.benchmark.hmi_load import percentile_ms, read_registers

@@ -23,8 +23,9 @@ from collections.abc import Callable, Mapping
 
 from pymodbus.constants import ExcCodes
 
+from controller.common.connections import Traffic
 from controller.common.modbus.address import checked_host
-from controller.common.modbus.mbap import MbapServer, Traffic
+from controller.common.modbus.mbap import MbapServer
 from controller.common.modbus.requests import RequestRefusedError
 from controller.common.modbus.rtu import RtuServer, SerialError, SerialLine
 from plant_sim.links.gap_watch import GapWatch

@@ -67,6 +67,7 @@ SLOW: Final = {
     "--traces traces",
     '.venv/bin/python -m controller replay --without "left: down at feed only" traces/left-down-away-from-feed.json',
     ".venv/bin/python -m controller run --hmi-port 5021",
+    ".venv/bin/python -m controller run --mc 3e --mc-port 5007",
     ".venv/bin/python -m controller prove --mutants 20 --seed 1",
     ".venv/bin/python -m controller prove --mutants 300 --seed 1 --out docs/reference",
     ".venv/bin/python -m plant_sim faults --all --out fault-matrix",

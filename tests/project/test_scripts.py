@@ -42,6 +42,11 @@ case "$*" in
         ;;
 esac
 """
+NODE = "tests/controller/hmi/mitsubishi/node"
+NPM = f"""#!/usr/bin/env bash
+[[ "$*" == "install --prefix {NODE} "* ]] && echo npm >>"$LOG"
+exit "${{NPM_FAILS:-0}}"
+"""
 NO_PYTHON = (
     "scripts/setup: no Python 3.11 or newer with the venv module; "
     "ask the administrator to run: apt-get install -y python3-venv python3-pip\n"
@@ -106,6 +111,8 @@ def machine(tmp_path: Path) -> Iterator[Machine]:
         (machine.repository / command).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / command, machine.repository / command)
     shutil.copy(ROOT / "pyproject.toml", machine.repository)
+    (machine.repository / NODE).mkdir(parents=True)
+    shutil.copy(ROOT / NODE / "package.json", machine.repository / NODE)
     machine.tools.mkdir()
     for tool in TOOLS:
         found = shutil.which(tool)
@@ -115,12 +122,13 @@ def machine(tmp_path: Path) -> Iterator[Machine]:
     machine.tool("id", "#!/usr/bin/env bash\necho 1000\n")
     for tool in DEBIAN_TOOLS:
         machine.tool(tool, "#!/usr/bin/env bash\n")
+    machine.tool("npm", NPM)
     yield machine
     machine.switch_off()
 
 
-FROM_NOTHING = ["venv", "pip .[dev]"]
-DEBIAN_TOOLS = ["mbpoll", "chromium"]
+FROM_NOTHING = ["venv", "pip .[dev]", "npm"]
+DEBIAN_TOOLS = ["mbpoll", "chromium", "npm"]
 """Debian packages that the tests need."""
 
 
@@ -138,14 +146,14 @@ def test_a_second_setup_does_nothing(machine: Machine) -> None:
 
 def test_dev_after_plant_is_added_to_the_environment(machine: Machine) -> None:
     assert machine.setup("plant") == ["venv", "pip .[plant,studies,panel,parquet]"]
-    assert machine.setup("dev") == ["pip .[dev]"]
+    assert machine.setup("dev") == ["pip .[dev]", "npm"]
 
 
 def test_a_changed_pyproject_is_installed_again(machine: Machine) -> None:
     machine.setup("dev")
     with (machine.repository / "pyproject.toml").open("a") as file:
         file.write("# one more line\n")
-    assert machine.setup("dev") == ["pip .[dev]"]
+    assert machine.setup("dev") == ["pip .[dev]", "npm"]
     assert machine.setup("dev") == []
 
 
@@ -153,6 +161,13 @@ def test_a_failed_setup_starts_from_the_beginning(machine: Machine) -> None:
     code, _, errors = machine.run("scripts/setup", "dev", PIP_FAILS="1")
     assert code == 2
     assert errors.endswith("scripts/setup: pip failed (see above); the next run starts from the beginning\n")
+    assert machine.setup("dev") == FROM_NOTHING
+
+
+def test_a_failed_npm_starts_from_the_beginning(machine: Machine) -> None:
+    code, _, errors = machine.run("scripts/setup", "dev", NPM_FAILS="1")
+    assert code == 2
+    assert errors.endswith("scripts/setup: npm failed (see above); the next run starts from the beginning\n")
     assert machine.setup("dev") == FROM_NOTHING
 
 
@@ -245,7 +260,7 @@ def test_root_installs_missing_tools_of_the_tests(machine: Machine) -> None:
         "apt-get", f'#!/usr/bin/env bash\necho "apt-get $*" >>"$LOG"\n[[ $* != *install* ]] || {{ {install} }}\n'
     )
     done = machine.setup("dev")
-    assert done == ["apt-get -qq update", "apt-get -qq install -y mbpoll chromium", *FROM_NOTHING]
+    assert done == ["apt-get -qq update", f"apt-get -qq install -y {' '.join(DEBIAN_TOOLS)}", *FROM_NOTHING]
     assert machine.setup("dev") == []
 
 
@@ -265,7 +280,7 @@ def test_missing_tools_are_reported_to_other_users(machine: Machine, there: list
 def test_run_and_bench_pass_their_arguments_on(machine: Machine, word: str, extra: str) -> None:
     code, output, _ = machine.run(f"scripts/{word}", "--speed", "2 x")
     assert (code, output) == (0, f"python|-P|-m|plant_sim|{word}|--speed|2 x\n")
-    assert machine.log.read_text().splitlines() == ["venv", f"pip .[{extra}]"]
+    assert machine.log.read_text().splitlines() == ["venv", f"pip .[{extra}]", *(["npm"] if extra == "dev" else [])]
 
 
 CHECKS = ["ruff|check|.", "ruff|format|--check|.", "mypy|", "lint-imports|"]

@@ -174,7 +174,10 @@ class AsyncMcClient:
     """Asynchronous client with the methods and errors of `McClient`."""
 
     def __init__(self, host: str, port: int, frame: ClientFrame, *, timeout_s: float = 1.0) -> None:
-        """Create a client that is not connected; the arguments are those of `McClient`, `timeout_s` is for a whole request."""
+        """Create a client that is not connected; the arguments are those of `McClient`.
+
+        The time limit is that of a whole request.
+        """
         self._address = (host, port)
         self._frame = frame
         self._timeout_s = timeout_s

@@ -184,7 +184,7 @@ def _put_random(writer: FieldWriter, request: ReadRandom | WriteRandomBits | Wri
 
 
 def _put_blocks(writer: FieldWriter, request: ReadBlocks | WriteBlocks) -> None:
-    blocks = request.word_blocks + request.bit_blocks
+    blocks: tuple[ReadWords | WriteWords, ...] = (*request.word_blocks, *request.bit_blocks)
     writer.numbers((len(request.word_blocks), len(request.bit_blocks)), 1)
     for block in blocks:
         if isinstance(block, ReadWords):

@@ -106,12 +106,15 @@ class Frame1E:
     def request_length(self, data: bytes) -> int | None:
         """Return the length of the request that data starts with, or None if more data is needed to determine it.
 
-        An unknown subheader counts as a frame that consists of its header.
+        The end of a request with an unknown subheader or another character than a digit is not known: all data received
+        so far counts as this request.
         """
         scale = 1 + self.is_ascii
         try:
             reader = FieldReader(data, is_ascii=self.is_ascii)
             subheader = reader.number(1)
+            if subheader not in SUBHEADERS.values():
+                return len(data)
             reader.number(3)
             size = _HEADER_BYTES
             if subheader <= 0x03:
@@ -129,7 +132,7 @@ class Frame1E:
         except ShortFrameError:
             return None
         except DigitError:
-            return len(data)  # the limits of such a frame are unknown; it is answered with its end code
+            return len(data)
         return size * scale
 
     def reply_length(self, data: bytes, request: Request) -> int | None:

@@ -26,7 +26,7 @@ _SUBHEADERS: Final = {
 }
 """Subheaders of requests and replies, by code (ASCII or not) and type (4E or not)."""
 _OWN_ROUTE: Final = (0, 0xFF, 0x03FF, 0)
-LONGEST_FRAME: Final = 8_192
+LONGEST_FRAME: Final = 4_096
 """Longest accepted frame, bytes; the longest valid one, 960 words in binary or half of them in ASCII code, has 2 KB."""
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from controller.core.expr import Bit, Word
-from controller.hmi.modbus import status_registers as status
+from controller.hmi.access import status_registers as status
 from controller.hmi.modbus.fx3u_map import Table, coil_address, discrete_address, register_address
 from controller.program.machine import Transplanter
 from controller.program.operator.next_press import press_meanings, question_meanings

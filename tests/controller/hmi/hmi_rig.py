@@ -11,8 +11,9 @@ from typing import Any, Self
 
 from controller.events.alarm_list import AlarmList
 from controller.events.production import ProductionLog
+from controller.hmi.modbus.endpoint import HmiOptions
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
-from controller.hmi.modbus.server import HmiOptions, HmiServer
+from controller.hmi.modbus.server import FurtherEndpoints, HmiServer
 from controller.io.loop import LoopFigures
 from controller.io.pace import Pace
 from plant_sim.twin.lock_step import Twin
@@ -69,6 +70,7 @@ class HmiRig:
         *,
         pace: Pace | None = None,
         allow_forcing: bool = False,
+        further: FurtherEndpoints = lambda _source: (),
     ) -> None:
         self.twin = twin or Twin()
         runtime = self.twin.runtime
@@ -87,6 +89,7 @@ class HmiRig:
             pace=pace,
             audit=lambda *row: self.audits.append(row),
             version="1.2.3",
+            further=further,
         )
         runtime.observers.append(ProductionLog(machine, self.server.cycles.record))
         self._stack = ExitStack()
@@ -111,7 +114,7 @@ class HmiRig:
     @property
     def connections(self) -> int:
         """Number of connected clients."""
-        return len(self.server._frontend.connections)
+        return self.server.connections
 
     def coil(self, output: str) -> bool:
         """Return whether an output is on at the terminals."""

@@ -53,7 +53,7 @@ def memory(rig: HmiRig) -> Memory:
 
 def show(rig: HmiRig) -> None:
     """Take a snapshot of the memory, as after a scan."""
-    rig.server._state.snapshots(rig.twin.now_ms, rig.twin.plc)
+    rig.server.access.snapshots(rig.twin.now_ms, rig.twin.plc)
 
 
 def bits(client: Client, function_code: int, first: int, count: int) -> list[bool]:

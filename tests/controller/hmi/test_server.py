@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 import trustme
 
-from controller.hmi.modbus.server import HmiOptions, ServerError
+from controller.hmi.modbus.endpoint import HmiOptions
+from controller.hmi.serving.endpoints import ServerError
 from tests.controller.common.modbus_rig import (
     ILLEGAL_ADDRESS,
     ILLEGAL_FUNCTION,
@@ -70,7 +71,8 @@ def test_slow_reader_gets_every_response_before_a_bad_header_closes_the_connecti
         slow.connect(("127.0.0.1", rig.server.port))
         slow.sendall(frame(READ_D0))
         assert len(slow.recv(11, socket.MSG_WAITALL)) == 11
-        [connection] = rig.server._frontend.connections
+        assert rig.server.modbus is not None
+        [connection] = rig.server.modbus._frontend.connections
         assert connection._transport is not None
         connection._transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4_096)
         slow.sendall(frame(read_pdu(3, 0, 125)) * 4_000 + b"\0\1\0\1\0\6\1")
@@ -205,7 +207,7 @@ def test_invalid_identity_requests_are_refused(client: Client, body: str, code: 
 
 def test_two_servers_are_independent() -> None:
     with HmiRig() as one, HmiRig() as other:
-        other.server._state.identity[2] = "4.5.6"
+        other.server.identity[2] = "4.5.6"
         first, second = one.client(), other.client()
         assert (identity(first, 1)[2], identity(second, 1)[2]) == ("1.2.3", "4.5.6")
         one.twin.run_for(500)

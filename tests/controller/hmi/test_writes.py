@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from controller.events.alarm_list import AlarmState
-from controller.hmi.modbus.server import AUDITED_REFUSALS_PER_MINUTE
+from controller.hmi.access.machine import AUDITED_REFUSALS_PER_MINUTE
 from controller.io.pace import Pace
 from controller.io.runtime import Runtime
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
@@ -310,7 +310,7 @@ def test_flood_of_refusals_is_counted_but_not_fully_audited(rig: HmiRig, client:
     client.send(frame(struct.pack(">BHH", 6, 100, 1)) * flood)
     assert all(client.receive()[2] == exception(6, ILLEGAL_ADDRESS) for _ in range(flood))
     assert len(rig.audits) == AUDITED_REFUSALS_PER_MINUTE
-    assert rig.server.refused_unaudited == 50
+    assert rig.server.access.refused_unaudited == 50
     rig.press(client, "acknowledge")
     assert rig.audits[-1][2:] == ("acknowledge", "1", "done")
     rig.twin.scan()

@@ -13,7 +13,8 @@ import pytest
 from pymodbus.framer import FramerRTU
 
 from controller.common.modbus.rtu import SerialError, SerialLine, request_length
-from controller.hmi.modbus.server import HmiOptions, ServerError
+from controller.hmi.modbus.endpoint import HmiOptions
+from controller.hmi.serving.endpoints import ServerError
 from tests.controller.common.modbus_rig import PATIENT_S, Client, exception, read_pdu
 from tests.controller.hmi.hmi_rig import READ_D0, HmiRig
 
@@ -169,7 +170,6 @@ def test_a_disconnected_serial_line_does_not_affect_tcp(
         for _ in range(300):
             assert client.ask(READ_D0)[0] == 3
     assert [record.levelname for record in caplog.records] == ["WARNING"]
-    assert rig.server._rtu is not None
 
 
 def test_a_missing_serial_device_is_reported_in_one_line() -> None:

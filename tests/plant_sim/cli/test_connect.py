@@ -87,7 +87,7 @@ def test_serve_on_a_serial_line() -> None:
             client = ModbusSerialClient(cable.ends[0], baudrate=115_200, timeout=PATIENT_S, retries=0)
             assert client.connect()
             assert not client.write_coils(0, [False] * 18, device_id=4).isError()
-            client.close()
+            client.close()  # type: ignore[no-untyped-call]
             assert ended(process) == []
 
 

@@ -83,7 +83,12 @@ def test_a_request_executes_the_ticks_that_are_due_but_not_many() -> None:
     """The state that a client sees is that of the present millisecond; a long delay is made up between requests."""
     advanced: list[int] = []
     timing = LinkTiming()
-    real_time = RealTime(lambda for_ms: not advanced.append(for_ms), timing)
+
+    def advance(for_ms: int) -> bool:
+        advanced.append(for_ms)
+        return True
+
+    real_time = RealTime(advance, timing)
     real_time.catch_up()
     assert advanced == [], "not started"
     clock = FakeLoop()

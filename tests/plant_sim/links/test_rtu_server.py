@@ -46,7 +46,7 @@ def test_pymodbus_reads_and_writes_over_the_line() -> None:
         reply = client.read_input_registers(0, count=TELEMETRY_REGISTERS, device_id=UNIT)
         assert read_telemetry(reply.registers)["y_image"] == 1 << 5
         assert client.write_coils(0, [False] * 19, device_id=UNIT).exception_code == 2
-        client.close()
+        client.close()  # type: ignore[no-untyped-call]
 
 
 def test_modbus_tk_and_a_tcp_client_share_one_lease() -> None:
@@ -78,7 +78,7 @@ def test_the_watchdog_trips_when_the_cable_is_cut() -> None:
         cable.is_cut = False
         assert client.write_coils(0, [False] * 5 + [True] + [False] * 12, device_id=UNIT).exception_code == 4
         assert not client.write_coils(0, [False] * 18, device_id=UNIT).isError()
-        client.close()
+        client.close()  # type: ignore[no-untyped-call]
 
 
 def test_the_transmission_time_is_modelled() -> None:

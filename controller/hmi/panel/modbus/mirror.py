@@ -9,8 +9,8 @@ from typing import Final
 
 from controller.core.clock import Clock
 from controller.core.devices import WORD_MAX, Memory
+from controller.hmi.access.status_registers import R_LATENESS, R_NAME
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
-from controller.hmi.modbus.status_registers import R_LATENESS, R_NAME
 from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
 from controller.iomap.loader import IoMap
 

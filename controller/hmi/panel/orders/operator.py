@@ -14,7 +14,7 @@ from typing import Final
 
 from controller.core.clock import Clock
 from controller.events.alarm_list import LONGEST_SHELF_MS, AlarmRefusalError
-from controller.hmi.modbus import status_registers as status
+from controller.hmi.access import status_registers as status
 from controller.hmi.modbus.fx3u_map import coil_address, register_address
 from controller.hmi.panel.modbus.connection import ExceptionResponseError, ModbusConnection, ModbusConnectionError
 from controller.hmi.panel.modbus.mirror import NAME_ADDRESS, R_FORCING_ALLOWED, R_SIMULATED, Mirror

@@ -6,7 +6,7 @@ from typing import Final, Literal, Self
 
 from controller.core.devices import Memory
 from controller.core.expr import evaluate
-from controller.hmi.modbus.status_registers import NAME_WORDS
+from controller.hmi.access.status_registers import NAME_WORDS
 from controller.hmi.panel.orders.login import AccessLevel
 from controller.hmi.panel.orders.replies import reply_text
 from controller.program.machine import Transplanter

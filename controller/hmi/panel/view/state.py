@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from controller.core.devices import device_name
 from controller.core.expr import Bit, Expr, Word, evaluate
-from controller.hmi.modbus import status_registers as status
+from controller.hmi.access import status_registers as status
 from controller.hmi.panel.modbus import mirror as registers
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry

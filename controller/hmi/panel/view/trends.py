@@ -7,7 +7,7 @@ from itertools import dropwhile
 from typing import Final
 
 from controller.core.clock import Clock
-from controller.hmi.modbus import status_registers as status
+from controller.hmi.access import status_registers as status
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry
 from controller.hmi.panel.view.state import Json

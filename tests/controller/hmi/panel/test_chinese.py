@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from controller.core.clock import SimulatedClock
-from controller.hmi.modbus.status_registers import STATUS_REGISTERS
+from controller.hmi.access.status_registers import STATUS_REGISTERS
 from controller.hmi.panel.modbus.connection import ModbusConnection
 from controller.hmi.panel.modbus.mirror import Mirror
 from controller.hmi.panel.modbus.telemetry import Telemetry, TelemetryTag

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from controller.core.devices import Memory
 from controller.core.scan import Plc
 
 
@@ -24,6 +25,25 @@ class Snapshot:
     words: dict[str, list[int]]
 
 
+def snapshot_of(memory: Memory, at_ms: int, scans: int) -> Snapshot:
+    """Return a copy of the memory of a PLC.
+
+    Args:
+        memory: All devices.
+        at_ms: Time of the last scan, ms.
+        scans: Number of completed scans.
+    """
+    bits = {
+        "X": memory.X.copy(),
+        "Y": memory.Y.copy(),
+        "M": memory.M.copy(),
+        "S": memory.S.copy(),
+        "T": memory.T.copy(),
+        "C": memory.C.copy(),
+    }
+    return Snapshot(at_ms, scans, bits, {"D": memory.D.copy(), "TN": memory.TV.copy(), "CN": memory.CV.copy()})
+
+
 class Snapshots:
     """Observer of the runtime that takes a snapshot after each scan.
 
@@ -36,17 +56,4 @@ class Snapshots:
 
     def __call__(self, now_ms: int, plc: Plc) -> None:
         """Copy the memory; readers see the new copy atomically."""
-        memory = plc.memory
-        self.latest = Snapshot(
-            now_ms,
-            plc.scans,
-            {
-                "X": memory.X.copy(),
-                "Y": memory.Y.copy(),
-                "M": memory.M.copy(),
-                "S": memory.S.copy(),
-                "T": memory.T.copy(),
-                "C": memory.C.copy(),
-            },
-            {"D": memory.D.copy(), "TN": memory.TV.copy(), "CN": memory.CV.copy()},
-        )
+        self.latest = snapshot_of(plc.memory, now_ms, plc.scans)

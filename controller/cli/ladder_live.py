@@ -1,0 +1,131 @@
+"""Live mode of ``ladder run``: a program runs in real time while tools read and write its devices."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from contextlib import ExitStack
+from typing import Final
+
+from controller.common.command_line import version
+from controller.common.errors import InputError
+from controller.common.stop_request import StopRequest
+from controller.fx.engine.execution import fastest_execution
+from controller.fx.engine.plc import FxPlc
+from controller.fx.language.reading import load_ladder
+from controller.hmi.ladder.live import LivePlc, run_live
+from controller.hmi.mitsubishi.mc import DEFAULT_PORT as DEFAULT_MC_PORT
+from controller.hmi.mitsubishi.mc import FRAMES, mc_tcp
+from controller.hmi.mitsubishi.port_line import programming_port
+from controller.hmi.modbus.endpoint import DEFAULT_PORT as DEFAULT_MODBUS_PORT
+from controller.hmi.modbus.endpoint import modbus_tcp
+from controller.hmi.serving.endpoints import Endpoint, EndpointNames, TcpEndpoint, TcpSettings
+from controller.hmi.serving.server import DeviceServer
+from controller.io.pace import Pace, PaceError
+
+_MODBUS_NAMES: Final = EndpointNames(
+    "Modbus server", "Modbus", "--host", "--modbus-port", "--allow-remote", "omit --serve-modbus"
+)
+_MC_NAMES: Final = EndpointNames(
+    "MC server", "the MC protocol", "--host", "--mc-port", "--allow-remote", "omit --serve-mc"
+)
+_LIMITS: Final = {"scan_ms": (1, 1_000), "modbus_port": (0, 65_535), "mc_port": (0, 65_535), "pace": (1, 65_535)}
+
+
+def add_live_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the live mode."""
+    live = parser.add_argument_group("live mode: the program runs until Ctrl-C, all devices can be read and written")
+    live.add_argument("--serve-modbus", action="store_true", help="serve Modbus TCP with the addresses of an FX3U")
+    live.add_argument("--modbus-port", type=int, default=DEFAULT_MODBUS_PORT, help="TCP port; 0 = any free port")
+    live.add_argument(
+        "--serve-mc", choices=FRAMES, default=None, help="serve the MC protocol: frames 1E (FX3U), or 3E and 4E (FX5U)"
+    )
+    live.add_argument("--mc-port", type=int, default=DEFAULT_MC_PORT, help="TCP port; 0 = any free port")
+    live.add_argument(
+        "--serve-port", default=None, metavar="DEVICE", help="serve the programming port on a serial line, 9600 7E1"
+    )
+    live.add_argument("--host", default="127.0.0.1", help="address to listen on")
+    live.add_argument("--allow-remote", action="store_true", help="permit an address that other computers can reach")
+    live.add_argument("--scan-ms", type=int, default=10, help="scan period, ms; M8039 and D8039 can make it longer")
+    live.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
+    live.add_argument(
+        "--pace", type=int, default=100, metavar="PERCENT", help="speed of time: 100 = real time, 65535 = fastest"
+    )
+
+
+def is_live(options: argparse.Namespace) -> bool:
+    """Return True if the program runs live.
+
+    Raises:
+        InputError: Neither a stimulus nor a server is requested, or both are.
+    """
+    serves = options.serve_modbus or options.serve_mc is not None or options.serve_port is not None
+    if serves and (options.stimulus is not None or options.json):
+        raise InputError("--stimulus and --json have no effect on a live program; omit them, or the --serve options")
+    if not serves and options.stimulus is None:
+        raise InputError("ladder run: specify --stimulus FILE, or --serve-modbus, --serve-mc or --serve-port")
+    return bool(serves)
+
+
+def run_live_program(options: argparse.Namespace) -> int:
+    """Run a program until the request to stop and return the exit code.
+
+    Raises:
+        InputError: The program or an option is invalid.
+    """
+    for name, (least, most) in _LIMITS.items():
+        value = getattr(options, name)
+        if not least <= value <= most:
+            raise InputError(f"--{name.replace('_', '-')} {value}: must be {least} to {most}")
+    ladder = load_ladder(options.file)
+    try:
+        pace = Pace(options.pace)
+        plc = FxPlc(ladder, input_filter_ms=options.input_filter_ms, execution=fastest_execution)
+    except PaceError as error:
+        raise InputError(f"--pace: {error}") from error
+    except InputError:  # a part of the program that the engine does not support
+        raise
+    except ValueError as error:
+        raise InputError(f"--input-filter-ms: {error}") from error
+    live = LivePlc(plc)
+    stop: StopRequest = options.stop
+    stop.collect()
+    with ExitStack() as stack:
+        endpoints, ports = _endpoints(live, options)
+        stack.enter_context(DeviceServer(endpoints))
+        served = {name: endpoint.port for name, endpoint in ports.items()}
+        print(json.dumps({"event": "serving", **served}), flush=True)
+        scans = run_live(live, pace, scan_ms=options.scan_ms, stop=stop, on_scan=_StateReport())
+    print(f"stopped after {scans} scans", file=sys.stderr)
+    return 0
+
+
+class _StateReport:
+    """Report of RUN, STOP and errors, one line per change."""
+
+    def __init__(self) -> None:
+        self._reported = "RUN"
+
+    def __call__(self, live: LivePlc) -> None:
+        plc = live.plc
+        state = "RUN" if plc.running else "STOP" if plc.error is None else f"STOP, {plc.error}"
+        if state != self._reported:
+            self._reported = state
+            print(state, file=sys.stderr, flush=True)
+
+
+def _endpoints(live: LivePlc, options: argparse.Namespace) -> tuple[list[Endpoint], dict[str, TcpEndpoint]]:
+    """Return all endpoints, and those with a TCP port by the name of the port."""
+    ports: dict[str, TcpEndpoint] = {}
+    if options.serve_modbus:
+        identity = {0: "seedling-transplanter", 1: options.file.name, 2: version()}
+        settings = TcpSettings(options.host, options.modbus_port, options.allow_remote)
+        ports["modbus_port"] = modbus_tcp(live, identity, settings, _MODBUS_NAMES)
+    if options.serve_mc is not None:
+        settings = TcpSettings(options.host, options.mc_port, options.allow_remote)
+        ports["mc_port"] = mc_tcp(live, options.serve_mc, settings, _MC_NAMES)
+    endpoints: list[Endpoint] = list(ports.values())
+    if options.serve_port is not None:
+        endpoints.append(programming_port(live, options.serve_port, "--serve-port"))
+    return endpoints, ports

@@ -1,0 +1,1 @@
+"""Access of communication partners to the devices of a PLC, independent of the protocol."""

@@ -1,0 +1,143 @@
+"""Interface between a protocol and the devices of a PLC.
+
+A protocol translates its requests into these calls and a refusal into its own error. Which devices can be written,
+which values are valid, and what is recorded is decided behind this interface, so that all protocols have the same
+rules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import Final, Protocol
+
+from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
+from controller.core.devices import DeviceError, check_device
+
+BIT_KINDS: Final = frozenset("XYMSTC")
+WORD_KINDS: Final = frozenset({"D", "R", "TN", "CN"})
+_DEVICE_OF_WORD: Final = {"D": "D", "TN": "T", "CN": "C"}
+
+
+class Refusal(Enum):
+    """Reason for which a request is refused."""
+
+    NOT_READY = "no scan has been completed yet"
+    NO_DEVICE = "no such device"
+    NOT_WRITABLE = "not writable"
+    BAD_VALUE = "invalid value"
+    NOT_SUPPORTED = "not supported"
+
+
+class AccessRefusedError(Exception):
+    """Raised for a request that is refused; nothing has changed.
+
+    Attributes:
+        refusal: Reason.
+    """
+
+    def __init__(self, refusal: Refusal) -> None:
+        super().__init__(refusal.value)
+        self.refusal = refusal
+
+
+class DeviceAccess(Protocol):
+    """Devices of a PLC as one communication partner may read and write them.
+
+    All methods except `on_request` and `on_disconnect` raise `AccessRefusedError`.
+    """
+
+    @property
+    def is_running(self) -> bool:
+        """True if the PLC is in RUN."""
+
+    def on_request(self) -> None:
+        """Notice that the partner is alive; called before every request."""
+
+    def on_disconnect(self) -> None:
+        """Release what the partner holds; called after its last request."""
+
+    def read_bits(self, first: Device, count: int) -> list[bool]:
+        """Return consecutive bits (X Y M S T C)."""
+
+    def read_words(self, first: Device, count: int) -> list[int]:
+        """Return consecutive words (D R TN CN), unsigned; the value of a 32-bit counter has two, low word first."""
+
+    def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
+        """Write bits, all of them or none."""
+
+    def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
+        """Write unsigned words, all of them or none; a 32-bit counter takes one value of 32 bits."""
+
+    def set_running(self, *, running: bool) -> None:
+        """Put the PLC into RUN or STOP."""
+
+
+class AccessSource(Protocol):
+    """PLC that communication partners connect to."""
+
+    def session(self, peer: str) -> DeviceAccess:
+        """Return the access of a new partner.
+
+        Args:
+            peer: Address of the partner, for the audit log.
+        """
+
+
+def check_bits(first: Device, count: int) -> None:
+    """Raise AccessRefusedError unless all bits exist."""
+    if first.kind not in BIT_KINDS or count < 1:
+        raise AccessRefusedError(Refusal.NO_DEVICE)
+    _check_range(first.kind, first.number, first.number + count - 1)
+
+
+def last_counter(first: int, words: int) -> int:
+    """Return the number of the counter to which the last of several words belongs, if C<first> has the first word."""
+    single = max(0, min(FIRST_32_BIT_COUNTER - first, words))
+    return first + single + (words - single + 1) // 2 - 1
+
+
+def check_words(first: Device, count: int, registers: int = 0) -> None:
+    """Raise AccessRefusedError unless all words exist.
+
+    Args:
+        first: First device.
+        count: Number of words.
+        registers: Number of R registers.
+    """
+    if count < 1:
+        raise AccessRefusedError(Refusal.NO_DEVICE)
+    last = last_counter(first.number, count) if first.kind == "CN" else first.number + count - 1
+    if first.kind == "R":
+        if not 0 <= first.number <= last < registers:
+            raise AccessRefusedError(Refusal.NO_DEVICE)
+    elif first.kind in _DEVICE_OF_WORD:
+        _check_range(_DEVICE_OF_WORD[first.kind], first.number, last)
+    else:
+        raise AccessRefusedError(Refusal.NO_DEVICE)
+
+
+def words_of_counters(values: Sequence[int]) -> list[int]:
+    """Return the values of all counters as unsigned words: two (low word first) from C200 on, one before."""
+    words = [value & 0xFFFF for value in values[:FIRST_32_BIT_COUNTER]]
+    for value in values[FIRST_32_BIT_COUNTER:]:
+        words += (value & 0xFFFF, value >> 16 & 0xFFFF)
+    return words
+
+
+def word_index(counter: int) -> int:
+    """Return the index of the first word of a counter in the result of `words_of_counters`."""
+    return counter + max(0, counter - FIRST_32_BIT_COUNTER)
+
+
+def _check_range(kind: str, first: int, last: int) -> None:
+    try:
+        check_device(kind, first)
+        check_device(kind, last)
+    except DeviceError as error:
+        raise AccessRefusedError(Refusal.NO_DEVICE) from error
+    if kind == "M" and first < _SPECIAL_RELAYS <= last:
+        raise AccessRefusedError(Refusal.NO_DEVICE)  # between the general and the special relays there are none
+
+
+_SPECIAL_RELAYS: Final = 8000

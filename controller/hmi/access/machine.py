@@ -1,0 +1,346 @@
+"""Access to the devices of the machine's program: reads of all devices, writes of a whitelist.
+
+Reads return the memory at END of the last scan. Only commands, set-points and the writable status registers accept
+writes. A write takes effect in the next scan and is recorded in the audit log. Every other write is refused and changes
+nothing. X and Y are read-only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from controller.common.mitsubishi.devices import Device
+from controller.core.expr import Word
+from controller.events.alarm_list import AlarmList, AlarmRefusalError
+from controller.hmi.access import status_registers as status
+from controller.hmi.access.devices import (
+    BIT_KINDS,
+    AccessRefusedError,
+    Refusal,
+    check_bits,
+    check_words,
+    word_index,
+    words_of_counters,
+)
+from controller.hmi.access.snapshot import Snapshot, Snapshots
+from controller.io.forcing import ForcingError
+from controller.io.pace import PaceError
+from controller.io.runtime import Runtime
+from controller.program.operator.commands import Command
+from controller.program.set_points import SetPointError
+
+JOG_RELEASE: Final = "jog_release"
+MINUTE_MS: Final = 60_000
+_TAKES_EFFECT: Final = 3
+"""Number of scans until the snapshot shows whether an order was executed or refused."""
+AUDITED_REFUSALS_PER_MINUTE: Final = 600
+"""Rate above which refused writes are counted but not audited, so that a faulty client cannot fill the audit log."""
+
+Audit = Callable[[str, str, str, str, str], None]
+"""Callback for each write: peer, operator name, target, value, and "done" or the reason for the refusal."""
+
+
+@dataclass
+class MachineAccess:
+    """State shared by the sessions of all communication partners, of all protocols.
+
+    Attributes:
+        runtime: PLC on its field link.
+        alarms: The operator's alarm list.
+        snapshots: Copies of the memory, one per scan.
+        source: Sources of the values in the R area.
+        audit_to: Callback for every write; None = no audit log.
+        refused_writes: Number of refused writes since the start.
+        refused_unaudited: Number of refused writes that were counted but not audited.
+        jogger: Session that jogs an output: the last one that pressed a jog button.
+        forcer: Session that forces inputs: the last one that forced an input.
+        commands: Commands by the number of their M bit.
+        set_points: Names and words of the writable set-points by the number of their D register.
+    """
+
+    runtime: Runtime
+    alarms: AlarmList
+    snapshots: Snapshots
+    source: status.StatusSource
+    audit_to: Audit | None = None
+    refused_writes: int = 0
+    refused_unaudited: int = 0
+    jogger: MachineSession | None = None
+    forcer: MachineSession | None = None
+    commands: dict[int, Command] = field(init=False)
+    set_points: dict[int, tuple[str, Word]] = field(init=False)
+    _audited_refusals: int = field(init=False, default=0)
+    _status_cache: tuple[Snapshot, list[int]] | None = field(init=False, default=None)
+    _counter_cache: tuple[Snapshot, list[int]] | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        tags = self.runtime.machine.tags
+        self.commands = {command.bit.number: command for command in tags.commands}
+        words = {name: getattr(tags.sp, name) for name in tags.sp.names()}
+        self.set_points = {word.number: (name, word) for name, word in words.items() if word not in tags.sp.at_start}
+
+    def session(self, peer: str) -> MachineSession:
+        """Return the access of a new communication partner."""
+        return MachineSession(self, peer)
+
+    def snapshot(self) -> Snapshot:
+        """Return the memory of the last scan.
+
+        Raises:
+            AccessRefusedError: No scan has been completed yet.
+        """
+        if self.snapshots.latest is None:
+            raise AccessRefusedError(Refusal.NOT_READY)
+        return self.snapshots.latest
+
+    def status_words(self, snapshot: Snapshot) -> list[int]:
+        """Return the R area, computed once per scan."""
+        if self._status_cache is None or self._status_cache[0] is not snapshot:
+            self._status_cache = (snapshot, status.status_words(self.source, snapshot.at_ms))
+        return self._status_cache[1]
+
+    def invalidate_status_words(self) -> None:
+        """Discard the cached R area; while simulated time is paused, no scan refreshes it."""
+        self._status_cache = None
+
+    def counter_words(self, snapshot: Snapshot) -> list[int]:
+        """Return the words of all counters, computed once per scan."""
+        if self._counter_cache is None or self._counter_cache[0] is not snapshot:
+            self._counter_cache = (snapshot, words_of_counters(snapshot.words["CN"]))
+        return self._counter_cache[1]
+
+    def audit(self, peer: str, who: str, what: str, value: str, result: str) -> None:
+        """Record a write; refusals above a rate are counted only."""
+        if self.audit_to is None:
+            return
+        if result.startswith("refused"):
+            self._audited_refusals += 1
+            if self._audited_refusals > AUDITED_REFUSALS_PER_MINUTE:
+                self.refused_unaudited += 1
+                return
+        self.audit_to(peer, who, what, value, result)
+
+    def start_minute(self) -> None:
+        """Start a new interval of the limit of audited refusals; called once a minute."""
+        self._audited_refusals = 0
+
+
+class MachineSession:
+    """Devices of the machine's program as one communication partner may read and write them."""
+
+    is_running = True
+    """The program of the machine is always in RUN."""
+
+    def __init__(self, state: MachineAccess, peer: str) -> None:
+        """Initialise the session of a partner.
+
+        Args:
+            state: State shared by all partners.
+            peer: Address of the partner, for the audit log.
+        """
+        self._state = state
+        self._peer = peer
+        self._name = ""
+        self._jog: Command | None = None
+        self._jog_scan = 0
+        self._previous_jog = 0
+
+    def on_request(self) -> None:
+        """Renew the jog and the forced inputs of this partner, which expire if it sends no requests."""
+        runtime = self._state.runtime
+        runtime.panel.read()
+        if self._jog is not None:
+            if self._jog_is_active(self._jog):
+                runtime.order(self._jog.name)
+            else:
+                self._note(self._jog.name, "0", "ended")
+                self._jog = None
+        if self._state.forcer is self:
+            runtime.forcing.renew()
+
+    def on_disconnect(self) -> None:
+        """Release the jog and the forced inputs of this partner."""
+        if self._jog is not None:
+            self._end_jog()
+        if self._state.forcer is self:
+            self._state.forcer = None
+            forcing = self._state.runtime.forcing
+            if forcing.levels:
+                forcing.release_all()
+                self._note("force", "", "ended with the connection")
+
+    def read_bits(self, first: Device, count: int) -> list[bool]:
+        """Return consecutive bits of the last scan."""
+        check_bits(first, count)
+        return self._state.snapshot().bits[first.kind][first.number : first.number + count]
+
+    def read_words(self, first: Device, count: int) -> list[int]:
+        """Return consecutive words of the last scan, unsigned."""
+        check_words(first, count, status.STATUS_WORDS)
+        snapshot = self._state.snapshot()
+        start = first.number
+        if first.kind == "R":
+            return self._state.status_words(snapshot)[start : start + count]
+        if first.kind == "CN":
+            start = word_index(start)
+            return self._state.counter_words(snapshot)[start : start + count]
+        return [word & 0xFFFF for word in snapshot.words[first.kind][start : start + count]]
+
+    def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
+        """Issue the commands of the bits set to True; False ends a jog."""
+        commands = self._state.commands
+        if any(device.kind != "M" or device.number not in commands for device, _ in levels):
+            values = str([int(level) for _, level in levels])
+            raise self.refused(str(levels[0][0]), values, _refusal_of([device for device, _ in levels]))
+        for device, level in levels:
+            self._command(commands[device.number], level)
+
+    def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
+        """Change set-points, or execute the request of a writable status register."""
+        first = values[0][0]
+        numbers = [value for _, value in values]
+        try:
+            action = self._block(values)
+            if action is not None:
+                action(numbers)
+            else:
+                self._change_set_points(values)
+        except (AlarmRefusalError, PaceError, ForcingError, SetPointError) as error:
+            raise self.refused(str(first), str(numbers), Refusal.BAD_VALUE, str(error)) from error
+
+    def set_running(self, *, running: bool) -> None:
+        """Refuse to stop or start the program; the machine has commands for this."""
+        raise self.refused("RUN" if running else "STOP", "", Refusal.NOT_SUPPORTED, "remote RUN/STOP is not supported")
+
+    def refused(self, what: str, value: str, refusal: Refusal, why: str = "not writable") -> AccessRefusedError:
+        """Record a refused write and return its error."""
+        self._state.refused_writes += 1
+        self._note(what, value, f"refused: {why}")
+        return AccessRefusedError(refusal)
+
+    def _block(self, values: Sequence[tuple[Device, int]]) -> Callable[[Sequence[int]], None] | None:
+        """Return the function of a block of writable status registers; None for other devices."""
+        first = values[0][0]
+        if [device for device, _ in values] != [Device("R", first.number + index) for index in range(len(values))]:
+            return None
+        blocks: dict[tuple[int, int], Callable[[Sequence[int]], None]] = {
+            (status.R_ALARM_ACTION, status.ALARM_ACTION_WORDS): self._act_on_alarm,
+            (status.R_NAME, status.NAME_WORDS): self._set_name,
+            (status.R_PACE, 1): self._set_pace,
+            (status.R_FORCE, status.FORCE_WORDS): self._force,
+        }
+        return blocks.get((first.number, len(values)))
+
+    def _command(self, command: Command, level: bool) -> None:
+        if command.group == "jog" and command.name != JOG_RELEASE:
+            self._set_jog(command, level)
+        elif level:
+            self._state.runtime.order(command.name)
+            self._note(command.name, "1")
+
+    def _set_jog(self, command: Command, level: bool) -> None:
+        if not level:
+            if self._jog is command:
+                self._end_jog()
+            return
+        if self._jog is not command:
+            snapshot = self._state.snapshot()
+            self._jog, self._jog_scan = command, snapshot.scans
+            self._previous_jog = snapshot.words["D"][self._state.runtime.machine.tags.machine.jog.number]
+            self._note(command.name, "1")
+        self._state.jogger = self
+        self._state.runtime.order(command.name)
+
+    def _end_jog(self) -> None:
+        if self._jog is None:
+            return
+        if self._state.jogger is self:
+            self._state.runtime.order(JOG_RELEASE)
+            self._state.jogger = None
+        self._note(self._jog.name, "0")
+        self._jog = None
+
+    def _jog_is_active(self, jog: Command) -> bool:
+        """Return True unless the jog of this partner has been refused, released or taken over.
+
+        A jog command of the previous session may arrive in the same scan as the press and then take precedence.
+        """
+        if self._state.jogger is not self:
+            return False
+        snapshot = self._state.snapshot()
+        if snapshot.scans < self._jog_scan + _TAKES_EFFECT:
+            return True
+        tags = self._state.runtime.machine.tags
+        names = list(tags.commands.jog.values())
+        jogged = snapshot.words["D"][tags.machine.jog.number]
+        return jogged != 0 and jogged in (1 + names.index(jog.bit), self._previous_jog)
+
+    def _change_set_points(self, values: Sequence[tuple[Device, int]]) -> None:
+        state = self._state
+        if any(device.kind != "D" or device.number not in state.set_points for device, _ in values):
+            numbers = str([value for _, value in values])
+            raise self.refused(str(values[0][0]), numbers, _refusal_of([device for device, _ in values]))
+        changes = {state.set_points[device.number][0]: str(value) for device, value in values}
+        state.runtime.set_points(changes)
+        for name, value in changes.items():
+            self._note(f"set {name}", value)
+
+    def _act_on_alarm(self, values: Sequence[int]) -> None:
+        action, number, minutes = values
+        alarms, by = self._state.alarms, self._name or self._peer
+        if action == status.ACKNOWLEDGE:
+            alarms.acknowledge(number or None, by=by)
+            if not number:
+                self._state.runtime.order("acknowledge")
+            self._note("acknowledge", str(number or "all"))
+        elif action == status.SHELVE:
+            alarms.shelve(number, minutes * MINUTE_MS, by=by)
+            self._note("shelve", f"{number} for {minutes} min")
+        elif action == status.UNSHELVE:
+            alarms.unshelve(number, by=by)
+            self._note("unshelve", str(number))
+        else:
+            raise self.refused("alarm action", str(list(values)), Refusal.BAD_VALUE, "no such action")
+
+    def _set_name(self, values: Sequence[int]) -> None:
+        text = b"".join(value.to_bytes(2) for value in values).rstrip(b"\0")
+        if not all(0x20 <= byte < 0x7F for byte in text):
+            raise self.refused("name", "", Refusal.BAD_VALUE, "not ASCII")
+        self._name = text.decode("ascii").strip()
+
+    def _set_pace(self, values: Sequence[int]) -> None:
+        pace = self._state.source.pace
+        if pace is None:
+            raise self.refused(
+                "pace", str(values[0]), Refusal.NOT_WRITABLE, "not a simulation: the speed cannot be changed"
+            )
+        pace.set(values[0])
+        self._state.invalidate_status_words()
+        self._note("pace", str(values[0]))
+
+    def _force(self, values: Sequence[int]) -> None:
+        number, level = values
+        if level > status.RELEASE_FORCE:
+            raise self.refused("force", str(list(values)), Refusal.BAD_VALUE, "must be 0 or 1, or 2 to end forcing")
+        self._state.runtime.forcing.force(number, None if level == status.RELEASE_FORCE else bool(level))
+        if level != status.RELEASE_FORCE:
+            self._state.forcer = self
+        self._note(f"force X{number:o}", "released" if level == status.RELEASE_FORCE else str(level))
+
+    def _note(self, what: str, value: str, result: str = "done") -> None:
+        self._state.audit(self._peer, self._name, what, value, result)
+
+
+def _refusal_of(devices: Sequence[Device]) -> Refusal:
+    """Return the reason for which a write of devices is refused: one does not exist, or is not writable."""
+    try:
+        for device in devices:
+            if device.kind in BIT_KINDS:
+                check_bits(device, 1)
+            else:
+                check_words(device, 1, status.STATUS_WORDS)
+    except AccessRefusedError as error:
+        return error.refusal
+    return Refusal.NOT_WRITABLE

@@ -1,0 +1,1 @@
+"""Live simulation of any FX program, with the devices open to communication partners."""

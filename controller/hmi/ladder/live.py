@@ -1,0 +1,184 @@
+"""FX program that runs in real time while communication partners read and write its devices.
+
+As in a simulator of the programming tool, all devices are writable. A written X is the level of the input terminal
+until it is written again; the input filter applies. A Y, M, S, T or C that the program drives keeps a written value
+only until the program drives it again. Writes take effect at the start of the next scan, reads return the memory at END
+of the last.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
+from controller.common.stop_request import Stop
+from controller.core.devices import RUN_MONITOR, SIZES
+from controller.fx.engine.plc import FxPlc
+from controller.hmi.access.devices import (
+    AccessRefusedError,
+    Refusal,
+    check_bits,
+    check_words,
+    word_index,
+    words_of_counters,
+)
+from controller.hmi.access.snapshot import Snapshot, snapshot_of
+from controller.io.pace import Pace
+
+_SIGN_16: Final = 0x8000
+_SIGN_32: Final = 0x8000_0000
+_STOPPED: Final = (False, True, False, True)
+"""M8000-M8003 of a PLC in STOP: a real one answers 0Ah there (bomingfeng/Fx2N, doc: recordings of GPPW)."""
+
+
+class LivePlc:
+    """Program with the writes of its partners.
+
+    Attributes:
+        plc: Simulated PLC.
+        latest: Memory after the last scan; None before the first.
+    """
+
+    def __init__(self, plc: FxPlc) -> None:
+        """Initialise with all inputs off.
+
+        Args:
+            plc: Simulated PLC.
+        """
+        self.plc = plc
+        self.latest: Snapshot | None = None
+        self._levels = [False] * SIZES["X"]
+        self._writes: deque[Callable[[], None]] = deque()
+
+    def session(self, _peer: str) -> LiveSession:
+        """Return the access of a new communication partner."""
+        return LiveSession(self)
+
+    def scan(self, now_ms: int) -> None:
+        """Apply the writes and execute one scan.
+
+        Args:
+            now_ms: Time of the scan, ms.
+        """
+        self.plc.cpu.now_ms = now_ms  # timer values written now must refer to this scan
+        while self._writes:
+            self._writes.popleft()()
+        self.plc.scan(now_ms, self._levels)
+        latest = snapshot_of(self.plc.memory, now_ms, self.plc.scans)
+        if not self.plc.running:
+            latest.bits["M"][RUN_MONITOR : RUN_MONITOR + len(_STOPPED)] = _STOPPED
+        self.latest = latest
+
+    def write(self, action: Callable[[], None]) -> None:
+        """Call a function at the start of the next scan; thread-safe."""
+        self._writes.append(action)
+
+    def put_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
+        """Write bits now; X at the terminals."""
+        for device, level in levels:
+            bits = self._levels if device.kind == "X" else self.plc.memory.bits(device.kind)
+            bits[device.number] = level
+
+    def put_words(self, values: Sequence[tuple[Device, int]]) -> None:
+        """Write signed words now."""
+        for device, value in values:
+            if device.kind == "TN":
+                self.plc.cpu.set_timer(device.number, value)
+            else:
+                self.plc.memory.set_word("C" if device.kind == "CN" else "D", device.number, value)
+
+
+class LiveSession:
+    """Devices of a live program as its partners may read and write them."""
+
+    def __init__(self, live: LivePlc) -> None:
+        """Initialise the session of a partner.
+
+        Args:
+            live: The program.
+        """
+        self._live = live
+
+    @property
+    def is_running(self) -> bool:
+        """True if the PLC is in RUN."""
+        return self._live.plc.running
+
+    def on_request(self) -> None:
+        """Do nothing: the program does not wait for its partners."""
+
+    def on_disconnect(self) -> None:
+        """Do nothing: written values remain."""
+
+    def read_bits(self, first: Device, count: int) -> list[bool]:
+        """Return consecutive bits of the last scan."""
+        check_bits(first, count)
+        return self._snapshot().bits[first.kind][first.number : first.number + count]
+
+    def read_words(self, first: Device, count: int) -> list[int]:
+        """Return consecutive words of the last scan, unsigned."""
+        check_words(first, count)
+        words, start = self._snapshot().words[first.kind], first.number
+        if first.kind == "CN":
+            words, start = words_of_counters(words), word_index(start)
+        return [word & 0xFFFF for word in words[start : start + count]]
+
+    def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
+        """Write bits in the next scan."""
+        for device, _ in levels:
+            check_bits(device, 1)
+        self._live.write(lambda: self._live.put_bits(levels))
+
+    def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
+        """Write words in the next scan."""
+        signed = []
+        for device, value in values:
+            check_words(device, 1)
+            is_long = device.kind == "CN" and device.number >= FIRST_32_BIT_COUNTER
+            signed.append((device, _signed(value, _SIGN_32 if is_long else _SIGN_16)))
+        self._live.write(lambda: self._live.put_words(signed))
+
+    def set_running(self, *, running: bool) -> None:
+        """Put the PLC into RUN or STOP before the next scan; RUN also ends a stop by an error."""
+        plc = self._live.plc
+
+        def change() -> None:
+            if running and not plc.running:
+                plc.run()
+            elif plc.running and not running:
+                plc.stop()
+
+        self._live.write(change)
+
+    def _snapshot(self) -> Snapshot:
+        if self._live.latest is None:
+            raise AccessRefusedError(Refusal.NOT_READY)
+        return self._live.latest
+
+
+def run_live(
+    live: LivePlc, pace: Pace, *, scan_ms: int, stop: Stop, on_scan: Callable[[LivePlc], None] = lambda _live: None
+) -> int:
+    """Scan until `stop` is set and return the number of scans.
+
+    Args:
+        live: The program.
+        pace: Speed of its time.
+        scan_ms: Scan period, ms; M8039 and D8039 can make it longer.
+        stop: Event that ends the loop.
+        on_scan: Function called after each scan.
+    """
+    now_ms = scans = period_ms = 0
+    while pace.wait(period_ms, stop):
+        now_ms += period_ms
+        live.scan(now_ms)
+        on_scan(live)
+        scans += 1
+        period_ms = max(scan_ms, live.plc.constant_scan_ms)
+    return scans
+
+
+def _signed(value: int, sign: int) -> int:
+    return value - 2 * sign if value & sign else value
