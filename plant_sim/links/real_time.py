@@ -43,28 +43,32 @@ class RealTime:
         """Advance plant time until it fails or the task is cancelled."""
         loop = asyncio.get_running_loop()
         start_s = loop.time()
-        self._elapsed_s = lambda: loop.time() - start_s
+        clock = self._elapsed_s = lambda: loop.time() - start_s
         while True:
-            for _ in range(self._release(self._elapsed_s())):
-                if not self._advance(self.pacer.tick_ms):
+            for deadline_ms in self._release(clock()):
+                if not self._tick(deadline_ms, clock):
                     return
                 await asyncio.sleep(0)  # serves clients while making up a delay
-            await asyncio.sleep(max(0.0, self.pacer.next_deadline_ms / 1_000 - self._elapsed_s()))
+            await asyncio.sleep(max(0.0, self.pacer.next_deadline_ms / 1_000 - clock()))
 
     def catch_up(self) -> None:
         """Execute the ticks that are due, unless they are many; called before a request is answered."""
-        if self._elapsed_s is None:
+        clock = self._elapsed_s
+        if clock is None:
             return
-        elapsed_s = self._elapsed_s()
+        elapsed_s = clock()
         if 0 <= elapsed_s * 1_000 - self.pacer.next_deadline_ms < MOST_TICKS_AT_A_REQUEST:
-            for _ in range(self._release(elapsed_s)):
-                self._advance(self.pacer.tick_ms)
+            for deadline_ms in self._release(elapsed_s):
+                self._tick(deadline_ms, clock)
 
-    def _release(self, elapsed_s: float) -> int:
-        """Return the number of ticks that are due, and record their lateness."""
+    def _release(self, elapsed_s: float) -> range:
+        """Return the deadlines of the ticks that are due, ms."""
         first_ms = self.pacer.next_deadline_ms
         ticks = self.pacer.ticks_due(int(elapsed_s * 1_000))
-        for number in range(ticks):
-            self._timing.lateness.add(elapsed_s - (first_ms + number * self.pacer.tick_ms) / 1_000)
         self._timing.dropped_ms = self.pacer.dropped_ms
-        return ticks
+        return range(first_ms, first_ms + ticks * self.pacer.tick_ms, self.pacer.tick_ms)
+
+    def _tick(self, deadline_ms: int, clock: Callable[[], float]) -> bool:
+        """Execute a tick and record its lateness; return False after a failure."""
+        self._timing.lateness.add(clock() - deadline_ms / 1_000)
+        return self._advance(self.pacer.tick_ms)
