@@ -11,10 +11,12 @@ from typing import Final
 import yaml
 
 from controller.common.errors import InputError
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.cli.options import add_machine_arguments, check_machine_arguments
 from plant_sim.common.paper_items import ITEM_STATES, PaperItem, PaperName, paper_items
 from plant_sim.faults import fault_table
 from plant_sim.links.box import BOX_COILS
+from plant_sim.links.plc.profile import load_profile, profile_names
 from plant_sim.links.tag_file import tag_csv
 from plant_sim.links.telemetry import telemetry_table
 from plant_sim.machine.parameters import DEFAULT_MACHINE
@@ -51,10 +53,32 @@ def plant_modbus_table() -> str:
     """Return the table of the plant's Modbus data, excluding the points of the I/O map."""
     box = [("coil", "button", "meaning"), *((str(c.offset), c.button, c.meaning) for c in BOX_COILS)]
     return (
-        f"# The plant over Modbus TCP\n\n{GENERATED}\n\nX points are discrete inputs and Y points are coils, at "
-        f"the offsets given in `io_map.yaml` ([I/O](io.md)).\n\n## Operator box\n\n{_table(box)}\n"
-        f"## Telemetry (input registers)\n\n{_table(telemetry_table())}"
+        f"# The plant over Modbus\n\n{GENERATED}\n\nX points are discrete inputs and Y points are coils, at "
+        f"the offsets given in `io_map.yaml` ([I/O](io.md)), on TCP and on a serial line.\n\n"
+        f"## Operator box\n\n{_table(box)}\n"
+        f"## Telemetry (input registers)\n\n{_table(telemetry_table())}\n"
+        f"## Profiles of PLCs\n\n{_PROFILES}\n\n{_table(_profile_rows())}"
     )
+
+
+_PROFILES: Final = (
+    "`python -m plant_sim connect PROFILE` reads the outputs of a PLC from Y0 on and writes the inputs from X0 on. "
+    "Bit 31 of the inputs is on while the outputs take effect, and off while the output watchdog has tripped."
+)
+
+
+def _profile_rows() -> list[tuple[str, ...]]:
+    """Return the table of the PLC profiles, header row first."""
+    rows: list[tuple[str, ...]] = [("profile", "PLC", "protocol", "outputs", "inputs", "sources")]
+    io_map = load_io_map(DEFAULT_IO_MAP)
+    for name in profile_names():
+        profile = load_profile(name, input_count=io_map.input_count, output_count=io_map.output_count)
+        protocol = f"{profile.protocol}, function 23" if profile.function_23 else str(profile.protocol)
+        blocks = (profile.outputs, profile.inputs)
+        places = [f"{b.device}, {b.area} {b.first}" if b.area is not None else b.device for b in blocks]
+        sources = f"Outputs: {profile.outputs.source}. Inputs: {profile.inputs.source}."
+        rows.append((name, profile.title, protocol, *places, sources))
+    return rows
 
 
 def parameter_table() -> str:

@@ -12,7 +12,11 @@ COMMAND_LINE = CommandLine(
     script="transplanter-plant",
     description="Simulated seedling transplanter and its digital twin.",
     commands={
-        "serve": ("plant_sim.cli.serve", "serve the plant as a Modbus TCP device (default)"),
+        "serve": ("plant_sim.cli.serve", "serve the plant as a Modbus TCP or RTU device (default)"),
+        "connect": (
+            "plant_sim.cli.connect",
+            "connect the plant to a PLC that is a Modbus slave or an MC protocol server",
+        ),
         "run": (
             "plant_sim.cli.run",
             "run the paper's trial with plant, controller and panel as processes, and print a report",
@@ -27,13 +31,13 @@ COMMAND_LINE = CommandLine(
         ),
         "plot": ("plant_sim.cli.plot", "draw the timing diagram and the curves of a recording"),
         "air": ("plant_sim.cli.air", "compare the air consumption of a run with Table 1 of the paper"),
-        "study": ("plant_sim.cli.study", "run the papers' experiments, or custom ones, on the twin"),
+        "study": ("plant_sim.cli.study.command", "run the papers' experiments, or custom ones, on the twin"),
         "planter": ("plant_sim.cli.planter", "motion of the chain planter of the cabbage paper"),
         "bench": ("plant_sim.cli.bench", "measure the speeds stated in the documentation"),
         "docs": ("plant_sim.cli.docs", "write the reference tables generated from the plant"),
     },
     default="serve",
-    services=frozenset({"serve"}),
+    services=frozenset({"serve", "connect"}),
 )
 
 

@@ -49,7 +49,7 @@ _, _, _EXCEPTIONS = (
 )
 NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILINE))
 """Commands that need hardware, each with the hardware that it needs, as listed in docs/README.md."""
-NOT_RUN_COUNT: Final = 2
+NOT_RUN_COUNT: Final = 5
 RUN_ELSEWHERE: Final = re.compile(r"scripts/test\b|\.venv/bin/python -m controller prove$")
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
 scenario guide, and test_prove.py runs the complete proof."""

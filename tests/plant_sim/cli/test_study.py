@@ -337,5 +337,7 @@ def test_a_missing_extra_is_reported_with_the_install_command(
 
 def test_the_command_line_does_not_import_what_only_a_study_needs() -> None:
     """Neither statsmodels, whose import takes a second, nor joblib is imported."""
-    check = "import sys, plant_sim.cli.study; sys.exit(any(m in sys.modules for m in ('statsmodels', 'joblib')))"
+    check = (
+        "import sys, plant_sim.cli.study.command; sys.exit(any(m in sys.modules for m in ('statsmodels', 'joblib')))"
+    )
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

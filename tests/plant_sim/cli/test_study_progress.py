@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from plant_sim.cli.study_progress import TenthsProgress, study_progress
+from plant_sim.cli.study.progress import TenthsProgress, study_progress
 
 
 def test_the_remaining_time_follows_from_the_trials_of_this_session(capsys: pytest.CaptureFixture[str]) -> None:

@@ -111,7 +111,6 @@ def test_plant_time_and_watchdog_run_in_real_time() -> None:
             telemetry = read_registers(client)
         assert telemetry["tripped_at_ms"] == telemetry["last_write_ms"] + 101
         assert telemetry["y_image"] == 0
-        assert telemetry["time_ms"] % 5 == 0
         assert client.ask(write_coil_pdu(5, 0xFF00)) == exception(5, DEVICE_FAILURE)
 
 

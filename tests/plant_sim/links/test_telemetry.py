@@ -11,6 +11,7 @@ from plant_sim.crop.incident import Incident
 from plant_sim.crop.planting_row import PassedCup
 from plant_sim.crop.seedling import Location
 from plant_sim.links.telemetry import TELEMETRY, TELEMETRY_REGISTERS, read_telemetry, telemetry_table
+from plant_sim.links.write_timing import PlcState
 from plant_sim.machine.plant import Event
 from tests.controller.common.modbus_rig import Client, Rig, read_raw_registers, read_registers
 
@@ -44,14 +45,17 @@ def test_the_telemetry_table_has_no_gaps_and_no_overlaps() -> None:
     for point in TELEMETRY:
         assert point.offset == offset, point.name
         offset += point.words
-    assert offset == TELEMETRY_REGISTERS == 49
+    assert offset == TELEMETRY_REGISTERS == 63
     assert len({point.name for point in TELEMETRY}) == len(TELEMETRY)
 
 
 def test_telemetry_of_a_machine_in_its_initial_state(client: Client) -> None:
     """There are two full trays; both arms are at feed against the bumpers, down and open; no output is written."""
     telemetry = read_registers(client)
-    assert all(math.isnan(telemetry.pop(name)) for name in ("tray_at_pick", "last_write_ms", "tripped_at_ms", "S_pct"))
+    absent = {"tray_at_pick", "last_write_ms", "tripped_at_ms", "S_pct"}
+    absent |= {name for name in telemetry if name.startswith(("write_", "tick_"))}
+    assert len(absent) == 10
+    assert all(math.isnan(telemetry.pop(name)) for name in absent)
     arm = {"slide_mm": 2.0, "lift_mm": 150.0, "spreader_mm": 0.0, "claw_deg": 30.0, "clamp_n": -7.8, "missed_cups": 0}
     arm |= dict.fromkeys(("cups_1", "cups_2", "cups_3"), 0)
     assert telemetry == {
@@ -71,6 +75,7 @@ def test_telemetry_of_a_machine_in_its_initial_state(client: Client) -> None:
         "main_pressure_kpa": 500.0,
         "claw_pressure_kpa": 400.0,
         "refused_writes": 0,
+        **dict.fromkeys(("longest_gap_ms", "gaps", "lost_after_gaps", "dropped_ms", "plc_state", "plc_losses"), 0),
     }
 
 
@@ -95,6 +100,13 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         rig.module.write_outputs(0, [False] * 17 + [True])
         rig.module.tripped_at_ms = 69_000
         rig.module.lease.refused = 70_000
+        timing = rig.module.timing
+        for now_s in (1.0, 1.01, 1.02, 1.05):
+            timing.add("client", 0, 17, now_s)
+        for late_s in (0.0012, 0.0034):
+            timing.lateness.add(late_s)
+        timing.longest_gap_ms, timing.gaps, timing.seedlings_lost_after_gaps = 80_000, 12, 13
+        timing.dropped_ms, timing.plc_state, timing.plc_losses = 90_000, PlcState.LOST, 3
 
     rig.thread.call(change)
     telemetry = read_registers(client)
@@ -140,6 +152,18 @@ def test_telemetry_follows_the_plant(rig: Rig, client: Client) -> None:
         "claw_pressure_kpa": 400.0,
         "S_pct": 16.67,
         "refused_writes": 70_000,
+        "write_period_ms": pytest.approx(10, rel=0.02),
+        "write_period_p99_ms": 30.0,
+        "write_jitter_ms": 9.43,
+        "longest_gap_ms": 80_000,
+        "gaps": 12,
+        "lost_after_gaps": 13,
+        "tick_lateness_ms": pytest.approx(1.2, rel=0.02),
+        "tick_lateness_p99_ms": 3.4,
+        "tick_lateness_longest_ms": 3.4,
+        "dropped_ms": 90_000,
+        "plc_state": 2,
+        "plc_losses": 3,
     }
     registers = read_raw_registers(client)
     assert registers[:2] == (1, 4_464), "high word first"
@@ -161,7 +185,7 @@ def test_an_absent_value_is_all_bits_and_an_overflow_is_clipped(rig: Rig, client
 
 @pytest.mark.parametrize("count", [0, TELEMETRY_REGISTERS - 1, TELEMETRY_REGISTERS + 1])
 def test_decoding_requires_all_registers(count: int) -> None:
-    with pytest.raises(ValueError, match=f"49 registers, not {count}"):
+    with pytest.raises(ValueError, match=f"63 registers, not {count}"):
         read_telemetry([0] * count)
 
 

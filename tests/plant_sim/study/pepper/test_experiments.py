@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.cli.study import add_arguments
-from plant_sim.cli.study import run as study_command
+from plant_sim.cli.study.command import add_arguments
+from plant_sim.cli.study.command import run as study_command
 from plant_sim.common.paper_sheet import sheet
 from plant_sim.crop.response import CropSpec
 from plant_sim.crop.seedling import SeedlingCounts

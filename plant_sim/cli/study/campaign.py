@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.cli.study_progress import study_progress
+from plant_sim.cli.study.progress import study_progress
 from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
 from plant_sim.study.errors import StudyError
 

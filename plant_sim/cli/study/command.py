@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
-from plant_sim.cli import campaign
-from plant_sim.cli.study_progress import busy, study_progress
+from plant_sim.cli.study import campaign
+from plant_sim.cli.study.progress import busy, study_progress
 from plant_sim.common.units import QuantityError, parse_quantity
 from plant_sim.machine.parameters import DEFAULT_MACHINE, load_machine
 from plant_sim.study.errors import StudyError

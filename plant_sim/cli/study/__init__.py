@@ -1,0 +1,1 @@
+"""Command ``study`` with its campaigns and progress display."""
