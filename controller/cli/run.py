@@ -12,9 +12,10 @@ from controller.cli.machine import add_io_map, machine_of
 from controller.cli.run_field import (
     add_field_arguments,
     check_field_numbers,
-    field_link,
+    field_plan,
     output_guard,
     wait_for_field,
+    wait_ms,
 )
 from controller.cli.run_operator import add_hmi_arguments, operator_interfaces
 from controller.common.errors import InputError
@@ -24,6 +25,7 @@ from controller.core.clock import MonotonicClock
 from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
+from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.pace import Pace, PaceError
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
@@ -92,6 +94,8 @@ def run(options: argparse.Namespace) -> int:
     """
     _check_numbers(options)
     machine = machine_of(options)
+    plan = field_plan(machine.io_map, options)
+    link = DevicesLink(plan, machine.io_map)
     try:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
     except ValueError as error:
@@ -99,7 +103,6 @@ def run(options: argparse.Namespace) -> int:
     stop: StopRequest = options.stop
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
-        link = field_link(machine.io_map, options)
         stack.callback(link.close)
         pace = _pace(options)
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
@@ -112,14 +115,15 @@ def run(options: argparse.Namespace) -> int:
             link,
             writer,
             link_limit_ms=options.link_limit_ms,
-            link_wait_ms=options.timeout_ms + options.scan_ms,
+            link_wait_ms=wait_ms(plan, options),
             panel_limit_ms=options.panel_limit_ms,
             allow_forcing=options.allow_forcing,
             guard=guard,
+            modules=link,
         )
         figures = LoopFigures()
-        stack.enter_context(operator_interfaces(runtime, figures, pace, options))
-        if not wait_for_field(link, guard, options, stop):
+        stack.enter_context(operator_interfaces(runtime, link, figures, pace, options))
+        if not wait_for_field(link, guard, stop):
             return 0
         if pace is None:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import TextIO
 
 from controller.events.alarm_list import AlarmChange
+from controller.events.field_devices import FieldEvent
 from controller.events.production import Event
 
 
@@ -43,6 +44,10 @@ class OutputsEvent:
     event: str = "outputs"
 
 
+Written = Event | AlarmChange | ServingEvent | OutputsEvent | FieldEvent
+"""Events that are written."""
+
+
 class EventWriter:
     """Event writer in a background thread; a slow or disconnected reader does not delay the scan."""
 
@@ -55,11 +60,11 @@ class EventWriter:
         """
         self._form = form
         self._out = out
-        self._events: queue.SimpleQueue[Event | AlarmChange | ServingEvent | OutputsEvent | None] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Written | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="events", daemon=True)
         self._thread.start()
 
-    def write(self, event: Event | AlarmChange | ServingEvent | OutputsEvent) -> None:
+    def write(self, event: Written) -> None:
         """Queue an event for writing."""
         self._events.put(event)
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from enum import Enum, auto
+from functools import partial
 
+from controller.common.modbus.output_owner import OwnerReport
 from controller.io.field.device import FieldDevice
 from controller.io.field.line import complete
 from controller.io.field.link import DevicesLink
@@ -55,9 +57,9 @@ class ModbusOutputGuard:
         for device in self.kinds:
             if device.plan.traits.locked:
                 self.kinds[device] = ModuleKind.LOCKED
-            elif self._works(lambda device=device: complete(device.read_owner())):
+            elif self._works(partial(_read_owner, device)):
                 self.kinds[device], device.lends = ModuleKind.LENDS, True
-            elif self._works(lambda device=device: self._link.read_outputs([device])):  # type: ignore[misc]
+            elif self._works(partial(self._link.read_outputs, [device])):
                 self.kinds[device] = ModuleKind.READ_BACK
 
     @property
@@ -75,14 +77,14 @@ class ModbusOutputGuard:
         changed = self._differing(self._of(ModuleKind.READ_BACK), safe)
         lending = self._of(ModuleKind.LENDS)
         if lending and self._is_due():
-            self._holder = next(filter(None, (complete(device.read_owner()).owner for device in lending)), "")
+            self._holder = next(filter(None, (_read_owner(device).owner for device in lending)), "")
         return changed or self._holder
 
     def rival(self) -> str:
         """Return the refused writes, as read in one of the last `every` scans."""
         lending = self._of(ModuleKind.LENDS)
         if lending and self._is_due():
-            reports = [complete(device.read_owner()) for device in lending]
+            reports = [_read_owner(device) for device in lending]
             rival = next((report.rival for report in reports if report.rival), "")
             self._rival = f"{sum(report.refused for report in reports)} {rival}"
         return self._rival
@@ -114,6 +116,10 @@ class ModbusOutputGuard:
             self._link.open()
             return False
         return True
+
+
+def _read_owner(device: FieldDevice) -> OwnerReport:
+    return complete(device.read_owner())
 
 
 def _listed(numbers: Sequence[int]) -> str:

@@ -311,11 +311,13 @@ class Runtime(Saved):
 
     def _write(self, now_ms: int) -> None:
         aborted = self.plc.read(self.machine.tags.machine.state) in (State.ABORTING, State.ABORTED)
-        if self.field.is_open:
+        was_lost, was_open = self.link_lost, self.field.is_open
+        if was_open:
             if self.field.write(now_ms, lambda: self._write_owned(now_ms, aborted=aborted), aborted=aborted):
                 return
             self.ownership.doubt()
-        if self.link_lost and not self.ownership.taken:
+        is_written = was_open and was_lost  # the safe state, to every device that is connected
+        if self.link_lost and not is_written and not self.ownership.taken:
             self._release_safe()
             self.field.write_rest(self._write_all)
 

@@ -6,7 +6,6 @@ remedy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -52,6 +51,7 @@ class DevicePlan:
         poll_every: Number of scans from one exchange to the next.
         watchdog_ms: Time of the output watchdog of the module, ms; None = not set by the controller.
         echo: True if an RTU device answers function 8, be it with an exception.
+        file_line: Line of the entry in the field file, from 1; 0 if there is none.
     """
 
     name: str
@@ -65,6 +65,7 @@ class DevicePlan:
     poll_every: int = 1
     watchdog_ms: int | None = None
     echo: bool = True
+    file_line: int = 0
 
 
 @dataclass(frozen=True)
@@ -129,10 +130,10 @@ class _FieldReader:
         self._path = path
         self._entry = entry
         self._located = located
-        self._wires: Mapping[str, Point | OutputRegister] = {
-            each.tag: each for each in (*io_map.inputs, *io_map.outputs, *io_map.registers)
-        }
-        self._unwired = {each.tag for each in (*io_map.unwired, *io_map.unwired_registers)}
+        points: tuple[Point | OutputRegister, ...] = (*io_map.inputs, *io_map.outputs, *io_map.registers)
+        unwired: tuple[Point | OutputRegister, ...] = (*io_map.unwired, *io_map.unwired_registers)
+        self._wires = {each.tag: each for each in points}
+        self._unwired = {each.tag for each in unwired}
         self._map_path = io_map.path
         self._lines: dict[str, SerialLine] = {}
         self._assigned: dict[object, tuple[int, str]] = {}  # line and name of the first user of a name, wire or place
@@ -193,6 +194,7 @@ class _FieldReader:
             poll_every=device.poll_every,
             watchdog_ms=device.watchdog_ms,
             echo=device.echo,
+            file_line=self._located.line_of(path),
         )
         for point, offset in wires:
             self._check_place((*path, "wires", point.tag), point, plan, offset)

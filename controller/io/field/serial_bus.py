@@ -41,10 +41,14 @@ class RtuBus(BusLine):
 
         Args:
             settings: Settings; the unit address is ignored.
+
+        Raises:
+            ModuleNotFoundError: pyserial is not installed.
         """
         super().__init__(settings.path)
         self._settings = settings
         self._silence_s = max(_LEAST_SILENCE_S, _SILENCE_CHARACTERS * _BITS_A_CHARACTER / settings.baud)
+        self._serial: Any = importlib.import_module("serial")
         self._port: Any = None
         self._unit = 0
         self._request: ModbusRequest | None = None
@@ -57,10 +61,9 @@ class RtuBus(BusLine):
 
     def begin(self) -> None:
         """Open the device file."""
-        serial = importlib.import_module("serial")
         settings = self._settings
         try:
-            self._port = serial.Serial(
+            self._port = self._serial.Serial(
                 settings.path,
                 settings.baud,
                 parity=settings.parity,
