@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import random
-import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Final
 
 from controller.common.modbus.output_owner import REPORT_OFFSET, REPORT_WORDS, OwnerReport
@@ -50,8 +49,15 @@ class FieldDevice:
         registers: First offset and D numbers of each run of output registers.
     """
 
-    def __init__(self, plan: DevicePlan, line: BusLine) -> None:
-        """Create a closed device."""
+    def __init__(self, plan: DevicePlan, line: BusLine, now_s: Callable[[], float]) -> None:
+        """Create a closed device.
+
+        Args:
+            plan: Plan of the device.
+            line: Its line.
+            now_s: Clock of its output watchdog, s.
+        """
+        self._now_s = now_s
         self.plan = plan
         self.line = line
         self.tripped = self.lends = False
@@ -133,7 +139,7 @@ class FieldDevice:
         limit_ms = self.plan.watchdog_ms
         if self.plan.traits.trip is None or self._written_s is None or limit_ms is None:
             return False
-        return time.perf_counter() - self._written_s > limit_ms / 2_000
+        return self._now_s() - self._written_s > limit_ms / 2_000
 
     def reads(self) -> list[Exchange]:
         """Return the exchanges that read the inputs; none if they have been received with the last write."""
@@ -171,7 +177,7 @@ class FieldDevice:
             if self._combines:
                 self._received = data
         self.confirmed = list(image)
-        self._written_s = time.perf_counter()
+        self._written_s = self._now_s()
 
     def read_back(self) -> list[Exchange]:
         """Return the exchanges that read the outputs."""

@@ -234,12 +234,10 @@ class _FieldReader:
         before = len(self._located.faults)
         if traits.has_watchdog_setting and device.watchdog_ms is None:
             self._fault(
-                path, f"watchdog_ms is missing; profile {device.profile} sets the output watchdog of the module"
+                path, f"watchdog_ms is missing; write the time of the output watchdog that {device.profile} sets"
             )
         if device.watchdog_ms is not None and not traits.has_watchdog_setting and traits.trip is None:
-            text = (
-                f"profile {device.profile} cannot set the watchdog; set it with the tool of the module, delete the key"
-            )
+            text = f"profile {device.profile} cannot set the watchdog; use the tool of the module and delete the key"
             self._fault((*path, "watchdog_ms"), text)
         if (traits.trip is None) != (not traits.reset):
             self._fault(path, "has only one of trip and reset; write both, see the manual of the module")
@@ -256,7 +254,7 @@ class _FieldReader:
 
     def _is_wire(self, path: KeyPath, tag: str, device: DeviceEntry) -> bool:
         place = (*path, "wires", tag)
-        if tag in self._unwired:
+        if tag in self._unwired and tag not in self._wires:
             self._fault(place, f"is not wired in {self._map_path}; write wired: true there or delete this line")
         elif tag not in self._wires:
             self._fault(place, f"is no wire of {self._map_path}; {suggestion(tag, self._wires, 'delete the line')}")

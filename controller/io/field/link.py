@@ -28,19 +28,20 @@ class DevicesLink:
         devices: Devices, in the order of the plan.
     """
 
-    def __init__(self, plan: FieldPlan, io_map: IoMap) -> None:
+    def __init__(self, plan: FieldPlan, io_map: IoMap, *, now_s: Callable[[], float] = time.perf_counter) -> None:
         """Create a closed link; `open` connects it.
 
         Args:
             plan: Devices with the places of the points.
             io_map: I/O map.
+            now_s: Clock of the output watchdogs of the modules, s.
 
         Raises:
             InputError: A certificate cannot be used.
         """
         lines = {device.line: device.timeout_ms for device in plan.devices}
         made = {settings: line_of(settings) for settings in lines}
-        self.devices = tuple(FieldDevice(device, made[device.line]) for device in plan.devices)
+        self.devices = tuple(FieldDevice(device, made[device.line], now_s) for device in plan.devices)
         self._inputs = [False] * io_map.input_count
         self._output_count = io_map.output_count
         self._safe = io_map.safe_outputs()
