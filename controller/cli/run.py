@@ -14,6 +14,7 @@ from controller.cli.run_field import (
     check_field_numbers,
     field_plan,
     output_guard,
+    print_places,
     wait_for_field,
     wait_ms,
 )
@@ -96,6 +97,9 @@ def run(options: argparse.Namespace) -> int:
     machine = machine_of(options)
     plan = field_plan(machine.io_map, options)
     link = DevicesLink(plan, machine.io_map)
+    if options.check:
+        print_places(plan, machine.io_map)
+        return 0
     try:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
     except ValueError as error:

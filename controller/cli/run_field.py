@@ -10,10 +10,10 @@ from typing import Final
 from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
 from controller.common.stop_request import Stop
-from controller.io.field.field_file import FieldFileError, FieldPlan, load_field, one_device
+from controller.io.field.field_file import FieldFileError, FieldPlan, load_field, one_device, place_of
 from controller.io.field.link import DevicesLink
 from controller.io.output_guard import ModbusOutputGuard
-from controller.iomap.loader import IoMap
+from controller.iomap.loader import IoMap, OutputRegister, Point
 
 RETRY_S = 0.5
 """Interval between attempts to reach the field I/O, s."""
@@ -37,6 +37,11 @@ def add_field_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="field file: devices, their connections and the place of every wire (default: one Modbus TCP device, "
         "given by --host, --port and --unit, with the offsets of the I/O map)",
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="check options and files, print the place of every wire in the field, and exit; nothing is connected",
     )
     parser.add_argument("--host", default=_OF_ONE_DEVICE["host"], help="Modbus TCP address of the field I/O")
     parser.add_argument("--port", type=int, default=_OF_ONE_DEVICE["port"], help="Modbus TCP port of the field I/O")
@@ -83,6 +88,24 @@ def field_plan(io_map: IoMap, options: argparse.Namespace) -> FieldPlan:
     plan = load_field(options.field, io_map)
     _check_times(plan, options)
     return plan
+
+
+def print_places(plan: FieldPlan, io_map: IoMap) -> None:
+    """Print the address, tag, device and place of every wire, by address."""
+    wires: dict[tuple[str, int], Point | OutputRegister] = {
+        (wire.device, wire.number): wire for wire in (*io_map.inputs, *io_map.outputs, *io_map.registers)
+    }
+    rows = {}
+    for device in plan.devices:
+        for letter, places in (("X", device.inputs), ("Y", device.outputs), ("D", device.registers)):
+            for number, offset in places:
+                place = place_of(letter, offset, device.traits)
+                if place is not None:
+                    rows[letter, number] = (device, place)
+    for key, wire in wires.items():
+        device, (table, offset, bit) = rows[key]
+        where = f"{table} {offset}" + ("" if bit is None else f" bit {bit}")
+        print(f"{wire.address:5} {wire.tag:24} {device.name or 'device':20} unit {device.unit:<4} {where}")
 
 
 def output_guard(link: DevicesLink, options: argparse.Namespace) -> ModbusOutputGuard:

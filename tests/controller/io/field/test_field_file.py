@@ -213,6 +213,16 @@ def test_the_command_refuses_what_does_not_fit_with_exit_code_2(
     assert not retain.exists()
 
 
-def test_the_example_of_the_documentation_is_valid() -> None:
-    plan = load_field(DOCS / "examples" / "field.yaml", IO_MAP)
-    assert [device.name for device in plan.devices] == ["sensors", "valves", "claws"]
+def test_the_example_of_the_documentation(capsys: pytest.CaptureFixture[str]) -> None:
+    """The option --check prints the place of every wire."""
+    assert main(["run", "--check", "--field", str(DOCS / "examples" / "field.yaml")]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert len(lines) == len(IO_MAP.inputs) + len(IO_MAP.outputs)
+    assert ["X25", "emergency_stop", "sensors", "unit", "1", "discrete_input", "21"] in lines
+    assert ["Y14", "right.spread", "valves", "unit", "1", "holding_register", "2048", "bit", "13"] in lines
+    assert ["Y17", "right.claws_open", "claws", "unit", "5", "coil", "2"] in lines
+
+
+def test_the_guide_names_every_profile() -> None:
+    guide = (DOCS / "hil.md").read_text(encoding="utf-8")
+    assert [name for name in profiles() if f"`{name}`" not in guide] == []
