@@ -16,7 +16,6 @@ from controller.cli.run_field import (
     output_guard,
     print_places,
     wait_for_field,
-    wait_ms,
 )
 from controller.cli.run_operator import add_hmi_arguments, operator_interfaces
 from controller.common.errors import InputError
@@ -28,6 +27,7 @@ from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
 from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
+from controller.io.output_guard import ModbusOutputGuard
 from controller.io.pace import Pace, PaceError
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
 from controller.io.runtime import Runtime
@@ -113,18 +113,7 @@ def run(options: argparse.Namespace) -> int:
         writer: RetentiveWriter = ThreadedRetentiveWriter(store) if pace is None else DirectRetentiveWriter(store)
         stack.callback(writer.close)
         guard = output_guard(link, options)
-        runtime = Runtime(
-            machine,
-            plc,
-            link,
-            writer,
-            link_limit_ms=options.link_limit_ms,
-            link_wait_ms=wait_ms(plan, options),
-            panel_limit_ms=options.panel_limit_ms,
-            allow_forcing=options.allow_forcing,
-            guard=guard,
-            modules=link,
-        )
+        runtime = _runtime(machine, plc, link, writer=writer, guard=guard, options=options)
         figures = LoopFigures()
         stack.enter_context(operator_interfaces(runtime, link, figures, pace, options))
         if not wait_for_field(link, guard, stop):
@@ -133,6 +122,34 @@ def run(options: argparse.Namespace) -> int:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
+    return _report(runtime, figures, options)
+
+
+def _runtime(
+    machine: Transplanter,
+    plc: Plc,
+    link: DevicesLink,
+    *,
+    writer: RetentiveWriter,
+    guard: ModbusOutputGuard,
+    options: argparse.Namespace,
+) -> Runtime:
+    return Runtime(
+        machine,
+        plc,
+        link,
+        writer,
+        link_limit_ms=options.link_limit_ms,
+        link_wait_ms=link.wait_ms + options.scan_ms,
+        panel_limit_ms=options.panel_limit_ms,
+        allow_forcing=options.allow_forcing,
+        guard=guard,
+        modules=link,
+    )
+
+
+def _report(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> int:
+    """Print how the run has ended, and return the exit code."""
     left = runtime.ownership.taken or "no response from the field"
     outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
     print(

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final
 
 from controller.common.errors import InputError
-from controller.common.modbus.rtu import SerialLine
 from controller.common.stop_request import Stop
 from controller.io.field.field_file import FieldFileError, FieldPlan, load_field, one_device, place_of
 from controller.io.field.link import DevicesLink
@@ -92,9 +91,7 @@ def field_plan(io_map: IoMap, options: argparse.Namespace) -> FieldPlan:
 
 def print_places(plan: FieldPlan, io_map: IoMap) -> None:
     """Print the address, tag, device and place of every wire, by address."""
-    wires: dict[tuple[str, int], Point | OutputRegister] = {
-        (wire.device, wire.number): wire for wire in (*io_map.inputs, *io_map.outputs, *io_map.registers)
-    }
+    wires: tuple[Point | OutputRegister, ...] = (*io_map.inputs, *io_map.outputs, *io_map.registers)
     rows = {}
     for device in plan.devices:
         for letter, places in (("X", device.inputs), ("Y", device.outputs), ("D", device.registers)):
@@ -102,8 +99,8 @@ def print_places(plan: FieldPlan, io_map: IoMap) -> None:
                 place = place_of(letter, offset, device.traits)
                 if place is not None:
                     rows[letter, number] = (device, place)
-    for key, wire in wires.items():
-        device, (table, offset, bit) = rows[key]
+    for wire in wires:
+        device, (table, offset, bit) = rows[wire.device, wire.number]
         where = f"{table} {offset}" + ("" if bit is None else f" bit {bit}")
         print(f"{wire.address:5} {wire.tag:24} {device.name or 'device':20} unit {device.unit:<4} {where}")
 
@@ -111,11 +108,6 @@ def print_places(plan: FieldPlan, io_map: IoMap) -> None:
 def output_guard(link: DevicesLink, options: argparse.Namespace) -> ModbusOutputGuard:
     """Return the detection of another master on the link."""
     return ModbusOutputGuard(link, every=max(1, IDENTITY_MS // options.scan_ms))
-
-
-def wait_ms(plan: FieldPlan, options: argparse.Namespace) -> int:
-    """Return the longest time that a scan waits for a device that does not respond, ms."""
-    return max(_timeouts(plan).values()) + int(options.scan_ms)
 
 
 def check_field_numbers(options: argparse.Namespace) -> None:
@@ -166,19 +158,9 @@ def wait_for_field(link: DevicesLink, guard: ModbusOutputGuard, stop: Stop) -> b
     return False
 
 
-def _timeouts(plan: FieldPlan) -> dict[object, int]:
-    """Return the time that a scan waits on each line if no device responds, ms; on a serial line they are added."""
-    times: dict[object, int] = {}
-    for device in plan.devices:
-        before = times.get(device.line, 0)
-        is_serial = isinstance(device.line, SerialLine)
-        times[device.line] = before + device.timeout_ms if is_serial else max(before, device.timeout_ms)
-    return times
-
-
 def _check_times(plan: FieldPlan, options: argparse.Namespace) -> None:
     """Check that a loss is detected in time, and that the output watchdogs do not trip before."""
-    least_ms = wait_ms(plan, options)
+    least_ms = plan.wait_ms + options.scan_ms
     if options.link_limit_ms <= least_ms and not options.simulated_time:
         device = max(plan.devices, key=lambda device: device.timeout_ms)
         raise FieldFileError(

@@ -80,6 +80,16 @@ class FieldPlan:
     devices: tuple[DevicePlan, ...]
     path: Path | None = None
 
+    @property
+    def wait_ms(self) -> int:
+        """Longest time that a scan waits for a device that does not respond, ms; times on a serial line are added."""
+        times: dict[LineSettings, int] = {}
+        for device in self.devices:
+            before = times.get(device.line, 0)
+            is_serial = isinstance(device.line, SerialLine)
+            times[device.line] = before + device.timeout_ms if is_serial else max(before, device.timeout_ms)
+        return max(times.values())
+
 
 def one_device(io_map: IoMap, host: str, port: int, *, unit: int, timeout_ms: int, profile: str = "coils") -> FieldPlan:
     """Return the plan of one device that has all points at the offsets of the I/O map.

@@ -26,6 +26,7 @@ class DevicesLink:
 
     Attributes:
         devices: Devices, in the order of the plan.
+        wait_ms: Longest time that a scan waits for a device that does not respond, ms.
     """
 
     def __init__(self, plan: FieldPlan, io_map: IoMap, *, now_s: Callable[[], float] = time.perf_counter) -> None:
@@ -42,6 +43,7 @@ class DevicesLink:
         lines = {device.line: device.timeout_ms for device in plan.devices}
         made = {settings: line_of(settings) for settings in lines}
         self.devices = tuple(FieldDevice(device, made[device.line], now_s) for device in plan.devices)
+        self.wait_ms = plan.wait_ms
         self._inputs = [False] * io_map.input_count
         self._output_count = io_map.output_count
         self._safe = io_map.safe_outputs()

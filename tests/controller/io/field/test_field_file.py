@@ -67,8 +67,8 @@ def test_a_valid_file(tmp_path: Path) -> None:
 )
 def test_both_orders_of_bytes_and_bits(byte_order: str | None, bit_order: str | None, words: list[int]) -> None:
     """Points 0, 1, 8 and 15 alone in their register, in every combination."""
-    own = {"byte_order": byte_order, "bit_order": bit_order}
-    traits = profiles()["registers"].merged(ModuleTraits.model_construct(**own))
+    own = ModuleTraits.model_validate({"byte_order": byte_order, "bit_order": bit_order})
+    traits = profiles()["registers"].merged(own)
     for offset, word in zip((0, 1, 8, 15), words, strict=True):
         (block,) = blocks_of("Y", [(5, offset)], traits)
         assert block.words([number == 5 for number in range(8)]) == [word]

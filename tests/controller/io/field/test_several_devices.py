@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import ssl
 import threading
@@ -16,6 +17,7 @@ from controller.common.errors import InputError
 from controller.io.connection import REOPEN_MS
 from controller.io.link import LinkError
 from controller.program.states import State
+from plant_sim.twin.process import Process
 from tests.controller.io.field.field_rig import (
     INPUT_TAGS,
     IO_MAP,
@@ -70,6 +72,14 @@ def field(stack: ExitStack, tmp_path: Path) -> Field:
     return field
 
 
+def until_back_ms(rig: FieldRig) -> int:
+    """Scan until the link is not lost any more; return the time, ms."""
+    before_ms = rig.now_ms
+    while rig.runtime.link_lost:
+        rig.scan()
+    return rig.now_ms - before_ms
+
+
 def test_the_image_is_composed_of_the_devices(field: Field) -> None:
     link = field.rig.link
     for number, point in enumerate(IO_MAP.outputs):
@@ -122,10 +132,7 @@ def test_a_lost_device_makes_the_outputs_of_all_devices_safe(
     field.boxes[lost].silent = False
     if way == "unplugged":
         field.modules[lost].plug()
-    before_ms = rig.now_ms
-    while rig.runtime.link_lost:
-        rig.scan()
-    assert rig.now_ms - before_ms <= BACK_MS
+    assert until_back_ms(rig) <= BACK_MS
     assert rig.events[-1].change == "back"
     rig.scan(200)
     assert rig.state == State.ABORTED
@@ -186,10 +193,7 @@ def test_a_device_that_boots_accepts_connections_before_it_answers(stack: ExitSt
     rig.scan(3 * REOPEN_MS // SCAN_MS)
     assert rig.runtime.link_lost
     field.boxes[1].silent = False
-    before_ms = rig.now_ms
-    while rig.runtime.link_lost:
-        rig.scan()
-    assert rig.now_ms - before_ms <= BACK_MS
+    assert until_back_ms(rig) <= BACK_MS
 
 
 def test_the_safe_outputs_are_written_on_exit_although_a_device_is_lost(field: Field) -> None:
@@ -350,10 +354,7 @@ def test_an_unplugged_serial_adapter_comes_back_by_itself(stack: ExitStack, tmp_
     assert {event.device.split()[0] for event in rig.events} == {"sensors", "valves"}
     rig.scan(50)
     bus.line.plug()
-    before_ms = rig.now_ms
-    while rig.runtime.link_lost:
-        rig.scan()
-    assert rig.now_ms - before_ms <= BACK_MS
+    assert until_back_ms(rig) <= BACK_MS
     rig.scan(50)
     assert rig.state == State.ABORTED
     rig.order("clear")
@@ -427,3 +428,41 @@ def test_a_device_without_an_echo_is_used_with_a_quiet_time(stack: ExitStack, tm
     rig.link.open()
     assert box.requests == []
     assert rig.link.read_inputs()
+
+
+# ---- the command -----------------------------------------------------------------------------------------------
+
+
+def next_event(controller: Process, **wanted: object) -> dict[str, object]:
+    """Return the next event of the controller with these values."""
+    while True:
+        line = controller.lines.get(timeout=60)
+        assert line is not None, f"the controller ended before {wanted}"
+        event: dict[str, object] = json.loads(line)
+        if wanted.items() <= event.items():
+            return event
+
+
+def test_the_command_in_real_time(stack: ExitStack, tmp_path: Path) -> None:
+    """A process on two devices: a device is unplugged and returns; the event and the alarm name it; clean end."""
+    boxes = [Box(), Box()]
+    at_rest(boxes[0])
+    sensors, valves = (stack.enter_context(TcpModule(box)) for box in boxes)
+    path = file_of(
+        tmp_path,
+        device("sensors", "inputs-only", tcp(sensors.port), wires(INPUT_TAGS), timeout_ms=200),
+        device("valves", "coils", tcp(valves.port), wires(OUTPUT_TAGS), timeout_ms=200),
+    )
+    retain = str(tmp_path / "retentive.json")
+    options = ["--field", str(path), "--retain", retain, "--events", "json", "--no-hmi", "--link-limit-ms", "500"]
+    controller = stack.enter_context(Process("controller", ["controller", "run", *options]))
+    next_event(controller, event="state", state=int(State.STOPPED))
+    boxes[1].outputs = [True] * len(boxes[1].outputs)
+    valves.unplug()
+    name = f"valves (127.0.0.1:{valves.port})"
+    assert next_event(controller, event="field")["device"] == name
+    assert name in str(next_event(controller, event="alarm", active=True)["text"])
+    valves.plug()
+    assert next_event(controller, event="field", change="back")["device"] == name
+    assert controller.stop() == 0
+    assert not any(boxes[1].outputs[: len(OUTPUT_TAGS)])
