@@ -256,7 +256,6 @@ def _open_lines(devices: Sequence[FieldDevice]) -> dict[BusLine, str]:
         try:
             action()
         except OSError as error:
-            line.close()
             reasons[line] = error.strerror or str(error)
 
     start_s = time.perf_counter()

@@ -13,13 +13,15 @@ import select
 import socket
 import ssl
 import time
-from typing import Final
+from typing import Any, Final
 
 from controller.common.modbus.mbap import HEADER, MAX_LENGTH, MIN_LENGTH, UNCOUNTED_BYTES
 from controller.io.field.line import BusLine
 from controller.io.field.requests import ModbusRequest
 
 _RECEIVE_BYTES: Final = 4_096
+_HANDSHAKE_S: Final = 3.0
+"""Longest TLS handshake, s (assumed): a small device computes for several times the timeout of an answer."""
 
 
 class TcpBus(BusLine):
@@ -39,6 +41,8 @@ class TcpBus(BusLine):
         self._host, self._port = host, port
         self._context, self._server_name = context, server_name or host
         self._connecting: socket.socket | None = None
+        self._address: Any = None
+        self._give_up_s = 0.0
         self._transaction = 0
         self._unit = 0
         self._request: ModbusRequest | None = None
@@ -50,8 +54,13 @@ class TcpBus(BusLine):
         return self.socket is not None
 
     def begin(self) -> None:
-        """Begin to connect."""
-        family, kind, protocol, _, address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0]
+        """Begin to connect; a TLS handshake that has begun is continued."""
+        if self._connecting is not None and time.perf_counter() < self._give_up_s:
+            return
+        self.close()
+        if self._address is None:  # once, because a name server must not delay a scan
+            self._address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0]
+        family, kind, protocol, _, address = self._address
         connecting = self._connecting = socket.socket(family, kind, protocol)
         connecting.setblocking(False)
         code = connecting.connect_ex(address)
@@ -61,24 +70,17 @@ class TcpBus(BusLine):
 
     def finish(self, deadline_s: float) -> None:
         """Wait until the connection is established."""
-        connecting = self._connecting
-        if connecting is None:
+        if self._connecting is None:
             return
         try:
-            _, writable, _ = select.select([], [connecting], [], max(0.0, deadline_s - time.perf_counter()))
-            code = connecting.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if writable else errno.ETIMEDOUT
-            if code:
-                raise OSError(code, os.strerror(code))
-            # Without TCP_NODELAY the kernel may delay a small frame by 40 ms, four scans.
-            connecting.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            if self._context is not None:
-                connecting.settimeout(max(0.001, deadline_s - time.perf_counter()))
-                connecting = self._context.wrap_socket(connecting, server_hostname=self._server_name)
-                connecting.setblocking(False)
+            if not isinstance(self._connecting, ssl.SSLSocket):
+                self._finish_connecting(self._connecting, deadline_s)
         except OSError:
             self.close()
             raise
-        self.socket, self._connecting = connecting, None
+        if isinstance(self._connecting, ssl.SSLSocket):
+            self._finish_handshake(self._connecting, deadline_s)
+        self.socket, self._connecting = self._connecting, None
 
     def fileno(self) -> int:
         """Return the file descriptor of the socket."""
@@ -127,6 +129,36 @@ class TcpBus(BusLine):
         if self.socket is None:
             raise ConnectionError
         return self.socket
+
+    def _finish_connecting(self, connecting: socket.socket, deadline_s: float) -> None:
+        _, writable, _ = select.select([], [connecting], [], max(0.0, deadline_s - time.perf_counter()))
+        code = connecting.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if writable else errno.ETIMEDOUT
+        if code:
+            raise OSError(code, os.strerror(code))
+        # Without TCP_NODELAY the kernel may delay a small frame by 40 ms, four scans.
+        connecting.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if self._context is not None:
+            self._connecting = self._context.wrap_socket(
+                connecting, server_hostname=self._server_name, do_handshake_on_connect=False
+            )
+            self._give_up_s = time.perf_counter() + _HANDSHAKE_S
+
+    def _finish_handshake(self, connecting: ssl.SSLSocket, deadline_s: float) -> None:
+        """Continue the handshake; at the deadline it remains unfinished, to be continued by the next attempt."""
+        while True:
+            try:
+                connecting.do_handshake()
+            except (ssl.SSLWantReadError, ssl.SSLWantWriteError) as want:
+                left_s = deadline_s - time.perf_counter()
+                if left_s <= 0:
+                    raise OSError(errno.ETIMEDOUT, "the TLS handshake is not complete") from None
+                is_read = isinstance(want, ssl.SSLWantReadError)
+                select.select([connecting] if is_read else [], [] if is_read else [connecting], [], left_s)
+            except OSError:
+                self.close()
+                raise
+            else:
+                return
 
     def _fill(self) -> None:
         """Take over the data that has arrived; a TLS connection may hold some of it after the socket is empty."""

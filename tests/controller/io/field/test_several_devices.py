@@ -7,7 +7,7 @@ import socket
 import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
@@ -271,9 +271,9 @@ def tls_way(port: int, *more: str) -> str:
     return f"tls: {{host: 127.0.0.1, port: {port}, {', '.join(names)}}}"
 
 
-def one_box(stack: ExitStack, folder: Path, way: str, *more: str) -> FieldRig:
+def one_box(stack: ExitStack, folder: Path, way: str, timeout_ms: int = PATIENT_MS) -> FieldRig:
     tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS)[1:]
-    rig = FieldRig(file_of(folder, device("cabinet", "coils", way, tags, *more)), [])
+    rig = FieldRig(file_of(folder, device("cabinet", "coils", way, tags, timeout_ms=timeout_ms)), [])
     stack.callback(rig.link.close)
     return rig
 
@@ -288,6 +288,31 @@ def test_a_device_with_tls(stack: ExitStack, tmp_path: Path) -> None:
     assert any(box.outputs)
     rig.scan(20)
     assert (rig.is_aborted, rig.events) == (False, [])
+
+
+def test_a_tls_handshake_longer_than_the_timeout_is_continued(stack: ExitStack, tmp_path: Path) -> None:
+    """A small device computes for longer than the timeout of an answer; the scan must not wait for it."""
+    security, go, connections = Security(tmp_path), threading.Event(), [0]
+    box = Box()
+
+    def wrap(plain: socket.socket) -> socket.socket:
+        connections[0] += 1
+        go.wait(PATIENT_MS / 1_000)
+        return security.wrap(plain)
+
+    module = stack.enter_context(TcpModule(box, wrap))
+    way = tls_way(module.port, "server_name: io.farm.example")
+    link = one_box(stack, tmp_path, way, timeout_ms=200).link
+    for _ in range(2):
+        with pytest.raises(LinkError, match="the TLS handshake is not complete"):
+            link.open()
+    go.set()
+    for _ in range(100):
+        with suppress(LinkError):
+            link.open()
+            break
+    assert link.read_inputs()
+    assert connections == [1]
 
 
 def test_a_device_with_another_name_is_not_used(stack: ExitStack, tmp_path: Path) -> None:
