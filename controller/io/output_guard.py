@@ -10,12 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import Enum, auto
 from functools import partial
+from typing import Final
 
 from controller.common.modbus.output_owner import OwnerReport
-from controller.io.field.device import FieldDevice
+from controller.io.field.device import DeviceRefusalError, FieldDevice
 from controller.io.field.line import complete
 from controller.io.field.link import DevicesLink
 from controller.io.link import LinkError
+
+_ATTEMPTS: Final = 3
+"""Number of requests without an answer after which a device is taken not to know the request (assumed)."""
 
 
 class ModuleKind(Enum):
@@ -110,12 +114,18 @@ class ModbusOutputGuard:
         return self._left == 0
 
     def _works(self, attempt: Callable[[], object]) -> bool:
-        try:
-            attempt()
-        except LinkError:
-            self._link.open()
-            return False
-        return True
+        """Return True if a request is answered; a device that does not answer at all is asked several times."""
+        for _ in range(_ATTEMPTS):
+            try:
+                attempt()
+            except DeviceRefusalError:
+                self._link.open()
+                return False
+            except LinkError:
+                self._link.open()
+            else:
+                return True
+        return False
 
 
 def _read_owner(device: FieldDevice) -> OwnerReport:

@@ -33,6 +33,10 @@ Steps = Generator[Exchange, None, None]
 Asking = Generator[Exchange, None, bytes]
 
 
+class DeviceRefusalError(LinkError):
+    """Raised for an exception response, or for an answer that shows that the device has another function there."""
+
+
 class FieldDevice:
     """Device of the field on its line.
 
@@ -210,7 +214,7 @@ class FieldDevice:
         request = read(ModbusTable.INPUT_REGISTER, REPORT_OFFSET, REPORT_WORDS, "registers")
         report = OwnerReport.decode(unpacked((yield from self._ask(request))))
         if report is None:
-            raise self.failed("read of the owner of the outputs", "answer contains no report")
+            raise DeviceRefusalError(str(self.failed("read of the owner of the outputs", "answer contains no report")))
         return report
 
     def checked(self, each: Exchange) -> bytes:
@@ -219,9 +223,10 @@ class FieldDevice:
         Raises:
             LinkError: The exchange has failed; the device is closed.
         """
-        if each.data is None:
-            raise self.failed(each.request.operation, each.error)
-        return each.data
+        if each.data is not None:
+            return each.data
+        error = self.failed(each.request.operation, each.error)
+        raise DeviceRefusalError(str(error)) if each.refusal else error
 
     def failed(self, operation: str, reason: str) -> LinkError:
         """Close the device and return the error; a late answer must not be read as the next one."""

@@ -30,12 +30,15 @@ class FaultyProxy:
         faults: Number of injected faults by kind.
         share: Probability of a fault in an exchange; 0 = none.
         limit: Number of faults after which none is injected.
+        ended: Number of connections that have ended; see `wait_until_ended`.
     """
 
     def __init__(self, server_port: int, seed: int) -> None:
         self.faults: Counter[str] = Counter()
         self.share = 0.0
         self.limit = 0
+        self.ended = 0
+        self._is_ended = threading.Condition()
         self._server_port = server_port
         self._random = random.Random(seed)
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -69,22 +72,34 @@ class FaultyProxy:
         self._thread.join()
         self._listener.close()
 
+    def wait_until_ended(self, connections: int) -> None:
+        """Wait until no request of the first connections can reach the server any more."""
+        with self._is_ended:
+            assert self._is_ended.wait_for(lambda: self.ended >= connections, timeout=60)
+
     def _run(self) -> None:
         while True:
             try:
                 self._client, _ = self._listener.accept()
             except OSError:
                 return
-            with self._client, contextlib.suppress(OSError):
-                self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                if self._deaf:
-                    self._deaf -= 1
-                    self._wait_for_the_end()
-                    continue
-                with socket.create_connection(("127.0.0.1", self._server_port)) as self._server:
-                    self._server.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                    while self._relay(self._frame(self._client)):
-                        pass
+            self._serve()
+            with self._is_ended:
+                self.ended += 1
+                self._is_ended.notify_all()
+
+    def _serve(self) -> None:
+        assert self._client is not None
+        with self._client, contextlib.suppress(OSError):
+            self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if self._deaf:
+                self._deaf -= 1
+                self._wait_for_the_end()
+                return
+            with socket.create_connection(("127.0.0.1", self._server_port)) as self._server:
+                self._server.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                while self._relay(self._frame(self._client)):
+                    pass
 
     def _relay(self, request: bytes) -> bool:
         """Serve a request; return False if the connection ends."""

@@ -31,7 +31,7 @@ from tests.controller.io.field.field_rig import (
     tcp,
     wires,
 )
-from tests.controller.io.field.modules import Box, SerialModules, TcpModule, crc
+from tests.controller.io.field.modules import Beckhoff, Box, SerialModules, TcpModule, crc
 from tests.wiring import wired
 
 BACK_MS = 500
@@ -101,6 +101,28 @@ def test_devices_on_different_connections_are_served_at_the_same_time(field: Fie
         box.before_answer = meet
     field.rig.link.write_outputs([True] * IO_MAP.output_count)
     assert all(field.outputs())
+
+
+def test_devices_are_prepared_at_the_same_time(stack: ExitStack, tmp_path: Path) -> None:
+    """Two couplers with settings; a scan that connects them again waits for the slower one, not for both."""
+    meeting = threading.Barrier(2)
+    boxes = [Beckhoff(), Beckhoff()]
+    modules = [stack.enter_context(TcpModule(box)) for box in boxes]
+    tags = (INPUT_TAGS, OUTPUT_TAGS)
+    entries = [
+        device(name, "beckhoff-ek9000", tcp(module.port), wires(each), "watchdog_ms: 300")
+        for name, module, each in zip("ab", modules, tags, strict=True)
+    ]
+    rig = FieldRig(file_of(tmp_path, *entries), [])
+    stack.callback(rig.link.close)
+
+    def meet(pdu: bytes) -> None:
+        meeting.wait(timeout=PATIENT_MS / 1_000)
+
+    for box in boxes:
+        box.before_answer = meet
+    rig.link.open()
+    assert [box.write_lock for box in boxes] == [1, 1]
 
 
 @pytest.mark.parametrize("lost", [0, 1, 2])
