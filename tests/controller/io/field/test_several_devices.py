@@ -15,9 +15,10 @@ import trustme
 
 from controller.common.errors import InputError
 from controller.io.connection import REOPEN_MS
-from controller.io.link import LinkError
+from controller.io.link import LinkError, OutputsTakenError
 from controller.program.states import State
 from plant_sim.twin.process import Process
+from tests.controller.common.modbus_rig import ALL_OFF, Rig
 from tests.controller.io.field.field_rig import (
     INPUT_TAGS,
     IO_MAP,
@@ -236,6 +237,32 @@ def test_another_master_at_one_device_makes_all_devices_safe(field: Field) -> No
     assert not any(field.outputs())
 
 
+def test_a_device_that_lends_its_outputs_to_another_master_makes_the_others_safe(
+    stack: ExitStack, tmp_path: Path
+) -> None:
+    """The first half of the outputs is at the plant, which lends them; the second half is in a box."""
+    plant = stack.enter_context(Rig())
+    box = Box()
+    module = stack.enter_context(TcpModule(box))
+    first = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS[:HALF])[1:]
+    path = file_of(
+        tmp_path,
+        device("plant", "coils", tcp(plant.server.port), first),
+        device("claws", "coils", tcp(module.port), wires(OUTPUT_TAGS[HALF:])),
+    )
+    rig = FieldRig(path, [])
+    stack.callback(rig.link.close)
+    rig.start()
+    rig.link.write_outputs([True] * IO_MAP.output_count)
+    assert any(box.outputs)
+    rig.link.devices[0].line.close()
+    plant.client().ask(ALL_OFF)
+    rig.link.open()
+    with pytest.raises(OutputsTakenError, match="plant"):
+        rig.link.write_outputs([True] * IO_MAP.output_count)
+    assert not any(box.outputs)
+
+
 # ---- poll groups -----------------------------------------------------------------------------------------------
 
 
@@ -425,9 +452,14 @@ def test_a_late_serial_answer_is_not_the_answer_to_a_later_request(stack: ExitSt
     with pytest.raises(LinkError, match="no valid answer within 200 ms"):
         link.read_inputs()
     sensors.inputs[0] ^= True
-    bus.line.alter = lambda frame: [*held, frame]  # the late answer comes before every further answer
+
+    def release(frame: bytes) -> list[bytes]:
+        late = [*held]
+        held.clear()
+        return [*late, frame]
+
+    bus.line.alter = release
     link.open()
-    bus.line.alter = lambda frame: [frame]
     assert link.read_inputs() != old
 
 
