@@ -217,6 +217,10 @@ class FieldDevice:
             raise DeviceRefusalError(str(self.failed("read of the owner of the outputs", "answer contains no report")))
         return report
 
+    def drop_received(self) -> None:
+        """Discard inputs that were received with a write before an interruption; they are read again."""
+        self._received = None
+
     def checked(self, each: Exchange) -> bytes:
         """Return the data of an exchange.
 

@@ -75,6 +75,8 @@ class DevicesLink:
             LinkError: A device is not reachable within its timeout; the others are connected.
         """
         closed = [device for device in self.devices if not device.is_open]
+        for device in self.devices if closed else ():
+            device.drop_received()
         unreachable = _open_lines(closed)
         errors = [_unreachable(device, unreachable[device.line]) for device in closed if device.line in unreachable]
         errors += complete_all(device.open() for device in closed if device.line.is_open)

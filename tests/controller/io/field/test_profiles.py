@@ -123,6 +123,28 @@ def test_the_exchanges_of_a_scan(profile: str, functions: list[int], stack: Exit
     assert [pdu[0] for pdu in box.requests] == functions
 
 
+def test_inputs_received_before_an_interruption_are_read_again(stack: ExitStack, tmp_path: Path) -> None:
+    """A combined exchange returns the inputs for the next scan; after an interruption they are too old."""
+    coupler, other = Beckhoff(), Box()
+    first, second = (stack.enter_context(TcpModule(box)) for box in (coupler, other))
+    tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS[:-1])[1:]
+    path = file_of(
+        tmp_path,
+        device("valves", "beckhoff-ek9000", tcp(first.port), tags, f"watchdog_ms: {WATCHDOG_MS}"),
+        device("lamp", "coils", tcp(second.port), wires(OUTPUT_TAGS[-1:])),
+    )
+    link = FieldRig(path, []).link
+    stack.callback(link.close)
+    link.open()
+    second.unplug()
+    with pytest.raises(LinkError, match="lamp"):
+        link.write_outputs(IO_MAP.safe_outputs())
+    coupler.inputs[0] = True
+    second.plug()
+    link.open()
+    assert link.read_inputs()[IO_MAP.inputs[0].number]
+
+
 @WITH_RESET
 def test_the_watchdog_is_armed_and_served_and_has_its_time(profile: str, stack: ExitStack, tmp_path: Path) -> None:
     box = MODULES[profile]()
