@@ -12,8 +12,9 @@ from controller.cli.machine import add_io_map, machine_of
 from controller.cli.run_field import (
     add_field_arguments,
     check_field_numbers,
-    field_link,
+    field_plan,
     output_guard,
+    print_places,
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
@@ -24,7 +25,9 @@ from controller.core.clock import MonotonicClock
 from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
+from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
+from controller.io.output_guard import ModbusOutputGuard
 from controller.io.pace import Pace, PaceError
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
 from controller.io.runtime import Runtime
@@ -93,6 +96,11 @@ def run(options: argparse.Namespace) -> int:
     """
     _check_numbers(options)
     machine = machine_of(options)
+    plan = field_plan(machine.io_map, options)
+    link = DevicesLink(plan, machine.io_map)
+    if options.check:
+        print_places(plan, machine.io_map)
+        return 0
     try:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
     except ValueError as error:
@@ -100,32 +108,49 @@ def run(options: argparse.Namespace) -> int:
     stop: StopRequest = options.stop
     with ExitStack() as stack:
         store = stack.enter_context(_memory(machine, plc, options))
-        link = field_link(machine.io_map, options)
         stack.callback(link.close)
         pace = _pace(options)
         # In simulated time, the scan waits for the disk; in real time, only the outputs wait.
         writer: RetentiveWriter = ThreadedRetentiveWriter(store) if pace is None else DirectRetentiveWriter(store)
         stack.callback(writer.close)
         guard = output_guard(link, options)
-        runtime = Runtime(
-            machine,
-            plc,
-            link,
-            writer,
-            link_limit_ms=options.link_limit_ms,
-            link_wait_ms=options.timeout_ms + options.scan_ms,
-            panel_limit_ms=options.panel_limit_ms,
-            allow_forcing=options.allow_forcing,
-            guard=guard,
-        )
+        runtime = _runtime(machine, plc, link, writer=writer, guard=guard, options=options)
         figures = LoopFigures()
-        stack.enter_context(operator_interfaces(runtime, figures, pace, options))
-        if not wait_for_field(link, guard, options, stop):
+        stack.enter_context(operator_interfaces(runtime, link, figures, pace, options))
+        if not wait_for_field(link, guard, stop):
             return 0
         if pace is None:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
+    return _report(runtime, figures, options)
+
+
+def _runtime(
+    machine: Transplanter,
+    plc: Plc,
+    link: DevicesLink,
+    *,
+    writer: RetentiveWriter,
+    guard: ModbusOutputGuard,
+    options: argparse.Namespace,
+) -> Runtime:
+    return Runtime(
+        machine,
+        plc,
+        link,
+        writer,
+        link_limit_ms=options.link_limit_ms,
+        link_wait_ms=link.wait_ms + options.scan_ms,
+        panel_limit_ms=options.panel_limit_ms,
+        allow_forcing=options.allow_forcing,
+        guard=guard,
+        modules=link,
+    )
+
+
+def _report(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> int:
+    """Print how the run has ended, and return the exit code."""
     left = runtime.ownership.taken or "no response from the field"
     outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
     print(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
+from typing import Final
 
 from controller.common.errors import InputError
 from controller.common.stop_request import Stop
-from controller.io.modbus_tcp import ModbusTcpLink
-from controller.io.module_profiles import MODULE_PROFILES
-from controller.io.output_guard import ModbusOutputGuard, ModuleKind
-from controller.iomap.loader import IoMap
+from controller.io.field.field_file import FieldFileError, FieldPlan, load_field, one_device, place_of
+from controller.io.field.link import DevicesLink
+from controller.io.output_guard import ModbusOutputGuard
+from controller.iomap.loader import IoMap, OutputRegister, Point
 
 RETRY_S = 0.5
 """Interval between attempts to reach the field I/O, s."""
@@ -19,20 +21,42 @@ REMIND_S = 5.0
 IDENTITY_MS = 50
 """Interval at which a module that lends its outputs is asked for refused writes, ms: half of the time within which both
 sides must report a second master."""
+MODULES: Final = {None: "coils", "beckhoff-ek9000": "beckhoff-ek9000-coils"}
+"""Profile by value of ``--module``."""
+_OF_ONE_DEVICE: Final = {"host": "127.0.0.1", "port": 5020, "unit": 1, "module": None, "timeout_ms": 30}
+"""Options of the field I/O that a field file replaces, and their defaults."""
 
 
 def add_field_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the field I/O."""
-    parser.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
-    parser.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
-    parser.add_argument("--unit", type=int, default=1, help="Modbus unit identifier")
+    parser.add_argument(
+        "--field",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="field file: devices, their connections and the place of every wire (default: one Modbus TCP device, "
+        "given by --host, --port and --unit, with the offsets of the I/O map)",
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="check options and files, print the place of every wire in the field, and exit; nothing is connected",
+    )
+    parser.add_argument("--host", default=_OF_ONE_DEVICE["host"], help="Modbus TCP address of the field I/O")
+    parser.add_argument("--port", type=int, default=_OF_ONE_DEVICE["port"], help="Modbus TCP port of the field I/O")
+    parser.add_argument("--unit", type=int, default=_OF_ONE_DEVICE["unit"], help="Modbus unit identifier")
     parser.add_argument(
         "--module",
-        choices=sorted(MODULE_PROFILES),
+        choices=sorted(filter(None, MODULES)),
         default=None,
-        help="I/O module whose write lock is set at the start (default: none)",
+        help="I/O module whose write lock is set at every connection (default: none)",
     )
-    parser.add_argument("--timeout-ms", type=int, default=30, help="timeout of one response of the field I/O, ms")
+    parser.add_argument(
+        "--timeout-ms",
+        type=int,
+        default=_OF_ONE_DEVICE["timeout_ms"],
+        help="timeout of one response of the field I/O, ms",
+    )
     parser.add_argument(
         "--link-limit-ms",
         type=int,
@@ -41,12 +65,47 @@ def add_field_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def field_link(io_map: IoMap, options: argparse.Namespace) -> ModbusTcpLink:
-    """Return the closed link to the field I/O that the options name."""
-    return ModbusTcpLink(options.host, options.port, io_map, unit=options.unit, timeout_s=options.timeout_ms / 1000)
+def field_plan(io_map: IoMap, options: argparse.Namespace) -> FieldPlan:
+    """Return the devices of the field file, or the one device that the options name.
+
+    Raises:
+        InputError: The field file is invalid, or it does not fit the options.
+    """
+    if options.field is None:
+        return one_device(
+            io_map,
+            options.host,
+            options.port,
+            unit=options.unit,
+            timeout_ms=options.timeout_ms,
+            profile=MODULES[options.module],
+        )
+    for name, default in _OF_ONE_DEVICE.items():
+        if getattr(options, name) != default:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(f"{option}: cannot be combined with --field; write it in {options.field}")
+    plan = load_field(options.field, io_map)
+    _check_times(plan, options)
+    return plan
 
 
-def output_guard(link: ModbusTcpLink, options: argparse.Namespace) -> ModbusOutputGuard:
+def print_places(plan: FieldPlan, io_map: IoMap) -> None:
+    """Print the address, tag, device and place of every wire, by address."""
+    wires: tuple[Point | OutputRegister, ...] = (*io_map.inputs, *io_map.outputs, *io_map.registers)
+    rows = {}
+    for device in plan.devices:
+        for letter, places in (("X", device.inputs), ("Y", device.outputs), ("D", device.registers)):
+            for number, offset in places:
+                place = place_of(letter, offset, device.traits)
+                if place is not None:
+                    rows[letter, number] = (device, place)
+    for wire in wires:
+        device, (table, offset, bit) = rows[wire.device, wire.number]
+        where = f"{table} {offset}" + ("" if bit is None else f" bit {bit}")
+        print(f"{wire.address:5} {wire.tag:24} {device.name or 'device':20} unit {device.unit:<4} {where}")
+
+
+def output_guard(link: DevicesLink, options: argparse.Namespace) -> ModbusOutputGuard:
     """Return the detection of another master on the link."""
     return ModbusOutputGuard(link, every=max(1, IDENTITY_MS // options.scan_ms))
 
@@ -65,32 +124,54 @@ def check_field_numbers(options: argparse.Namespace) -> None:
     ):
         if not least <= value <= most:
             raise InputError(f"{name} {value}: must be {least} to {most}")
-    wait_ms = options.timeout_ms + options.scan_ms
+    least_ms = options.timeout_ms + options.scan_ms
     # A response takes no simulated time.
-    if options.link_limit_ms <= wait_ms and not options.simulated_time:
+    if options.field is None and options.link_limit_ms <= least_ms and not options.simulated_time:
         raise InputError(
-            f"--link-limit-ms {options.link_limit_ms}: must be more than --timeout-ms plus --scan-ms, {wait_ms} ms"
+            f"--link-limit-ms {options.link_limit_ms}: must be more than --timeout-ms plus --scan-ms, {least_ms} ms"
         )
 
 
-def wait_for_field(link: ModbusTcpLink, guard: ModbusOutputGuard, options: argparse.Namespace, stop: Stop) -> bool:
+def wait_for_field(link: DevicesLink, guard: ModbusOutputGuard, stop: Stop) -> bool:
     """Wait until the field I/O responds, with periodic reports while it does not; return False if `stop` is set."""
     tries = 0
     while not stop.is_set():
         try:
             link.open()
             link.read_inputs()
-            if options.module is not None:
-                MODULE_PROFILES[options.module].apply(link)
-            kind = guard.identify()
+            guard.identify()
         except OSError as error:
             if tries % round(REMIND_S / RETRY_S) == 0:
                 print(f"{error}; retrying", file=sys.stderr, flush=True)
             tries += 1
             stop.wait(RETRY_S)
         else:
-            print(f"field I/O at {options.host}:{options.port} responds", file=sys.stderr, flush=True)
-            if kind is ModuleKind.BLIND:
-                print("its outputs cannot be read back: another master is not detected", file=sys.stderr, flush=True)
+            for device in link.devices:
+                print(f"field I/O {device.label} responds", file=sys.stderr, flush=True)
+            for label in guard.blind:
+                print(
+                    f"outputs of field I/O {label} cannot be read back: another master is not detected",
+                    file=sys.stderr,
+                    flush=True,
+                )
             return True
     return False
+
+
+def _check_times(plan: FieldPlan, options: argparse.Namespace) -> None:
+    """Check that a loss is detected in time, and that the output watchdogs do not trip before."""
+    least_ms = plan.wait_ms + options.scan_ms
+    if options.link_limit_ms <= least_ms and not options.simulated_time:
+        device = max(plan.devices, key=lambda device: device.timeout_ms)
+        raise FieldFileError(
+            f"{plan.path}:{device.file_line}: {device.name}.timeout_ms: the timeouts plus --scan-ms are {least_ms} ms "
+            f"(added on a serial line), not less than --link-limit-ms {options.link_limit_ms}; shorten timeout_ms or "
+            "give a longer --link-limit-ms"
+        )
+    for device in plan.devices:
+        longest_ms = options.link_limit_ms + device.poll_every * options.scan_ms
+        if device.watchdog_ms is not None and device.watchdog_ms <= longest_ms:
+            raise FieldFileError(
+                f"{plan.path}:{device.file_line}: {device.name}.watchdog_ms: {device.watchdog_ms} ms is not longer "
+                f"than --link-limit-ms plus the polling interval, {longest_ms} ms; write a longer time"
+            )

@@ -14,6 +14,7 @@ from controller.core.clock import utc_ms
 from controller.core.scan import Plc
 from controller.events.alarm_list import AlarmChange, AlarmList
 from controller.events.cycle_edges import CycleEdges
+from controller.events.field_devices import FieldDevices, FieldReport
 from controller.events.production import Event, ProductionLog
 from controller.events.writer import EventWriter, McServingEvent, OutputsEvent, ServingEvent
 from controller.history.schema import HistoryError
@@ -85,13 +86,15 @@ def add_mitsubishi_arguments(parser: argparse.ArgumentParser) -> None:
 
 @contextmanager
 def operator_interfaces(
-    runtime: Runtime, figures: LoopFigures, pace: Pace | None, options: argparse.Namespace
+    runtime: Runtime, devices: FieldDevices, figures: LoopFigures, pace: Pace | None, options: argparse.Namespace
 ) -> Iterator[None]:
     """Connect the runtime to event output, history, alarm list, console and Modbus server."""
     machine = runtime.machine
     with ExitStack() as stack:
         printer = EventWriter(options.events, sys.stdout)
         stack.callback(printer.close)
+        field = FieldReport(devices, machine, printer.write, options.language)
+        runtime.observers.append(field)
         receivers: list[Callable[[Event | AlarmChange], None]] = [printer.write]
         edges = CycleEdges(machine)
         history = _history(machine, edges, options)
@@ -101,8 +104,9 @@ def operator_interfaces(
             runtime.observers.append(edges)
 
         def publish(event: Event | AlarmChange) -> None:
+            named = field.named(event)
             for receive in receivers:
-                receive(event)
+                receive(named)
 
         def audit(peer: str, who: str, what: str, value: str, result: str) -> None:
             if history is not None:

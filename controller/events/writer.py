@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import TextIO
 
 from controller.events.alarm_list import AlarmChange
+from controller.events.field_devices import FieldEvent
 from controller.events.production import Event
 
 
@@ -57,7 +58,7 @@ class OutputsEvent:
     event: str = "outputs"
 
 
-Written = Event | AlarmChange | ServingEvent | McServingEvent | OutputsEvent
+Written = Event | AlarmChange | ServingEvent | McServingEvent | OutputsEvent | FieldEvent
 """Events on standard output."""
 
 

@@ -31,6 +31,7 @@ class FieldLink(Protocol):
     other subclasses of `OSError`. Callers therefore catch `OSError`.
 
     After any `OSError` the link is closed; it does not reconnect until `open` is called again.
+    A link of several devices then still writes to those that respond, and raises for the others.
     An image of the wrong length is a programming error (`ValueError`) and does not close the
     link.
     """

@@ -9,13 +9,15 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from controller.common.saved import Saved
 from controller.core.expr import Bit, Word
 from controller.core.scan import Plc
+from controller.io.connection import FieldConnection, TrippingModules
 from controller.io.forcing import Forcing
-from controller.io.link import FieldLink, LinkWatchdog, OutputsTakenError
+from controller.io.link import FieldLink, OutputsTakenError
 from controller.io.ownership import OutputGuard, OutputOwnership
 from controller.io.panel_watch import PanelWatch
 from controller.io.retentive_writer import RetentiveWriter
@@ -32,8 +34,6 @@ STORE_LIMIT_MS = 1_000
 """Longest time that outputs wait for the retentive store, ms; a longer wait sets a store fault."""
 SCAN_LIMIT_MS = 200
 """Longest time from one scan to the next, ms, as in D8000 of the FX2N (docs/sources/fx2n.md 1.4)."""
-REOPEN_MS = 500
-"""Interval between attempts to reopen a lost link, ms."""
 
 
 class Runtime(Saved):
@@ -45,7 +45,7 @@ class Runtime(Saved):
         forcing: Forced inputs.
         ownership: Ownership of the outputs.
         panel: Messages of the operator panel and their timeout.
-        link_lost: True if the field link has exceeded its timeout.
+        field: Connection to the field link.
         released: Y image written last, raw levels.
         released_words: Values of the output registers written last.
         now_ms: Time of the last scan, ms.
@@ -54,17 +54,12 @@ class Runtime(Saved):
 
     SAVED = (
         "_failed",
-        "_has_inputs",
         "_held_since_ms",
-        "_inputs",
         "_last_scan_ms",
-        "_open",
         "_orders",
-        "_reopen_at_ms",
         "_status",
         "_store_failed",
         "_submitted_image",
-        "link_lost",
         "now_ms",
         "observers",
         "released",
@@ -84,6 +79,7 @@ class Runtime(Saved):
         panel_limit_ms: int | None = None,
         allow_forcing: bool = False,
         guard: OutputGuard | None = None,
+        modules: TrippingModules | None = None,
     ) -> None:
         """Connect the PLC to the link; the first tick opens the link.
 
@@ -99,31 +95,27 @@ class Runtime(Saved):
                 the machine finishes the cycle and holds. None = no timeout.
             allow_forcing: True to permit forcing of inputs.
             guard: Detection of another master on the link; None = none.
+            modules: Modules of the link that are reset after a trip of their output watchdog; None = none.
         """
         self.machine = machine
         self.plc = plc
         self.forcing = Forcing(machine, plc, allowed=allow_forcing)
-        self.link_lost = False
+        self.field = FieldConnection(
+            link, machine.io_map, limit_ms=link_limit_ms, wait_ms=link_wait_ms, modules=modules
+        )
         self.now_ms = 0
         self.observers: list[Observer] = []
         self.released = machine.io_map.safe_outputs()
         self.released_words = machine.io_map.safe_registers()
-        self._link = link
         self._retentive_writer = retentive_writer
-        self._watchdog = LinkWatchdog(link_limit_ms)
-        self._wait_ms = link_wait_ms
         self._scan_limit_ms = scan_limit_ms
         self._last_scan_ms: int | None = None
-        self._reopen_at_ms: int | None = None
-        self._open = False
-        self._has_inputs = False
         self._failed = False
         self._store_failed = False
         self._held_since_ms: int | None = None
         self._orders: deque[Sequence[tuple[Bit | Word, int]]] = deque()
         """Writes from other threads; the writes of one entry take effect in the same scan."""
         self.panel = PanelWatch(panel_limit_ms)
-        self._inputs = machine.io_map.safe_inputs()
         self._safe = machine.io_map.safe_outputs()
         self._safe_words = machine.io_map.safe_registers()
         self.ownership = OutputOwnership(guard, self._safe)
@@ -138,18 +130,18 @@ class Runtime(Saved):
             super().save(),
             self.plc.save(),
             self.forcing.save(),
-            self._watchdog.save(),
+            self.field.save(),
             self.ownership.save(),
             self.panel.save(),
         )
 
     def restore(self, saved: Any) -> None:
         """Restore a state returned by `save`."""
-        own, plc, forcing, watchdog, ownership, panel = saved
+        own, plc, forcing, field, ownership, panel = saved
         super().restore(own)
         self.plc.restore(plc)
         self.forcing.restore(forcing)
-        self._watchdog.restore(watchdog)
+        self.field.restore(field)
         self.ownership.restore(ownership)
         self.panel.restore(panel)
 
@@ -162,9 +154,8 @@ class Runtime(Saved):
         """
         start_ms = now_ms if start_ms is None else start_ms
         self.now_ms = now_ms
-        if self._open and self._watchdog.expired(start_ms):
-            self.link_lost = True  # the output watchdog of the module has tripped in the meantime
-        self._read(start_ms)
+        if not self.field.read(start_ms):
+            self.ownership.doubt()
         late = self._last_scan_ms is not None and start_ms - self._last_scan_ms > self._scan_limit_ms
         self._last_scan_ms = start_ms
         while self._orders:
@@ -180,11 +171,11 @@ class Runtime(Saved):
             *self.ownership.status(start_ms),
             self.panel.is_shown(now_ms),
         )
-        levels = self.forcing.apply(self._inputs, now_ms)
+        levels = self.forcing.apply(self.field.inputs, now_ms)
         image = self._scan(now_ms, levels)
         # After a link loss the first image written must be the safe state, including lamps and horn. Forced inputs must
         # not cause motion either.
-        safe = self.link_lost or bool(self.ownership.taken) or levels is not self._inputs
+        safe = self.link_lost or bool(self.ownership.taken) or levels is not self.field.inputs
         wanted = self._release(now_ms, image)  # in every scan, because it observes the store
         self.released = list(self._safe) if safe else wanted
         self.released_words = self._release_words(safe=safe)
@@ -194,7 +185,12 @@ class Runtime(Saved):
     @property
     def link(self) -> FieldLink:
         """The field link."""
-        return self._link
+        return self.field.link
+
+    @property
+    def link_lost(self) -> bool:
+        """True if the field link has exceeded its timeout."""
+        return self.field.lost
 
     @property
     def is_steady(self) -> bool:
@@ -203,8 +199,8 @@ class Runtime(Saved):
         There is no fault, no held output, no forced input, no order, no output register, and no operator panel.
         """
         return (
-            self._open
-            and self._has_inputs
+            self.field.is_open
+            and self.field.has_inputs
             and not (any(self._status) or self.link_lost or self._failed or self._orders or self.forcing.levels)
             and self.panel.is_idle
             and not self.released_words
@@ -223,10 +219,8 @@ class Runtime(Saved):
             levels: Raw levels of the inputs in that scan.
         """
         self.now_ms = self._last_scan_ms = now_ms
-        self._inputs = list(levels)
         self.released = self.plc.memory.Y[: len(self._safe)]
-        self._watchdog.reset()  # each of the scans has exchanged data
-        self._watchdog.feed(now_ms)
+        self.field.adopt(now_ms, levels)  # each of the scans has exchanged data
 
     def submit_retentive(self) -> None:
         """Submit changed retentive values. After an error, submit them again even if no value changes."""
@@ -276,14 +270,15 @@ class Runtime(Saved):
         self._release_safe()
         if self.ownership.taken:
             return False
+        with suppress(OSError):  # the devices that are connected are written although another one is lost
+            self.link.open()
         try:
-            self._link.open()
             self._write_all()
         except OutputsTakenError as taken:
             self.ownership.lose(str(taken), self.now_ms)
             return False
         except OSError:
-            self._link.close()
+            self.link.close()
             return False
         return True
 
@@ -314,29 +309,20 @@ class Runtime(Saved):
         self._store_failed = self._retentive_writer.error is not None
         return overdue or self._store_failed
 
-    def _read(self, now_ms: int) -> None:
-        try:
-            if self._open or self._reopen(now_ms):
-                self._inputs = self._link.read_inputs()
-                self._has_inputs = True
-        except OSError:
-            self._on_link_error(now_ms)
-        if not self._has_inputs:
-            self.link_lost = True  # no earlier image is available to bridge a short interruption
-
     def _write(self, now_ms: int) -> None:
-        if not self._open:
-            return
-        try:
-            aborted = self.plc.read(self.machine.tags.machine.state) in (State.ABORTING, State.ABORTED)
-            self.ownership.write(now_ms, self._write_all, self._release_safe, aborted=aborted)
-        except OSError:
-            self._on_link_error(now_ms)
-            return
-        if self.link_lost:
-            self._watchdog.reset()
-            self.link_lost = False
-        self._watchdog.feed(now_ms)
+        aborted = self.plc.read(self.machine.tags.machine.state) in (State.ABORTING, State.ABORTED)
+        was_lost, was_open = self.link_lost, self.field.is_open
+        if was_open:
+            if self.field.write(now_ms, lambda: self._write_owned(now_ms, aborted=aborted), aborted=aborted):
+                return
+            self.ownership.doubt()
+        is_written = was_open and was_lost  # the safe state, to every device that is connected
+        if self.link_lost and not is_written and not self.ownership.taken:
+            self._release_safe()
+            self.field.write_rest(self._write_all)
+
+    def _write_owned(self, now_ms: int, *, aborted: bool) -> None:
+        self.ownership.write(now_ms, self._write_all, self._release_safe, aborted=aborted)
 
     def _release_safe(self) -> None:
         self.released = list(self._safe)
@@ -349,32 +335,11 @@ class Runtime(Saved):
         are written after the outputs, so that a device that refuses them does not keep the outputs on.
         """
         if self.released_words and self.released_words != self._safe_words:
-            self._link.write_registers(self.released_words)
-        self._link.write_outputs(self.released)
+            self.link.write_registers(self.released_words)
+        self.link.write_outputs(self.released)
         if self.released_words and self.released_words == self._safe_words:
-            self._link.write_registers(self.released_words)
+            self.link.write_registers(self.released_words)
         return self.released
-
-    def _reopen(self, now_ms: int) -> bool:
-        """Try to reopen the link: in every scan before the timeout, then every `REOPEN_MS`."""
-        if self._watchdog.expired(now_ms + self._wait_ms):
-            self.link_lost = True
-            self._inputs = self.machine.io_map.safe_inputs()
-            if self._reopen_at_ms is not None and now_ms < self._reopen_at_ms:
-                return False
-        self._reopen_at_ms = now_ms + REOPEN_MS
-        try:
-            self._link.open()
-        except OSError:
-            return False
-        self._open = True
-        return True
-
-    def _on_link_error(self, now_ms: int) -> None:
-        self._open = False
-        self.ownership.doubt()
-        if self._watchdog.expired(now_ms):
-            self.link_lost = True
 
     def _release(self, now_ms: int, image: Sequence[bool]) -> list[bool]:
         """Return the outputs to write; until all values are stored, only changes to the safe level are permitted."""

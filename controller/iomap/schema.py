@@ -32,6 +32,7 @@ class ModbusTable(enum.StrEnum):
     DISCRETE_INPUT = "discrete_input"
     COIL = "coil"
     HOLDING_REGISTER = "holding_register"
+    INPUT_REGISTER = "input_register"
 
 
 # --- Tags ---------------------------------------------------------------------------------------

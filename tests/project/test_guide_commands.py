@@ -245,7 +245,7 @@ def is_server(command: str) -> bool:
     words = shlex.split(command)
     if words[0] == "scripts/run":
         return "--fast" not in words and "--real-time" not in words
-    return words[0].endswith("python") and (words[3:4] or ["run"])[0] in SERVERS
+    return words[0].endswith("python") and (words[3:4] or ["run"])[0] in SERVERS and "--check" not in words
 
 
 def recorded_history(folder: Path) -> None:

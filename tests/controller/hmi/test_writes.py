@@ -500,5 +500,5 @@ def test_any_telegram_triggers_the_panel_watchdog(telegram: bytes) -> None:
 def supervised_twin() -> Twin:
     twin = Twin()
     runtime = twin.runtime
-    twin.runtime = Runtime(runtime.machine, runtime.plc, runtime._link, runtime._retentive_writer, panel_limit_ms=1_000)
+    twin.runtime = Runtime(runtime.machine, runtime.plc, runtime.link, runtime._retentive_writer, panel_limit_ms=1_000)
     return twin

@@ -5,16 +5,19 @@ from __future__ import annotations
 import socket
 import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
 import pytest
 
+from controller.io.field.blocks import PointBlock, blocks_of
+from controller.io.field.profiles import profiles
+from controller.io.field.tcp_line import TcpBus
 from controller.io.link import LinkError
-from controller.io.modbus_tcp import ModbusTcpLink, Run, group_into_runs
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, load_io_map
+from controller.io.modbus_tcp import ModbusTcpLink
+from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, ModbusTable, Point, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
@@ -48,23 +51,32 @@ def scattered(io_map: IoMap) -> IoMap:
     return replace(io_map, inputs=tuple(map(move, io_map.inputs)), outputs=tuple(map(move, io_map.outputs)))
 
 
+def blocks(points: Iterable[Point]) -> tuple[PointBlock, ...]:
+    return blocks_of("X", [(point.number, point.offset) for point in points], profiles()["coils"])
+
+
+def one_block(first: int, numbers: Sequence[int]) -> PointBlock:
+    places = tuple((number, bit) for bit, number in enumerate(numbers))
+    return PointBlock(ModbusTable.DISCRETE_INPUT, first, len(numbers), places)
+
+
 def test_the_required_points_of_the_delivered_map_need_one_transfer_per_direction() -> None:
     """Optional points may be wired at any offset; the others are consecutive from 0."""
     for points in (DELIVERED.inputs, DELIVERED.outputs):
         required = [point for point in points if not point.optional]
-        assert group_into_runs(required) == (Run(0, tuple(range(len(required)))),)
+        assert blocks(required) == (one_block(0, range(len(required))),)
 
 
 def test_consecutive_offsets_need_one_transfer_per_direction() -> None:
-    assert group_into_runs(IO_MAP.inputs) == (Run(0, tuple(range(INPUTS))),)
-    assert group_into_runs(IO_MAP.outputs) == (Run(0, tuple(range(OUTPUTS))),)
+    assert blocks(IO_MAP.inputs) == (one_block(0, range(INPUTS)),)
+    assert blocks(IO_MAP.outputs) == (one_block(0, range(OUTPUTS)),)
 
 
 def test_transfers_are_split_at_gaps_and_ordered_by_offset() -> None:
     """Y0 to Y7 are in reverse order at offsets 13 to 20; from Y10 every other offset is unused."""
-    runs = group_into_runs(scattered(IO_MAP).outputs)
-    assert runs[0] == Run(13, (7, 6, 5, 4, 3, 2, 1, 0))
-    assert runs[1:] == tuple(Run(100 - 2 * number, (number,)) for number in range(17, 7, -1))
+    runs = blocks(scattered(IO_MAP).outputs)
+    assert runs[0] == one_block(13, (7, 6, 5, 4, 3, 2, 1, 0))
+    assert runs[1:] == tuple(one_block(100 - 2 * number, (number,)) for number in range(17, 7, -1))
 
 
 class ScriptedServer:
@@ -159,8 +171,10 @@ def test_small_frames_are_not_delayed() -> None:
     with ScriptedServer(good_reply) as server:
         link = link_to(server.port)
         link.open()
-        assert link._client.socket is not None
-        assert link._client.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        line = link.devices[0].line
+        assert isinstance(line, TcpBus)
+        assert line.socket is not None
+        assert line.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
         link.close()
 
 

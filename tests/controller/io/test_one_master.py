@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 
@@ -15,8 +15,11 @@ from pymodbus.server import ModbusTcpServer
 
 from controller.core.retentive_store import MemoryStore
 from controller.core.scan import Plc
+from controller.io.field.device import FieldDevice
+from controller.io.field.field_file import one_device
+from controller.io.field.link import DevicesLink
+from controller.io.field.tcp_line import TcpBus
 from controller.io.modbus_tcp import ModbusTcpLink
-from controller.io.module_profiles import MODULE_PROFILES
 from controller.io.output_guard import ModbusOutputGuard, ModuleKind
 from controller.io.ownership import FREE_MS, RIVAL_MS
 from controller.io.retentive_writer import DirectRetentiveWriter
@@ -65,6 +68,10 @@ class Controller:
         return {alarm.key for alarm in self.machine.alarms if self.plc.read(alarm.bit)}
 
     @property
+    def kind(self) -> ModuleKind:
+        return self.guard.kinds[self.link.devices[0]]
+
+    @property
     def taken(self) -> str:
         return self.runtime.ownership.taken
 
@@ -78,8 +85,10 @@ class Controller:
         self.scan()
 
     def address(self) -> str:
-        assert self.link._client.socket is not None
-        host, port = self.link._client.socket.getsockname()
+        line = self.link.devices[0].line
+        assert isinstance(line, TcpBus)
+        assert line.socket is not None
+        host, port = line.socket.getsockname()
         return f"{host}:{port}"
 
 
@@ -114,7 +123,7 @@ def rig() -> Iterator[Rig]:
 def test_the_second_controller_is_refused_and_both_report_it(rig: Rig, stack: ExitStack, before: int) -> None:
     """Started at the same time, one scan later and 2 s later."""
     first, second = controller(stack, rig.server.port), controller(stack, rig.server.port)
-    assert {first.guard.kind, second.guard.kind} == {ModuleKind.LENDS}
+    assert {first.kind, second.kind} == {ModuleKind.LENDS}
     first.scan(before)
     scan_both(first, second, WITHIN_MS)
     assert first.address() in second.taken
@@ -257,7 +266,7 @@ NONE = b"\x00\x00\x00"
 
 def test_a_foreign_module_is_read_back(foreign: ForeignModule, stack: ExitStack) -> None:
     first = controller(stack, foreign.port)
-    assert first.guard.kind is ModuleKind.READ_BACK
+    assert first.kind is ModuleKind.READ_BACK
     first.scan(100)
     assert (first.state, first.taken, first.alarms) == (State.STOPPED, "", set())
 
@@ -350,15 +359,16 @@ def test_an_answer_that_is_missing_is_no_takeover(
 
 def test_a_module_that_cannot_be_read_back_is_used_without_detection(stack: ExitStack) -> None:
     class WriteOnly(ModbusTcpLink):
-        def read_outputs(self) -> list[bool]:
-            raise self._failed("read of outputs", "refused")
+        def read_outputs(self, devices: Iterable[FieldDevice] | None = None) -> list[bool]:
+            raise self.devices[0].failed("read of outputs", "refused")
 
     with ForeignModule().running() as module:
         link = WriteOnly("127.0.0.1", module.port, IO_MAP, timeout_s=5)
         stack.callback(link.close)
         link.open()
         guard = ModbusOutputGuard(link, every=EVERY)
-        assert guard.identify() is ModuleKind.BLIND
+        guard.identify()
+        assert guard.blind == [link.devices[0].label]
         assert (guard.mismatch([True] * 18), guard.holder([True] * 18), guard.rival()) == ("", "", "")
         assert link.read_inputs() == AT_REST
 
@@ -366,11 +376,12 @@ def test_a_module_that_cannot_be_read_back_is_used_without_detection(stack: Exit
 @pytest.mark.parametrize("found", [0, 1])
 def test_a_profile_sets_the_write_lock(found: int, stack: ExitStack) -> None:
     with ForeignModule({0x1124: found}).running() as module:
-        link = ModbusTcpLink("127.0.0.1", module.port, IO_MAP, timeout_s=5)
+        plan = one_device(IO_MAP, "127.0.0.1", module.port, unit=1, timeout_ms=5_000, profile="beckhoff-ek9000-coils")
+        link = DevicesLink(plan, IO_MAP)
         stack.callback(link.close)
         link.open()
-        MODULE_PROFILES["beckhoff-ek9000"].apply(link)
-        assert link.read_setting(0x1124) == 1
+        tool = stack.enter_context(Client(module.port))
+        assert tool.ask(read_pdu(3, 0x1124, 1)) == b"\x03\x02\x00\x01"
 
 
 def test_outputs_taken_is_restored_with_the_runtime(rig: Rig, stack: ExitStack) -> None:

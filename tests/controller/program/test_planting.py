@@ -224,7 +224,7 @@ def test_the_planter_stops_with_the_machine(cause: str) -> None:
     if cause in ("stop", "emergency_stop"):
         twin.press(cause, for_ms=200)
     elif cause == "link":
-        twin.runtime.link_lost = True
+        twin.runtime.field.lost = True
         twin.runtime._write = lambda now_ms: None  # type: ignore[method-assign]
     elif cause == "scan":
         twin.runtime.plc.scan = None  # type: ignore[assignment, method-assign]

@@ -24,12 +24,12 @@ def pull_the_cable(twin: Twin, for_ms: int) -> None:
     """Disconnect the field I/O for a given time and let the link reopen, then use the previous link again."""
     link, cable = twin.runtime.link, CableLink(twin.module)
     cable.open()
-    twin.runtime._link = cable
+    twin.runtime.field.link = cable
     cable.pulled = True
     twin.run_for(for_ms)
     cable.pulled = False
     twin.run_for(1_000)
-    twin.runtime._link = link
+    twin.runtime.field.link = link
 
 
 def check_trial(twin: Twin, route: Route) -> None:

@@ -1,0 +1,104 @@
+"""Events of the devices of the field I/O, and their names in the alarm of the field link."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Protocol, TypeVar
+
+from controller.core.scan import Plc
+from controller.events.alarm_list import AlarmChange
+from controller.events.production import AlarmEvent, Event
+from controller.program.machine import Transplanter
+from controller.program.texts.field import FIELD_CHANGES, NAMED, FieldChange
+from controller.program.texts.operator import Language
+
+E = TypeVar("E", bound=Event | AlarmChange)
+_PAIRS: Final[tuple[tuple[FieldChange, FieldChange], ...]] = (("lost", "back"), ("tripped", "reset"))
+
+
+@dataclass(frozen=True, slots=True)
+class FieldEvent:
+    """Change of one device of the field I/O.
+
+    Attributes:
+        at_ms: Time of the event, ms.
+        device: Name and address of the device.
+        change: lost, back, tripped or reset.
+        text: Message for the operator.
+        detail: Technical reason in English; empty = none.
+    """
+
+    at_ms: int
+    device: str
+    change: FieldChange
+    text: str
+    detail: str = ""
+    event: str = "field"
+
+
+class FieldDevices(Protocol):
+    """Devices of the field I/O that are not in order."""
+
+    @property
+    def lost(self) -> Mapping[str, str]:
+        """Reason of each device that does not respond, by its label."""
+
+    @property
+    def tripped(self) -> tuple[str, ...]:
+        """Labels of the devices whose output watchdog has tripped."""
+
+
+class FieldReport:
+    """Observer that reports the devices that are lost or tripped while the machine is aborted, and their return."""
+
+    def __init__(
+        self,
+        devices: FieldDevices,
+        machine: Transplanter,
+        report: Callable[[FieldEvent], None],
+        language: Language = "en",
+    ) -> None:
+        """Create the observer.
+
+        Args:
+            devices: Devices of the field I/O.
+            machine: Program and its tags.
+            report: Listener that receives every event.
+            language: Language of the texts.
+        """
+        self._devices = devices
+        self._alarm = machine.alarms.link_lost.number
+        self._lost = machine.tags.system.link_lost
+        self._report = report
+        self._language = language
+        self._shown: dict[FieldChange, frozenset[str]] = {begin: frozenset() for begin, _ in _PAIRS}
+
+    def __call__(self, now_ms: int, plc: Plc) -> None:
+        """Report changes after a scan; an interruption within the timeout of the link is not reported."""
+        lost = dict(self._devices.lost)
+        is_lost = bool(plc.read(self._lost))
+        new = {name for name in lost if is_lost or name in self._shown["lost"]}
+        found: dict[FieldChange, frozenset[str]] = {
+            "lost": frozenset(new),
+            "tripped": frozenset(self._devices.tripped),
+        }
+        for begin, end in _PAIRS:
+            for change, names in (
+                (begin, found[begin] - self._shown[begin]),
+                (end, self._shown[begin] - found[begin]),
+            ):
+                for name in sorted(names):
+                    text = getattr(FIELD_CHANGES[change], self._language).format(device=name)
+                    self._report(FieldEvent(now_ms, name, change, text, lost.get(name, "") if change == "lost" else ""))
+            self._shown[begin] = found[begin]
+
+    def named(self, event: E) -> E:
+        """Return an event with the names of the devices if it is the alarm of the field link, otherwise unchanged."""
+        if not isinstance(event, AlarmEvent | AlarmChange) or event.number != self._alarm:
+            return event
+        devices = ", ".join((*self._devices.lost, *self._devices.tripped))
+        if not devices:
+            return event
+        text = getattr(NAMED, self._language).format(message=event.text, devices=devices)
+        return replace(event, text=text)

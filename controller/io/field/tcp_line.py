@@ -1,0 +1,175 @@
+"""Modbus TCP connection to one or more units, plain or with TLS.
+
+Every request has another transaction number, and a failed exchange closes the connection, so that a late answer is
+never taken as the answer to a later request. Source: Modbus Messaging on TCP/IP Implementation Guide V1.0b, section 3;
+Modbus/TCP Security Protocol Specification V36.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import ssl
+import time
+from typing import Any, Final
+
+from controller.common.modbus.mbap import HEADER, MAX_LENGTH, MIN_LENGTH, UNCOUNTED_BYTES
+from controller.io.field.line import BusLine
+from controller.io.field.requests import ModbusRequest
+
+_RECEIVE_BYTES: Final = 4_096
+_HANDSHAKE_S: Final = 3.0
+"""Longest TLS handshake, s (assumed): a small device computes for several times the timeout of an answer."""
+
+
+class TcpBus(BusLine):
+    """Modbus TCP connection."""
+
+    def __init__(self, host: str, port: int, context: ssl.SSLContext | None = None, server_name: str = "") -> None:
+        """Create a closed connection.
+
+        Args:
+            host: Name or address of the server.
+            port: TCP port.
+            context: TLS context; None = no TLS.
+            server_name: Name in the certificate of the server; empty = `host`.
+        """
+        super().__init__(f"{host}:{port}")
+        self.socket: socket.socket | None = None
+        self._host, self._port = host, port
+        self._context, self._server_name = context, server_name or host
+        self._connecting: socket.socket | None = None
+        self._address: Any = None
+        self._give_up_s = 0.0
+        self._transaction = 0
+        self._unit = 0
+        self._request: ModbusRequest | None = None
+        self._buffer = bytearray()
+
+    @property
+    def is_open(self) -> bool:
+        """True if the connection is established."""
+        return self.socket is not None
+
+    def begin(self) -> None:
+        """Begin to connect; a TLS handshake that has begun is continued."""
+        if self._connecting is not None and time.perf_counter() < self._give_up_s:
+            return
+        self.close()
+        if self._address is None:  # once, because a name server must not delay a scan
+            self._address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0]
+        family, kind, protocol, _, address = self._address
+        connecting = self._connecting = socket.socket(family, kind, protocol)
+        connecting.setblocking(False)
+        code = connecting.connect_ex(address)
+        if code not in (0, errno.EINPROGRESS):
+            self.close()
+            raise OSError(code, os.strerror(code))
+
+    def finish(self, deadline_s: float) -> None:
+        """Wait until the connection is established."""
+        if self._connecting is None:
+            return
+        try:
+            if not isinstance(self._connecting, ssl.SSLSocket):
+                self._finish_connecting(self._connecting, deadline_s)
+        except OSError:
+            self.close()
+            raise
+        if isinstance(self._connecting, ssl.SSLSocket):
+            self._finish_handshake(self._connecting, deadline_s)
+        self.socket, self._connecting = self._connecting, None
+
+    def fileno(self) -> int:
+        """Return the file descriptor of the socket."""
+        return -1 if self.socket is None else self.socket.fileno()
+
+    def send(self, unit: int, request: ModbusRequest) -> None:
+        """Send a request with the next transaction number."""
+        self._transaction = (self._transaction + 1) & 0xFFFF
+        self._unit, self._request = unit, request
+        frame = HEADER.pack(self._transaction, 0, len(request.pdu) + 1, unit) + request.pdu
+        if self._connected().send(frame) != len(
+            frame
+        ):  # a new frame of 260 bytes does not fit: the other side reads nothing
+            raise OSError(errno.EAGAIN, "the device does not accept data")
+
+    def receive(self) -> bytes | None:
+        """Return the answer with the number of the last request; other frames are discarded."""
+        self._fill()
+        buffer = self._buffer
+        while len(buffer) >= HEADER.size:
+            transaction, protocol, length, unit = HEADER.unpack_from(buffer)
+            if protocol != 0 or not MIN_LENGTH <= length <= MAX_LENGTH:
+                return None  # the frames that follow cannot be found: the exchange fails
+            end = UNCOUNTED_BYTES + length
+            if len(buffer) < end:
+                return None
+            pdu = bytes(buffer[HEADER.size : end])
+            del buffer[:end]
+            if (transaction, unit) == (self._transaction, self._unit):
+                return pdu
+        return None
+
+    def fail(self) -> None:
+        """Close the connection."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection."""
+        for each in (self.socket, self._connecting):
+            if each is not None:
+                each.close()
+        self.socket = self._connecting = None
+        self._buffer.clear()
+
+    def _connected(self) -> socket.socket:
+        if self.socket is None:
+            raise ConnectionError
+        return self.socket
+
+    def _finish_connecting(self, connecting: socket.socket, deadline_s: float) -> None:
+        _, writable, _ = select.select([], [connecting], [], max(0.0, deadline_s - time.perf_counter()))
+        code = connecting.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if writable else errno.ETIMEDOUT
+        if code:
+            raise OSError(code, os.strerror(code))
+        # Without TCP_NODELAY the kernel may delay a small frame by 40 ms, four scans.
+        connecting.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if self._context is not None:
+            self._connecting = self._context.wrap_socket(
+                connecting, server_hostname=self._server_name, do_handshake_on_connect=False
+            )
+            self._give_up_s = time.perf_counter() + _HANDSHAKE_S
+
+    def _finish_handshake(self, connecting: ssl.SSLSocket, deadline_s: float) -> None:
+        """Continue the handshake; at the deadline it remains unfinished, to be continued by the next attempt."""
+        while True:
+            try:
+                connecting.do_handshake()
+            except (ssl.SSLWantReadError, ssl.SSLWantWriteError) as want:
+                left_s = deadline_s - time.perf_counter()
+                if left_s <= 0:
+                    raise OSError(errno.ETIMEDOUT, "the TLS handshake is not complete") from None
+                is_read = isinstance(want, ssl.SSLWantReadError)
+                select.select([connecting] if is_read else [], [] if is_read else [connecting], [], left_s)
+            except OSError:
+                self.close()
+                raise
+            else:
+                return
+
+    def _fill(self) -> None:
+        """Take over the data that has arrived; a TLS connection may hold some of it after the socket is empty."""
+        connected = self._connected()
+        while True:
+            try:
+                data = connected.recv(_RECEIVE_BYTES)
+            except (BlockingIOError, ssl.SSLWantReadError):
+                return
+            if not data:
+                raise ConnectionResetError
+            self._buffer += data
+            if len(data) < _RECEIVE_BYTES and self._context is None:
+                return

@@ -1,0 +1,21 @@
+"""Texts about the devices of the field I/O in English and Chinese; ``{device}`` is a name with an address."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+from controller.program.texts.operator import Text
+
+FieldChange = Literal["lost", "back", "tripped", "reset"]
+
+FIELD_CHANGES: Final[dict[FieldChange, Text]] = {
+    "lost": Text("field device {device} lost; all outputs off", "现场设备 {device} 通信中断，全部输出已切断"),
+    "back": Text("field device {device} responds again", "现场设备 {device} 通信恢复"),
+    "tripped": Text(
+        "output watchdog of field device {device} has tripped; it is reset when the abort is cleared",
+        "现场设备 {device} 的输出看门狗已动作，清除中止后复位",
+    ),
+    "reset": Text("output watchdog of field device {device} reset", "现场设备 {device} 的输出看门狗已复位"),
+}
+NAMED: Final = Text("{message}: {devices}", "{message}：{devices}")
+"""Message of the alarm of the field link with the names of the devices."""
