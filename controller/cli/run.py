@@ -19,7 +19,17 @@ from controller.cli.run_field import (
 from controller.cli.run_operator import add_hmi_arguments, operator_interfaces
 from controller.common.errors import InputError
 from controller.common.file_lock import FileLockError, lock_file
-from controller.common.stop_request import StopRequest
+from controller.common.real_time import (
+    RealTimeError,
+    add_real_time_arguments,
+    claim_real_time,
+    doubts,
+    exit_note,
+    freeze_garbage,
+    pin,
+    trial_lateness_us,
+)
+from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock
 from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
@@ -46,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
     parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
+    add_real_time_arguments(parser)
     parser.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
     parser.add_argument(
         "--set",
@@ -91,6 +102,7 @@ def run(options: argparse.Namespace) -> int:
         InputError: An option or a file is invalid.
     """
     _check_numbers(options)
+    claim_real_time(options)
     machine = machine_of(options)
     try:
         plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
@@ -122,18 +134,39 @@ def run(options: argparse.Namespace) -> int:
         if not wait_for_field(link, guard, options, stop):
             return 0
         if pace is None:
+            _prepare_real_time(options, stop)
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
+    _report_end(runtime, figures, options)
+    return 0 if figures.outputs_safe or runtime.ownership.taken else 1
+
+
+def _report_end(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> None:
     left = runtime.ownership.taken or "no response from the field"
     outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
     print(
         f"stopped, outputs {outputs}; "
         f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
-        f"longest {figures.longest_ms} ms",
+        f"longest {figures.longest_ms} ms"
+        f"{exit_note(options, limit_ms=_tolerance_ms(options), latest_us=figures.latest_us)}",
         file=sys.stderr,
     )
-    return 0 if figures.outputs_safe or runtime.ownership.taken else 1
+
+
+def _prepare_real_time(options: argparse.Namespace, stop: Stop) -> None:
+    """Prepare the thread of the scan after all others have been started, and warn of limits that may not hold."""
+    pin(options)
+    freeze_garbage()
+    lateness_us = trial_lateness_us(stop)
+    limit_ms = _tolerance_ms(options)
+    for doubt in doubts(options, scan_ms=options.scan_ms, limit_ms=limit_ms, lateness_us=lateness_us):
+        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+
+
+def _tolerance_ms(options: argparse.Namespace) -> int:
+    """Return the lateness of a scan from which the field link counts as lost, ms."""
+    return int(options.link_limit_ms - options.scan_ms)
 
 
 def _check_numbers(options: argparse.Namespace) -> None:
@@ -143,6 +176,8 @@ def _check_numbers(options: argparse.Namespace) -> None:
     ):
         if not least <= value <= most:
             raise InputError(f"{name} {value}: must be {least} to {most}")
+    if options.simulated_time and options.real_time_priority is not None:
+        raise RealTimeError("--real-time-priority: simulated time does not follow the clock; omit --simulated-time")
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
         raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
     check_field_numbers(options)

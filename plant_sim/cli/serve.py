@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from controller.common.errors import InputError
 from controller.common.modbus.address import listening_remedy
+from controller.common.real_time import add_real_time_arguments, claim_real_time, freeze_garbage, pin
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.network import add_network_arguments, check_port
 from plant_sim.cli.options import (
@@ -51,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--planting-frequency", type=float, default=None, help="cups per minute per row; 0 = tractor stationary"
     )
+    add_real_time_arguments(parser)
     add_air_argument(parser)
     add_fault_arguments(parser)
     add_record_argument(parser)
@@ -63,6 +65,7 @@ def run(options: argparse.Namespace) -> int:
         InputError: An option or a file is invalid, or the port is in use.
     """
     _check(options)
+    claim_real_time(options)
     io_map = load_io_map(options.io_map)
     machine = machine_of(options)
     plant = Plant(io_map, machine, seed=options.seed, trays=options.trays, faults=faults_of(options))
@@ -99,6 +102,8 @@ def run(options: argparse.Namespace) -> int:
                 rows_per_group=LIVE_ROWS_PER_GROUP,
             )
             module.observers.append(stack.enter_context(recorder).sample)
+        pin(options)
+        freeze_garbage()
         try:
             asyncio.run(serve(server, options.stop, listening=listening))
         except OSError as error:
