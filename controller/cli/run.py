@@ -29,6 +29,7 @@ from controller.common.real_time import (
     pin,
     trial_lateness_us,
 )
+from controller.common.service_manager import READY, ServiceManager
 from controller.common.stop_request import Stop, StopRequest
 from controller.core.clock import MonotonicClock
 from controller.core.expr import Word
@@ -133,6 +134,10 @@ def run(options: argparse.Namespace) -> int:
         stack.enter_context(operator_interfaces(runtime, figures, pace, options))
         if not wait_for_field(link, guard, options, stop):
             return 0
+        manager = ServiceManager()
+        stack.callback(manager.close)
+        runtime.observers.append(lambda now_ms, _: manager.alive(now_ms))
+        manager.send(READY)
         if pace is None:
             _prepare_real_time(options, stop)
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)

@@ -19,7 +19,7 @@ from plant_sim.benchmark.hmi_load import connect
 from plant_sim.benchmark.punctuality import Punctuality, read_counts
 from plant_sim.twin.process import Process
 
-BUSY_PER_PROCESSOR: Final = 2
+BUSY_PER_PROCESSOR: Final = 8
 """Computing processes per processor (assumed)."""
 CLIENTS: Final = 4
 _LOAD: Final = "plant_sim.benchmark.hmi_load"
