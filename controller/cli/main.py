@@ -13,6 +13,7 @@ COMMAND_LINE = CommandLine(
     description="Soft PLC of the seedling transplanter.",
     commands={
         "run": ("controller.cli.run", "run the machine's program on a field link (default)"),
+        "check-io": ("controller.cli.check_io", "check the wire of every point, with a report to sign"),
         "prove": ("controller.cli.prove", "prove that no scan violates a safety requirement, for any inputs"),
         "replay": ("controller.cli.replay", "run a trace written by 'prove --traces' on the PLC and show the result"),
         "ladder": ("controller.cli.ladder", "FX2N: export the machine's program; check, run or draw any program"),
@@ -22,7 +23,7 @@ COMMAND_LINE = CommandLine(
         "docs": ("controller.cli.docs", "write the reference tables generated from the program"),
     },
     default="run",
-    services=frozenset({"run", "panel"}),
+    services=frozenset({"run", "panel", "check-io"}),
 )
 
 

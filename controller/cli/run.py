@@ -150,11 +150,19 @@ def run(options: argparse.Namespace) -> int:
 def _report_end(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> None:
     left = runtime.ownership.taken or "no response from the field"
     outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
+    note = ""
+    if not options.simulated_time:
+        note = exit_note(
+            options,
+            limit_ms=_tolerance_ms(options),
+            latest_us=figures.latest_us,
+            overruns=figures.overruns,
+            scans=figures.scans,
+        )
     print(
         f"stopped, outputs {outputs}; "
         f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
-        f"longest {figures.longest_ms} ms"
-        f"{exit_note(options, limit_ms=_tolerance_ms(options), latest_us=figures.latest_us)}",
+        f"longest {figures.longest_ms} ms{note}",
         file=sys.stderr,
     )
 

@@ -7,7 +7,7 @@ import os
 import queue
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,8 +53,8 @@ class BusyHostRow:
         )
 
 
-def measure_busy_host(for_s: int, priority: int) -> list[BusyHostRow]:
-    """Measure a machine at work under the same load with both priorities, without and with clients of the panel server.
+def measure_busy_host(for_s: int, priority: int) -> Iterator[BusyHostRow]:
+    """Yield the lateness of a machine at work on a busy computer: both priorities, without and with panel clients.
 
     Args:
         for_s: Duration of each run, s; it ends earlier if the machine aborts.
@@ -65,29 +65,32 @@ def measure_busy_host(for_s: int, priority: int) -> list[BusyHostRow]:
         SilentServerError: The controller did not answer.
     """
     real_time = ["--real-time-priority", str(priority)]
-    return [
-        _run(f"{name}, {'clients' if clients else 'no clients'}", for_s, options, clients=clients)
-        for clients in (False, True)
-        for name, options in (("normal priority", []), (f"real-time priority {priority}", real_time))
-    ]
+    for clients in (False, True):
+        for name, options in (("normal priority", []), (f"real-time priority {priority}", real_time)):
+            yield _run(f"{name}, {'clients' if clients else 'no clients'}", for_s, options, clients=clients)
 
 
 def _run(name: str, for_s: int, options: Sequence[str], *, clients: bool) -> BusyHostRow:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
         _, controller, port = stack.enter_context(running_controller(folder, at_work=True, real_time=options))
-        line = stack.enter_context(connect(port))
-        before, before_missed = read_counts(line)
         if clients:
             stack.enter_context(
                 Process("clients", [_LOAD, "clients", str(port), str(CLIENTS), str(for_s + _SPARE_S)])
             ).next_line(_SPARE_S)
         for _ in range(BUSY_PER_PROCESSOR * (os.cpu_count() or 1)):
             stack.enter_context(Process("busy", [_LOAD, "busy", str(for_s + _SPARE_S)])).next_line(_SPARE_S)
+        before, before_missed = _read(port)
         lost_s = _aborted_after_s(controller, for_s)
-        counts, missed = read_counts(line)
+        counts, missed = _read(port)
     late = [after - first for after, first in zip(counts, before, strict=True)]
     return BusyHostRow(name, Punctuality.of(late, missed - before_missed), sum(late), lost_s)
+
+
+def _read(port: int) -> tuple[list[int], int]:
+    """Read the counts over a new connection: the server closes an idle one after a minute."""
+    with connect(port) as line:
+        return read_counts(line)
 
 
 def _aborted_after_s(controller: Process, for_s: int) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 
 from controller.common.errors import InputError
 from controller.common.real_time import DEFAULT_PRIORITY
@@ -42,7 +43,13 @@ def _busy_host(for_s: int) -> int:
     if not 1 <= for_s <= 600:
         raise InputError(f"--busy-host {for_s}: must be 1 to 600")
     from plant_sim.benchmark.busy_host import measure_busy_host  # noqa: PLC0415
+    from plant_sim.benchmark.hmi_load import SilentServerError  # noqa: PLC0415
+    from plant_sim.twin.process import LiveError  # noqa: PLC0415
 
-    for row in measure_busy_host(for_s, DEFAULT_PRIORITY):
-        print(row.text())
+    try:
+        for row in measure_busy_host(for_s, DEFAULT_PRIORITY):
+            print(row.text(), flush=True)
+    except (LiveError, SilentServerError) as error:
+        print(error, file=sys.stderr)
+        return 1
     return 0

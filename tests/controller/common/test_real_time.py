@@ -187,11 +187,14 @@ def test_a_coarse_kernel_timer_is_reported(calm: pytest.MonkeyPatch) -> None:
     assert coarse == "kernel timers have a resolution of 4 ms; use a kernel with CONFIG_HIGH_RES_TIMERS"
 
 
-def test_the_last_line_warns_of_a_scan_that_used_more_than_half_of_its_tolerance() -> None:
-    assert exit_note(options(), limit_ms=90, latest_us=45_000) == ""
-    assert exit_note(options(), limit_ms=90, latest_us=45_100) == (
-        "; limits do not hold on this computer: up to 45.1 ms late, use --real-time-priority or an idle computer"
-    )
+def test_the_last_line_warns_of_late_scans_and_of_many_overruns() -> None:
+    def note(latest_us: int, overruns: int) -> str:
+        return exit_note(options(), limit_ms=90, latest_us=latest_us, overruns=overruns, scans=1_000)
+
+    assert note(45_000, 10) == ""
+    expected = "; limits do not hold on this computer: scans started up to {} ms late, use --real-time-priority"
+    assert note(45_100, 0).startswith(expected.format(45.1))
+    assert note(9_000, 11).startswith(expected.format("9.0"))
 
 
 def test_waits_are_late_by_the_time_that_each_of_them_exceeds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,111 @@
+"""Verdicts on the wires of inputs and outputs, from the levels before and after an operation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+from controller.commissioning.axes import AXES, AXIS_OF, GROUP_OF, Change, Levels
+from controller.iomap.loader import Point
+
+
+class Result(Enum):
+    """Result of the check of one point."""
+
+    OK = "ok"
+    SWAPPED = "swapped"
+    INVERTED = "inverted"
+    DEAD = "dead"
+    STUCK = "stuck"
+    BRIDGED = "bridged"
+    WRONG = "wrong"
+    UNCOMMANDED = "uncommanded"
+    NOT_TESTED = "not_tested"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Result of one point.
+
+    Attributes:
+        result: Result.
+        others: Tags of the other points that reacted.
+        note: Key of the text of an additional remark, or a remark of the person; empty = none.
+    """
+
+    result: Result
+    others: tuple[str, ...] = ()
+    note: str = ""
+
+
+UNTESTED = Finding(Result.NOT_TESTED)
+
+
+def judge_input(point: Point, released: Levels, operated: Levels) -> Finding:
+    """Return the verdict on an input.
+
+    When an axis is moved by hand to a sensor, the sensor that it leaves goes off; this is no fault.
+
+    Args:
+        point: Checked input.
+        released: Active states while its sensor or button was not operated.
+        operated: Active states while it was operated.
+    """
+    before, after = released[point.tag], operated[point.tag]
+    axis = GROUP_OF.get(point.tag)
+    left = () if axis is None else axis.sensors
+    others = tuple(
+        tag
+        for tag in released
+        if tag != point.tag and released[tag] != operated[tag] and not (tag in left and released[tag])
+    )
+    if before != after:
+        if others:
+            return Finding(Result.BRIDGED, others)
+        return Finding(Result.OK if after else Result.INVERTED)
+    if others:
+        reversed_too = len(others) == 1 and not operated[others[0]]
+        result = Result.SWAPPED if len(others) == 1 else Result.WRONG
+        return Finding(result, others, "inverted_too" if reversed_too else "")
+    return Finding(Result.STUCK if point.level(after) else Result.DEAD)
+
+
+def motions(before: Levels, changes: Sequence[Change]) -> dict[str, int]:
+    """Return the direction of every axis that moved; 0 = not known yet."""
+    found = {axis.name: axis.direction(before, changes) for axis in AXES}
+    return {name: direction for name, direction in found.items() if direction is not None}
+
+
+def outputs_of(moved: Mapping[str, int]) -> tuple[str, ...]:
+    """Return the outputs that cause motions of known direction."""
+    return tuple(axis.output(moved[axis.name]) for axis in AXES if moved.get(axis.name))
+
+
+def judge_output(tag: str, before: Levels, changes: Sequence[Change]) -> Finding | None:
+    """Return the verdict on an output whose reaction is sensed, or None while the direction is not known.
+
+    Args:
+        tag: Checked output.
+        before: Active states before it was switched on.
+        changes: Changes of inputs while it was on and shortly after.
+    """
+    moved = motions(before, changes)
+    if not moved:
+        return Finding(Result.DEAD)
+    causes = outputs_of(moved)
+    if not causes:
+        return None
+    others = tuple(cause for cause in causes if cause != tag)
+    if tag not in causes:
+        return Finding(Result.SWAPPED if len(others) == 1 else Result.WRONG, others)
+    return Finding(Result.BRIDGED, others) if others else Finding(Result.OK)
+
+
+def is_sensed(tag: str, findings: Mapping[str, Finding]) -> bool:
+    """Return True if sensors show the reaction of an output and none of them has been found faulty."""
+    if tag not in AXIS_OF:
+        return False
+    return all(
+        findings.get(sensor, UNTESTED).result in (Result.OK, Result.NOT_TESTED) for sensor in AXIS_OF[tag][0].sensors
+    )
