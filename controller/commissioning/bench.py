@@ -62,6 +62,11 @@ class CheckBench:
             StoppedError: The check must end.
             TerminalLostError: The terminal has been closed.
         """
+        self.exchange(held)
+        return self.keyboard.keys(PERIOD_S)
+
+    def exchange(self, held: Point | None = None) -> None:
+        """Write the outputs, if permitted, and read the inputs; see `step`."""
         if self._stop.is_set():
             raise StoppedError
         image = list(self._safe)
@@ -75,7 +80,6 @@ class CheckBench:
         except (OSError, OutputsTakenError) as error:
             raise FieldLostError(str(error)) from error
         self.levels = {point.tag: point.active(raw[point.number]) for point in self.io_map.inputs}
-        return self.keyboard.keys(PERIOD_S)
 
     def make_safe(self) -> bool:
         """Write the safe levels of all outputs and registers, also after a failure; return True if accepted."""
@@ -107,6 +111,7 @@ class CheckBench:
             for key in self.step():
                 answer = "\n" if key in ENTER else key.lower()
                 if answer in answers:
+                    self.exchange()  # the levels at the time of the answer
                     return answer
 
     def line(self, text: str) -> str:

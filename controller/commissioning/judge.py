@@ -102,6 +102,24 @@ def judge_output(tag: str, before: Levels, changes: Sequence[Change]) -> Finding
     return Finding(Result.BRIDGED, others) if others else Finding(Result.OK)
 
 
+def is_decided(tag: str, before: Levels, changes: Sequence[Change], levels: Levels) -> bool:
+    """Return True if an output can go off: another motion was seen, or its own has reached its end.
+
+    The slide need not reach its inner end, so that it does not pass over the tray.
+
+    Args:
+        tag: Checked output.
+        before: Active states before it was switched on.
+        changes: Changes of inputs while it was on.
+        levels: Present active states.
+    """
+    causes = outputs_of(motions(before, changes))
+    if causes != (tag,):
+        return bool(causes)
+    axis, direction = AXIS_OF[tag]
+    return axis.is_at_end(direction, levels) or tag.endswith("slide_inward")
+
+
 def is_sensed(tag: str, findings: Mapping[str, Finding]) -> bool:
     """Return True if sensors show the reaction of an output and none of them has been found faulty."""
     if tag not in AXIS_OF:

@@ -11,6 +11,7 @@ from controller.commissioning.bench import CheckBench, FieldLostError, StoppedEr
 from controller.commissioning.judge import (
     Finding,
     Result,
+    is_decided,
     is_sensed,
     judge_input,
     judge_output,
@@ -25,6 +26,8 @@ from controller.program.texts.operator import Language
 
 SETTLE_MS: Final = 500
 """Time with all outputs safe in which nothing may move, ms (assumed)."""
+ORDER: Final = ("lift_retract", "spread", "converge", "lift_extend", "slide_inward", "slide_outward")
+"""Order of the motions of an arm that permits each of them in turn, from its initial state: down at feed, converged."""
 
 
 class QuitError(Exception):
@@ -91,7 +94,7 @@ class CheckSession:
         if not points:
             return
         self._say("outputs")
-        self._report.watchdog_confirmed = self._ask("watchdog", "yn\ns") == "y"
+        self._report.watchdog_confirmed = self._ask("watchdog", "yn\n") == "y"
         if not self._report.watchdog_confirmed:
             return
         self._bench.drives = True
@@ -104,9 +107,8 @@ class CheckSession:
             point = self._next(pending)
             pending.remove(point)
             moved = self._check_output(point)
-            again = [
-                each for each in points if each not in retried and each is not point and self._was_at_end(each, moved)
-            ]
+            others = [each for each in points if each is not point and each not in retried]
+            again = [each for each in others if self._was_at_end(each, moved)]
             retried.update(again)
             pending += again
 
@@ -119,11 +121,13 @@ class CheckSession:
     def _next(self, pending: Sequence[Point]) -> Point:
         """Return the next output: first those that may move and whose axis is not at its end."""
 
-        def rank(point: Point) -> int:
+        def rank(point: Point) -> tuple[int, int]:
+            motion = point.tag.rpartition(".")[2]
+            place = ORDER.index(motion) if motion in ORDER else len(ORDER)
             if refusal(point.tag, self._bench.levels) is not None:
-                return 2
+                return 2, place
             axis, direction = AXIS_OF.get(point.tag, (None, 0))
-            return int(axis is not None and axis.is_at_end(direction, self._bench.levels))
+            return int(axis is not None and axis.is_at_end(direction, self._bench.levels)), place
 
         return min(pending, key=rank)
 
@@ -146,12 +150,12 @@ class CheckSession:
         sensed = is_sensed(point.tag, self._report.findings)
         before = dict(self._bench.levels)
         seen: list[Change] = []
+
+        def decided(changes: list[Change]) -> bool:
+            return sensed and is_decided(point.tag, before, [*seen, *changes], self._bench.levels)
+
         while True:
             self._say("hold", point)
-
-            def decided(changes: list[Change]) -> bool:
-                return sensed and bool(outputs_of(motions(before, [*seen, *changes])))
-
             held = self._bench.hold(point, lambda: refusal(point.tag, self._bench.levels), decided)
             seen += held.changes
             if held.end in REASONS:

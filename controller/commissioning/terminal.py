@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import signal
@@ -96,9 +97,7 @@ def single_keys(stop: StopRequest) -> Iterator[Terminal]:
     try:
         yield Terminal(stop)
     finally:
-        try:
+        with contextlib.suppress(termios.error):  # the terminal has been closed
             termios.tcsetattr(fd, termios.TCSADRAIN, before)
-        except termios.error:
-            pass  # the terminal has been closed
         for number, handler in handlers.items():
             signal.signal(number, handler)

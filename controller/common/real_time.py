@@ -152,7 +152,8 @@ def exit_note(options: argparse.Namespace, *, limit_ms: int, latest_us: int, ove
     """
     if latest_us <= 500 * limit_ms and overruns * SCANS_PER_OVERRUN <= scans:
         return ""
-    return f"; limits do not hold on this computer: scans started up to {latest_us / 1_000:.1f} ms late, {_remedy(options)}"
+    latest_ms = latest_us / 1_000
+    return f"; limits do not hold on this computer: scans started up to {latest_ms:.1f} ms late, {_remedy(options)}"
 
 
 def _remedy(options: argparse.Namespace) -> str:
