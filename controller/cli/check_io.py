@@ -88,7 +88,7 @@ def chosen(io_map: IoMap, names: list[str]) -> list[Point]:
     for name in names:
         found = groups.get(name) or [point for point in points if name in (point.tag, point.address)]
         if not found:
-            known = [*groups, *(point.tag for point in points)]
+            known = [*groups, *(word for point in points for word in (point.tag, point.address))]
             raise InputError(f"--only {name}: no such point in {io_map.path}; {suggestion(name, known)}")
         wanted += found
     return [point for point in points if point in wanted or not names]

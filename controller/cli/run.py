@@ -17,7 +17,10 @@ from controller.cli.run_field import (
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, operator_interfaces
+from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter
+from controller.common.command_line import version
 from controller.common.errors import InputError
+from controller.common.extras import DISTRIBUTION
 from controller.common.file_lock import FileLockError, lock_file
 from controller.common.real_time import (
     RealTimeError,
@@ -31,14 +34,16 @@ from controller.common.real_time import (
 )
 from controller.common.service_manager import READY, ServiceManager
 from controller.common.stop_request import Stop, StopRequest
-from controller.core.clock import MonotonicClock
+from controller.core.clock import MonotonicClock, utc_ms, utc_text
 from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
+from controller.io.captured_plc import CapturedPlc
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.pace import Pace, PaceError
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
 from controller.io.runtime import Runtime
+from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
 from controller.program.set_points import SetPointError
 
@@ -56,6 +61,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or line (default: no timeout)",
     )
     parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
+    parser.add_argument(
+        "--capture",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="capture the inputs, writes and outputs of every scan in this new file, for 'capture replay'",
+    )
     parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
     add_real_time_arguments(parser)
     parser.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
@@ -106,7 +118,8 @@ def run(options: argparse.Namespace) -> int:
     claim_real_time(options)
     machine = machine_of(options)
     try:
-        plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
+        kind = Plc if options.capture is None else CapturedPlc
+        plc = kind(machine.program, input_filter_ms=options.input_filter_ms)
     except ValueError as error:
         raise InputError(f"--input-filter-ms: {error}") from error
     stop: StopRequest = options.stop
@@ -132,6 +145,8 @@ def run(options: argparse.Namespace) -> int:
         )
         figures = LoopFigures()
         stack.enter_context(operator_interfaces(runtime, figures, pace, options))
+        if isinstance(plc, CapturedPlc):
+            stack.enter_context(_capture(plc, runtime, options))
         if not wait_for_field(link, guard, options, stop):
             return 0
         manager = ServiceManager()
@@ -145,6 +160,28 @@ def run(options: argparse.Namespace) -> int:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
     _report_end(runtime, figures, options)
     return 0 if figures.outputs_safe or runtime.ownership.taken else 1
+
+
+def _capture(plc: CapturedPlc, runtime: Runtime, options: argparse.Namespace) -> CaptureWriter:
+    """Begin the capture of the field traffic."""
+    io_map = runtime.machine.io_map
+
+    def writer(memory: dict[str, int]) -> CaptureWriter:
+        header = CaptureHeader(
+            made_by=f"{DISTRIBUTION} {version()}",
+            source=CONTROLLER,
+            io_map=map_digest(io_map),
+            inputs=io_map.input_count,
+            outputs=io_map.output_count,
+            scan_ms=options.scan_ms,
+            input_filter_ms=options.input_filter_ms,
+            begun_utc=utc_text(utc_ms()),
+            memory=memory,
+        )
+        return CaptureWriter(options.capture, header)
+
+    runtime.observers.append(lambda now_ms, _: plc.released(now_ms, runtime.released))
+    return plc.begin(writer, scan_ms=options.scan_ms)
 
 
 def _report_end(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> None:
@@ -191,6 +228,8 @@ def _check_numbers(options: argparse.Namespace) -> None:
             raise InputError(f"{name} {value}: must be {least} to {most}")
     if options.simulated_time and options.real_time_priority is not None:
         raise RealTimeError("--real-time-priority: simulated time does not follow the clock; omit --simulated-time")
+    if options.capture is not None and options.capture.exists():
+        raise InputError(f"--capture {options.capture}: File exists; choose a new file in a writable folder")
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
         raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
     check_field_numbers(options)

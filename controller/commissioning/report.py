@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from controller.commissioning.judge import UNTESTED, Finding, Result
 from controller.commissioning.texts import NOTES, REPORT, RESULTS, point_name, said
 from controller.common.errors import InputError
 from controller.core.clock import utc_text
+from controller.iomap.digest import map_digest
 from controller.iomap.loader import IoMap, Point
 from controller.program.texts.operator import Language
 
@@ -138,15 +138,6 @@ def result_text(io_map: IoMap, found: Finding, language: Language) -> str:
 def note_text(found: Finding, language: Language) -> str:
     """Return the remark on a result; empty if there is none."""
     return said(NOTES[found.note], language) if found.note else ""
-
-
-def map_digest(io_map: IoMap) -> str:
-    """Return the SHA-256 of an I/O map: of what its wires are, not of comments and order of the file."""
-    points = [
-        (p.tag, p.address, str(p.polarity), p.safe, str(p.table), p.offset) for p in (*io_map.inputs, *io_map.outputs)
-    ]
-    registers = [(r.tag, r.address, r.safe, str(r.table), r.offset) for r in io_map.registers]
-    return hashlib.sha256(repr((sorted(points), sorted(registers))).encode()).hexdigest()
 
 
 def write_report(report: CheckReport, folder: Path, language: Language) -> Path:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Polarity, load_io_map
+from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, Point, Polarity, load_io_map
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
@@ -58,11 +58,11 @@ def inverted(tag: str) -> IoMap:
 def changed(by_tag: Mapping[str, Mapping[str, object]]) -> IoMap:
     """Return the map of a machine with changed wires."""
 
-    def points(device: str) -> tuple[object, ...]:
-        listed = IO_MAP.inputs if device == "X" else IO_MAP.outputs
-        return tuple(sorted((replace(p, **by_tag.get(p.tag, {})) for p in listed), key=lambda p: p.number))  # type: ignore[arg-type]
+    def points(listed: tuple[Point, ...]) -> tuple[Point, ...]:
+        changed = [replace(point, **by_tag.get(point.tag, {})) for point in listed]  # type: ignore[arg-type]
+        return tuple(sorted(changed, key=lambda point: point.number))
 
-    return replace(IO_MAP, inputs=points("X"), outputs=points("Y"))  # type: ignore[arg-type]
+    return replace(IO_MAP, inputs=points(IO_MAP.inputs), outputs=points(IO_MAP.outputs))
 
 
 class WiredPlant:

@@ -49,9 +49,7 @@ def test_an_input_is_correct_only_if_it_alone_becomes_active(point, other, activ
     found = judge_input(point, released, operated)
     alone = other.tag == point.tag or released[other.tag] == active
     became_active = not released[point.tag] and operated[point.tag]
-    left = (
-        other in [p for p in IO_MAP.inputs if p.tag in getattr(GROUP_OF.get(point.tag), "sensors", ())] and not active
-    )
+    left = other.tag in getattr(GROUP_OF.get(point.tag), "sensors", ()) and not active
     assert (found.result is Result.OK) == (became_active and (alone or left))
 
 

@@ -7,6 +7,7 @@ import os
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Event
@@ -14,7 +15,6 @@ from threading import Event
 import pytest
 
 from controller.cli.main import main
-from controller.common import real_time
 from controller.common.real_time import (
     DEFAULT_PRIORITY,
     HIGHEST_PRIORITY,
@@ -156,7 +156,7 @@ def calm(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Return a patch of a computer with an idle processor and high-resolution timers."""
     monkeypatch.setattr(os, "getloadavg", lambda: (0.1, 0.1, 0.1))
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    monkeypatch.setattr(real_time.time, "get_clock_info", lambda _: FixedClockInfo(1e-9))
+    monkeypatch.setattr(time, "get_clock_info", lambda _: FixedClockInfo(1e-9))
     return monkeypatch
 
 
@@ -182,7 +182,7 @@ def test_a_busy_computer_is_reported_only_without_priority(calm: pytest.MonkeyPa
 
 
 def test_a_coarse_kernel_timer_is_reported(calm: pytest.MonkeyPatch) -> None:
-    calm.setattr(real_time.time, "get_clock_info", lambda _: FixedClockInfo(0.004))
+    calm.setattr(time, "get_clock_info", lambda _: FixedClockInfo(0.004))
     (coarse,) = doubts(options(), scan_ms=10, limit_ms=90, lateness_us=0)
     assert coarse == "kernel timers have a resolution of 4 ms; use a kernel with CONFIG_HIGH_RES_TIMERS"
 
@@ -210,5 +210,5 @@ def test_waits_are_late_by_the_time_that_each_of_them_exceeds(monkeypatch: pytes
             now_ns += round((timeout or 0) * 1e9) + (7_000_000 if self.waits == 5 else 20_000)
             return False
 
-    monkeypatch.setattr(real_time.time, "perf_counter_ns", lambda: now_ns)
+    monkeypatch.setattr(time, "perf_counter_ns", lambda: now_ns)
     assert trial_lateness_us(SlowStop()) == 7_000
