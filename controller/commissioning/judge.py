@@ -10,8 +10,8 @@ from controller.commissioning.axes import AXES, AXIS_OF, GROUP_OF, Change, Level
 from controller.iomap.loader import Point
 
 
-class Result(Enum):
-    """Result of the check of one point."""
+class WireResult(Enum):
+    """WireResult of the check of one point."""
 
     OK = "ok"
     SWAPPED = "swapped"
@@ -25,24 +25,24 @@ class Result(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """Result of one point.
+class WireFinding:
+    """WireResult of one point.
 
     Attributes:
-        result: Result.
+        result: WireResult.
         others: Tags of the other points that reacted.
         note: Key of the text of an additional remark, or a remark of the person; empty = none.
     """
 
-    result: Result
+    result: WireResult
     others: tuple[str, ...] = ()
     note: str = ""
 
 
-UNTESTED = Finding(Result.NOT_TESTED)
+UNTESTED = WireFinding(WireResult.NOT_TESTED)
 
 
-def judge_input(point: Point, released: Levels, operated: Levels) -> Finding:
+def judge_input(point: Point, released: Levels, operated: Levels) -> WireFinding:
     """Return the verdict on an input.
 
     When an axis is moved by hand to a sensor, the sensor that it leaves goes off; this is no fault.
@@ -62,13 +62,13 @@ def judge_input(point: Point, released: Levels, operated: Levels) -> Finding:
     )
     if before != after:
         if others:
-            return Finding(Result.BRIDGED, others)
-        return Finding(Result.OK if after else Result.INVERTED)
+            return WireFinding(WireResult.BRIDGED, others)
+        return WireFinding(WireResult.OK if after else WireResult.INVERTED)
     if others:
         reversed_too = len(others) == 1 and not operated[others[0]]
-        result = Result.SWAPPED if len(others) == 1 else Result.WRONG
-        return Finding(result, others, "inverted_too" if reversed_too else "")
-    return Finding(Result.STUCK if point.level(after) else Result.DEAD)
+        result = WireResult.SWAPPED if len(others) == 1 else WireResult.WRONG
+        return WireFinding(result, others, "inverted_too" if reversed_too else "")
+    return WireFinding(WireResult.STUCK if point.level(after) else WireResult.DEAD)
 
 
 def motions(before: Levels, changes: Sequence[Change]) -> dict[str, int]:
@@ -82,7 +82,7 @@ def outputs_of(moved: Mapping[str, int]) -> tuple[str, ...]:
     return tuple(axis.output(moved[axis.name]) for axis in AXES if moved.get(axis.name))
 
 
-def judge_output(tag: str, before: Levels, changes: Sequence[Change]) -> Finding | None:
+def judge_output(tag: str, before: Levels, changes: Sequence[Change]) -> WireFinding | None:
     """Return the verdict on an output whose reaction is sensed, or None while the direction is not known.
 
     Args:
@@ -92,14 +92,14 @@ def judge_output(tag: str, before: Levels, changes: Sequence[Change]) -> Finding
     """
     moved = motions(before, changes)
     if not moved:
-        return Finding(Result.DEAD)
+        return WireFinding(WireResult.DEAD)
     causes = outputs_of(moved)
     if not causes:
         return None
     others = tuple(cause for cause in causes if cause != tag)
     if tag not in causes:
-        return Finding(Result.SWAPPED if len(others) == 1 else Result.WRONG, others)
-    return Finding(Result.BRIDGED, others) if others else Finding(Result.OK)
+        return WireFinding(WireResult.SWAPPED if len(others) == 1 else WireResult.WRONG, others)
+    return WireFinding(WireResult.BRIDGED, others) if others else WireFinding(WireResult.OK)
 
 
 def is_decided(tag: str, before: Levels, changes: Sequence[Change], levels: Levels) -> bool:
@@ -120,10 +120,9 @@ def is_decided(tag: str, before: Levels, changes: Sequence[Change], levels: Leve
     return axis.is_at_end(direction, levels) or tag.endswith("slide_inward")
 
 
-def is_sensed(tag: str, findings: Mapping[str, Finding]) -> bool:
+def is_sensed(tag: str, findings: Mapping[str, WireFinding]) -> bool:
     """Return True if sensors show the reaction of an output and none of them has been found faulty."""
     if tag not in AXIS_OF:
         return False
-    return all(
-        findings.get(sensor, UNTESTED).result in (Result.OK, Result.NOT_TESTED) for sensor in AXIS_OF[tag][0].sensors
-    )
+    sensors = AXIS_OF[tag][0].sensors
+    return all(findings.get(sensor, UNTESTED).result in (WireResult.OK, WireResult.NOT_TESTED) for sensor in sensors)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from controller.commissioning.judge import UNTESTED, Finding, Result
+from controller.commissioning.judge import UNTESTED, WireFinding, WireResult
 from controller.commissioning.texts import NOTES, REPORT, RESULTS, point_name, said
 from controller.common.errors import InputError
 from controller.core.clock import utc_text
@@ -48,10 +48,10 @@ class CheckReport:
     ended_ms: int = 0
     watchdog_confirmed: bool = False
     end: str = "stopped"
-    findings: dict[str, Finding] = field(default_factory=dict)
+    findings: dict[str, WireFinding] = field(default_factory=dict)
     at_ms: dict[str, int] = field(default_factory=dict)
 
-    def add(self, tag: str, finding: Finding, at_ms: int) -> None:
+    def add(self, tag: str, finding: WireFinding, at_ms: int) -> None:
         """Record the result of a point; a later result replaces an earlier one."""
         self.findings[tag] = finding
         self.at_ms[tag] = at_ms
@@ -59,9 +59,9 @@ class CheckReport:
     @property
     def is_clean(self) -> bool:
         """True if every point was checked and is correct."""
-        return all(self.finding(point.tag).result is Result.OK for point in self.points)
+        return all(self.finding(point.tag).result is WireResult.OK for point in self.points)
 
-    def finding(self, tag: str) -> Finding:
+    def finding(self, tag: str) -> WireFinding:
         """Return the result of a point."""
         return self.findings.get(tag, UNTESTED)
 
@@ -84,7 +84,7 @@ class CheckReport:
             return said(REPORT[key], language, **values)
 
         results = [self.finding(point.tag).result for point in self.points]
-        ok, left = results.count(Result.OK), results.count(Result.NOT_TESTED)
+        ok, left = results.count(WireResult.OK), results.count(WireResult.NOT_TESTED)
         counts = {"ok": ok, "all": len(results), "faults": len(results) - ok - left, "left": left}
         head = {
             "machine": self.machine,
@@ -129,13 +129,13 @@ class CheckReport:
         )
 
 
-def result_text(io_map: IoMap, found: Finding, language: Language) -> str:
+def result_text(io_map: IoMap, found: WireFinding, language: Language) -> str:
     """Return a result with the addresses of the other points that reacted."""
     others = ", ".join(io_map[tag].address for tag in found.others) or "?"
     return said(RESULTS[found.result], language, others=others)
 
 
-def note_text(found: Finding, language: Language) -> str:
+def note_text(found: WireFinding, language: Language) -> str:
     """Return the remark on a result; empty if there is none."""
     return said(NOTES[found.note], language) if found.note else ""
 

@@ -9,8 +9,8 @@ from typing import Final
 from controller.commissioning.axes import AXIS_OF, Change, refusal
 from controller.commissioning.bench import CheckBench, FieldLostError, StoppedError
 from controller.commissioning.judge import (
-    Finding,
-    Result,
+    WireFinding,
+    WireResult,
     is_decided,
     is_sensed,
     judge_input,
@@ -88,7 +88,7 @@ class CheckSession:
             levels.append(dict(self._bench.levels))
         finding = judge_input(point, *levels)
         self._record(point, finding)
-        return "\n" if finding.result is Result.OK else self._ask("again", "\nr")
+        return "\n" if finding.result is WireResult.OK else self._ask("again", "\nr")
 
     def _check_outputs(self, points: Sequence[Point]) -> None:
         if not points:
@@ -100,8 +100,8 @@ class CheckSession:
         self._bench.drives = True
         before, changes = self._bench.watch(SETTLE_MS)
         for tag in outputs_of(motions(before, changes)):
-            self._record(self._bench.io_map[tag], Finding(Result.UNCOMMANDED))
-        pending = [point for point in points if self._report.finding(point.tag).result is not Result.UNCOMMANDED]
+            self._record(self._bench.io_map[tag], WireFinding(WireResult.UNCOMMANDED))
+        pending = [point for point in points if self._report.finding(point.tag).result is not WireResult.UNCOMMANDED]
         retried: set[Point] = set()
         while pending:
             point = self._next(pending)
@@ -114,7 +114,7 @@ class CheckSession:
 
     def _was_at_end(self, point: Point, moved: set[str]) -> bool:
         """Return True if an output had no reaction, perhaps because its axis was at the end, and the axis has moved."""
-        if self._report.finding(point.tag).result is not Result.DEAD or point.tag not in AXIS_OF:
+        if self._report.finding(point.tag).result is not WireResult.DEAD or point.tag not in AXIS_OF:
             return False
         return AXIS_OF[point.tag][0].name in moved
 
@@ -142,7 +142,7 @@ class CheckSession:
                 break
             self._say("refused", point, reason=said(REASONS[reason], self._language))
             if self._ask("again", "\nr") == "\n":
-                self._record(point, Finding(Result.NOT_TESTED, note=reason))
+                self._record(point, WireFinding(WireResult.NOT_TESTED, note=reason))
                 return set()
         return self._hold(point)
 
@@ -172,18 +172,18 @@ class CheckSession:
         self._record(point, self._by_eye(point) if finding is None else finding)
         return set(motions(before, seen))
 
-    def _by_eye(self, point: Point) -> Finding:
+    def _by_eye(self, point: Point) -> WireFinding:
         """Return the verdict of the person on an output whose reaction is not sensed."""
         answer = self._ask("seen", "yno", point)
         if answer != "o":
-            return Finding(Result.OK if answer == "y" else Result.DEAD, note="by_eye")
+            return WireFinding(WireResult.OK if answer == "y" else WireResult.DEAD, note="by_eye")
         typed = self._bench.line(said(PROMPTS["which"], self._language)).upper()
         other = next((each for each in self._bench.io_map.outputs if each.address == typed), None)
         if other is None or other.tag == point.tag:
-            return Finding(Result.WRONG, note="by_eye")
-        return Finding(Result.SWAPPED, (other.tag,), note="by_eye")
+            return WireFinding(WireResult.WRONG, note="by_eye")
+        return WireFinding(WireResult.SWAPPED, (other.tag,), note="by_eye")
 
-    def _record(self, point: Point, finding: Finding) -> None:
+    def _record(self, point: Point, finding: WireFinding) -> None:
         self._report.add(point.tag, finding, self._now_utc_ms())
         text = result_text(self._bench.io_map, finding, self._language)
         note = note_text(finding, self._language)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from controller.commissioning.judge import Result
+from controller.commissioning.judge import WireResult
 from controller.iomap.loader import POINT_NAMES, Point
 from controller.program.texts.operator import SIDES, Language, Text
 
@@ -62,20 +62,20 @@ REASONS: Final = {
 }
 
 RESULTS: Final = {
-    Result.OK: Text("correct", "正确"),
-    Result.SWAPPED: Text("swapped: {others} reacts instead", "接反：{others} 反应"),
-    Result.INVERTED: Text("inverted: polarity is opposite", "极性相反"),
-    Result.DEAD: Text(
+    WireResult.OK: Text("correct", "正确"),
+    WireResult.SWAPPED: Text("swapped: {others} reacts instead", "接反：{others} 反应"),
+    WireResult.INVERTED: Text("inverted: polarity is opposite", "极性相反"),
+    WireResult.DEAD: Text(
         "no reaction: wire, supply, valve or sensor is dead, or an opposing output is on",
         "无反应：断线、无电源、阀或传感器失效，或相反输出接通",
     ),
-    Result.STUCK: Text("always on: short circuit or stuck sensor", "始终接通：短路或传感器卡死"),
-    Result.BRIDGED: Text("reacts together with {others}", "与 {others} 同时反应"),
-    Result.WRONG: Text("another reaction: {others}", "其他反应：{others}"),
-    Result.UNCOMMANDED: Text(
+    WireResult.STUCK: Text("always on: short circuit or stuck sensor", "始终接通：短路或传感器卡死"),
+    WireResult.BRIDGED: Text("reacts together with {others}", "与 {others} 同时反应"),
+    WireResult.WRONG: Text("another reaction: {others}", "其他反应：{others}"),
+    WireResult.UNCOMMANDED: Text(
         "moves while the output is off: inverted, or stuck on", "输出断开时仍动作：极性相反或始终接通"
     ),
-    Result.NOT_TESTED: Text("not tested", "未检查"),
+    WireResult.NOT_TESTED: Text("not tested", "未检查"),
 }
 
 NOTES: Final = {
@@ -110,7 +110,7 @@ REPORT: Final = {
     ),
     "address": Text("Address", "地址"),
     "name": Text("Point", "点"),
-    "result": Text("Result", "结果"),
+    "result": Text("WireResult", "结果"),
     "note": Text("Remark", "备注"),
     "at": Text("Time (UTC)", "时间（UTC）"),
     "date": Text("Date", "日期"),

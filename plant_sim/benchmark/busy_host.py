@@ -81,7 +81,7 @@ def _run(name: str, for_s: int, options: Sequence[str], *, clients: bool) -> Bus
         for _ in range(BUSY_PER_PROCESSOR * (os.cpu_count() or 1)):
             stack.enter_context(Process("busy", [_LOAD, "busy", str(for_s + _SPARE_S)])).next_line(_SPARE_S)
         before, before_missed = _read(port)
-        lost_s = _aborted_after_s(controller, for_s)
+        lost_s = _aborted_after_s(controller.lines, for_s)
         counts, missed = _read(port)
     late = [after - first for after, first in zip(counts, before, strict=True)]
     return BusyHostRow(name, Punctuality.of(late, missed - before_missed), sum(late), lost_s)
@@ -93,12 +93,12 @@ def _read(port: int) -> tuple[list[int], int]:
         return read_counts(line)
 
 
-def _aborted_after_s(controller: Process, for_s: int) -> float | None:
+def _aborted_after_s(lines: queue.SimpleQueue[str | None], for_s: int) -> float | None:
     """Return the time until the machine is in Aborting or Aborted, s, or None after `for_s`."""
     start_s = time.perf_counter()
     while (left_s := start_s + for_s - time.perf_counter()) > 0:
         try:
-            line = controller.lines.get(timeout=left_s)
+            line = lines.get(timeout=left_s)
         except queue.Empty:
             break
         if line is not None and json.loads(line).get("state") in (State.ABORTING, State.ABORTED):

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from controller.common.capture import read_capture
 from controller.common.errors import InputError
+from controller.common.suggestion import suggestion
 from controller.iomap.digest import map_digest
-from controller.iomap.loader import load_io_map
+from controller.iomap.loader import IoMap, load_io_map
 from plant_sim.cli.options import (
     add_fault_arguments,
     add_machine_arguments,
@@ -32,6 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=0,
         help="permitted difference of the times of an edge, ms; 0 for a capture in simulated time",
     )
+    parser.add_argument(
+        "--ignore",
+        action="append",
+        default=[],
+        metavar="INPUT",
+        help="input that is not compared, by tag or address, such as the cup counters X22 and X23, whose phase at the "
+        "begin of a capture in real time is not known; may be repeated",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,8 +55,9 @@ def run(options: argparse.Namespace) -> int:
     capture = read_capture(options.file)
     io_map = load_io_map(options.io_map)
     capture.check_map(map_digest(io_map))
+    ignored = [_input(io_map, name) for name in options.ignore]
     plant = Plant(io_map, machine_of(options), seed=options.seed, trays=options.trays, faults=faults_of(options))
-    found = replay_on_plant(capture, plant, io_map, tolerance_ms=options.tolerance_ms)
+    found = replay_on_plant(capture, plant, io_map, tolerance_ms=options.tolerance_ms, ignored=ignored)
     if not capture.is_closed:
         print(f"{capture.path}: not closed; replayed up to its last line", file=sys.stderr)
     print(f"{capture.end_ms / 1000:.3f} s, captured with {capture.header.made_by}")
@@ -58,6 +68,15 @@ def run(options: argparse.Namespace) -> int:
     print(f"first difference at {found.at_ms / 1000:.3f} s{where}:")
     print(f"  {io_map[found.tag].address} {found.tag}: {_text(found)}")
     return 1
+
+
+def _input(io_map: IoMap, name: str) -> str:
+    """Return the tag of an input given by tag or address."""
+    for point in io_map.inputs:
+        if name in (point.tag, point.address):
+            return point.tag
+    known = [name for point in io_map.inputs for name in (point.tag, point.address)]
+    raise InputError(f"--ignore {name}: no such input in {io_map.path}; {suggestion(name, known)}")
 
 
 def _text(found: PlantDifference) -> str:

@@ -12,13 +12,14 @@ from controller.common.errors import InputError
 from controller.common.modbus.address import listening_remedy
 from controller.common.real_time import add_real_time_arguments, claim_real_time, freeze_garbage, pin
 from controller.iomap.loader import load_io_map
-from plant_sim.cli.network import add_network_arguments, check_port
 from plant_sim.cli.options import (
     add_air_argument,
     add_fault_arguments,
     add_machine_arguments,
+    add_network_arguments,
     add_record_argument,
     check_machine_arguments,
+    check_port,
     faults_of,
     machine_of,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Final
@@ -41,7 +41,9 @@ class PlantDifference:
         return min(edge[0] for edge in (self.captured, self.replayed) if edge is not None)
 
 
-def replay_on_plant(capture: Capture, plant: Plant, io_map: IoMap, *, tolerance_ms: int) -> PlantDifference | None:
+def replay_on_plant(
+    capture: Capture, plant: Plant, io_map: IoMap, *, tolerance_ms: int, ignored: Collection[str] = ()
+) -> PlantDifference | None:
     """Drive a plant with captured outputs and buttons, and return the first input that differs.
 
     Args:
@@ -49,6 +51,7 @@ def replay_on_plant(capture: Capture, plant: Plant, io_map: IoMap, *, tolerance_
         plant: Plant at the state in which the capture began.
         io_map: I/O map of both.
         tolerance_ms: Permitted difference of the times of an edge, ms.
+        ignored: Tags of inputs that are not compared.
     """
     images: list[tuple[int, Sequence[bool]]] = []
     outputs = tuple(io_map.safe_outputs())
@@ -68,7 +71,7 @@ def replay_on_plant(capture: Capture, plant: Plant, io_map: IoMap, *, tolerance_
     differences = [
         found
         for point in io_map.inputs
-        if point.tag not in BUTTONS
+        if point.tag not in (*BUTTONS, *ignored)
         and (found := _difference(capture, point.tag, (captured, images), point.number, tolerance_ms)) is not None
     ]
     return min(differences, key=lambda found: found.at_ms, default=None)

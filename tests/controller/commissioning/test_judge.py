@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from controller.commissioning.axes import AXES, AXIS_OF, GROUP_OF
 from controller.commissioning.hold import LEASE_MS, LONGEST_MS, HoldToRun
-from controller.commissioning.judge import Result, judge_input, judge_output
+from controller.commissioning.judge import WireResult, judge_input, judge_output
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 
 IO_MAP = load_io_map(DEFAULT_IO_MAP)
@@ -50,13 +50,13 @@ def test_an_input_is_correct_only_if_it_alone_becomes_active(point, other, activ
     alone = other.tag == point.tag or released[other.tag] == active
     became_active = not released[point.tag] and operated[point.tag]
     left = other.tag in getattr(GROUP_OF.get(point.tag), "sensors", ()) and not active
-    assert (found.result is Result.OK) == (became_active and (alone or left))
+    assert (found.result is WireResult.OK) == (became_active and (alone or left))
 
 
 def test_an_axis_moved_by_hand_may_leave_its_other_sensor() -> None:
     pick = IO_MAP["left.slide_at_pick_1"]
     moved = REST | {"left.slide_at_feed": False, pick.tag: True}
-    assert judge_input(pick, REST, moved).result is Result.OK
+    assert judge_input(pick, REST, moved).result is WireResult.OK
     assert judge_input(pick, REST, moved | {"start": True}).others == ("start",)
 
 
@@ -64,7 +64,7 @@ def test_an_output_that_moves_two_axes_is_bridged() -> None:
     changes = [("left.lift_down", False), ("left.slide_at_feed", False)]
     found = judge_output("left.lift_retract", REST, changes)
     assert found is not None
-    assert (found.result, found.others) == (Result.BRIDGED, ("left.slide_inward",))
+    assert (found.result, found.others) == (WireResult.BRIDGED, ("left.slide_inward",))
 
 
 def test_a_held_key_is_limited_and_must_be_released() -> None:

@@ -137,6 +137,15 @@ def test_a_different_machine_is_found_by_the_plant(captured: Path, capsys: pytes
     assert on_plant(captured, capsys, "--fault", "slow_valve:left.lift=200ms", "--tolerance-ms", "60000")[0] == 0
 
 
+def test_inputs_can_be_ignored(captured: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    fault = ["--fault", "stuck_on:left.cup_pulse"]
+    code, text = on_plant(captured, capsys, *fault)
+    assert (code, text.splitlines()[-1]) == (1, "  X22 left.cup_pulse: captured off at 0.000 s, plant on at 0.000 s")
+    assert on_plant(captured, capsys, *fault, "--ignore", "X22")[0] == 0
+    assert plant_main(["replay", str(captured), "--ignore", "left.cup_pulze"]) == 2
+    assert capsys.readouterr().err.endswith("did you mean left.cup_pulse?\n")
+
+
 def test_the_proxy_captures_the_traffic_of_both_directions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "proxy.capture"
     plant, line = started("plant", "plant_sim", "serve", "--port", "0", "--lock-step-ms", "10")
