@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import json
 import os
 import shlex
 import shutil
@@ -17,7 +18,9 @@ from controller.cli.main import COMMAND_LINE as CONTROLLER
 from controller.common.command_line import USAGE_ERROR
 from controller.common.real_time import DEFAULT_PRIORITY
 from controller.common.service_manager import ALIVE, ALIVE_MS, READY, STOPPING, ServiceManager
+from controller.program.states import State
 from plant_sim.cli.main import COMMAND_LINE as PLANT
+from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 from tests.paths import DOCS
 
@@ -82,6 +85,39 @@ def test_a_manager_that_has_gone_does_not_disturb_the_scan(tmp_path: Path) -> No
     told.alive(0)
     told.close()
     ServiceManager({}).alive(0)
+
+
+def test_a_restarted_controller_waits_in_stopped_with_its_outputs_safe(tmp_path: Path) -> None:
+    """As after a restart by systemd: the controller is killed while an arm moves, and started with the same memory."""
+    options = ["--retain", str(tmp_path / "r.json"), "--no-hmi", "--no-console", "--events", "json"]
+    lock_step = ["--simulated-time", "--pace", "65535", "--timeout-ms", "5000"]
+    with Process("plant", ["plant_sim", "serve", "--port", "0", "--lock-step-ms", "10"]) as plant:
+        port = (plant.next_line(LIMIT_S) or "").rpartition(":")[2]
+        command = ["controller", "run", "--port", port, *options, *lock_step]
+        with Operator("127.0.0.1", int(port)) as operator:
+            with Process("controller", command) as controller:
+                wait_for(controller, State.STOPPED)
+                operator.press("start")
+                wait_for(controller, State.RESETTING)
+                while not operator.telemetry()["y_image"]:
+                    pass
+                controller.kill()
+            with Process("controller", command) as restarted:
+                assert wait_for(restarted, State.STOPPED) == [State.STOPPED]
+                begin_ms = operator.telemetry()["time_ms"]
+                while (now := operator.telemetry())["time_ms"] < begin_ms + 2_000:
+                    assert now["y_image"] == 0
+
+
+def wait_for(controller: Process, state: State) -> list[int]:
+    """Read the events until a state, and return the states on the way."""
+    states: list[int] = []
+    while state not in states:
+        event = json.loads(controller.next_line(LIMIT_S) or "{}")
+        assert event, "the controller has ended"
+        if event["event"] == "state":
+            states.append(event["state"])
+    return states
 
 
 def unit(name: str) -> configparser.ConfigParser:

@@ -77,7 +77,7 @@ def test_a_capture_replays_without_a_difference(captured: Path, capsys: pytest.C
     assert (code, text.splitlines()[-1]) == (0, "the plant has the captured inputs")
 
 
-def changed(path: Path, folder: Path, change: Callable[[list[str]], None]) -> Path:
+def changed(path: Path, folder: Path, change: Callable[[list[str]], object]) -> Path:
     lines = path.read_text(encoding="utf-8").split("\n")
     change(lines)
     (folder / "changed.capture").write_text("\n".join(lines), encoding="utf-8")
@@ -197,7 +197,7 @@ def replace_entry(text: str) -> Callable[[list[str]], None]:
     return change
 
 
-INVALID: list[tuple[Callable[[list[str]], None], str]] = [
+INVALID: list[tuple[Callable[[list[str]], object], str]] = [
     (lambda lines: lines.__setitem__(0, "x"), "1: file: does not begin with 'transplanter-capture 1'; specify"),
     (lambda lines: lines.pop(1), "2: made_by: is missing; write 'made_by: VALUE' or capture again"),
     (replace_header("source", "tape"), "3: source: 'tape' is unknown; write one of controller, proxy"),
@@ -221,7 +221,7 @@ INVALID: list[tuple[Callable[[list[str]], None], str]] = [
 
 @pytest.mark.parametrize(("change", "message"), INVALID, ids=[message[:24] for _, message in INVALID])
 def test_an_invalid_capture_is_one_line_with_file_line_key_and_remedy(
-    change: Callable[[list[str]], None],
+    change: Callable[[list[str]], object],
     message: str,
     captured: Path,
     tmp_path: Path,
