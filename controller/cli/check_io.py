@@ -17,6 +17,7 @@ from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
 from controller.core.clock import MonotonicClock, utc_ms
+from controller.io.module_profiles import MODULE_PROFILES
 from controller.iomap.loader import IoMap, Point, load_io_map
 
 
@@ -61,13 +62,15 @@ def run(options: argparse.Namespace) -> int:
     with contextlib.closing(link), single_keys(options.stop) as terminal:
         try:
             link.open()
+            if options.module is not None:
+                MODULE_PROFILES[options.module].apply(link)
             guard = output_guard(link, options)
             guard.identify()
             holder = guard.holder(io_map.safe_outputs())
         except OSError as error:
             raise InputError(f"check-io: {error}") from error
         if holder:
-            raise InputError(f"check-io: outputs are in use by {holder}; stop the other controller first")
+            raise InputError(f"check-io: outputs are in use: {holder}; stop the other controller first")
         bench = CheckBench(link, io_map, terminal, MonotonicClock(), options.stop)
         CheckSession(bench, report, options.language, utc_ms).run()
     path = write_report(report, options.out, options.language)

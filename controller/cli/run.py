@@ -149,10 +149,7 @@ def run(options: argparse.Namespace) -> int:
             stack.enter_context(_capture(plc, runtime, options))
         if not wait_for_field(link, guard, options, stop):
             return 0
-        manager = ServiceManager()
-        stack.callback(manager.close)
-        runtime.observers.append(lambda now_ms, _: manager.alive(now_ms))
-        manager.send(READY)
+        _report_ready(runtime, stack)
         if pace is None:
             _prepare_real_time(options, stop)
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
@@ -182,6 +179,14 @@ def _capture(plc: CapturedPlc, runtime: Runtime, options: argparse.Namespace) ->
 
     runtime.observers.append(lambda now_ms, _: plc.released(now_ms, runtime.released))
     return plc.begin(writer, scan_ms=options.scan_ms)
+
+
+def _report_ready(runtime: Runtime, stack: ExitStack) -> None:
+    """Report to the service manager that the field responds, then each scan, and the end."""
+    manager = ServiceManager()
+    stack.callback(manager.close)
+    runtime.observers.append(lambda now_ms, _: manager.alive(now_ms))
+    manager.send(READY)
 
 
 def _report_end(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> None:

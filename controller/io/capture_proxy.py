@@ -113,19 +113,7 @@ async def forward(
             tasks.add(task)
             task.add_done_callback(tasks.discard)
         with contextlib.closing(writer), contextlib.suppress(OSError):
-            field_reader, field_writer = await asyncio.open_connection(*field)
-            connection = _Connection(decoder)
-            with contextlib.closing(field_writer):
-                pumps = [
-                    loop.create_task(_pump(reader, field_writer, connection, "request")),
-                    loop.create_task(_pump(field_reader, writer, connection, "answer")),
-                ]
-                try:
-                    await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
-                finally:
-                    for pump in pumps:
-                        pump.cancel()
-                    await asyncio.gather(*pumps, return_exceptions=True)
+            await _relay(reader, writer, field, _Connection(decoder))
 
     server = await asyncio.start_server(connect, *listen)
     with stop.calling(lambda: loop.call_soon_threadsafe(ended.set)):
@@ -135,6 +123,25 @@ async def forward(
             for task in tuple(tasks):
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _relay(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, field: tuple[str, int], connection: _Connection
+) -> None:
+    """Forward one connection to the field I/O until one side ends it."""
+    loop = asyncio.get_running_loop()
+    field_reader, field_writer = await asyncio.open_connection(*field)
+    with contextlib.closing(field_writer):
+        pumps = [
+            loop.create_task(_pump(reader, field_writer, connection, "request")),
+            loop.create_task(_pump(field_reader, writer, connection, "answer")),
+        ]
+        try:
+            await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for pump in pumps:
+                pump.cancel()
+            await asyncio.gather(*pumps, return_exceptions=True)
 
 
 async def _pump(

@@ -349,7 +349,7 @@ def test_outputs_in_use_and_a_missing_field_are_refused(tmp_path: Path) -> None:
         plant.thread.call(lambda: plant.module.lease.take("10.0.0.9:1234"))
         with Person(plant, tmp_path) as person:
             assert person.work() == 2
-        assert person.said == ["check-io: outputs are in use by 10.0.0.9:1234; stop the other controller first"]
+        assert person.said == ["check-io: outputs are in use: 10.0.0.9:1234; stop the other controller first"]
         assert plant.module.last_write_ms is None
     with socket.create_server(("127.0.0.1", 0)) as reserved:
         port = str(reserved.getsockname()[1])
