@@ -13,8 +13,10 @@ COMMAND_LINE = CommandLine(
     description="Soft PLC of the seedling transplanter.",
     commands={
         "run": ("controller.cli.run", "run the machine's program on a field link (default)"),
+        "check-io": ("controller.cli.check_io", "check the wire of every point, with a report to sign"),
         "prove": ("controller.cli.prove", "prove that no scan violates a safety requirement, for any inputs"),
         "replay": ("controller.cli.replay", "run a trace written by 'prove --traces' on the PLC and show the result"),
+        "capture": ("controller.cli.capture", "capture field traffic, and replay it on the program"),
         "ladder": ("controller.cli.ladder", "FX2N: export the machine's program; check, run or draw any program"),
         "history": ("controller.cli.history", "show or export the recorded alarms, events, cycles and audit trail"),
         "panel": ("controller.cli.panel", "serve the operator's page, as a Modbus client of a running controller"),
@@ -22,7 +24,7 @@ COMMAND_LINE = CommandLine(
         "docs": ("controller.cli.docs", "write the reference tables generated from the program"),
     },
     default="run",
-    services=frozenset({"run", "panel"}),
+    services=frozenset({"run", "panel", "check-io", "capture"}),
 )
 
 

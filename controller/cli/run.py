@@ -18,19 +18,35 @@ from controller.cli.run_field import (
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
+from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter
+from controller.common.command_line import version
 from controller.common.errors import InputError
+from controller.common.extras import DISTRIBUTION
 from controller.common.file_lock import FileLockError, lock_file
-from controller.common.stop_request import StopRequest
-from controller.core.clock import MonotonicClock
+from controller.common.real_time import (
+    RealTimeError,
+    add_real_time_arguments,
+    claim_real_time,
+    doubts,
+    exit_note,
+    freeze_garbage,
+    pin,
+    trial_lateness_us,
+)
+from controller.common.service_manager import READY, ServiceManager
+from controller.common.stop_request import Stop, StopRequest
+from controller.core.clock import MonotonicClock, utc_ms, utc_text
 from controller.core.expr import Word
 from controller.core.retentive_store import DamagedStoreError, FileStore
 from controller.core.scan import Plc
+from controller.io.captured_plc import CapturedPlc
 from controller.io.field.link import DevicesLink
 from controller.io.loop import LoopFigures, run_real_time, run_simulated_time
 from controller.io.output_guard import ModbusOutputGuard
 from controller.io.pace import Pace, PaceError
 from controller.io.retentive_writer import DirectRetentiveWriter, RetentiveWriter, ThreadedRetentiveWriter
 from controller.io.runtime import Runtime
+from controller.iomap.digest import map_digest
 from controller.program.machine import Transplanter
 from controller.program.set_points import SetPointError
 
@@ -40,6 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_io_map(parser)
     add_field_arguments(parser)
     parser.add_argument(
+        "--check",
+        action="store_true",
+        help="check options and files, print the place of every wire in the field, and exit; nothing is connected",
+    )
+    parser.add_argument(
         "--panel-limit-ms",
         type=int,
         default=None,
@@ -48,7 +69,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or line (default: no timeout)",
     )
     parser.add_argument("--retain", type=Path, default=Path("var/retentive.json"), help="retentive memory file")
+    parser.add_argument(
+        "--capture",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="capture the inputs, writes and outputs of every scan in this new file, for 'capture replay'",
+    )
     parser.add_argument("--scan-ms", type=int, default=10, help="scan period, ms")
+    add_real_time_arguments(parser)
     parser.add_argument("--input-filter-ms", type=int, default=10, help="input filter of X0-X17, ms; 0 = off")
     parser.add_argument(
         "--set",
@@ -95,6 +124,7 @@ def run(options: argparse.Namespace) -> int:
         InputError: An option or a file is invalid.
     """
     _check_numbers(options)
+    claim_real_time(options)
     machine = machine_of(options)
     plan = field_plan(machine.io_map, options)
     link = DevicesLink(plan, machine.io_map)
@@ -102,7 +132,8 @@ def run(options: argparse.Namespace) -> int:
         print_places(plan, machine.io_map)
         return 0
     try:
-        plc = Plc(machine.program, input_filter_ms=options.input_filter_ms)
+        kind = Plc if options.capture is None else CapturedPlc
+        plc = kind(machine.program, input_filter_ms=options.input_filter_ms)
     except ValueError as error:
         raise InputError(f"--input-filter-ms: {error}") from error
     stop: StopRequest = options.stop
@@ -117,13 +148,18 @@ def run(options: argparse.Namespace) -> int:
         runtime = _runtime(machine, plc, link, writer=writer, guard=guard, options=options)
         figures = LoopFigures()
         stack.enter_context(operator_interfaces(runtime, link, figures, pace, options))
+        if isinstance(plc, CapturedPlc):
+            stack.enter_context(_capture(plc, runtime, options))
         if not wait_for_field(link, guard, stop):
             return 0
+        _report_ready(runtime, stack)
         if pace is None:
+            _prepare_real_time(options, stop)
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
-    return _report(runtime, figures, options)
+    _report_end(runtime, figures, options)
+    return 0 if figures.outputs_safe or runtime.ownership.taken else 1
 
 
 def _runtime(
@@ -149,17 +185,69 @@ def _runtime(
     )
 
 
-def _report(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> int:
-    """Print how the run has ended, and return the exit code."""
+def _capture(plc: CapturedPlc, runtime: Runtime, options: argparse.Namespace) -> CaptureWriter:
+    """Begin the capture of the field traffic."""
+    io_map = runtime.machine.io_map
+
+    def writer(memory: dict[str, int]) -> CaptureWriter:
+        header = CaptureHeader(
+            made_by=f"{DISTRIBUTION} {version()}",
+            source=CONTROLLER,
+            io_map=map_digest(io_map),
+            inputs=io_map.input_count,
+            outputs=io_map.output_count,
+            scan_ms=options.scan_ms,
+            input_filter_ms=options.input_filter_ms,
+            begun_utc=utc_text(utc_ms()),
+            memory=memory,
+        )
+        return CaptureWriter(options.capture, header)
+
+    runtime.observers.append(lambda now_ms, _: plc.released(now_ms, runtime.released))
+    return plc.begin(writer, scan_ms=options.scan_ms)
+
+
+def _report_ready(runtime: Runtime, stack: ExitStack) -> None:
+    """Report to the service manager that the field responds, then each scan, and the end."""
+    manager = ServiceManager()
+    stack.callback(manager.close)
+    runtime.observers.append(lambda now_ms, _: manager.alive(now_ms))
+    manager.send(READY)
+
+
+def _report_end(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> None:
     left = runtime.ownership.taken or "no response from the field"
     outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
+    note = ""
+    if not options.simulated_time:
+        note = exit_note(
+            options,
+            limit_ms=_tolerance_ms(options),
+            latest_us=figures.latest_us,
+            overruns=figures.overruns,
+            scans=figures.scans,
+        )
     print(
         f"stopped, outputs {outputs}; "
         f"{figures.scans} scans of {options.scan_ms} ms, {figures.overruns} overruns, "
-        f"longest {figures.longest_ms} ms",
+        f"longest {figures.longest_ms} ms{note}",
         file=sys.stderr,
     )
-    return 0 if figures.outputs_safe or runtime.ownership.taken else 1
+
+
+def _prepare_real_time(options: argparse.Namespace, stop: Stop) -> None:
+    """Prepare the thread of the scan after all others have been started, and warn of limits that may not hold."""
+    pin(options)
+    freeze_garbage()
+    lateness_us = trial_lateness_us(stop)
+    limit_ms = _tolerance_ms(options)
+    for doubt in doubts(options, scan_ms=options.scan_ms, limit_ms=limit_ms, lateness_us=lateness_us):
+        print(f"warning: {doubt}", file=sys.stderr, flush=True)
+
+
+def _tolerance_ms(options: argparse.Namespace) -> int:
+    """Return the lateness of a scan from which the field link counts as lost, ms."""
+    return int(options.link_limit_ms - options.scan_ms)
 
 
 def _check_numbers(options: argparse.Namespace) -> None:
@@ -170,6 +258,10 @@ def _check_numbers(options: argparse.Namespace) -> None:
     ):
         if not least <= value <= most:
             raise InputError(f"{name} {value}: must be {least} to {most}")
+    if options.simulated_time and options.real_time_priority is not None:
+        raise RealTimeError("--real-time-priority: simulated time does not follow the clock; omit --simulated-time")
+    if options.capture is not None and options.capture.exists():
+        raise InputError(f"--capture {options.capture}: File exists; choose a new file in a writable folder")
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
         raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
     check_field_numbers(options)

@@ -37,11 +37,6 @@ def add_field_arguments(parser: argparse.ArgumentParser) -> None:
         help="field file: devices, their connections and the place of every wire (default: one Modbus TCP device, "
         "given by --host, --port and --unit, with the offsets of the I/O map)",
     )
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="check options and files, print the place of every wire in the field, and exit; nothing is connected",
-    )
     parser.add_argument("--host", default=_OF_ONE_DEVICE["host"], help="Modbus TCP address of the field I/O")
     parser.add_argument("--port", type=int, default=_OF_ONE_DEVICE["port"], help="Modbus TCP port of the field I/O")
     parser.add_argument("--unit", type=int, default=_OF_ONE_DEVICE["unit"], help="Modbus unit identifier")

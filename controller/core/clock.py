@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from datetime import UTC, datetime
 from typing import Protocol
 
 from controller.common.saved import Saved
@@ -30,6 +31,15 @@ class MonotonicClock:
 def utc_ms() -> int:
     """Return the wall-clock time in ms since 1970-01-01 UTC, for timestamps in records; the program never uses it."""
     return time.time_ns() // 1_000_000
+
+
+def utc_text(at_ms: int) -> str:
+    """Return a wall-clock time as text.
+
+    >>> utc_text(0)
+    '1970-01-01T00:00:00Z'
+    """
+    return datetime.fromtimestamp(at_ms / 1000, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 class SimulatedClock(Saved):

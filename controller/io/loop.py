@@ -42,6 +42,7 @@ class LoopFigures:
         scans: Number of scans.
         overruns: Number of scans that ended after the next one was due; complete missed periods are skipped.
         longest_ms: Longest time from the due time of a scan to its last output, ms.
+        latest_us: Longest time from the due time of a scan to its start, us; zero in simulated time.
         outputs_safe: True if the safe outputs were written to the field when the loop ended.
         durations: Times from the start of a scan to its last output.
         lateness: Times from the due time of a scan to its start; zero in simulated time.
@@ -50,6 +51,7 @@ class LoopFigures:
     scans: int = 0
     overruns: int = 0
     longest_ms: int = 0
+    latest_us: int = 0
     outputs_safe: bool = False
     durations: Histogram = field(default_factory=Histogram)
     lateness: Histogram = field(default_factory=Histogram)
@@ -83,7 +85,9 @@ def run_real_time(
             now_ms = clock.now_ms()
             figures.scans += 1
             figures.longest_ms = max(figures.longest_ms, now_ms - due_ms)
-            figures.lateness.add(max(0, start_ns - due_ns) // 1_000)
+            late_us = max(0, start_ns - due_ns) // 1_000
+            figures.latest_us = max(figures.latest_us, late_us)
+            figures.lateness.add(late_us)
             figures.durations.add((time.perf_counter_ns() - start_ns) // 1_000)
             periods = 1
             if now_ms > due_ms + scan_ms:

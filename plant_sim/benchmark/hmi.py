@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -166,7 +166,7 @@ def measure_punctuality(
         bare = _waited(waiting)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
-        plant_port, _, hmi_port = stack.enter_context(_controller(folder, at_work=True))
+        plant_port, _, hmi_port = stack.enter_context(running_controller(folder, at_work=True))
         line = stack.enter_context(connect(hmi_port))
         quiet = total(measured_seconds(line, quiet_s))
         url = _panel(stack, folder, plant_port, hmi_port)
@@ -217,7 +217,7 @@ def measure_service(*, frames: int = FRAMES, connections: int = CONNECTIONS) -> 
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
-        _, controller, port = stack.enter_context(_controller(folder, at_work=False))
+        _, controller, port = stack.enter_context(running_controller(folder, at_work=False))
         theirs = stack.enter_context(Process("pymodbus server", [_LOAD, "reference"]))
         their_port = _read_record(theirs, START_LIMIT_S)["port"]
         with Process("client", [_LOAD, "rates", str(port), str(their_port)]) as asking:
@@ -241,7 +241,7 @@ def measure_service(*, frames: int = FRAMES, connections: int = CONNECTIONS) -> 
     }
 
 
-class _Measured(Process):
+class MeasuredProcess(Process):
     """Process whose memory use can be read."""
 
     @property
@@ -253,10 +253,18 @@ class _Measured(Process):
 
 
 @contextmanager
-def _controller(folder: Path, *, at_work: bool) -> Iterator[tuple[int, _Measured, int]]:
-    """Run plant and controller in real time; yield the plant's port, the controller and its Modbus port."""
+def running_controller(
+    folder: Path, *, at_work: bool, real_time: Sequence[str] = ()
+) -> Iterator[tuple[int, MeasuredProcess, int]]:
+    """Run plant and controller in real time; yield the plant's port, the controller and its Modbus port.
+
+    Args:
+        folder: Folder of the retentive memory.
+        at_work: True to home and start the machine.
+        real_time: Options of real-time scheduling of both processes.
+    """
     with ExitStack() as stack:
-        plant = stack.enter_context(Process("plant", ["plant_sim", "serve", "--port", "0"]))
+        plant = stack.enter_context(Process("plant", ["plant_sim", "serve", "--port", "0", *real_time]))
         plant_port = int(_line(plant, START_LIMIT_S).rpartition(":")[2])
         command = [
             "controller",
@@ -272,10 +280,11 @@ def _controller(folder: Path, *, at_work: bool) -> Iterator[tuple[int, _Measured
             "--events",
             "json",
             "--no-console",
+            *real_time,
         ]
         for name, value in set_points_of(load_machine()).items():
             command += ["--set", f"{name}={value}"]
-        controller = stack.enter_context(_Measured("controller", command))
+        controller = stack.enter_context(MeasuredProcess("controller", command))
         hmi_port = int(_read_record(controller, START_LIMIT_S)["hmi_port"])
         _until(controller, State.STOPPED, START_LIMIT_S)
         if at_work:

@@ -1,7 +1,7 @@
 """Load on the operator interface during its measurement: ``python -m plant_sim.benchmark.hmi_load``.
 
 Each process has one role: clients, browsers, a client at full speed, a sender of malformed frames, a reference server,
-or a bare loop that only waits. It prints its result as one line of JSON.
+a bare loop that only waits, or one that only computes. It prints its result as one line of JSON.
 """
 
 from __future__ import annotations
@@ -93,6 +93,14 @@ def waits(seconds: int) -> None:
             missed += 1
             due_ns += late_ns // WAIT_NS * WAIT_NS
     _print({"late": late.counts, "missed": missed})
+
+
+def busy(seconds: int) -> None:
+    """Use one processor completely."""
+    _print({"ready": 1})
+    until_s = time.perf_counter() + seconds
+    while time.perf_counter() < until_s:
+        pass
 
 
 def clients(port: int, count: int, seconds: int) -> None:
@@ -296,7 +304,7 @@ def percentile_ms(counts: list[int], percent: float) -> float:
 
 
 _ROLES: Final[dict[str, Callable[..., None]]] = {
-    role.__name__: role for role in (waits, clients, browsers, rates, malformed, reference)
+    role.__name__: role for role in (waits, busy, clients, browsers, rates, malformed, reference)
 }
 
 

@@ -29,6 +29,7 @@ COMMAND_LINE = CommandLine(
             "plant_sim.cli.stories",
             "play stories with mutants of the program, for 'controller prove --mutants'",
         ),
+        "replay": ("plant_sim.cli.replay", "drive the plant with captured outputs and compare the inputs"),
         "plot": ("plant_sim.cli.plot", "draw the timing diagram and the curves of a recording"),
         "air": ("plant_sim.cli.air", "compare the air consumption of a run with Table 1 of the paper"),
         "study": ("plant_sim.cli.study.command", "run the papers' experiments, or custom ones, on the twin"),

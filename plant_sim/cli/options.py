@@ -9,6 +9,7 @@ from pathlib import Path
 from controller.common.errors import InputError
 from controller.iomap.loader import DEFAULT_IO_MAP
 from plant_sim.faults import Fault, parse_fault
+from plant_sim.links.modbus_server import DEFAULT_PORT
 from plant_sim.machine.parameters import DEFAULT_MACHINE, Machine, load_machine
 from plant_sim.machine.stored_air import parse_share
 
@@ -100,3 +101,17 @@ def add_record_argument(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="record all tags, positions, pressures and seedlings to a Parquet file (docs/scope.md)",
     )
+
+
+def add_network_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the address and port of the plant's Modbus TCP server."""
+    parser.add_argument("--host", default="127.0.0.1", help="address of the Modbus TCP server")
+    parser.add_argument(
+        "--port", type=int, default=DEFAULT_PORT, help="port of the Modbus TCP server; 0 = any free port"
+    )
+
+
+def check_port(options: argparse.Namespace) -> None:
+    """Raise `InputError` if the port is out of range."""
+    if not 0 <= options.port <= 65_535:
+        raise InputError(f"--port {options.port}: must be 0 to 65535")

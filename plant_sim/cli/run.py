@@ -8,12 +8,13 @@ import sys
 
 from controller.common.errors import InputError
 from controller.iomap.loader import load_io_map
-from plant_sim.cli.network import add_network_arguments, check_port
 from plant_sim.cli.options import (
     add_fault_arguments,
     add_machine_arguments,
+    add_network_arguments,
     add_record_argument,
     check_machine_arguments,
+    check_port,
     faults_of,
     machine_of,
 )

@@ -6,7 +6,7 @@ import argparse
 
 from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
-from plant_sim.cli.network import add_network_arguments, check_port
+from plant_sim.cli.options import add_network_arguments, check_port
 from plant_sim.cli.serving import add_plant_arguments, build, operate
 
 

@@ -12,6 +12,7 @@ from typing import Final
 from controller.common.errors import InputError
 from controller.common.modbus.address import listening_remedy
 from controller.common.modbus.rtu import SerialLine
+from controller.common.real_time import add_real_time_arguments, claim_real_time, freeze_garbage, pin
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.options import (
     add_air_argument,
@@ -54,6 +55,7 @@ def add_plant_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--planting-frequency", type=float, default=None, help="cups per minute per row; 0 = tractor stationary"
     )
+    add_real_time_arguments(parser)
     add_air_argument(parser)
     add_fault_arguments(parser)
     add_record_argument(parser)
@@ -66,6 +68,7 @@ def build(options: argparse.Namespace) -> tuple[IoModule, Machine]:
         InputError: An option or a file is invalid.
     """
     check_machine_arguments(options)
+    claim_real_time(options)
     if not 0 <= (options.planting_frequency or 0) <= MAX_PLANTING_FREQUENCY_PER_MIN:
         raise InputError(
             f"--planting-frequency {options.planting_frequency}: must be 0 to {MAX_PLANTING_FREQUENCY_PER_MIN:g}"
@@ -131,6 +134,8 @@ def operate(
     with contextlib.ExitStack() as stack:
         if options.record is not None:
             stack.enter_context(_recording(options, module, machine))
+        pin(options)
+        freeze_garbage()
         try:
             with asyncio.Runner(loop_factory=precise_loop) as runner:
                 runner.run(serve(server, options.stop, listening=listening))

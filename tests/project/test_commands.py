@@ -23,10 +23,10 @@ from tests.sampling import first_of
 
 COMMAND_LINES = (CONTROLLER, PLANT)
 OPTIONAL = {
-    "z3": {"prove", "replay"},
-    "uvicorn": {"panel"},
-    "matplotlib": {"plot"},
-    "pyarrow": {"air", "plot"},
+    "z3": {"controller prove", "controller replay"},
+    "uvicorn": {"controller panel"},
+    "matplotlib": {"plant_sim plot"},
+    "pyarrow": {"plant_sim air", "plant_sim plot"},
     "statsmodels": set[str](),
     "joblib": set[str](),
 }
@@ -79,7 +79,8 @@ forked(work, COMMAND_LINE.commands)
 @pytest.mark.parametrize("line", COMMAND_LINES, ids=lambda line: line.package)
 def test_a_command_imports_only_its_own_dependencies(line: CommandLine) -> None:
     assert imported(line) == {
-        name: {module for module, commands in OPTIONAL.items() if name in commands} for name in line.commands
+        name: {module for module, commands in OPTIONAL.items() if f"{line.package} {name}" in commands}
+        for name in line.commands
     }
 
 

@@ -49,10 +49,14 @@ _, _, _EXCEPTIONS = (
 )
 NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILINE))
 """Commands that need hardware, each with the hardware that it needs, as listed in docs/README.md."""
-NOT_RUN_COUNT: Final = 5
-RUN_ELSEWHERE: Final = re.compile(r"scripts/test\b|\.venv/bin/python -m controller prove$")
+NOT_RUN_COUNT: Final = 6
+RUN_ELSEWHERE: Final = re.compile(
+    r"scripts/test\b|\.venv/bin/python -m controller (prove$|capture record|run --real-time-priority)"
+    r"|\.venv/bin/python -m plant_sim bench --busy-host"
+)
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
-scenario guide, and test_prove.py runs the complete proof."""
+scenario guide, test_prove.py runs the complete proof, test_capture.py the proxy, test_real_time.py the priority, which
+a system may refuse, and test_busy_host.py the busy computer."""
 PAPERS: Final = {
     f".venv/bin/python -m {command}"
     for paper in get_args(PaperName)
