@@ -1,4 +1,4 @@
-"""Measurement of the scans on a busy computer."""
+"""Report of the measurement on a busy computer; the measurement itself depends on the host, and is no test."""
 
 from __future__ import annotations
 
@@ -43,11 +43,3 @@ def test_a_failed_measurement_is_one_line(monkeypatch: pytest.MonkeyPatch, capsy
     assert capsys.readouterr().err == "the controller ended with exit code 2\n"
     assert main(["bench", "--busy-host", "0"]) == 2
     assert capsys.readouterr().err == "--busy-host 0: must be 1 to 600\n"
-
-
-@pytest.mark.nightly
-@pytest.mark.timeout(300)
-def test_a_busy_computer_is_measured() -> None:
-    """The figures belong to scripts/bench; here the processes run, and count scans."""
-    row = busy_host._run("normal priority", 2, (), clients=True)
-    assert row.scans > 0
