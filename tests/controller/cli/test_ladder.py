@@ -48,12 +48,10 @@ def test_the_documentation_states_the_size_of_the_export_to_the_nearest_hundred(
         assert f"uses about {round(STEPS, -2):,} of the 8,000" in page.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("form", "ending"), [("il", "il"), ("gx-csv", "csv")])
 def test_an_export_can_be_read_back_and_its_size_is_reported(
-    form: str, ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / f"transplanter.{ending}"
-    assert controller(["ladder", "export", "--format", form, "--out", str(out)]) == 0
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert f"{STEPS} of 8000 steps" in printed
     assert printed.endswith("fits\n")
@@ -61,24 +59,22 @@ def test_an_export_can_be_read_back_and_its_size_is_reported(
     assert sum(budget.values()) == MOST_STEPS
     assert budget["free"] == MOST_STEPS - STEPS
     assert {"power-up", "modes", "interlocks and outputs"} <= set(budget)
-    assert load_ladder(out) == EXPORTED
+    assert load_ladder(tmp_path / "transplanter.il") == EXPORTED
+    assert load_ladder(tmp_path / "transplanter.csv") == EXPORTED
 
 
 def test_export_with_pulses_for_the_stepper(tmp_path: Path) -> None:
-    out = tmp_path / "pulses.il"
-    assert controller(["ladder", "export", "--format", "il", "--stepper", "plsy", "--out", str(out)]) == 0
-    names = [str(each) for each in load_ladder(out).instructions]
+    assert controller(["ladder", "export", "--target", "fx2n", "--stepper", "plsy", "--out", str(tmp_path)]) == 0
+    names = [str(each) for each in load_ladder(tmp_path / "transplanter.il").instructions]
     assert names.count("PLSY K955 K0 Y0") == 1
     assert "OUT Y0" not in names
 
 
 def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "transplanter.st"
-    assert controller(["ladder", "export", "--format", "st", "--out", str(out)]) == 0
-    text = out.read_text(encoding="utf-8")
+    assert controller(["ladder", "export", "--target", "plain", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "transplanter.st").read_text(encoding="utf-8")
     assert text.count("END_PROGRAM") == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1].startswith(f"as instructions of an FX2N: {STEPS} of 8000 steps")
     assert "fits" not in lines, "Structured Text is for other PLCs"
 
 
@@ -93,10 +89,9 @@ def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFi
 def test_the_only_finding_in_the_exported_program_concerns_commands_set_by_an_hmi(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "transplanter.il"
-    assert controller(["ladder", "export", "--format", "il", "--out", str(out)]) == 0
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
-    assert controller(["ladder", "check", str(out)]) == 0
+    assert controller(["ladder", "check", str(tmp_path / "transplanter.il")]) == 0
     orders, _ = capsys.readouterr().out.splitlines()
     assert re.search(r": warning: M0 to M6, M8, M400 to .*: read but never driven; valid if a screen", orders)
 
@@ -130,7 +125,8 @@ def test_draw_writes_pictures(program: Path, tmp_path: Path, capsys: pytest.Capt
         (["check", "{0}/wrong.il"], "wrong.il:1:1: LAD X0:"),
         (["run", "{0}/seal-in.il", "--stimulus", "{0}/none.yaml"], "none.yaml"),
         (["draw", "{0}/seal-in.il", "--out", "{0}/seal-in.il"], "seal-in.il"),
-        (["export", "--format", "il", "--out", "{0}/no/such/folder.il"], "folder.il"),
+        (["export", "--target", "fx2n", "--out", "{0}/no/such/folder"], "no/such/folder"),
+        (["export", "--target", "fx2n", "--out", "{0}/seal-in.il"], "seal-in.il"),
     ],
 )
 def test_invalid_input_is_reported_in_one_line(
@@ -168,11 +164,10 @@ def test_the_exported_program_transplants_144_seedlings(
                 self.pressed_ms.add(self.time_ms)
             super().step(for_ms, y)
 
-    out = tmp_path / "transplanter.csv"
-    assert controller(["ladder", "export", "--format", "gx-csv", "--out", str(out)]) == 0
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
     monkeypatch.setattr(ladder_trial, "Plant", Watched)
-    assert plant_sim(["trial", "--ladder", str(out), "--json"]) == 0
+    assert plant_sim(["trial", "--ladder", str(tmp_path / "transplanter.csv"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     (theirs,) = plants
     ours = Twin(seed=1, trays=2, set_points={"trays_target": 2})
