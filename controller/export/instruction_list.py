@@ -36,7 +36,9 @@ from controller.core.rungs import (
     written_devices,
 )
 from controller.core.sequence import Sequence, Step
-from controller.export.sharing import item_writes, shared
+from controller.export.dividing import divided
+from controller.export.sharing import RELAYS, item_writes, shared
+from controller.fx.language.editor_blocks import MOST_LINES, condition_lines
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, LadderError, Operand
 
 ALWAYS, NEVER, FIRST_SCAN, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8049
@@ -74,7 +76,14 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
         program: The program.
         pulses: Output that becomes a pulse train; None = all outputs are levels.
     """
-    return _ListWriter(shared(program), pulses).ladder()
+    short = shared(program)
+    used = {device.number for device in short.devices() if device.kind == "M"}
+    free = (number for number in RELAYS if number not in used)
+    return _ListWriter(divided(short, free, _lines, MOST_LINES), pulses).ladder()
+
+
+def _lines(condition: Expr) -> int:
+    return condition_lines(list(contacts(condition)))
 
 
 def acting(program: Program) -> Program:
@@ -204,23 +213,27 @@ class _ListWriter:
         self._add("LD", DeviceOperand("M", FIRST_SCAN))
         self._add("ZRST", DeviceOperand("S", 0), DeviceOperand("S", SIZES["S"] - 1))
         if self._program.set_points:
-            self._add("LD", DeviceOperand("M", FIRST_SCAN))
-            self._add("ANI", DeviceOperand("M", done))
-            for word, value in self._program.set_points:
+            for n, (word, value) in enumerate(self._program.set_points):
+                if n % (MOST_LINES - 1) == 0:  # SET follows in the last ladder block
+                    self._add("LD", DeviceOperand("M", FIRST_SCAN))
+                    self._add("ANI", DeviceOperand("M", done))
                 self._add("MOV", Constant(value), _word(word))
             self._add("SET", DeviceOperand("M", done))
 
     def _block(self, block: Block) -> None:
         self._titles[len(self._list)] = block.title
         before: Expr | None = None
+        outputs = 0
         for item in block.items:
             if isinstance(item, Sequence):
                 self._sequence(item)
                 before = None
             else:
                 when = item.driven if isinstance(item, Scale) else item.when
-                if when != before:
+                if when != before or outputs == MOST_LINES:
                     self._list += contacts(when)
+                    outputs = 0
+                outputs += 1
                 if isinstance(item, Scale):
                     self._scale(item)
                 else:
