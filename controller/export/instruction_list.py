@@ -37,6 +37,7 @@ from controller.core.rungs import (
 )
 from controller.core.sequence import Sequence, Step
 from controller.export.dividing import divided
+from controller.export.scan_supervision import COUNTER, MORE_THAN_A_SECOND, SCAN_FAULT, scan_supervision
 from controller.export.sharing import RELAYS, item_writes, shared
 from controller.fx.language.editor_blocks import MOST_LINES, condition_lines
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, LadderError, Operand
@@ -48,8 +49,12 @@ FIXED_LATCH: Final = 1024
 POWER_UP: Final = "power-up"
 """Title of the block that the export adds to the program."""
 
-SCRATCH: Final = range(180, 188)
-"""Data registers for intermediate results of `Scale`: product, divisor, quotient and remainder, 32 bits each."""
+SUPERVISION: Final = "scan supervision"
+"""Title of the block that supervises the scan time."""
+
+SCRATCH: Final = range(180, 189)
+"""Data registers that the program must not use: those of `Scale` (product, divisor, quotient and remainder, 32 bits
+each) and the counter of the scan supervision."""
 
 _RELATIONS: Final = {"==": "=", "!=": "<>", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _OPPOSITES: Final = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
@@ -79,7 +84,7 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
     short = shared(program)
     used = {device.number for device in short.devices() if device.kind == "M"}
     free = (number for number in RELAYS if number not in used)
-    return _ListWriter(divided(short, free, _lines, MOST_LINES), pulses).ladder()
+    return _ListWriter(divided(short, free, _lines, MOST_LINES), pulses, next(free)).ladder()
 
 
 def _lines(condition: Expr) -> int:
@@ -180,9 +185,12 @@ def _word(operand: Word | int) -> Operand:
 
 
 class _ListWriter:
-    def __init__(self, program: Program, pulses: PulseTrain | None) -> None:
+    def __init__(self, program: Program, pulses: PulseTrain | None, tripped: int) -> None:
         self._program = program
         self._pulses = pulses
+        self._tripped = DeviceOperand("M", tripped)
+        faults = (each.number for each in program.devices() if each.kind == "M" and each.name == SCAN_FAULT)
+        self._fault = next(faults, None)
         self._list: list[Instruction] = []
         self._titles: dict[int, str] = {}
 
@@ -192,10 +200,11 @@ class _ListWriter:
             raise LadderError(f"D{SCRATCH[0]} to D{SCRATCH[-1]} are reserved for the export; use other registers")
         done = next(n for n in RETENTIVE["M"][0] if n >= FIXED_LATCH and ("M", n) not in used)
         self._first_values(done)
+        supervision = self._supervise_scans()
         for block in self._program.blocks:
             self._block(block)
         self._list.append(Instruction("END"))
-        comments = {f"M{done}": "initial values have been written"} | self._comments()
+        comments = {f"M{done}": "initial values have been written"} | supervision | self._comments()
         return Ladder(tuple(self._list), self._titles, comments, self._program.name)
 
     def _comments(self) -> dict[str, str]:
@@ -210,8 +219,12 @@ class _ListWriter:
         self._titles[len(self._list)] = POWER_UP
         self._add("LD", DeviceOperand("M", ALWAYS))
         self._add("OUT", DeviceOperand("M", ANNUNCIATORS_ENABLED))
+        if self._fault is not None:
+            self._add("INC", COUNTER)
         self._add("LD", DeviceOperand("M", FIRST_SCAN))
         self._add("ZRST", DeviceOperand("S", 0), DeviceOperand("S", SIZES["S"] - 1))
+        if self._fault is not None:
+            self._add("MOV", MORE_THAN_A_SECOND, COUNTER)
         if self._program.set_points:
             for n, (word, value) in enumerate(self._program.set_points):
                 if n % (MOST_LINES - 1) == 0:  # SET follows in the last ladder block
@@ -219,6 +232,14 @@ class _ListWriter:
                     self._add("ANI", DeviceOperand("M", done))
                 self._add("MOV", Constant(value), _word(word))
             self._add("SET", DeviceOperand("M", done))
+
+    def _supervise_scans(self) -> dict[str, str]:
+        """Write the supervision of the scan time, if the program has a relay for it; return its comments."""
+        if self._fault is None:
+            return {}
+        self._titles[len(self._list)] = SUPERVISION
+        self._list += scan_supervision(DeviceOperand("M", self._fault), self._tripped)
+        return {str(self._tripped): "scans too long", str(COUNTER): "scans in this second"}
 
     def _block(self, block: Block) -> None:
         self._titles[len(self._list)] = block.title

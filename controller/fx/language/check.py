@@ -81,12 +81,19 @@ def available(kind: str) -> int:
 
 def usage(ladder: Ladder) -> Usage:
     """Return the FX2N resources used by a program; an indexed device counts as the device without its index."""
-    used: set[Key] = set()
-    for instruction in ladder.instructions:
-        for n, operand in enumerate(instruction.operands):
-            used.update(_devices(instruction, n, operand))
+    used = devices_of(ladder)
     devices = {kind: sum(k == kind and number in RANGES[k][0] for k, number in used) for kind in SIZES}
     return Usage(sum(map(steps, ladder.instructions)), devices)
+
+
+def devices_of(ladder: Ladder) -> set[Key]:
+    """Return the kind and number of every device in a program; an index is ignored."""
+    return {
+        key
+        for instruction in ladder.instructions
+        for n, operand in enumerate(instruction.operands)
+        for key in _devices(instruction, n, operand)
+    }
 
 
 def budget(ladder: Ladder, titles: Iterable[str]) -> dict[str, int]:

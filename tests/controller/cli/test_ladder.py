@@ -93,7 +93,7 @@ def test_the_only_finding_in_the_exported_program_concerns_commands_set_by_an_hm
     capsys.readouterr()
     assert controller(["ladder", "check", str(tmp_path / "transplanter.il")]) == 0
     orders, _ = capsys.readouterr().out.splitlines()
-    assert re.search(r": warning: M0 to M6, M8, M400 to .*: read but never driven; valid if a screen", orders)
+    assert re.search(r": warning: M0, M2 to M6, M8, M400 to .*: read but never driven; valid if a screen", orders)
 
 
 def test_run_traces_devices_scan_by_scan(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

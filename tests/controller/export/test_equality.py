@@ -251,5 +251,5 @@ def test_scaled_words_are_equal_in_every_scan() -> None:
 
 def test_program_that_uses_a_register_of_the_export_is_rejected() -> None:
     program = Program("clash", (Block("clash", (Scale(1, 1, 1, Word("D", 187)),)),), "outputs")
-    with pytest.raises(LadderError, match="D180 to D187 are reserved"):
+    with pytest.raises(LadderError, match="D180 to D188 are reserved"):
         export(program)
