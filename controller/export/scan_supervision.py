@@ -14,7 +14,7 @@ from typing import Final
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction
 
 LONGEST_MEAN_MS: Final = 15
-"""Longest mean scan time in one second, ms (measured: losses double between 15 and 16 ms)."""
+"""Longest mean scan time in one second, ms (measured: at 18 ms the losses are 2.5 times those at 10 ms)."""
 LONGEST_MS: Final = 60
 """Longest duration of one scan, ms (measured: 50 ms without, 80 ms with cut stems)."""
 LEAST_PER_S: Final = 1_000 // LONGEST_MEAN_MS
@@ -26,6 +26,7 @@ MORE_THAN_A_SECOND: Final = Constant(1_000)
 SCAN_FAULT: Final = "scan fault"
 """Name of the relay in the program."""
 _SECONDS: Final = DeviceOperand("M", 8013)
+_FIRST_SCAN: Final = DeviceOperand("M", 8002)
 _LAST_SCAN: Final = DeviceOperand("D", 8010)
 _PER_MS: Final = 10
 """Counts of D8010 in one millisecond."""
@@ -47,4 +48,5 @@ def scan_supervision(fault: DeviceOperand, tripped: DeviceOperand) -> Iterator[I
     yield Instruction("LD", (tripped,))
     yield Instruction("SET", (fault,))
     yield Instruction("LDP", (_SECONDS,))
+    yield Instruction("ANI", (_FIRST_SCAN,))  # M8013 may be on already, and the counter has just been set
     yield Instruction("RST", (COUNTER,))

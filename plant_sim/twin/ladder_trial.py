@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from random import Random
 from typing import Final
 
-from controller.core.devices import ANNUNCIATOR_ON, ANNUNCIATORS
 from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import DeviceOperand, Ladder, LadderError
@@ -17,45 +15,17 @@ from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.scan_timing import NO_WATCHDOG_MS, ScanClock, ScanEstimate, ScanMonitor, ScanTiming
 
-__all__ = ["LadderError", "LadderReport", "ScanTiming", "load_ladder", "run_ladder_trial"]
+__all__ = ["LadderError", "LadderReport", "load_ladder", "run_ladder_trial"]
 
-SCAN_MS: Final = 10
 PRESS_MS: Final = 200
 IDLE_LIMIT_MS: Final = 20_000
 """Idle time after which the operator presses the start button, or the trial ends. Twelve cups at 45 cups/min
 take 16 s."""
 MAX_PRESSES: Final = 10
 TRAY_LIMIT_MS: Final = 600_000
-SAMPLE_MS: Final = 5
-"""Period at which the input filter samples the terminals between scans of a given scan time, ms (assumed; the FX2N
-samples continuously)."""
-NO_WATCHDOG_MS: Final = 1_000_000_000
-"""Output watchdog of the terminals of a PLC with a given scan time, ms: they have none."""
 INDICATORS: Final = ("horn", "lamp_red", "lamp_amber", "lamp_green")
-
-
-@dataclass(frozen=True, slots=True)
-class ScanTiming:
-    """Scan time of the PLC in a trial.
-
-    Attributes:
-        period_ms: Mean time between two scans, ms.
-        jitter_ms: Largest deviation from it, ms; every deviation in whole milliseconds is equally frequent.
-        long_ms: Duration of an isolated long scan, ms; 0 = none.
-        long_every: Mean number of scans between two long scans.
-    """
-
-    period_ms: int
-    jitter_ms: int = 0
-    long_ms: int = 0
-    long_every: int = 1_000
-
-    def next_ms(self, chance: Random) -> int:
-        """Return the duration of the next scan, ms."""
-        if self.long_ms and chance.random() < 1 / self.long_every:
-            return self.long_ms
-        return self.period_ms + chance.randint(-self.jitter_ms, self.jitter_ms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +39,7 @@ class LadderReport:
         simulated_s: Simulated time, s.
         error: CPU error that stopped the program; empty if none.
         alarms: Annunciators that were on, in the order of their first activation.
+        scan_estimate: Estimated scan time on a real FX2N; None = not estimated.
     """
 
     counts: SeedlingCounts
@@ -77,6 +48,7 @@ class LadderReport:
     simulated_s: float
     error: str
     alarms: tuple[str, ...] = ()
+    scan_estimate: ScanEstimate | None = None
 
     @property
     def completed(self) -> bool:
@@ -94,6 +66,7 @@ class LadderReport:
             "simulated_s": self.simulated_s,
             "error": self.error,
             "alarms": list(self.alarms),
+            **({} if self.scan_estimate is None else {"scan_estimate": asdict(self.scan_estimate)}),
         }
 
     def text(self) -> str:
@@ -105,6 +78,7 @@ class LadderReport:
             f"{self.simulated_s:.1f} s simulated, start pressed {self.presses} times",
             *(f"alarm {name}" for name in self.alarms),
             *self.incidents,
+            *([] if self.scan_estimate is None else [str(self.scan_estimate)]),
         ]
         return "\n".join([*lines, self.error] if self.error else lines)
 
@@ -117,7 +91,9 @@ def run_ladder_trial(
     io_map: IoMap,
     parameters: Machine,
     values: Mapping[DeviceOperand, int] | None = None,
+    hold: Mapping[DeviceOperand, int] | None = None,
     timing: ScanTiming | None = None,
+    estimates: bool = False,
 ) -> LadderReport:
     """Run an FX program on the plant until all motion has stopped.
 
@@ -130,8 +106,10 @@ def run_ladder_trial(
         io_map: I/O map.
         parameters: Machine parameters.
         values: Values written to registers and relays after the first scan, as with a programming tool.
+        hold: Values written before every scan.
         timing: Scan time of the PLC, with terminals that are sampled between scans as in an FX2N; None = a scan every
             `SCAN_MS`, which also samples the terminals.
+        estimates: True to estimate the scan time of a real FX2N, which takes a few seconds.
 
     Raises:
         LadderError: The program cannot be run.
@@ -141,18 +119,16 @@ def run_ladder_trial(
     plc = FxPlc(ladder, execution=fastest_execution)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
-    alarms: dict[int, str] = {}
-    chance = Random(seed)
+    clock, monitor = ScanClock(timing, seed), ScanMonitor(estimates)
     while plc.error is None and now_ms < trays * TRAY_LIMIT_MS:
+        _write(plc, hold or {})
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:
             _write(plc, values or {})
         module.write_outputs(0, image)
-        _note_alarms(plc, alarms)
-        moving = any(point.active(image[point.number]) for point in movers)
-        scan_ms = SCAN_MS if timing is None else timing.next_ms(chance)
-        scan_ms = max(scan_ms, plc.constant_scan_ms)
-        still_ms = 0 if moving else still_ms + scan_ms
+        monitor.note(plc)
+        scan_ms = clock.next_ms(plc)
+        still_ms = 0 if any(point.active(image[point.number]) for point in movers) else still_ms + scan_ms
         if still_ms >= IDLE_LIMIT_MS:
             counts = plant.counts()
             if presses == MAX_PRESSES or not (counts.in_tray or counts.in_claw):
@@ -160,33 +136,13 @@ def run_ladder_trial(
             plant.box.start, release_ms, still_ms, presses = True, now_ms + PRESS_MS, 0, presses + 1
         if plant.box.start and now_ms >= release_ms:
             plant.box.start = False
-        if timing is None:
-            module.advance(scan_ms)
-        else:
-            _sample(module, plc, now_ms, scan_ms)
+        clock.advance(module, plc, now_ms, scan_ms)
         now_ms += scan_ms
     incidents = tuple(f"{event.kind.value}: {event.text}, at {event.time_ms} ms" for event in plant.events)
+    error, simulated_s = str(plc.error or ""), now_ms / 1_000
     return LadderReport(
-        plant.counts(), presses, incidents, now_ms / 1_000, str(plc.error or ""), tuple(alarms.values())
+        plant.counts(), presses, incidents, simulated_s, error, alarms=monitor.alarms, scan_estimate=monitor.estimate
     )
-
-
-def _note_alarms(plc: FxPlc, alarms: dict[int, str]) -> None:
-    """Add the annunciators that are on, with their comments."""
-    if plc.memory.M[ANNUNCIATOR_ON]:
-        for number in ANNUNCIATORS:
-            if plc.memory.S[number] and number not in alarms:
-                alarms[number] = f"S{number} {plc.ladder.comments.get(f'S{number}', '')}".strip()
-
-
-def _sample(module: IoModule, plc: FxPlc, now_ms: int, for_ms: int) -> None:
-    """Advance the plant by one scan, and sample the terminals meanwhile."""
-    end_ms = now_ms + for_ms
-    while now_ms < end_ms:
-        step_ms = min(SAMPLE_MS, end_ms - now_ms)
-        module.advance(step_ms)
-        now_ms += step_ms
-        plc.sample(now_ms, module.inputs())
 
 
 def _write(plc: FxPlc, values: Mapping[DeviceOperand, int]) -> None:

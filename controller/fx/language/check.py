@@ -115,7 +115,7 @@ def remedy_for_steps(total: int) -> str:
     """Return what to do about a program that exceeds the memory of an FX2N without a cassette."""
     if total > CASSETTE_STEPS:
         return "shorten it"
-    return f"shorten it, or fit a memory cassette of {CASSETTE_STEPS:,} steps (general knowledge)"
+    return f"shorten it, or fit a memory cassette of {CASSETTE_STEPS} steps (general knowledge)"
 
 
 def check(ladder: Ladder) -> list[Finding]:

@@ -144,7 +144,7 @@ def test_program_exceeding_the_steps_of_an_fx2n() -> None:
     assert "error" not in {finding.severity for finding in check(read_il(full))}
     beyond = check(read_il(full.replace("END", "NOP\nEND")))
     (finding,) = (finding for finding in beyond if finding.severity == "error")
-    remedy = "shorten it, or fit a memory cassette of 16,000 steps (general knowledge)"
+    remedy = "shorten it, or fit a memory cassette of 16000 steps (general knowledge)"
     assert finding == Finding("error", 8001, f"the program has 8001 steps, but an FX2N has only 8000; {remedy}")
     (beyond_the_cassette,) = (
         finding
