@@ -7,7 +7,7 @@ from typing import Final
 
 from controller.core.program import Program
 from controller.export.instruction_list import POWER_UP, acting, export
-from controller.export.packages.package import README, PackageReport, PackageSource, write_files
+from controller.export.packages.package import README, PackageReport, PackageSource, require_terminals, write_files
 from controller.fx.language.check import MOST_STEPS, budget, usage
 from controller.fx.language.gx_csv import write_gx_csv
 from controller.fx.language.il import write_il
@@ -36,8 +36,9 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
 
     Raises:
         LadderError: The program cannot be exported.
-        PackageError: The folder cannot be written.
+        PackageError: The folder cannot be written, or the inputs are to be on a field link.
     """
+    require_terminals(source, "fx2n")
     program = acting(source.program)
     ladder = export(program, source.pulses)
     readme = _README.format(name=program.name, csv=CSV, il=IL)
