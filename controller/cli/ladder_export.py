@@ -43,13 +43,20 @@ def add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         default="run-bit",
         help="conveyor output Y0: run bit for a drive with its own ramp, or pulse train (fx2n)",
     )
+    export_.add_argument(
+        "--io",
+        choices=("modbus", "terminals"),
+        help="inputs and outputs on a supervised field link, or terminals of the PLC itself; "
+        "default: modbus for openplc and codesys, terminals for fx2n and plain",
+    )
     add_io_map(export_)
 
 
 def _export(options: argparse.Namespace) -> int:
-    program = machine_of(options).program
+    machine = machine_of(options)
+    program = machine.program
     pulses = stepper_output(program) if options.stepper == "plsy" else None
-    report = TARGETS[options.target](PackageSource(program, pulses), options.out)
+    report = TARGETS[options.target](PackageSource(program, machine.io_map, pulses, options.io), options.out)
     print(_size(options.out, acting(program)), *report.lines, sep="\n")
     return 0 if report.fits else 1
 

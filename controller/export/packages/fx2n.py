@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 from typing import Final
 
 from controller.core.program import Program
 from controller.export.instruction_list import POWER_UP, SUPERVISION, acting, export
-from controller.export.packages.package import README, PackageReport, PackageSource, write_files
+from controller.export.packages.package import README, PackageReport, PackageSource, require_terminals, write_files
 from controller.export.scan_supervision import LONGEST_MEAN_MS, LONGEST_MS
 from controller.fx.language.check import CASSETTE_STEPS, MOST_STEPS, budget, remedy_for_steps, usage
 from controller.fx.language.editor_blocks import MOST_LINES, editor_blocks
@@ -35,16 +36,14 @@ _README: Final = """{name}: program for a MELSEC FX2N
 3. Open Global Device Comment. Select Edit > Read from CSV File and choose {comments}.
 4. Convert the program (F4), then write it to the PLC (Online > Write to PLC).
 
-Comments: at most {characters} characters; longer ones are cut and end with "...". An FX2N stores {plc_characters}
-characters of a comment (general knowledge); the project has all of them.
+Comments: at most {characters} characters; longer ones are cut and end with "...". An FX2N stores {plc_characters} characters of a comment
+(general knowledge); the project has all of them.
 
 Ladder blocks: at most {lines} lines of 12 cells, the most that GX Works2 edits (general knowledge).
 
 Memory: {steps} steps. An FX2N has {most_steps} steps, with a memory cassette {cassette_steps} (general knowledge).
 
-Scan time: the program stops the machine with alarm S902 if the mean scan time in one second exceeds {mean_ms} ms, or if
-one scan takes longer than {longest_ms} ms. The {estimate}. Read D8010 to D8012 (0.1 ms) on the real PLC before the
-machine is started.
+{scan_time}
 
 The files have not yet been loaded into GX Works2, nor the program into a real FX2N.
 """
@@ -55,8 +54,9 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
 
     Raises:
         LadderError: The program cannot be exported.
-        PackageError: The folder cannot be written.
+        PackageError: The folder cannot be written, or the inputs are to be on a field link.
     """
+    require_terminals(source, "fx2n")
     program = acting(source.program)
     ladder = export(program, source.pulses)
     files = {CSV: write_gx_csv(ladder), COMMENTS: write_gx_comments(ladder), IL: write_il(ladder).encode()}
@@ -79,9 +79,12 @@ def _readme(program: Program, ladder: Ladder) -> str:
         steps=usage(ladder).steps,
         most_steps=MOST_STEPS,
         cassette_steps=CASSETTE_STEPS,
-        mean_ms=LONGEST_MEAN_MS,
-        longest_ms=LONGEST_MS,
-        estimate=scan_time_bounds(ladder),
+        scan_time=fill(
+            f"Scan time: the program stops the machine with alarm S902 if the mean scan time in one second exceeds "
+            f"{LONGEST_MEAN_MS} ms, or if one scan takes longer than {LONGEST_MS} ms. The {scan_time_bounds(ladder)}. "
+            "Read D8010 to D8012 (0.1 ms) in the real PLC before the machine is started.",
+            120,
+        ),
     )
 
 

@@ -6,11 +6,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from controller.common.errors import InputError
 from controller.core.program import Program
 from controller.export.instruction_list import PulseTrain
+from controller.iomap.loader import IoMap
+
+Io = Literal["modbus", "terminals"]
 
 README: Final = "README.txt"
 """Name of the text in every package that describes how to load it."""
@@ -26,11 +29,16 @@ class PackageSource:
 
     Attributes:
         program: Complete program of the machine.
+        io_map: I/O map of the machine.
         pulses: Output that becomes a pulse train; None = all outputs are levels.
+        io: Place of the inputs and outputs: "modbus" = I/O device on a field link, "terminals" = terminals of the PLC;
+            None = the usual place of the target.
     """
 
     program: Program
+    io_map: IoMap
     pulses: PulseTrain | None = None
+    io: Io | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +52,16 @@ class PackageReport:
 
     lines: tuple[str, ...]
     fits: bool = True
+
+
+def require_terminals(source: PackageSource, target: str) -> None:
+    """Check that the inputs and outputs are terminals of the PLC.
+
+    Raises:
+        PackageError: They are on a field link.
+    """
+    if source.io == "modbus":
+        raise PackageError(f"--io modbus: target {target} has no supervised field link; omit it")
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
