@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from pathlib import Path
 
 from controller.common.errors import InputError
-from controller.core.devices import SIZES, WORD_MAX, WORD_MIN
-from controller.fx.language.instruction import DeviceOperand
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.options import (
     add_air_argument,
@@ -31,7 +28,6 @@ MOST_SEEDLINGS = 72_000
 MOST_TRIALS = 10_000
 LONGEST_SCAN_MS = 200
 """Longest scan of an FX2N, ms: its watchdog (docs/sources/fx2n.md 1.4)."""
-_ASSIGNMENT = re.compile(r"([DMS])([0-9]{1,4})=(-?[0-9]{1,5})")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,13 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jitter-ms", type=int, default=0, metavar="MS", help="with --scan-ms: largest deviation, ms")
     parser.add_argument(
         "--long-scan-ms", type=int, default=0, metavar="MS", help="with --scan-ms: one scan in 1000 takes this time, ms"
-    )
-    parser.add_argument(
-        "--hold",
-        nargs="+",
-        default=(),
-        metavar="DEVICE=VALUE",
-        help="with --ladder: value of a D, M or S device, written before every scan",
     )
     parser.add_argument(
         "--scan-estimate", action="store_true", help="with --ladder: estimate the scan time of a real FX2N"
@@ -179,18 +168,9 @@ def _ladder_reports(options: argparse.Namespace) -> list[tuple[ScanTiming | None
             trays=options.trays,
             io_map=io_map,
             parameters=machine,
-            hold=dict(map(_held, options.hold)),
             timing=timing,
             estimates=options.scan_estimate,
         )
 
     seeds = range(options.seed, options.seed + options.repeat)
     return [(timing, [report(timing, seed) for seed in seeds]) for timing in timings or [None]]
-
-
-def _held(text: str) -> tuple[DeviceOperand, int]:
-    """Return the device and the value of an assignment such as D188=1000."""
-    match = _ASSIGNMENT.fullmatch(text)
-    if match is None or int(match[2]) >= SIZES[match[1]] or not WORD_MIN <= int(match[3]) <= WORD_MAX:
-        raise InputError(f"--hold {text}: write D, M or S, its number, = and a value of 16 bits, such as D188=1000")
-    return DeviceOperand(match[1], int(match[2])), int(match[3])

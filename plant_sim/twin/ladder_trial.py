@@ -91,7 +91,6 @@ def run_ladder_trial(
     io_map: IoMap,
     parameters: Machine,
     values: Mapping[DeviceOperand, int] | None = None,
-    hold: Mapping[DeviceOperand, int] | None = None,
     timing: ScanTiming | None = None,
     estimates: bool = False,
 ) -> LadderReport:
@@ -106,7 +105,6 @@ def run_ladder_trial(
         io_map: I/O map.
         parameters: Machine parameters.
         values: Values written to registers and relays after the first scan, as with a programming tool.
-        hold: Values written before every scan.
         timing: Scan time of the PLC, with terminals that are sampled between scans as in an FX2N; None = a scan every
             `SCAN_MS`, which also samples the terminals.
         estimates: True to estimate the scan time of a real FX2N, which takes a few seconds.
@@ -121,7 +119,6 @@ def run_ladder_trial(
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
     clock, monitor = ScanClock(timing, seed), ScanMonitor(estimates)
     while plc.error is None and now_ms < trays * TRAY_LIMIT_MS:
-        _write(plc, hold or {})
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:
             _write(plc, values or {})

@@ -36,8 +36,7 @@ _README: Final = """{name}: program for a MELSEC FX2N
 3. Open Global Device Comment. Select Edit > Read from CSV File and choose {comments}.
 4. Convert the program (F4), then write it to the PLC (Online > Write to PLC).
 
-Comments: at most {characters} characters; longer ones are cut and end with "...". An FX2N stores {plc_characters} characters of a comment
-(general knowledge); the project has all of them.
+{comment_limits}
 
 Ladder blocks: at most {lines} lines of 12 cells, the most that GX Works2 edits (general knowledge).
 
@@ -73,8 +72,11 @@ def _readme(program: Program, ladder: Ladder) -> str:
         csv=CSV,
         comments=COMMENTS,
         il=IL,
-        characters=MOST_CHARACTERS,
-        plc_characters=PLC_CHARACTERS,
+        comment_limits=fill(
+            f'Comments: at most {MOST_CHARACTERS} characters; longer ones are cut and end with "...". An FX2N stores '
+            f"{PLC_CHARACTERS} characters of a comment (general knowledge); the project has all of them.",
+            120,
+        ),
         lines=MOST_LINES,
         steps=usage(ladder).steps,
         most_steps=MOST_STEPS,
