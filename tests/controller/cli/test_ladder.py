@@ -12,6 +12,7 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from controller.cli.main import main as controller
+from controller.export.packages import fx2n
 from controller.fx.language.check import MOST_STEPS
 from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
@@ -55,10 +56,20 @@ def test_an_export_can_be_read_back_and_its_size_is_reported(
     printed = capsys.readouterr().out
     assert f"{STEPS} of 8000 steps" in printed
     assert printed.endswith("fits\n")
-    budget = {title: int(used) for used, title in (line.split(maxsplit=1) for line in printed.splitlines()[2:-1])}
+    steps_of, facts = printed.splitlines()[2:-6], printed.splitlines()[-6:]
+    budget = {title: int(used) for used, title in (line.split(maxsplit=1) for line in steps_of)}
     assert sum(budget.values()) == MOST_STEPS
     assert budget["free"] == MOST_STEPS - STEPS
-    assert {"power-up", "modes", "interlocks and outputs"} <= set(budget)
+    assert {"power-up", "scan supervision", "modes", "interlocks and outputs"} <= set(budget)
+    assert "the largest with 24 lines, 0 too large for GX Works2" in facts[0]
+    assert facts[1].startswith("device comments: ")
+    assert facts[2] == "option: a memory cassette has 16000 steps (general knowledge)"
+    assert re.match(r"estimated scan time of an FX2N: 1\d\.\d ms with no step active", facts[3])
+    assert facts[4] == "scan supervision: mean of one second at most 15 ms, one scan at most 60 ms"
+    read_me = (tmp_path / "README.txt").read_text(encoding="utf-8")
+    assert "alarm S902 if the mean scan time in one second exceeds 15 ms" in read_me
+    assert f"Memory: {STEPS} steps" in read_me
+    assert max(map(len, read_me.splitlines())) <= 120
     assert load_ladder(tmp_path / "transplanter.il") == EXPORTED
     assert load_ladder(tmp_path / "transplanter.csv") == EXPORTED
 
@@ -76,6 +87,26 @@ def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert text.count("END_PROGRAM") == 1
     lines = capsys.readouterr().out.splitlines()
     assert "fits" not in lines, "Structured Text is for other PLCs"
+
+
+def test_an_export_with_more_steps_than_an_fx2n_has_names_the_memory_cassette(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fx2n, "MOST_STEPS", STEPS - 1)
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 1
+    *_, verdict = capsys.readouterr().out.splitlines()
+    assert verdict == (
+        f"does not fit: more than {STEPS - 1} steps; shorten it, or fit a memory cassette of 16000 steps "
+        "(general knowledge)"
+    )
+
+
+def test_check_prints_the_estimated_scan_time_of_a_cpu(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert controller(["ladder", "check", str(program)]) == 0
+    assert "scan time" not in capsys.readouterr().out
+    assert controller(["ladder", "check", str(program), "--cpu", "fx2n"]) == 0
+    *_, estimate = capsys.readouterr().out.splitlines()
+    assert estimate.startswith("estimated scan time of an FX2N: 0.5 ms with no step active")
 
 
 def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
