@@ -1,7 +1,7 @@
 """Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
 
-Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators become
-ANS instructions. Conditions that are used repeatedly are evaluated once, into auxiliary relays (`sharing`). A separate
+Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators are
+set by timers. Conditions that are used repeatedly are evaluated once, into auxiliary relays (`sharing`). A separate
 block contains the functions that the soft PLC performs outside the program: it resets all states, writes the initial
 set-points and switches M8049 on.
 """
@@ -260,7 +260,7 @@ class _ListWriter:
                 else:
                     self._output(item)
                 # the next rung may share the contacts unless this one has changed them or the devices that they read
-                changed = isinstance(item, Scale) or set(written_devices(item)) & set(leaves(when))
+                changed = isinstance(item, Scale | Annunciate) or set(written_devices(item)) & set(leaves(when))
                 before = None if changed else when
 
     def _sequence(self, sequence: Sequence) -> None:
@@ -316,7 +316,10 @@ class _ListWriter:
             case Inc() | Add() | Subtract():
                 self._arithmetic(rung)
             case Annunciate(timer, preset, target):
-                self._add("ANS", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms), _device(target))
+                # instead of ANS: one step less, and a much shorter execution time (fx2n_times.csv)
+                self._add("OUT", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms))
+                self._add("LD", DeviceOperand("T", timer.number))
+                self._add("SET", _device(target))
 
     def _arithmetic(self, rung: Arithmetic) -> None:
         match rung:

@@ -64,10 +64,10 @@ def test_an_export_can_be_read_back_and_its_size_is_reported(
     assert "the largest with 24 lines, 0 too large for GX Works2" in facts[0]
     assert facts[1].startswith("device comments: ")
     assert facts[2] == "option: a memory cassette has 16000 steps (general knowledge)"
-    assert re.match(r"estimated scan time of an FX2N: 1\d\.\d ms with no step active", facts[3])
-    assert facts[4] == "scan supervision: mean of one second at most 15 ms, one scan at most 60 ms"
+    assert re.match(r"estimated scan time of an FX2N: \d\.\d ms with no step active", facts[3])
+    assert facts[4] == "scan supervision: mean of one second at most 12 ms, one scan at most 60 ms"
     read_me = (tmp_path / "README.txt").read_text(encoding="utf-8")
-    assert "alarm S902 if the mean scan time in one second exceeds 15 ms" in read_me
+    assert "alarm S902 if the mean scan time in one second exceeds 12 ms" in read_me
     assert f"Memory: {STEPS} steps" in read_me
     assert max(map(len, read_me.splitlines())) <= 120
     assert load_ladder(tmp_path / "transplanter.il") == EXPORTED

@@ -70,7 +70,7 @@ def test_a_long_mean_is_found_within_two_seconds(period_ms: int, first_ms: int) 
 
 def test_jitter_is_judged_by_its_mean() -> None:
     chance = Random(1)
-    assert not Scans().run(chance.randint(4, 22) for _ in range(500)).alarm
+    assert not Scans().run(chance.randint(4, 18) for _ in range(500)).alarm
     assert Scans().run(chance.randint(8, 30) for _ in range(500)).alarm
 
 
