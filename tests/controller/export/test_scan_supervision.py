@@ -15,8 +15,9 @@ from controller.fx.engine.execution import fastest_execution
 from controller.fx.engine.plc import FxPlc
 from controller.program.states import State
 from plant_sim.machine.plant import Plant
-from tests.controller.export.fx_equality import EXPORTED, MACHINE, TAGS
+from tests.controller.export.fx_equality import EXPORTED, TAGS
 from tests.controller.export.test_dividing import X, one_block
+from tests.controller.program.interlock_scene import MACHINE
 from tests.controller.program.modes.stand_in import MACHINE as PARAMETERS
 
 FAULT = TAGS.system.scan_fault.number

@@ -17,7 +17,8 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.twin.ladder_trial import LadderReport, run_ladder_trial
 from plant_sim.twin.scan_table import ScanRow, table
 from plant_sim.twin.scan_timing import ScanTiming
-from tests.controller.export.fx_equality import EXPORTED, MACHINE
+from tests.controller.export.fx_equality import EXPORTED
+from tests.controller.program.interlock_scene import MACHINE
 
 PARAMETERS = load_machine()
 IDLE = read_il("LD X0\nOUT M0\nEND")
