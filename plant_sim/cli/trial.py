@@ -17,10 +17,9 @@ from plant_sim.cli.options import (
     faults_of,
     machine_of,
 )
-from plant_sim.twin.ladder_trial import LadderReport, load_ladder, run_ladder_trial
+from plant_sim.twin.ladder_trial import LadderReport, ScanRow, load_ladder, run_ladder_trial, table
 from plant_sim.twin.repeats import Repeats
 from plant_sim.twin.report import TrialReport
-from plant_sim.twin.scan_table import ScanRow, table
 from plant_sim.twin.scan_timing import ScanTiming
 from plant_sim.twin.trial import run_trial
 

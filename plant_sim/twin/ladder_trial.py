@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -15,9 +16,9 @@ from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.scan_timing import NO_WATCHDOG_MS, ScanClock, ScanEstimate, ScanMonitor, ScanTiming
+from plant_sim.twin.scan_timing import NO_WATCHDOG_MS, ScanEstimate, ScanMonitor, ScanTiming, TrialClock
 
-__all__ = ["LadderError", "LadderReport", "load_ladder", "run_ladder_trial"]
+__all__ = ["LadderError", "LadderReport", "ScanRow", "load_ladder", "run_ladder_trial", "table"]
 
 PRESS_MS: Final = 200
 IDLE_LIMIT_MS: Final = 20_000
@@ -117,7 +118,7 @@ def run_ladder_trial(
     plc = FxPlc(ladder, execution=fastest_execution)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
-    clock, monitor = ScanClock(timing, seed), ScanMonitor(estimates)
+    clock, monitor = TrialClock(timing, seed), ScanMonitor(estimates)
     while plc.error is None and now_ms < trays * TRAY_LIMIT_MS:
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:
@@ -148,3 +149,60 @@ def _write(plc: FxPlc, values: Mapping[DeviceOperand, int]) -> None:
             plc.memory.D[device.number] = value
         else:
             plc.memory.bits(device.kind)[device.number] = bool(value)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanRow:
+    """Trials with one scan timing.
+
+    Attributes:
+        timing: Scan time.
+        reports: One report for each seed.
+    """
+
+    timing: ScanTiming
+    reports: Sequence[LadderReport]
+
+    def record(self) -> dict[str, object]:
+        """Return the row as a flat record: sums over the trials."""
+        counts = [report.counts for report in self.reports]
+        alarms = Counter(alarm.split()[0] for report in self.reports for alarm in report.alarms)
+        return {
+            **asdict(self.timing),
+            "trials": len(self.reports),
+            "completed": sum(report.completed for report in self.reports),
+            "total": sum(each.total for each in counts),
+            "in_cups": sum(each.in_cups for each in counts),
+            "P": sum(each.P for each in counts),
+            "D": sum(each.D for each in counts),
+            "T": sum(each.T for each in counts),
+            "left": sum(each.in_tray + each.in_claw for each in counts),
+            "incidents": sum(len(report.incidents) for report in self.reports),
+            "alarms": dict(sorted(alarms.items())),
+            "errors": sum(bool(report.error) for report in self.reports),
+        }
+
+
+def table(rows: Sequence[ScanRow]) -> Iterator[str]:
+    """Yield the lines of a Markdown table."""
+    yield "| scan, ms | completed | in cups | P | D | T | left | incidents | alarms (trials) |"
+    yield "|---|---|---|---|---|---|---|---|---|"
+    for row in rows:
+        cells = row.record()
+        alarms = cells["alarms"]
+        assert isinstance(alarms, dict)  # noqa: S101 - narrows the union
+        listed = ", ".join(f"{name} ({count})" for name, count in alarms.items()) or "–"
+        numbers = (f"{cells[key]}" for key in ("in_cups", "P", "D", "T", "left", "incidents"))
+        completed = f"{cells['completed']} of {cells['trials']}"
+        yield f"| {' | '.join((_scan(row.timing), completed, *numbers, listed))} |"
+
+
+def _scan(timing: ScanTiming) -> str:
+    """Return a scan timing in a few characters.
+
+    Examples:
+        >>> _scan(ScanTiming(12, 2, 80)), _scan(ScanTiming(10))
+        ('12 ± 2, one in 1000: 80', '10')
+    """
+    mean = f"{timing.period_ms} ± {timing.jitter_ms}" if timing.jitter_ms else f"{timing.period_ms}"
+    return f"{mean}, one in {timing.long_every}: {timing.long_ms}" if timing.long_ms else mean

@@ -67,7 +67,7 @@ class ScanEstimate:
         )
 
 
-class ScanClock:
+class TrialClock:
     """Clock of the scans; between the scans of a scan timing, the input filter samples the terminals."""
 
     def __init__(self, timing: ScanTiming | None, seed: int) -> None:

@@ -8,9 +8,9 @@ from random import Random
 
 import pytest
 
-from controller.core.expr import And, Bit, Expr, Not, Or, all_of, any_of
+from controller.core.expr import And, Bit, Expr, Not, Or, Timer, all_of, any_of
 from controller.core.program import Block, Program
-from controller.core.rungs import Out, Rst, Rung, Set
+from controller.core.rungs import Annunciate, Out, Rst, Rung, Set
 from controller.core.scan import Plc
 from controller.export.dividing import divided
 from controller.export.instruction_list import contacts, export
@@ -84,3 +84,14 @@ def test_many_outputs_of_one_condition_repeat_its_contacts() -> None:
     plc = FxPlc(ladder, input_filter_ms=0)
     plc.scan(0, [n == 1 for n in range(64)])
     assert all(plc.memory.M[target.number] for target in targets)
+
+
+def test_a_rung_after_an_annunciator_evaluates_its_own_condition() -> None:
+    alarm, relay = Bit("S", 900), Bit("M", 10)
+    ladder = export(one_block(Annunciate(Timer(1), 300, alarm, X[1]), Out(relay, X[1])))
+    plc = FxPlc(ladder, input_filter_ms=0)
+    seen = []
+    for now_ms in range(0, 500, 100):
+        plc.scan(now_ms, [n == 1 for n in range(64)])
+        seen.append((plc.memory.S[alarm.number], plc.memory.M[relay.number]))
+    assert seen == [(False, True)] * 3 + [(True, True)] * 2
