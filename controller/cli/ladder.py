@@ -16,6 +16,7 @@ from controller.fx.engine.stimulus import load_stimulus
 from controller.fx.language.check import check, usage
 from controller.fx.language.instruction import LadderError
 from controller.fx.language.reading import load_ladder
+from controller.fx.timing.scan_time import scan_time_bounds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check_ = commands.add_parser("check", help="report probable errors in a program")
     check_.set_defaults(action=_check)
     check_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
+    check_.add_argument("--cpu", choices=("fx2n",), help="also print the estimated scan time of this CPU")
     run_ = commands.add_parser("run", help="run a program with a stimulus and trace devices, or live with servers")
     run_.set_defaults(action=_run)
     run_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
@@ -62,6 +64,8 @@ def _check(options: argparse.Namespace) -> int:
         print(f"{ladder.source}:{each.line}: {each.severity}: {each.text}")
     errors = sum(each.severity == "error" for each in findings)
     print(f"{usage(ladder)}; {errors} errors, {len(findings) - errors} warnings")
+    if options.cpu is not None:
+        print(scan_time_bounds(ladder))
     return 1 if errors else 0
 
 

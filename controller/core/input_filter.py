@@ -15,8 +15,8 @@ FIXED_MS = 10
 class InputFilter(Saved):
     """Digital filter in front of the X image, as in the FX2N: X0-X17 adjustable, X20 and up fixed at 10 ms.
 
-    The FX2N samples its terminals continuously. Here they are sampled once per scan, so a level must be
-    the same in every sample within the filter time.
+    The FX2N samples its terminals continuously. Here they are sampled once per scan, and between scans by `sample`;
+    a level must be the same in every sample within the filter time.
 
     Attributes:
         filter_ms: Filter time of X0-X17, ms; may be changed at any time.
@@ -41,6 +41,16 @@ class InputFilter(Saved):
         self.filter_ms = filter_ms
         self.since_ms: dict[int, int] = {}
         self._started = False
+
+    def sample(self, now_ms: int, levels: Sequence[bool]) -> None:
+        """Sample the terminals between two scans; the image is unchanged."""
+        if not self._started or self.filter_ms == 0 or (self._image[: len(levels)] == levels and not self.since_ms):
+            return
+        for number, level in enumerate(levels):
+            if level == self._image[number]:
+                self.since_ms.pop(number, None)
+            else:
+                self.since_ms.setdefault(number, now_ms)
 
     def latch(self, now_ms: int, levels: Sequence[bool]) -> None:
         """Update the image with the filtered terminal levels of this scan; the first scan copies them unfiltered."""

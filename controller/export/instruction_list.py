@@ -1,7 +1,7 @@
 """Export of a program as an FX2N instruction list, block by block, with the same devices in the same order.
 
-Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators become
-ANS instructions. Conditions that are used repeatedly are evaluated once, into auxiliary relays (`sharing`). A separate
+Sequences become STL steps, requests remain relays, each Y is written once, in the last block, and annunciators are
+set by timers. Conditions that are used repeatedly are evaluated once, into auxiliary relays (`sharing`). A separate
 block contains the functions that the soft PLC performs outside the program: it resets all states, writes the initial
 set-points and switches M8049 on.
 """
@@ -36,7 +36,10 @@ from controller.core.rungs import (
     written_devices,
 )
 from controller.core.sequence import Sequence, Step
-from controller.export.sharing import item_writes, shared
+from controller.export.dividing import divided
+from controller.export.scan_supervision import COUNTER, MORE_THAN_A_SECOND, SCAN_FAULT, scan_supervision
+from controller.export.sharing import RELAYS, item_writes, shared
+from controller.fx.language.editor_blocks import MOST_LINES, condition_lines
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Ladder, LadderError, Operand
 
 ALWAYS, NEVER, FIRST_SCAN, ANNUNCIATORS_ENABLED = 8000, 8001, 8002, 8049
@@ -46,8 +49,12 @@ FIXED_LATCH: Final = 1024
 POWER_UP: Final = "power-up"
 """Title of the block that the export adds to the program."""
 
-SCRATCH: Final = range(180, 188)
-"""Data registers for intermediate results of `Scale`: product, divisor, quotient and remainder, 32 bits each."""
+SUPERVISION: Final = "scan supervision"
+"""Title of the block that supervises the scan time."""
+
+SCRATCH: Final = range(180, 189)
+"""Data registers that the program must not use: those of `Scale` (product, divisor, quotient and remainder, 32 bits
+each) and the counter of the scan supervision."""
 
 _RELATIONS: Final = {"==": "=", "!=": "<>", "<": "<", "<=": "<=", ">": ">", ">=": ">="}
 _OPPOSITES: Final = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
@@ -74,7 +81,14 @@ def export(program: Program, pulses: PulseTrain | None = None) -> Ladder:
         program: The program.
         pulses: Output that becomes a pulse train; None = all outputs are levels.
     """
-    return _ListWriter(shared(program), pulses).ladder()
+    short = shared(program)
+    used = {device.number for device in short.devices() if device.kind == "M"}
+    free = (number for number in RELAYS if number not in used)
+    return _ListWriter(divided(short, free, _lines, MOST_LINES), pulses, next(free)).ladder()
+
+
+def _lines(condition: Expr) -> int:
+    return condition_lines(list(contacts(condition)))
 
 
 def acting(program: Program) -> Program:
@@ -171,9 +185,12 @@ def _word(operand: Word | int) -> Operand:
 
 
 class _ListWriter:
-    def __init__(self, program: Program, pulses: PulseTrain | None) -> None:
+    def __init__(self, program: Program, pulses: PulseTrain | None, tripped: int) -> None:
         self._program = program
         self._pulses = pulses
+        self._tripped = DeviceOperand("M", tripped)
+        faults = (each.number for each in program.devices() if each.kind == "M" and each.name == SCAN_FAULT)
+        self._fault = next(faults, None)
         self._list: list[Instruction] = []
         self._titles: dict[int, str] = {}
 
@@ -183,10 +200,11 @@ class _ListWriter:
             raise LadderError(f"D{SCRATCH[0]} to D{SCRATCH[-1]} are reserved for the export; use other registers")
         done = next(n for n in RETENTIVE["M"][0] if n >= FIXED_LATCH and ("M", n) not in used)
         self._first_values(done)
+        supervision = self._supervise_scans()
         for block in self._program.blocks:
             self._block(block)
         self._list.append(Instruction("END"))
-        comments = {f"M{done}": "initial values have been written"} | self._comments()
+        comments = {f"M{done}": "initial values have been written"} | supervision | self._comments()
         return Ladder(tuple(self._list), self._titles, comments, self._program.name)
 
     def _comments(self) -> dict[str, str]:
@@ -201,32 +219,48 @@ class _ListWriter:
         self._titles[len(self._list)] = POWER_UP
         self._add("LD", DeviceOperand("M", ALWAYS))
         self._add("OUT", DeviceOperand("M", ANNUNCIATORS_ENABLED))
+        if self._fault is not None:
+            self._add("INC", COUNTER)
         self._add("LD", DeviceOperand("M", FIRST_SCAN))
         self._add("ZRST", DeviceOperand("S", 0), DeviceOperand("S", SIZES["S"] - 1))
+        if self._fault is not None:
+            self._add("MOV", MORE_THAN_A_SECOND, COUNTER)
         if self._program.set_points:
-            self._add("LD", DeviceOperand("M", FIRST_SCAN))
-            self._add("ANI", DeviceOperand("M", done))
-            for word, value in self._program.set_points:
+            for n, (word, value) in enumerate(self._program.set_points):
+                if n % (MOST_LINES - 1) == 0:  # SET follows in the last ladder block
+                    self._add("LD", DeviceOperand("M", FIRST_SCAN))
+                    self._add("ANI", DeviceOperand("M", done))
                 self._add("MOV", Constant(value), _word(word))
             self._add("SET", DeviceOperand("M", done))
+
+    def _supervise_scans(self) -> dict[str, str]:
+        """Write the supervision of the scan time, if the program has a relay for it; return its comments."""
+        if self._fault is None:
+            return {}
+        self._titles[len(self._list)] = SUPERVISION
+        self._list += scan_supervision(DeviceOperand("M", self._fault), self._tripped)
+        return {str(self._tripped): "scans too long", str(COUNTER): "scans in this second"}
 
     def _block(self, block: Block) -> None:
         self._titles[len(self._list)] = block.title
         before: Expr | None = None
+        outputs = 0
         for item in block.items:
             if isinstance(item, Sequence):
                 self._sequence(item)
                 before = None
             else:
                 when = item.driven if isinstance(item, Scale) else item.when
-                if when != before:
+                if when != before or outputs == MOST_LINES:
                     self._list += contacts(when)
+                    outputs = 0
+                outputs += 1
                 if isinstance(item, Scale):
                     self._scale(item)
                 else:
                     self._output(item)
                 # the next rung may share the contacts unless this one has changed them or the devices that they read
-                changed = isinstance(item, Scale) or set(written_devices(item)) & set(leaves(when))
+                changed = isinstance(item, Scale | Annunciate) or set(written_devices(item)) & set(leaves(when))
                 before = None if changed else when
 
     def _sequence(self, sequence: Sequence) -> None:
@@ -282,7 +316,10 @@ class _ListWriter:
             case Inc() | Add() | Subtract():
                 self._arithmetic(rung)
             case Annunciate(timer, preset, target):
-                self._add("ANS", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms), _device(target))
+                # instead of ANS: one step less, and a much shorter execution time (fx2n_times.csv)
+                self._add("OUT", DeviceOperand("T", timer.number), Constant(preset // timer.base_ms))
+                self._add("LD", DeviceOperand("T", timer.number))
+                self._add("SET", _device(target))
 
     def _arithmetic(self, rung: Arithmetic) -> None:
         match rung:

@@ -1,15 +1,18 @@
 """Export of a program as IEC 61131-3 Structured Text: one PROGRAM equivalent to the scan of the soft PLC.
 
 Timers are written as statements instead of TON calls, because a TON measures from its call, whereas an FX timer
-counts ticks of its time base, and the tick count does not change during a scan. The platform only has to provide
-`now_ms`: the calling task writes the scan time to it before each scan. `now_ms` is a LINT because a UDINT of
-milliseconds wraps after 49 days, and the result of an integer overflow is implementation-defined.
+counts ticks of its time base, and the tick count does not change during a scan. All of them use `now_ms`, the time of
+the scan, which the runtime parts of a package advance; without runtime parts, it is an input of the PROGRAM. `now_ms`
+is a LINT because a UDINT of milliseconds wraps after 49 days, and the result of an integer overflow is
+implementation-defined.
 """
 
 from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence as Rows
+from dataclasses import dataclass
 from typing import Final
 
 from controller.core.devices import (
@@ -44,6 +47,7 @@ from controller.core.rungs import (
     ZoneReset,
 )
 from controller.core.sequence import Sequence, Step
+from controller.export.runtime_parts.part import RuntimePart
 from controller.export.structured_text_variables import INDENT, SPECIAL, Variables, identifier, plain, type_of
 from controller.fx.engine.cpu import RETENTIVE_TIMERS
 
@@ -54,41 +58,65 @@ _RELATIONS: Final = {"==": "=", "!=": "<>", "<": "<", "<=": "<=", ">": ">", ">="
 _OPPOSITES: Final = {"==": "!=", "!=": "==", "<": ">=", ">=": "<", ">": "<=", "<=": ">"}
 
 
-def structured_text(program: Program, *, name: str = "transplanter") -> str:
-    """Return a program as the text of one PROGRAM in Structured Text.
+@dataclass(frozen=True, slots=True)
+class ProgramText:
+    """PROGRAM in Structured Text, plain ASCII.
+
+    Attributes:
+        name: Name of the PROGRAM.
+        variables: Its variables.
+        body: Its statements.
+    """
+
+    name: str
+    variables: Variables
+    body: str
+
+    def __str__(self) -> str:
+        sections = (f"PROGRAM {self.name}", *self.variables.sections(), self.body)
+        return "\n\n".join(sections) + "\n\nEND_PROGRAM\n"
+
+
+def structured_text(
+    program: Program, *, name: str = "transplanter", parts: Rows[RuntimePart] = (), variables: Variables | None = None
+) -> ProgramText:
+    """Return a program as one PROGRAM in Structured Text, without vendor extensions.
 
     Every device of the program becomes a variable; retentive devices are in VAR RETAIN, and set-points have
-    their initial values. The platform provides the input filter.
+    their initial values.
 
     Args:
         program: Program; `controller.export.instruction_list.acting` removes the parts that do not influence Y.
         name: Name of the PROGRAM.
-
-    Returns:
-        The text, plain ASCII, without vendor extensions.
+        parts: Runtime parts, in the order of their statements; none = `now_ms` is an input of the PROGRAM.
+        variables: Variables of the program; None = every device has an address.
     """
-    return _TextWriter(program).text(identifier(name))
+    return _TextWriter(program, variables or Variables(program)).text(identifier(name), parts)
 
 
 class _TextWriter:
     """Line-by-line writer of the statements."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: Program, variables: Variables) -> None:
         self._program = program
-        self._variables = Variables(program)
+        self._variables = variables
         self._var = self._variables.device
         self._lines: list[str] = []
         self._depth = 0
 
-    def text(self, name: str) -> str:
+    def text(self, name: str, parts: Rows[RuntimePart]) -> ProgramText:
+        for part in parts:
+            self._add(*part.begin(self._variables))
+        before, self._lines = self._lines, []
         for block in self._program.blocks:
             self._block(block)
         body, self._lines = self._lines, []
         self._begin()
         start, self._lines = self._lines, []
         self._end()
-        sections = [f"PROGRAM {name}", *self._variables.sections(), "\n".join(start + body + self._lines)]
-        return "\n\n".join(sections) + "\n\nEND_PROGRAM\n"
+        for part in parts:
+            self._add(*part.end(self._variables))
+        return ProgramText(name, self._variables, "\n".join(before + start + body + self._lines))
 
     def _begin(self) -> None:
         for base in (MS_100, MS_10):

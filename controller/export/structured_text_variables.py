@@ -1,15 +1,15 @@
 """Variables of a program in Structured Text: names, types, addresses and declarations.
 
-Addresses: X and Y use the octal label as byte and bit (X12 is %IX1.2), M starts at %MX0.0, S at %MX1100.0, D at
-%MW1000. These ranges do not overlap on platforms where %MX counts bytes and %MW counts words of the same area (from
-memory); platforms where both count bytes need other addresses. Special relays and registers, timers and counters have
-no address.
+Addresses of a target without limits: X and Y use the octal label as byte and bit (X12 is %IX1.2), M starts at %MX0.0,
+S at %MX1100.0, D at %MW1000. These ranges do not overlap on platforms where %MX counts bytes and %MW counts words of
+the same area (general knowledge); platforms where both count bytes need other addresses. Special relays and registers,
+timers and counters have no address. A runtime with a smaller memory has an address function of its own.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,6 +24,8 @@ D_WORD: Final = 1000
 SPECIAL: Final = 8000
 """Number of the first special relay and register."""
 
+CLOCK: Final = "now_ms"
+"""Variable with the time of the scan."""
 INDENT: Final = "    "
 _ORDER: Final = "XYMSTCD"
 
@@ -103,8 +105,25 @@ def plain(text: str) -> str:
 class Variables:
     """Variables of the program; names are unique regardless of case."""
 
-    def __init__(self, program: Program) -> None:
-        """Name the devices of a program."""
+    def __init__(
+        self,
+        program: Program,
+        locate: Callable[[str, int], str] = address,
+        outputs: Mapping[int, bool] | None = None,
+        *,
+        retain: bool = True,
+    ) -> None:
+        """Name the devices of a program.
+
+        Args:
+            program: The program.
+            locate: Function that returns the address of a device, or an empty text if it has none.
+            outputs: Raw levels of the outputs before the first scan, by number; None = all off.
+            retain: False if the target does not retain variables.
+        """
+        self._retain = retain
+        self._locate = locate
+        self._outputs = outputs or {}
         self._used_names = {"NOW_MS"}
         self._devices: dict[tuple[str, int, bool], Variable] = {}
         self._helpers: dict[str, Variable] = {}
@@ -136,20 +155,41 @@ class Variables:
             self._helpers[name] = Variable(self._unique(name), type_, first=first)
         return self._helpers[name].name
 
+    def add(self, variable: Variable) -> str:
+        """Declare a variable of a runtime part and return its name.
+
+        Raises:
+            ValueError: The name is already used.
+        """
+        if variable.name.upper() in self._used_names:
+            raise ValueError(f"{variable.name}: already the name of a variable")
+        self._used_names.add(variable.name.upper())
+        self._helpers[variable.name] = variable
+        return variable.name
+
+    def own_clock(self, first_ms: int) -> None:
+        """Declare the time of the scan as a variable that the program advances, instead of an input."""
+        self._helpers[CLOCK] = Variable(CLOCK, "LINT", first=str(first_ms), comment="time of the scan, ms")
+
     def memory(self, name: str) -> str:
         """Declare a new BOOL variable that has no device, and return its name."""
         unique = self._unique(name)
         self._helpers[unique] = Variable(unique, "BOOL")
         return unique
 
+    def all(self) -> tuple[Variable, ...]:
+        """Return all declared variables."""
+        return (*self._devices.values(), *self._helpers.values())
+
     def sections(self) -> Iterator[str]:
         """Yield the declarations, section by section."""
-        yield "VAR_INPUT\n    now_ms : LINT; (* scan time in ms; must never decrease *)\nEND_VAR"
+        if CLOCK not in self._helpers:
+            yield f"VAR_INPUT\n    {CLOCK} : LINT; (* scan time in ms; must never decrease *)\nEND_VAR"
         for retain in (False, True):
             for located in (True, False):
                 lines = [
                     f"{INDENT}{variable}"
-                    for variable in (*self._devices.values(), *self._helpers.values())
+                    for variable in self.all()
                     if variable.retain == retain and bool(variable.address) == located
                 ]
                 if lines:
@@ -164,13 +204,15 @@ class Variables:
         first = "TRUE" if kind == "M" and number in (RUN_MONITOR, INITIAL_PULSE) else ""
         if (kind, number) in self._first:
             first = str(self._first[kind, number])
+        if kind == "Y" and self._outputs.get(number):
+            first = "TRUE"
         return Variable(
             name=self._unique(variable, fx_name.lower()),
             type=type_of(kind, number) if value else "BOOL",
-            address=address(kind, number),
+            address=self._locate(kind, number),
             first=first,
             # like the soft PLC, the exported program starts without an active state
-            retain=kind != "S" and is_retentive(kind, number),
+            retain=self._retain and kind != "S" and is_retentive(kind, number),
             comment=": ".join(part for part in (fx_name, tag, meaning) if part),
         )
 

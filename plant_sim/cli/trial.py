@@ -17,13 +17,16 @@ from plant_sim.cli.options import (
     faults_of,
     machine_of,
 )
-from plant_sim.twin.ladder_trial import load_ladder, run_ladder_trial
+from plant_sim.twin.ladder_trial import LadderReport, ScanRow, load_ladder, run_ladder_trial, table
 from plant_sim.twin.repeats import Repeats
 from plant_sim.twin.report import TrialReport
+from plant_sim.twin.scan_timing import ScanTiming
 from plant_sim.twin.trial import run_trial
 
 MOST_SEEDLINGS = 72_000
 MOST_TRIALS = 10_000
+LONGEST_SCAN_MS = 200
+"""Longest scan of an FX2N, ms: its watchdog (docs/sources/fx2n.md 1.4)."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +51,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=None,
         metavar="FILE",
         help="FX program, instruction list or GX Works2 CSV, that replaces the controller",
+    )
+    parser.add_argument(
+        "--scan-ms",
+        type=int,
+        nargs="+",
+        default=None,
+        metavar="MS",
+        help="with --ladder: time between two scans, ms; the input filter samples the terminals between them. Several "
+        "times, or --repeat, print a table",
+    )
+    parser.add_argument("--jitter-ms", type=int, default=0, metavar="MS", help="with --scan-ms: largest deviation, ms")
+    parser.add_argument(
+        "--long-scan-ms", type=int, default=0, metavar="MS", help="with --scan-ms: one scan in 1000 takes this time, ms"
+    )
+    parser.add_argument(
+        "--scan-estimate", action="store_true", help="with --ladder: estimate the scan time of a real FX2N"
     )
     add_air_argument(parser)
     add_fault_arguments(parser)
@@ -104,16 +123,53 @@ def _trials(options: argparse.Namespace) -> list[TrialReport]:
 
 
 def _ladder_trial(options: argparse.Namespace) -> int:
+    _check_ladder(options)
+    reports = _ladder_reports(options)
+    if options.scan_ms is None or len(reports) == options.repeat == 1:
+        ((_, (report,)),) = reports
+        print(json.dumps(report.record()) if options.json else report.text())
+        return 0 if report.completed else 1
+    rows = [ScanRow(timing, each) for timing, each in reports if timing is not None]
+    print(json.dumps([row.record() for row in rows]) if options.json else "\n".join(table(rows)))
+    return 0 if all(report.completed for row in rows for report in row.reports) else 1
+
+
+def _check_ladder(options: argparse.Namespace) -> None:
     if options.fault or options.record is not None:
         raise InputError("--ladder: faults and recordings are not supported; omit --fault and --record")
-    if options.csv or options.seedlings is not None or options.repeat > 1:
-        raise InputError("--ladder: runs full trays once; omit --csv, --seedlings and --repeat")
-    report = run_ladder_trial(
-        load_ladder(options.ladder),
-        seed=options.seed,
-        trays=options.trays,
-        io_map=load_io_map(options.io_map),
-        parameters=machine_of(options),
-    )
-    print(json.dumps(report.record()) if options.json else report.text())
-    return 0 if report.completed else 1
+    if options.csv or options.seedlings is not None or (options.repeat > 1 and options.scan_ms is None):
+        raise InputError("--ladder: runs full trays once; omit --csv, --seedlings and --repeat, or add --scan-ms")
+    if options.scan_ms is None:
+        if options.jitter_ms or options.long_scan_ms:
+            raise InputError("--jitter-ms and --long-scan-ms: change the scan time; add --scan-ms")
+        return
+    for scan_ms in options.scan_ms:
+        if not 0 <= options.jitter_ms < scan_ms <= LONGEST_SCAN_MS:
+            raise InputError(
+                f"--scan-ms {scan_ms} --jitter-ms {options.jitter_ms}: the scan time must be 1 to {LONGEST_SCAN_MS} ms "
+                "and more than the jitter, and the jitter 0 or more"
+            )
+    if not 0 <= options.long_scan_ms <= LONGEST_SCAN_MS:
+        raise InputError(f"--long-scan-ms {options.long_scan_ms}: must be 0 to {LONGEST_SCAN_MS}")
+
+
+def _ladder_reports(options: argparse.Namespace) -> list[tuple[ScanTiming | None, list[LadderReport]]]:
+    """Run the ladder program with each scan timing and each seed."""
+    ladder, io_map, machine = load_ladder(options.ladder), load_io_map(options.io_map), machine_of(options)
+    timings: list[ScanTiming | None] = [
+        ScanTiming(scan_ms, options.jitter_ms, options.long_scan_ms) for scan_ms in options.scan_ms or ()
+    ]
+
+    def report(timing: ScanTiming | None, seed: int) -> LadderReport:
+        return run_ladder_trial(
+            ladder,
+            seed=seed,
+            trays=options.trays,
+            io_map=io_map,
+            parameters=machine,
+            timing=timing,
+            estimates=options.scan_estimate,
+        )
+
+    seeds = range(options.seed, options.seed + options.repeat)
+    return [(timing, [report(timing, seed) for seed in seeds]) for timing in timings or [None]]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -15,10 +16,10 @@ from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.scan_timing import NO_WATCHDOG_MS, ScanEstimate, ScanMonitor, ScanTiming, TrialClock
 
-__all__ = ["LadderError", "LadderReport", "load_ladder", "run_ladder_trial"]
+__all__ = ["LadderError", "LadderReport", "ScanRow", "load_ladder", "run_ladder_trial", "table"]
 
-SCAN_MS: Final = 10
 PRESS_MS: Final = 200
 IDLE_LIMIT_MS: Final = 20_000
 """Idle time after which the operator presses the start button, or the trial ends. Twelve cups at 45 cups/min
@@ -38,6 +39,8 @@ class LadderReport:
         incidents: Incidents in the plant, one line each.
         simulated_s: Simulated time, s.
         error: CPU error that stopped the program; empty if none.
+        alarms: Annunciators that were on, in the order of their first activation.
+        scan_estimate: Estimated scan time on a real FX2N; None = not estimated.
     """
 
     counts: SeedlingCounts
@@ -45,6 +48,8 @@ class LadderReport:
     incidents: tuple[str, ...]
     simulated_s: float
     error: str
+    alarms: tuple[str, ...] = ()
+    scan_estimate: ScanEstimate | None = None
 
     @property
     def completed(self) -> bool:
@@ -61,6 +66,8 @@ class LadderReport:
             "incidents": list(self.incidents),
             "simulated_s": self.simulated_s,
             "error": self.error,
+            "alarms": list(self.alarms),
+            **({} if self.scan_estimate is None else {"scan_estimate": asdict(self.scan_estimate)}),
         }
 
     def text(self) -> str:
@@ -70,7 +77,9 @@ class LadderReport:
             f"{c.total} seedlings: {c.in_cups} in cups, {c.P} lost picking, {c.D} lost carrying, {c.T} lost throwing, "
             f"{c.in_tray} left in trays, {c.in_claw} in claws",
             f"{self.simulated_s:.1f} s simulated, start pressed {self.presses} times",
+            *(f"alarm {name}" for name in self.alarms),
             *self.incidents,
+            *([] if self.scan_estimate is None else [str(self.scan_estimate)]),
         ]
         return "\n".join([*lines, self.error] if self.error else lines)
 
@@ -83,6 +92,8 @@ def run_ladder_trial(
     io_map: IoMap,
     parameters: Machine,
     values: Mapping[DeviceOperand, int] | None = None,
+    timing: ScanTiming | None = None,
+    estimates: bool = False,
 ) -> LadderReport:
     """Run an FX program on the plant until all motion has stopped.
 
@@ -95,20 +106,26 @@ def run_ladder_trial(
         io_map: I/O map.
         parameters: Machine parameters.
         values: Values written to registers and relays after the first scan, as with a programming tool.
+        timing: Scan time of the PLC, with terminals that are sampled between scans as in an FX2N; None = a scan every
+            `SCAN_MS`, which also samples the terminals.
+        estimates: True to estimate the scan time of a real FX2N, which takes a few seconds.
 
     Raises:
         LadderError: The program cannot be run.
     """
     plant = Plant(io_map, parameters, seed=seed, trays=trays)
-    module, plc = IoModule(plant, io_map), FxPlc(ladder, execution=fastest_execution)
+    module = IoModule(plant, io_map) if timing is None else IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
+    plc = FxPlc(ladder, execution=fastest_execution)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
-    scan_ms = SCAN_MS
+    clock, monitor = TrialClock(timing, seed), ScanMonitor(estimates)
     while plc.error is None and now_ms < trays * TRAY_LIMIT_MS:
         image = plc.scan(now_ms, module.inputs())[: io_map.output_count]
         if now_ms == 0:
             _write(plc, values or {})
         module.write_outputs(0, image)
+        monitor.note(plc)
+        scan_ms = clock.next_ms(plc)
         still_ms = 0 if any(point.active(image[point.number]) for point in movers) else still_ms + scan_ms
         if still_ms >= IDLE_LIMIT_MS:
             counts = plant.counts()
@@ -117,11 +134,13 @@ def run_ladder_trial(
             plant.box.start, release_ms, still_ms, presses = True, now_ms + PRESS_MS, 0, presses + 1
         if plant.box.start and now_ms >= release_ms:
             plant.box.start = False
-        scan_ms = max(SCAN_MS, plc.constant_scan_ms)
-        module.advance(scan_ms)
+        clock.advance(module, plc, now_ms, scan_ms)
         now_ms += scan_ms
     incidents = tuple(f"{event.kind.value}: {event.text}, at {event.time_ms} ms" for event in plant.events)
-    return LadderReport(plant.counts(), presses, incidents, now_ms / 1_000, str(plc.error or ""))
+    error, simulated_s = str(plc.error or ""), now_ms / 1_000
+    return LadderReport(
+        plant.counts(), presses, incidents, simulated_s, error, alarms=monitor.alarms, scan_estimate=monitor.estimate
+    )
 
 
 def _write(plc: FxPlc, values: Mapping[DeviceOperand, int]) -> None:
@@ -130,3 +149,60 @@ def _write(plc: FxPlc, values: Mapping[DeviceOperand, int]) -> None:
             plc.memory.D[device.number] = value
         else:
             plc.memory.bits(device.kind)[device.number] = bool(value)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanRow:
+    """Trials with one scan timing.
+
+    Attributes:
+        timing: Scan time.
+        reports: One report for each seed.
+    """
+
+    timing: ScanTiming
+    reports: Sequence[LadderReport]
+
+    def record(self) -> dict[str, object]:
+        """Return the row as a flat record: sums over the trials."""
+        counts = [report.counts for report in self.reports]
+        alarms = Counter(alarm.split()[0] for report in self.reports for alarm in report.alarms)
+        return {
+            **asdict(self.timing),
+            "trials": len(self.reports),
+            "completed": sum(report.completed for report in self.reports),
+            "total": sum(each.total for each in counts),
+            "in_cups": sum(each.in_cups for each in counts),
+            "P": sum(each.P for each in counts),
+            "D": sum(each.D for each in counts),
+            "T": sum(each.T for each in counts),
+            "left": sum(each.in_tray + each.in_claw for each in counts),
+            "incidents": sum(len(report.incidents) for report in self.reports),
+            "alarms": dict(sorted(alarms.items())),
+            "errors": sum(bool(report.error) for report in self.reports),
+        }
+
+
+def table(rows: Sequence[ScanRow]) -> Iterator[str]:
+    """Yield the lines of a Markdown table."""
+    yield "| scan, ms | completed | in cups | P | D | T | left | incidents | alarms (trials) |"
+    yield "|---|---|---|---|---|---|---|---|---|"
+    for row in rows:
+        cells = row.record()
+        alarms = cells["alarms"]
+        assert isinstance(alarms, dict)  # noqa: S101 - narrows the union
+        listed = ", ".join(f"{name} ({count})" for name, count in alarms.items()) or "–"
+        numbers = (f"{cells[key]}" for key in ("in_cups", "P", "D", "T", "left", "incidents"))
+        completed = f"{cells['completed']} of {cells['trials']}"
+        yield f"| {' | '.join((_scan(row.timing), completed, *numbers, listed))} |"
+
+
+def _scan(timing: ScanTiming) -> str:
+    """Return a scan timing in a few characters.
+
+    Examples:
+        >>> _scan(ScanTiming(12, 2, 80)), _scan(ScanTiming(10))
+        ('12 ± 2, one in 1000: 80', '10')
+    """
+    mean = f"{timing.period_ms} ± {timing.jitter_ms}" if timing.jitter_ms else f"{timing.period_ms}"
+    return f"{mean}, one in {timing.long_every}: {timing.long_ms}" if timing.long_ms else mean

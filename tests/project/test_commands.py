@@ -178,7 +178,7 @@ for name in ("SIGALRM", "SIGCHLD", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGQUIT", "S
     ("package", "arguments", "expected"),
     first_of(
         [
-            ("controller", ("ladder", "export", "--format", "gx-csv", "--out", "{folder}/program.csv"), "\nfits\n"),
+            ("controller", ("ladder", "export", "--target", "fx2n", "--out", "{folder}/fx2n"), "\nfits\n"),
             ("plant_sim", ("trial", "--trays", "1"), "seedlings 72: "),
             ("controller", ("prove", "--short", "--goal", "left: down away from feed"), "proved"),
             ("plant_sim", ("study", "cabbage-rsm", "--data", "printed"), "="),

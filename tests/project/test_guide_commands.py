@@ -258,7 +258,8 @@ def recorded_history(folder: Path) -> None:
 
 
 def exported_program(folder: Path) -> None:
-    python(folder, "controller", "ladder", "export", "--format", "gx-csv", "--out", "my.csv")
+    python(folder, "controller", "ladder", "export", "--target", "fx2n", "--out", "fx2n")
+    (folder / "fx2n" / "transplanter.csv").rename(folder / "my.csv")
 
 
 def story_of_the_page(folder: Path) -> None:

@@ -194,9 +194,9 @@ def test_the_installed_wheel_runs_outside_the_tree_and_is_uninstalled_completely
     program += "print(json.dumps([l.__file__, str(l.DEFAULT_IO_MAP), p.__file__, str(p.DEFAULT_MACHINE)]))"
     paths = json.loads(environment.run("python", "-c", program).stdout)
     assert all(Path(path).is_relative_to(site.resolve()) or Path(path).is_relative_to(site) for path in paths)
-    export = environment.run(SCRIPTS[0], "ladder", "export", "--format", "il", "--out", "program.il")
+    export = environment.run(SCRIPTS[0], "ladder", "export", "--target", "fx2n", "--out", "fx2n")
     assert export.stdout.endswith("\nfits\n")
-    assert (environment.folder / "work/program.il").stat().st_size > 10_000
+    assert (environment.folder / "work/fx2n/transplanter.il").stat().st_size > 10_000
     environment.run(SCRIPTS[1], "scenario", "stuck-reed-switch")
     link.unlink()
     environment.pip("uninstall", "--yes", "seedling-transplanter")
@@ -239,7 +239,7 @@ def test_the_controller_alone_needs_no_extra(distributions: Distributions, tmp_p
     installed = {path.name for path in environment.site_packages.iterdir()}
     assert not installed & {*EXTRAS, "llvmlite", "pandas"}
     assert "--retain" in environment.run(SCRIPTS[0], "run", "--help").stdout
-    environment.run(SCRIPTS[0], "ladder", "export", "--format", "gx-csv", "--out", "program.csv")
+    environment.run(SCRIPTS[0], "ladder", "export", "--target", "fx2n", "--out", "fx2n")
     missing_history = environment.run(SCRIPTS[0], "history", "none.sqlite", code=2)
     assert missing_history.stderr.startswith("none.sqlite: no such file")
     for module, (script, *arguments) in MISSING_COMMANDS.items():

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.fx.drawing.rung_shapes import Contact, Leg, Parallel, Rung, Series, Shape, rungs_of, series
 from controller.fx.drawing.step_chart import draw_charts
 from controller.fx.drawing.svg import CHARACTER_WIDTH, SvgPicture
 from controller.fx.language.instruction import DeviceOperand, Digits, Instruction, Ladder
+from controller.fx.language.rung_shapes import Contact, Leg, Parallel, Rung, Series, Shape, rungs_of, series
 
 CELL: Final = 136
 """Width of a contact with its texts, px."""

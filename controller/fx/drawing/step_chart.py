@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from controller.core.devices import ANNUNCIATORS
-from controller.fx.drawing.rung_shapes import Contact, Leg, Rung, Series, Shape, rungs_of
 from controller.fx.drawing.svg import CHARACTER_WIDTH, SvgPicture
 from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder
 from controller.fx.language.instruction_set import JOINS, RELATIONS
+from controller.fx.language.rung_shapes import Contact, Leg, Rung, Series, Shape, rungs_of
 
 BOX_WIDTH: Final = 230
 BOX_HEIGHT: Final = 40

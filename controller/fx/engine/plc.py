@@ -101,6 +101,16 @@ class FxPlc:
         self.cpu.latches = self._scan(now_ms, levels)
         return self.cpu.latches.copy()
 
+    def sample(self, now_ms: int, levels: Rows[bool]) -> None:
+        """Sample the X terminals between two scans, for their input filter.
+
+        Args:
+            now_ms: Time of the sample, ms, non-decreasing.
+            levels: Raw levels of the X terminals in numerical order from X0.
+        """
+        if self.running:
+            self._filter.sample(now_ms, levels)
+
     @property
     def refreshed(self) -> list[bool] | None:
         """Copy of the Y terminal levels written by the last REF before END of the last scan; None = no REF."""

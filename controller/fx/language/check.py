@@ -10,6 +10,7 @@ Rules:
   neither driving nor reading. A device number that is known only at run time counts as all devices of its kind.
 * The same timer in two consecutive steps: it is never off between them (docs/sources/fx2n.md 1.7).
 * Features that an FX2N does not have: more than 8,000 steps, bits of data registers.
+* Ladder blocks that GX Works2 displays but cannot edit, because they are too tall or too wide (fx2n.md 2.3).
 """
 
 from __future__ import annotations
@@ -21,12 +22,15 @@ from itertools import combinations, product
 from typing import Final, Literal
 
 from controller.core.devices import ANNUNCIATORS, SIZES, device_name
+from controller.fx.language.editor_blocks import CELLS, MOST_LINES, editor_blocks
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Instruction, Ladder, Operand, WordBit
 from controller.fx.language.instruction_set import FORMS, steps
 from controller.fx.language.operand_rules import RANGES, SPANS
 
 MOST_STEPS: Final = 8000
 """Program memory of an FX2N without a cassette (from memory)."""
+CASSETTE_STEPS: Final = 16_000
+"""Program memory of an FX2N with a memory cassette of 16K steps (from memory)."""
 
 Severity = Literal["warning", "error"]
 Key = tuple[str, int]
@@ -77,12 +81,19 @@ def available(kind: str) -> int:
 
 def usage(ladder: Ladder) -> Usage:
     """Return the FX2N resources used by a program; an indexed device counts as the device without its index."""
-    used: set[Key] = set()
-    for instruction in ladder.instructions:
-        for n, operand in enumerate(instruction.operands):
-            used.update(_devices(instruction, n, operand))
+    used = devices_of(ladder)
     devices = {kind: sum(k == kind and number in RANGES[k][0] for k, number in used) for kind in SIZES}
     return Usage(sum(map(steps, ladder.instructions)), devices)
+
+
+def devices_of(ladder: Ladder) -> set[Key]:
+    """Return the kind and number of every device in a program; an index is ignored."""
+    return {
+        key
+        for instruction in ladder.instructions
+        for n, operand in enumerate(instruction.operands)
+        for key in _devices(instruction, n, operand)
+    }
 
 
 def budget(ladder: Ladder, titles: Iterable[str]) -> dict[str, int]:
@@ -100,10 +111,17 @@ def budget(ladder: Ladder, titles: Iterable[str]) -> dict[str, int]:
     return found
 
 
+def remedy_for_steps(total: int) -> str:
+    """Return what to do about a program that exceeds the memory of an FX2N without a cassette."""
+    if total > CASSETTE_STEPS:
+        return "shorten it"
+    return f"shorten it, or fit a memory cassette of {CASSETTE_STEPS} steps (general knowledge)"
+
+
 def check(ladder: Ladder) -> list[Finding]:
     """Return the findings about a program in line order."""
     found = [*_exceeded_limits(ladder), *_double_coils(ladder), *_unpaired_devices(ladder), *_shared_timers(ladder)]
-    found += [*_unused_labels(ladder), *_repeated_steps(ladder)]
+    found += [*_unused_labels(ladder), *_repeated_steps(ladder), *_large_blocks(ladder)]
     return sorted(found, key=lambda finding: (finding.line, finding.text))
 
 
@@ -111,13 +129,30 @@ def _exceeded_limits(ladder: Ladder) -> Iterator[Finding]:
     """Yield a finding for each limit of an FX2N that the program exceeds."""
     total = usage(ladder).steps
     if total > MOST_STEPS:
-        text = f"the program has {total} steps, but an FX2N has only {MOST_STEPS}; shorten it"
+        text = f"the program has {total} steps, but an FX2N has only {MOST_STEPS}; {remedy_for_steps(total)}"
         yield Finding("error", ladder.instructions[-1].line, text)
     for instruction in ladder.instructions:
         for operand in instruction.operands:
             if isinstance(operand, WordBit):
                 text = f"{operand}: an FX2N has no bits of data registers; use M in a program for an FX2N"
                 yield Finding("warning", instruction.line, text)
+
+
+def _large_blocks(ladder: Ladder) -> Iterator[Finding]:
+    """Yield a finding for each ladder block that GX Works2 cannot edit."""
+    try:
+        blocks = list(editor_blocks(ladder))
+    except RecursionError:
+        yield Finding("warning", 1, "a ladder block is nested too deeply for GX Works2; split it with relays")
+        return
+    for block in blocks:
+        line = ladder.instructions[block.first].line
+        if block.lines > MOST_LINES:
+            text = f"the ladder block has {block.lines} lines, and GX Works2 edits at most {MOST_LINES}; divide it: "
+            yield Finding("warning", line, text + "repeat its contacts, or combine some of them in a relay")
+        if block.widest >= CELLS:
+            text = f"the ladder block has parallel contacts {block.widest} cells wide, and GX Works2 continues only "
+            yield Finding("warning", line, text + f"series in the next line, of {CELLS - 1} cells; combine in a relay")
 
 
 @dataclass(slots=True)

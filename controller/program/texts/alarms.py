@@ -77,8 +77,10 @@ ALARMS: Final = {
     "scan_fault": AlarmText(
         Text("Scan time exceeded or scan failed; outputs off", "扫描超时或出错，输出已切断"),
         Text(
-            "Controller log; CPU load of other programs; computer in sleep mode? If it recurs: restart the controller",
-            "控制器日志；是否有其他程序占用计算机，是否进入过休眠；再次出现时重启控制器",
+            "Controller log; CPU load of other programs; computer in sleep mode? If it recurs: restart the controller; "
+            "FX2N: scan time in D8010 to D8012",
+            "控制器日志；是否有其他程序占用计算机，是否进入过休眠；再次出现时重启控制器；"
+            "FX2N：查看 D8010 至 D8012 的扫描时间",
         ),
     ),
     "store_fault": AlarmText(

@@ -12,6 +12,7 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from controller.cli.main import main as controller
+from controller.export.packages import fx2n
 from controller.fx.language.check import MOST_STEPS
 from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
@@ -48,38 +49,64 @@ def test_the_documentation_states_the_size_of_the_export_to_the_nearest_hundred(
         assert f"uses about {round(STEPS, -2):,} of the 8,000" in page.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("form", "ending"), [("il", "il"), ("gx-csv", "csv")])
 def test_an_export_can_be_read_back_and_its_size_is_reported(
-    form: str, ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / f"transplanter.{ending}"
-    assert controller(["ladder", "export", "--format", form, "--out", str(out)]) == 0
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert f"{STEPS} of 8000 steps" in printed
     assert printed.endswith("fits\n")
-    budget = {title: int(used) for used, title in (line.split(maxsplit=1) for line in printed.splitlines()[2:-1])}
+    steps_of, facts = printed.splitlines()[2:-6], printed.splitlines()[-6:]
+    budget = {title: int(used) for used, title in (line.split(maxsplit=1) for line in steps_of)}
     assert sum(budget.values()) == MOST_STEPS
     assert budget["free"] == MOST_STEPS - STEPS
-    assert {"power-up", "modes", "interlocks and outputs"} <= set(budget)
-    assert load_ladder(out) == EXPORTED
+    assert {"power-up", "scan supervision", "modes", "interlocks and outputs"} <= set(budget)
+    assert "the largest with 24 lines, 0 too large for GX Works2" in facts[0]
+    assert facts[1].startswith("device comments: ")
+    assert facts[2] == "option: a memory cassette has 16000 steps (general knowledge)"
+    assert re.match(r"estimated scan time of an FX2N: \d\.\d ms with no step active", facts[3])
+    assert facts[4] == "scan supervision: mean of one second at most 12 ms, one scan at most 60 ms"
+    read_me = (tmp_path / "README.txt").read_text(encoding="utf-8")
+    assert "alarm S902 if the mean scan time in one second exceeds 12 ms" in read_me
+    assert f"Memory: {STEPS} steps" in read_me
+    assert max(map(len, read_me.splitlines())) <= 120
+    assert load_ladder(tmp_path / "transplanter.il") == EXPORTED
+    assert load_ladder(tmp_path / "transplanter.csv") == EXPORTED
 
 
 def test_export_with_pulses_for_the_stepper(tmp_path: Path) -> None:
-    out = tmp_path / "pulses.il"
-    assert controller(["ladder", "export", "--format", "il", "--stepper", "plsy", "--out", str(out)]) == 0
-    names = [str(each) for each in load_ladder(out).instructions]
+    assert controller(["ladder", "export", "--target", "fx2n", "--stepper", "plsy", "--out", str(tmp_path)]) == 0
+    names = [str(each) for each in load_ladder(tmp_path / "transplanter.il").instructions]
     assert names.count("PLSY K955 K0 Y0") == 1
     assert "OUT Y0" not in names
 
 
 def test_structured_text_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "transplanter.st"
-    assert controller(["ladder", "export", "--format", "st", "--out", str(out)]) == 0
-    text = out.read_text(encoding="utf-8")
+    assert controller(["ladder", "export", "--target", "plain", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "transplanter.st").read_text(encoding="utf-8")
     assert text.count("END_PROGRAM") == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1].startswith(f"as instructions of an FX2N: {STEPS} of 8000 steps")
     assert "fits" not in lines, "Structured Text is for other PLCs"
+
+
+def test_an_export_with_more_steps_than_an_fx2n_has_names_the_memory_cassette(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fx2n, "MOST_STEPS", STEPS - 1)
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 1
+    *_, verdict = capsys.readouterr().out.splitlines()
+    assert verdict == (
+        f"does not fit: more than {STEPS - 1} steps; shorten it, or fit a memory cassette of 16000 steps "
+        "(general knowledge)"
+    )
+
+
+def test_check_prints_the_estimated_scan_time_of_a_cpu(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert controller(["ladder", "check", str(program)]) == 0
+    assert "scan time" not in capsys.readouterr().out
+    assert controller(["ladder", "check", str(program), "--cpu", "fx2n"]) == 0
+    *_, estimate = capsys.readouterr().out.splitlines()
+    assert estimate.startswith("estimated scan time of an FX2N: 0.5 ms with no step active")
 
 
 def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,12 +120,11 @@ def test_check_reports_findings_and_size(program: Path, capsys: pytest.CaptureFi
 def test_the_only_finding_in_the_exported_program_concerns_commands_set_by_an_hmi(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "transplanter.il"
-    assert controller(["ladder", "export", "--format", "il", "--out", str(out)]) == 0
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
-    assert controller(["ladder", "check", str(out)]) == 0
+    assert controller(["ladder", "check", str(tmp_path / "transplanter.il")]) == 0
     orders, _ = capsys.readouterr().out.splitlines()
-    assert re.search(r": warning: M0 to M6, M8, M400 to .*: read but never driven; valid if a screen", orders)
+    assert re.search(r": warning: M0, M2 to M6, M8, M400 to .*: read but never driven; valid if a screen", orders)
 
 
 def test_run_traces_devices_scan_by_scan(program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -130,7 +156,8 @@ def test_draw_writes_pictures(program: Path, tmp_path: Path, capsys: pytest.Capt
         (["check", "{0}/wrong.il"], "wrong.il:1:1: LAD X0:"),
         (["run", "{0}/seal-in.il", "--stimulus", "{0}/none.yaml"], "none.yaml"),
         (["draw", "{0}/seal-in.il", "--out", "{0}/seal-in.il"], "seal-in.il"),
-        (["export", "--format", "il", "--out", "{0}/no/such/folder.il"], "folder.il"),
+        (["export", "--target", "fx2n", "--out", "{0}/no/such/folder"], "no/such/folder"),
+        (["export", "--target", "fx2n", "--out", "{0}/seal-in.il"], "seal-in.il"),
     ],
 )
 def test_invalid_input_is_reported_in_one_line(
@@ -168,11 +195,10 @@ def test_the_exported_program_transplants_144_seedlings(
                 self.pressed_ms.add(self.time_ms)
             super().step(for_ms, y)
 
-    out = tmp_path / "transplanter.csv"
-    assert controller(["ladder", "export", "--format", "gx-csv", "--out", str(out)]) == 0
+    assert controller(["ladder", "export", "--target", "fx2n", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
     monkeypatch.setattr(ladder_trial, "Plant", Watched)
-    assert plant_sim(["trial", "--ladder", str(out), "--json"]) == 0
+    assert plant_sim(["trial", "--ladder", str(tmp_path / "transplanter.csv"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     (theirs,) = plants
     ours = Twin(seed=1, trays=2, set_points={"trays_target": 2})

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from ast import literal_eval
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from types import CodeType
@@ -20,6 +21,9 @@ from lark import Token, Tree
 OPERATORS: Final = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not", "MOD": "%", "/": "//"}
 RANGES: Final = {"INT": 2**15, "DINT": 2**31, "LINT": 2**63}
 FUNCTIONS: Final = {"MIN": min}
+RUNTIME_CALLS: Final = ("TON_TRUE", "TON_FALSE", "LEAVE")
+"""Functions that stand for the calls of a TON with its input on or off, and for RETURN."""
+UNITS_MS: Final = {"ms": 1, "s": 1_000, "m": 60_000}
 SHORT: Final = "abcfghijklmnopquvwxyz"
 KEYWORDS: Final = frozenset("IF THEN ELSIF ELSE END_IF AND OR NOT MOD TRUE FALSE".split())  # noqa: SIM905 - more readable as text
 
@@ -57,7 +61,8 @@ class StProgram:
     """
 
     def __init__(self, text: str) -> None:
-        head, _, body = re.sub(r"\(\*.*?\*\)", "", text).rpartition("END_VAR\n")
+        program = re.sub(r"\(\*.*?\*\)", "", text).partition("END_PROGRAM\n")[0] + "END_PROGRAM\n"
+        head, _, body = _without_ton(program).rpartition("END_VAR\n")
         self.variables = {v.name: v for v in _declared(f"{head}END_VAR\nEND_PROGRAM\n")}
         self._body = body.replace("END_PROGRAM\n", "")
 
@@ -72,9 +77,26 @@ class StProgram:
             lines += _Python(types, names, pieces).block(_parsed(shape, "statement_list"), 0)
         return "\n".join(lines) + "\n"
 
-    def plc(self, mutate: Callable[[str], str] = str) -> StPlc:
-        """Return a PLC that runs the program, optionally with mutated Python code."""
-        return StPlc(self.variables, compile(mutate(self.source), "<structured text>", "exec"))
+    def plc(self, mutate: Callable[[str], str] = str, device_byte: int = 0) -> StPlc:
+        """Return a PLC that runs the program, optionally with mutated Python code.
+
+        Args:
+            mutate: Function that damages the code.
+            device_byte: First byte of the inputs and outputs.
+        """
+        return StPlc(self.variables, compile(mutate(self.source), "<structured text>", "exec"), device_byte)
+
+
+def _without_ton(text: str) -> str:
+    """Return a text in which a TON, times and RETURN are replaced by numbers in ms and by functions of the runner.
+
+    The statements are folded before they are parsed, and folding supports only functions.
+    """
+    text = re.sub(r"\bT#(\d+)(ms|s|m)\b", lambda m: str(int(m[1]) * UNITS_MS[m[2]]), text)
+    text = re.sub(r"\b(\w+)\(IN := (TRUE|FALSE), PT := (\d+)\);", r"\1 := TON_\2(\3);", text)
+    text = re.sub(r"\b(\w+)\.ET\b", r"\1", text)
+    text = re.sub(r"^( +)RETURN;", r"\1inputs_valid := LEAVE(0);", text, flags=re.MULTILINE)
+    return re.sub(r": (TON|TIME);", ": LINT;", text)
 
 
 def _statements(body: str) -> list[str]:
@@ -235,8 +257,9 @@ class _Python:
 
     @staticmethod
     def function(name: str) -> str:
-        assert name in FUNCTIONS or re.fullmatch(r"(D?INT|LINT)_TO_(D?INT|LINT)", name), name
-        return name if name in FUNCTIONS else "int"
+        known = name in FUNCTIONS or name in RUNTIME_CALLS
+        assert known or re.fullmatch(r"(D?INT|LINT)_TO_(D?INT|LINT)", name), name
+        return name if known else "int"
 
     def constant(self, literal: Tree[Any]) -> str:
         if literal.data in ("true", "false"):
@@ -253,23 +276,54 @@ def within(value: int, limit: int) -> int:
     return value
 
 
-class StPlc:
-    """PLC that runs a program in Structured Text."""
+class _LeaveError(Exception):
+    """RETURN of the program."""
 
-    def __init__(self, variables: Mapping[str, Declaration], code: CodeType) -> None:
+
+class StPlc:
+    """PLC that runs a program in Structured Text.
+
+    Attributes:
+        values: Values of the variables, by name in the code.
+        runtime_ms: Time of the runtime, which its TON measures, ms.
+    """
+
+    def __init__(self, variables: Mapping[str, Declaration], code: CodeType, device_byte: int) -> None:
+        self._device_byte = device_byte
+        self.runtime_ms = 0
+        self._ton_since_ms: int | None = None
         self._variables = variables
         self._code = code
         self._by_address = {v.address: v for v in variables.values() if v.address}
         first = {f"v_{v.name}": bool(v.first) if v.type == "BOOL" else v.first for v in variables.values()}
         self._cold = first
         self.values: dict[str, Any] = dict(first)
-        self._functions = {"within": within, **FUNCTIONS}
+        calls = {"TON_TRUE": self._ton, "TON_FALSE": self._ton_off, "LEAVE": self._leave}
+        self._functions = {"within": within, **FUNCTIONS, **calls}
         self._inputs = self._area("I")
         self._outputs = self._area("Q")
 
     def _area(self, area: str) -> list[tuple[int, str]]:
         found = (re.fullmatch(rf"{area}X(\d+)\.(\d)", v.address) for v in self._by_address.values())
-        return [(int(m[1]) * 8 + int(m[2]), f"v_{self._by_address[m[0]].name}") for m in found if m]
+        numbers = ((int(m[1]) * 8 + int(m[2]) - self._device_byte * 8, self._by_address[m[0]]) for m in found if m)
+        return [(number, f"v_{variable.name}") for number, variable in numbers if number < 256]
+
+    def _ton(self, preset_ms: int) -> int:
+        if self._ton_since_ms is None:
+            self._ton_since_ms = self.runtime_ms
+        return min(self.runtime_ms - self._ton_since_ms, preset_ms)
+
+    def _ton_off(self, preset_ms: int) -> int:
+        del preset_ms
+        self._ton_since_ms = None
+        return 0
+
+    def _leave(self, value: int) -> int:
+        raise _LeaveError(value)
+
+    def read(self, address: str) -> int:
+        """Return the value of the variable at an address."""
+        return int(self.values[f"v_{self._by_address[address].name}"])
 
     def write(self, address: str, value: int) -> None:
         """Write the variable at an address; do nothing if no variable has this address."""
@@ -279,16 +333,25 @@ class StPlc:
 
     def power_cycle(self) -> None:
         """Cycle the power: variables that are not retained return to their initial values."""
+        self._ton_since_ms = None
         for variable in self._variables.values():
             if not variable.retain:
                 self.values[f"v_{variable.name}"] = self._cold[f"v_{variable.name}"]
 
     def scan(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
-        """Run one scan and return the outputs by number; outputs without a variable are off."""
+        """Run one scan and return the outputs by number; outputs without a variable are off.
+
+        Args:
+            now_ms: Time of the scan for a program with the input `now_ms`; time of the runtime for one with a clock.
+            levels: Levels of the inputs, by number.
+        """
         for number, name in self._inputs:
             self.values[name] = levels[number] if number < len(levels) else False
-        self.values["v_now_ms"] = now_ms
-        exec(self._code, self._functions, self.values)  # noqa: S102 - text generated by the tests
+        self.runtime_ms = now_ms
+        if "scans" not in self._variables:
+            self.values["v_now_ms"] = now_ms
+        with suppress(_LeaveError):
+            exec(self._code, self._functions, self.values)  # noqa: S102 - text generated by the tests
         image = [False] * 256
         for number, name in self._outputs:
             image[number] = self.values[name]

@@ -153,14 +153,14 @@ def test_most_single_mutations_are_detected(every: int, count: int) -> None:
 
     One instruction in 400 (one in 100 with ``--nightly``) is inverted or has its constant changed. A mutation is not
     detected if it has no effect in these 12,000 scans (24,000 with ``--nightly``): its command or fault never occurs,
-    or the condition is redundant. These scans detect 7 of 9 mutations, and 27 of 36 with ``--nightly``.
+    or the condition is redundant. These scans detect 8 of 11 mutations, and 32 of 41 with ``--nightly``.
     """
     candidates = [
         i
         for i, x in enumerate(EXPORTED.instructions)
         if x.name in INVERTED or (x.operands and isinstance(x.operands[-1], Constant) and x.name != "ANS")
     ]
-    sample = candidates[::every]
+    sample = candidates[50::every]
     undetected = [mutated(i) for i in sample]
     for each in tapes(count):
         undetected = each.without_difference(undetected)
@@ -251,5 +251,5 @@ def test_scaled_words_are_equal_in_every_scan() -> None:
 
 def test_program_that_uses_a_register_of_the_export_is_rejected() -> None:
     program = Program("clash", (Block("clash", (Scale(1, 1, 1, Word("D", 187)),)),), "outputs")
-    with pytest.raises(LadderError, match="D180 to D187 are reserved"):
+    with pytest.raises(LadderError, match="D180 to D188 are reserved"):
         export(program)

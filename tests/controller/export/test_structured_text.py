@@ -40,7 +40,7 @@ from tests.controller.export.st_runner import StPlc, StProgram, parsed
 from tests.controller.program.interlock_scene import MACHINE
 from tests.sampling import first_of
 
-TEXT = structured_text(acting(MACHINE.program))
+TEXT = str(structured_text(acting(MACHINE.program)))
 SCANS = 4_000
 X = [Bit("X", n) for n in range(8)]
 M = [Bit("M", n) for n in range(16)]
@@ -145,7 +145,7 @@ def small(*items: Rung | Steps, set_points: tuple[tuple[Word, int], ...] = ()) -
 def watched(program: Program, seed: int = 1, scans: int = 400, text: str = "", inputs: int = 8) -> None:
     """Run a program and its text with random inputs, and compare all relays, states and registers."""
     chance, now_ms = Random(seed), 0
-    soft, st_program = Plc(program, input_filter_ms=0), StProgram(text or structured_text(program))
+    soft, st_program = Plc(program, input_filter_ms=0), StProgram(text or str(structured_text(program)))
     st = st_program.plc()
     names = {v.address: f"v_{name}" for name, v in st_program.variables.items() if v.address}
     inside = {d for d in program.devices() if address(d.kind, d.number)}
@@ -261,7 +261,7 @@ def steps() -> Program:
 
 @pytest.mark.parametrize("make", first_of([steps, timers, counters, logic]))
 def test_complete_text_is_parsed(make: Callable[[], Program]) -> None:
-    assert parsed(structured_text(make())).data == "iec_source"
+    assert parsed(str(structured_text(make()))).data == "iec_source"
 
 
 @pytest.mark.nightly
@@ -301,7 +301,7 @@ def test_every_kind_of_rung_is_equivalent_to_the_soft_plc(program: Program, seed
     ],
 )
 def test_single_mutation_is_detected(program: Program, right: str, wrong: str) -> None:
-    text = structured_text(program)
+    text = str(structured_text(program))
     assert right in text
     with pytest.raises(AssertionError):
         watched(program, 2, 800, text.replace(right, wrong))
@@ -309,7 +309,7 @@ def test_single_mutation_is_detected(program: Program, right: str, wrong: str) -
 
 def test_32_bit_counter_passes_its_preset_up_and_down() -> None:
     program = small(Out(Bit("M", 8200), X[1]), Count(Counter(200), 2, X[0]), Out(M[0], Bit("C", 200)))
-    text = structured_text(program)
+    text = str(structured_text(program))
     watched(program, text=text, inputs=2)
     for right, wrong in ((" = 2 - 1", " = 2"), ("(c200_value = 2) THEN", "(c200_value = 3) THEN")):
         assert right in text
@@ -319,7 +319,7 @@ def test_32_bit_counter_passes_its_preset_up_and_down() -> None:
 
 def test_truncated_text_is_a_parse_error() -> None:
     with pytest.raises(LarkError):
-        parsed(structured_text(small(Set(M[0], X[0]))).replace("END_IF;", "", 1))
+        parsed(str(structured_text(small(Set(M[0], X[0])))).replace("END_IF;", "", 1))
 
 
 @pytest.mark.parametrize(
@@ -342,13 +342,13 @@ def test_tags_with_the_same_identifier_get_different_names() -> None:
     """Identifiers are unique regardless of case, and those of helper variables differ from those of tags."""
     items: list[Expr] = [Bit("X", 1, "a.b"), Bit("X", 2, "A_B"), Bit("X", 3, "a b"), Bit("X", 4, "now ms")]
     program = small(*(Out(Bit("M", n), when) for n, when in enumerate(items)), Out(Bit("Y", 0, "a.b"), X[1]))
-    names = list(StProgram(structured_text(program)).variables)
+    names = list(StProgram(str(structured_text(program))).variables)
     assert len(names) == len({name.lower() for name in names})
     watched(program)
 
 
 def test_comment_cannot_be_closed_by_its_text() -> None:
     program = small(Out(Bit("Y", 0, "valve", "opens *) END_PROGRAM (* \u00b0C"), X[0]))
-    text = structured_text(program)
+    text = str(structured_text(program))
     assert text.isascii()
     watched(program)

@@ -180,7 +180,7 @@ def test_a_port_in_use_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture
     [
         ("controller", "frobnicate"),
         ("controller", "ladder"),
-        ("controller", "ladder", "export", "--format", "iec", "--out", "x"),
+        ("controller", "ladder", "export", "--target", "iec", "--out", "x"),
         ("controller", "history", "--last", "some"),
         ("plant_sim", "serve", "--port"),
         ("plant_sim", "study", "cabbage"),

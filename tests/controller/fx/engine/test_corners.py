@@ -220,7 +220,7 @@ def test_command_errors_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     for arguments in (
         ["draw", str(deep), "--out", str(out)],
         ["check", str(label)],
-        ["export", "--format", "st", "--stepper", "plsy", "--out", str(out)],
+        ["export", "--target", "openplc", "--stepper", "plsy", "--out", str(out)],
     ):
         assert controller(["ladder", *arguments]) == 2
         printed = capsys.readouterr()

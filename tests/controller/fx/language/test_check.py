@@ -144,7 +144,14 @@ def test_program_exceeding_the_steps_of_an_fx2n() -> None:
     assert "error" not in {finding.severity for finding in check(read_il(full))}
     beyond = check(read_il(full.replace("END", "NOP\nEND")))
     (finding,) = (finding for finding in beyond if finding.severity == "error")
-    assert finding == Finding("error", 8001, "the program has 8001 steps, but an FX2N has only 8000; shorten it")
+    remedy = "shorten it, or fit a memory cassette of 16000 steps (general knowledge)"
+    assert finding == Finding("error", 8001, f"the program has 8001 steps, but an FX2N has only 8000; {remedy}")
+    (beyond_the_cassette,) = (
+        finding
+        for finding in check(read_il(full.replace("END", "NOP\n" * 8001 + "END")))
+        if finding.severity == "error"
+    )
+    assert beyond_the_cassette.text.endswith("has only 8000; shorten it")
 
 
 def test_findings_are_in_line_order() -> None:
@@ -166,3 +173,13 @@ def test_devices_of_an_fx2n(kind: str, count: int) -> None:
 
 def test_a_program_with_loops_and_calls() -> None:
     assert [line for line, _ in found(FLOW)] == [10]
+
+
+def test_a_ladder_block_that_gx_works2_cannot_edit_is_reported_with_its_first_line() -> None:
+    contacts = "LD X0\n" + "OR X1\n" * 23
+    assert found(f"LD X1\nOUT Y1\n{contacts}OUT Y0\nEND") == []
+    assert only_finding(f"LD X1\nOUT Y1\n{contacts}OR X2\nOUT Y0\nEND", 3, "has 25 lines", "at most 24; ")
+    wide = "LD X0\nLD X1\n" + "AND X1\n" * 11 + "ORB\nOUT Y0\nEND"
+    assert only_finding(wide, 1, "12 cells wide", "of 11 cells; ")
+    nested = "LD X0\n" + "AND X1\nOR X2\n" * 1500 + "OUT Y1\nEND"
+    assert any("nested too deeply" in text for _, text in found(nested))

@@ -1,0 +1,1 @@
+"""Statements around the machine's program in Structured Text: clock, supervision, inputs, memory and shown values."""

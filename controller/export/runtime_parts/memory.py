@@ -1,0 +1,96 @@
+"""Retentive memory of an exported program: detection of its loss, and set-points kept by the runtime of OpenPLC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from controller.core.devices import WORD_MAX
+from controller.export.runtime_parts.part import MEMORY_LOST, RuntimePart, system_bit
+from controller.export.structured_text_variables import Variable, Variables
+
+MARK: Final = "memory_kept"
+"""Variable that is retained with the other ones; it is on after the first scan with this memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Memory(RuntimePart):
+    """Detection of a loss of the retentive memory by a mark in it.
+
+    Attributes:
+        retained: True if the runtime retains variables. Without retention, every power-up is a loss of memory.
+    """
+
+    retained: bool
+
+    def begin(self, variables: Variables) -> list[str]:
+        """Declare the mark and return the line that evaluates it."""
+        mark = variables.add(Variable(MARK, "BOOL", retain=self.retained, comment="the retentive memory is valid"))
+        lost = variables.device(system_bit(self.program, MEMORY_LOST))
+        return ["", "(* retentive memory: lost if its mark is missing *)", f"{lost} := NOT {mark};"]
+
+    def end(self, variables: Variables) -> list[str]:
+        """Return the line that sets the mark."""
+        del variables
+        return [f"{MARK} := TRUE;"]
+
+
+@dataclass(frozen=True, slots=True)
+class KeptSetPoints(RuntimePart):
+    """Copies of the set-points, plus one, in words that the runtime stores.
+
+    The persistent storage of OpenPLC restores only words that are not zero. Without the offset, a set-point of zero
+    would return to its default.
+
+    Attributes:
+        word: Function that returns the address of a stored word by its index.
+    """
+
+    word: Callable[[int], str]
+
+    def begin(self, variables: Variables) -> list[str]:
+        """Declare the copies and return the lines that restore the set-points in the first scan."""
+        lines = ["", "(* set-points: restored from the storage of the runtime in the first scan *)"]
+        lines.append(f"IF NOT {MARK} THEN")
+        for index, (set_point, _) in enumerate(self.program.set_points):
+            name = variables.device(set_point)
+            copy = Variable(f"{name}_kept", "INT", self.word(index), comment=f"{set_point} + 1; 0 = not stored")
+            stored = variables.add(copy)
+            lines.append(f"    IF {stored} > 0 THEN {name} := {stored} - 1; END_IF;")
+        return [*lines, "END_IF;"]
+
+    def end(self, variables: Variables) -> list[str]:
+        """Return the lines that copy the set-points; a negative or too large value is not stored."""
+        lines = ["", "(* set-points: copied to the storage of the runtime *)"]
+        for set_point, _ in self.program.set_points:
+            name = variables.device(set_point)
+            lines.append(f"{name}_kept := 0;")
+            lines.append(f"IF ({name} >= 0) AND ({name} < {WORD_MAX}) THEN {name}_kept := {name} + 1; END_IF;")
+        return lines
+
+
+@dataclass(frozen=True, slots=True)
+class ShownValues(RuntimePart):
+    """Copies of registers and alarms at the addresses from which a client reads them.
+
+    A client can write to these addresses as well; the copies are written anew in every scan, so this has no effect.
+
+    Attributes:
+        place: Function that returns the address of the copy of a device, or an empty text if none is shown.
+    """
+
+    place: Callable[[str, int], str]
+
+    def end(self, variables: Variables) -> list[str]:
+        """Declare the copies and return the lines that write them."""
+        shown = {(d.kind, d.number): d for d in self.program.devices() if self.place(d.kind, d.number)}
+        lines = ["", "(* values shown to clients *)"]
+        for (kind, number), device in sorted(shown.items()):
+            name = variables.device(device)
+            type_ = "BOOL" if kind == "S" else "INT"
+            copy = variables.add(
+                Variable(f"{name}_shown", type_, self.place(kind, number), comment=f"copy of {device}")
+            )
+            lines.append(f"{copy} := {name};")
+        return lines

@@ -1,0 +1,1 @@
+"""Estimated scan time of a real FX2N."""
