@@ -18,7 +18,6 @@ from typing import Final
 
 from controller.core.devices import ANNUNCIATORS
 from controller.core.program import Program
-from controller.export.instruction_list import acting
 from controller.export.packages.iec import (
     ADDRESSES,
     COMMANDS,
@@ -160,7 +159,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         PackageError: The runtime has no address for an input or output, or the folder cannot be written.
     """
     require_levels(source)
-    program, modbus = acting(source.program), source.io != "terminals"
+    program, modbus = source.program, source.io != "terminals"
     places = OpenPlcMap(source.io_map, modbus)
     places.check()
     set_points = {word.number for word, _ in program.set_points}
@@ -192,7 +191,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         README: readme.encode(),
     }
     write_files(folder, files)
-    return PackageReport((size(text),))
+    return PackageReport((size(text),), complete=True)
 
 
 def _wiring(places: OpenPlcMap) -> str:

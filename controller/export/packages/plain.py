@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from controller.export.instruction_list import acting
 from controller.export.packages.iec import (
     ADDRESSES,
     TEXT,
@@ -59,7 +58,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     """
     require_levels(source)
     require_terminals(source, "plain")
-    program = acting(source.program)
+    program = source.program
     parts = (FieldInputs(program, terminal), ScanClock(program), Memory(program, retained=True))
     text = structured_text(program, parts=parts, variables=Variables(program, locate, safe_levels(source)))
     readme = _README.format(
@@ -71,4 +70,4 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         README: readme.encode(),
     }
     write_files(folder, files)
-    return PackageReport((size(text),))
+    return PackageReport((size(text),), complete=True)
