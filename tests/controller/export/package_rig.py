@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,9 +20,11 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
 from plant_sim.twin.ladder_trial import INDICATORS
+from plant_sim.twin.process import Process
 from tests.controller.export.st_runner import StPlc, StProgram
 from tests.controller.program.interlock_scene import MACHINE
 
+LIMIT_S: Final = 60.0
 NAMESPACE: Final = "{http://www.plcopen.org/xml/tc6_0200}"
 MOVERS: Final = tuple(point.number for point in MACHINE.io_map.outputs if point.tag not in INDICATORS)
 """Numbers of the outputs that move the machine."""
@@ -105,6 +108,16 @@ def address_of(name: str, documentation: str) -> str:
     return f" AT %MW{1000 + number}" if kind == "D" and number < 8000 else ""
 
 
+@contextmanager
+def plant_process(*options: str, seed: int, trays: int) -> Iterator[int]:
+    """Serve a plant in another process; yield its port."""
+    arguments = ["plant_sim", "serve", "--port", "0", "--seed", str(seed), "--trays", str(trays), *options]
+    with Process("plant", arguments) as process:
+        line = process.lines.get(timeout=LIMIT_S)
+        assert line is not None, "the plant did not start"
+        yield int(line.rpartition(":")[2])
+
+
 class PackageRig:
     """Package on the plant, with clocks and a link that a test can disturb.
 
@@ -163,3 +176,29 @@ class PackageRig:
         self.utc_ms += utc_ms
         self.link_ms += link_ms
         return image
+
+
+def rig(target: str, mutate: tuple[str, str] | None = None) -> PackageRig:
+    """Return a package on a plant, optionally with one replacement in its code."""
+
+    def damaged(source: str) -> str:
+        if mutate is None:
+            return source
+        assert source.count(mutate[0]) == 1, mutate[0]
+        return source.replace(*mutate)
+
+    return PackageRig(target, program(target).plc(damaged, PLACES[target].device_byte))
+
+
+def homing(target: str, mutate: tuple[str, str] | None = None) -> PackageRig:
+    """Return a package whose machine is homing, with coils on."""
+    machine = rig(target, mutate)
+    image: list[bool] = []
+    for n in range(300):
+        machine.module.plant.box.start = 1 < n < 14
+        image = machine.scan()
+        if n > 30 and any(image[number] for number in MOVERS):
+            break
+    assert machine.is_in(State.RESETTING)
+    assert any(image[number] for number in MOVERS)
+    return machine
