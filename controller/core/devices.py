@@ -6,6 +6,7 @@ manuals themselves). X and Y numbers are octal in text and plain integers here: 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -74,8 +75,10 @@ def timer_base_ms(number: int) -> int:
         >>> timer_base_ms(0), timer_base_ms(200), timer_base_ms(246), timer_base_ms(250)
         (100, 10, 1, 100)
     """
+    if 256 <= number < 512:  # only an FX3U has them (from memory)
+        return MS_1
     check_device("T", number)
-    if number < 200 or number >= 250:
+    if number < 200 or 250 <= number < 256:
         return MS_100
     return MS_10 if number < 246 else MS_1
 
@@ -116,6 +119,13 @@ class Memory:
     CV: list[int] = field(default_factory=lambda: [0] * SIZES["C"])
     CE: list[bool] = field(default_factory=lambda: [False] * SIZES["C"])
     E: list[bool] = field(default_factory=list)
+
+    @classmethod
+    def of_size(cls, sizes: Mapping[str, int], edges: int = 0) -> Memory:
+        """Return a memory with the given number of devices of each kind and of edge levels."""
+        bits = {kind: [False] * sizes[kind] for kind in "XYMSTC"}
+        words = {"D": [0] * sizes["D"], "TV": [0] * sizes["T"], "TS": [-1] * sizes["T"], "CV": [0] * sizes["C"]}
+        return cls(**bits, **words, CE=[False] * sizes["C"], E=[False] * edges)
 
     def bits(self, kind: str) -> list[bool]:
         """Return the list of bits of one device kind (X Y M S T C)."""

@@ -109,7 +109,7 @@ def driven_off(operand: Operand) -> tuple[Statement, ...]:
         case DeviceOperand("C", n):
             return (Store(RowElement("CE", n), value=False),)
         case DeviceOperand("T", n):
-            return _stopped(n) if n < RETENTIVE_TIMERS else (Store(RowElement("TS", n), -1),)
+            return (Store(RowElement("TS", n), -1),) if n in RETENTIVE_TIMERS else _stopped(n)
     return (drive(operand, power=False),)
 
 
@@ -124,11 +124,11 @@ def timer_off(n: int) -> Statement:
 
 
 def timer(n: int, preset: Operand, power: Condition) -> Statement:
-    """Return the statement for OUT T: an on-delay timer, or a retentive timer from T246 on."""
+    """Return the statement for OUT T: an on-delay timer, or a retentive timer for T246 to T255."""
     tick, counts = Tick(timer_base_ms(n)), plain_word(preset)
     assert counts is not None  # noqa: S101 - a preset is a constant or a register without index
     start, value, done = RowElement("TS", n), RowElement("TV", n), RowElement("T", n)
-    if n >= RETENTIVE_TIMERS:
+    if n in RETENTIVE_TIMERS:
         total = Arithmetic("+", value, Arithmetic("-", tick, start))
         limited = Selection(Comparison("<", total, WORD_MAX), total, WORD_MAX)
         running = (

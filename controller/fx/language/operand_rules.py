@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from controller.core.devices import SIZES, device_name, is_32_bit_counter
+from controller.core.devices import ANNUNCIATORS, device_name, is_32_bit_counter
+from controller.fx.language.cpu_model import FX2N, FX3U, CpuModel
 from controller.fx.language.instruction import (
     Constant,
     DeviceOperand,
@@ -19,6 +20,7 @@ from controller.fx.language.instruction import (
     Nest,
     Operand,
     Pointer,
+    RealConstant,
     WordBit,
 )
 from controller.fx.language.instruction_set import Form
@@ -27,17 +29,6 @@ from controller.fx.language.instruction_set import Form
 class OperandError(ValueError):
     """Raised for an invalid FX2N operand; the message states the error and, after a semicolon, the expected form."""
 
-
-RANGES: Final[dict[str, tuple[range, ...]]] = {
-    **{kind: (range(size),) for kind, size in SIZES.items()},
-    "M": (range(3072), range(8000, SIZES["M"])),
-    "D": (range(8000), range(8000, SIZES["D"])),
-    "V": (range(8),),
-    "Z": (range(8),),
-    "N": (range(8),),
-    "P": (range(128),),
-}
-"""Numbers of each kind of device, pointer and nesting level; a group of devices must fit into one of the ranges."""
 
 _WORDS: Final = frozenset(
     {
@@ -49,6 +40,7 @@ _WORDS: Final = frozenset(
         "count",
         "float",
         "D",
+        "real",
         "preset",
         "bit or word",
         "bit or target",
@@ -57,6 +49,25 @@ _WORDS: Final = frozenset(
 """Operand roles in which T, C, D, V and Z are used as numbers."""
 
 _NUMBERS: Final = {
+    ("SMOV", 1): (1, 4),
+    ("SMOV", 2): (1, 4),
+    ("SMOV", 4): (1, 4),
+    ("MTR", 3): (2, 8),
+    ("FROM", 0): (0, 7),
+    ("TO", 0): (0, 7),
+    ("FROM", 1): (0, 32767),
+    ("TO", 1): (0, 32767),
+    ("FROM", 3): (1, 32767),
+    ("TO", 3): (1, 32767),
+    ("RD3A", 0): (0, 7),
+    ("WR3A", 0): (0, 7),
+    ("RD3A", 1): (1, 2),
+    ("WR3A", 1): (1, 2),
+    ("RS", 1): (0, 4096),
+    ("RS", 3): (0, 4096),
+    ("ASCI", 2): (1, 256),
+    ("HEX", 2): (1, 256),
+    ("CCD", 2): (1, 256),
     ("BMOV", 2): (1, 512),
     ("FMOV", 2): (1, 512),
     ("ROR", 1): (1, 16),
@@ -110,32 +121,38 @@ SPANS: Final = {
     ("TRD", 0): 7,
     ("IST", 0): 8,
     ("STMR", 2): 4,
+    ("HSZ", 3): 3,
+    ("SPD", 2): 3,
+    ("PID", 2): 25,
+    ("MTR", 0): 8,
 }
 """Number of consecutive devices covered by an operand (docs/sources/fx2n.md 1.2, from memory)."""
 
 
-def limits(kind: str) -> str:
+def limits(kind: str, cpu: CpuModel = FX2N) -> str:
     """Return the number ranges of a kind of device as text.
 
     Examples:
         >>> limits("X"), limits("M")
         ('X0 to X377', 'M0 to M3071 and M8000 to M8255')
     """
-    joined = [range(8256)] if kind == "D" else RANGES[kind]
+    joined = (range(cpu.sizes["D"]),) if kind == "D" else cpu.ranges[kind]
     return " and ".join(f"{device_name(kind, span[0])} to {device_name(kind, span[-1])}" for span in joined)
 
 
-def require_in_range(kind: str, number: int, count: int = 1) -> None:
-    """Raise OperandError unless an FX2N has the device and the `count` - 1 devices after it."""
-    span = next((span for span in RANGES[kind] if number in span), None)
+def require_in_range(kind: str, number: int, count: int = 1, cpu: CpuModel = FX2N) -> None:
+    """Raise OperandError unless the CPU has the device and the `count` - 1 devices after it."""
+    span = next((span for span in cpu.ranges[kind] if number in span), None)
     if span is None:
-        raise OperandError(f"{device_name(kind, number)} does not exist on an FX2N; it has {limits(kind)}")
+        other = "" if cpu.is_fx3 or not FX3U.has(kind, number) else ", or use --cpu fx3u"
+        name = device_name(kind, number)
+        raise OperandError(f"{name} does not exist on an {cpu.name}; it has {limits(kind, cpu)}{other}")
     if number + count > span.stop:
         first, last = device_name(kind, number), device_name(kind, span[-1])
         raise OperandError(f"{count} devices starting at {first} extend beyond {last}; start lower")
 
 
-def check_operand(instruction: Instruction, form: Form, n: int) -> str | None:
+def check_operand(instruction: Instruction, form: Form, n: int, cpu: CpuModel = FX2N) -> str | None:
     """Return the error in operand `n`, which is of a valid kind; None = no error."""
     operand, place = instruction.operands[n], form.kind.operands[n]
     wide = form.wide or (place == "preset" and _is_32_bit_counter(instruction.operands[0]))
@@ -148,12 +165,13 @@ def check_operand(instruction: Instruction, form: Form, n: int) -> str | None:
             case Digits(digits, device):
                 if not 1 <= digits <= (8 if wide else 4):
                     return f"{operand} has {digits} digits; expected K1 to K{8 if wide else 4}"
-                require_in_range(device.kind, device.number, 4 * digits)
+                require_in_range(device.kind, device.number, 4 * digits, cpu)
             case DeviceOperand(kind, number):
+                span = SPANS.get((form.kind.name, n), 1)
                 if place in _WORDS:
-                    return _word_error(operand, wide=wide)
-                require_in_range(kind, number, SPANS.get((form.kind.name, n), 1))
-            case WordBit() | Pointer() | Nest():
+                    return _word_error(operand, cpu, span, wide=wide)
+                require_in_range(kind, number, span, cpu)
+            case WordBit() | Pointer() | Nest() | RealConstant():
                 pass
     except OperandError as error:
         return str(error)
@@ -189,8 +207,8 @@ def _number_error(form: Form, n: int, value: int) -> str | None:
     return f"{value} is outside its range; expected K{span[0]} to K{span[1]}"
 
 
-def _word_error(device: DeviceOperand, *, wide: bool) -> str | None:
-    """Return the error in a device used as a number of 16 or 32 bits; None = no error."""
+def _word_error(device: DeviceOperand, cpu: CpuModel, span: int, *, wide: bool) -> str | None:
+    """Return the error in a device used as one or more numbers of 16 or 32 bits; None = no error."""
     if device.kind in "XYMS":
         return None
     if _is_32_bit_counter(device):
@@ -198,7 +216,9 @@ def _word_error(device: DeviceOperand, *, wide: bool) -> str | None:
     if wide and device.kind == "V":
         return f"{device} is the high half of a 32-bit number; write Z{device.number}, which includes both halves"
     if wide and device.kind != "Z":
-        require_in_range(device.kind, device.number, 2)
+        require_in_range(device.kind, device.number, 2 * span, cpu)
+    elif span > 1:
+        require_in_range(device.kind, device.number, span, cpu)
     return None
 
 
@@ -223,8 +243,6 @@ def _out(operands: tuple[Operand, ...]) -> str | None:
         return f"the preset of {coil} is missing; write OUT {coil} K10 or OUT {coil} D0"
     if preset and not timed:
         return f"{coil} takes no preset; only T and C have one"
-    if isinstance(coil, DeviceOperand) and coil.kind == "C" and coil.number >= FIRST_HIGH_SPEED:
-        return f"{coil} is a high-speed counter, which this engine does not execute; use C0 to C234"
     least = 1 if isinstance(coil, DeviceOperand) and coil.kind == "T" else 0
     if (
         preset
@@ -239,13 +257,13 @@ def _out(operands: tuple[Operand, ...]) -> str | None:
 def _no_special(operands: tuple[Operand, ...]) -> str | None:
     device = operands[-1]
     if isinstance(device, DeviceOperand) and device.kind == "M" and device.number >= 8000:
-        return f"{device} is a special relay; use Y or M0 to M3071"
+        return f"{device} is a special relay; use Y or an M below M8000"
     return None
 
 
 def _state(operands: tuple[Operand, ...]) -> str | None:
     device = operands[0]
-    if isinstance(device, DeviceOperand) and device.number >= 900:
+    if isinstance(device, DeviceOperand) and device.number in ANNUNCIATORS:
         return f"{device} is an annunciator, not a step; use S0 to S899"
     return None
 
@@ -265,7 +283,7 @@ def _zone(operands: tuple[Operand, ...]) -> str | None:
 
 def _annunciator(operands: tuple[Operand, ...]) -> str | None:
     state = operands[2]
-    if isinstance(state, DeviceOperand) and state.number < 900:
+    if isinstance(state, DeviceOperand) and state.number not in ANNUNCIATORS:
         return f"{state} is not an annunciator; use S900 to S999"
     return _special_timer(operands)
 
@@ -308,6 +326,56 @@ def _fast_output(operands: tuple[Operand, ...]) -> str | None:
     return None
 
 
+def _positioning_output(operands: tuple[Operand, ...]) -> str | None:
+    output = operands[2]
+    if isinstance(output, DeviceOperand) and output.number > 2:
+        return f"{output} is not a positioning output; use Y0 to Y2"
+    return None
+
+
+def _high_speed(operands: tuple[Operand, ...]) -> str | None:
+    counter, target = operands[-2:]
+    if not (isinstance(counter, DeviceOperand) and counter.number >= FIRST_HIGH_SPEED):
+        return f"{counter} is not a high-speed counter; use C235 to C255"
+    if isinstance(target, DeviceOperand) and target.kind == "C" and target != counter:
+        return f"{target} is another counter; only {counter} itself can be reset"
+    if isinstance(target, Pointer) and target.number not in COUNTER_INTERRUPTS:
+        return f"{target} is not a counter interrupt; use I010, I020, I030, I040, I050 or I060"
+    return None
+
+
+def _speed_input(operands: tuple[Operand, ...]) -> str | None:
+    terminal = operands[0]
+    if isinstance(terminal, DeviceOperand) and terminal.number > 5:
+        return f"{terminal} is not a fast input; use X0 to X5"
+    return None
+
+
+def _matrix(operands: tuple[Operand, ...]) -> str | None:
+    inputs, outputs = operands[:2]
+    for head in (inputs, outputs):
+        if isinstance(head, DeviceOperand) and head.number % 8:
+            return f"{head} is not the first of a group of eight; use a number that ends in 0"
+    return None
+
+
+COUNTER_INTERRUPTS: Final = range(10, 61, 10)
+"""Numbers of the interrupts I010 to I060."""
+_INPUT_INTERRUPTS: Final = tuple(100 * n + edge for n in range(6) for edge in (0, 1))
+_TIMER_INTERRUPTS: Final = tuple(100 * n + period_ms for n in (6, 7, 8) for period_ms in range(10, 100))
+INTERRUPTS: Final = frozenset((*COUNTER_INTERRUPTS, *_INPUT_INTERRUPTS, *_TIMER_INTERRUPTS))
+"""Numbers of the interrupt labels: inputs I000 to I501 (1 = rising edge of X0 to X5), timers I610 to I899 (period 10 to
+99 ms) and counters I010 to I060. Verified in source [13]; the direction of the edges from memory."""
+
+
+def require_interrupt(number: int) -> None:
+    """Raise OperandError unless the number is that of an interrupt label."""
+    if number not in INTERRUPTS:
+        raise OperandError(
+            f"I{number:03} is not an interrupt; use I000 to I501 (inputs), I610 to I899 (timers) or I010 to I060"
+        )
+
+
 def _shift(operands: tuple[Operand, ...]) -> str | None:
     length, by = operands[2:]
     if isinstance(length, Constant) and isinstance(by, Constant) and by.value > length.value:
@@ -330,6 +398,13 @@ _RULES: Final[dict[str, Rule]] = {
     "PLSY": _fast_output,
     "PLSR": _fast_output,
     "PWM": _fast_output,
+    "DRVI": _positioning_output,
+    "DRVA": _positioning_output,
+    "HSCS": _high_speed,
+    "HSCR": _high_speed,
+    "HSZ": _high_speed,
+    "SPD": _speed_input,
+    "MTR": _matrix,
     "SFTR": _shift,
     "SFTL": _shift,
     "WSFR": _shift,

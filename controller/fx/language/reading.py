@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Final
 
+from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.gx_csv import COLUMNS, decode_text, read_gx_csv
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import Ladder
@@ -19,7 +20,7 @@ _SEPARATOR: Final = re.compile(r"[\t,]")
 _COMMENT_MARKS: Final = (";", "//", "'", "(*")
 
 
-def load_ladder(path: Path) -> Ladder:
+def load_ladder(path: Path, cpu: CpuModel = FX2N) -> Ladder:
     """Return the program in a file: a GX Works2 CSV file or an instruction list, detected from its content.
 
     Raises:
@@ -31,7 +32,7 @@ def load_ladder(path: Path) -> Ladder:
     if control := _CONTROL.search(text):
         message = f"not a text file (character U+{ord(control[0]):04X}); use an instruction list or a CSV file"
         raise file_error(source, message, text.count("\n", 0, control.start()) + 1)
-    return read_gx_csv(data, source) if _is_csv(text) else read_il(text, source)
+    return read_gx_csv(data, source, cpu) if _is_csv(text) else read_il(text, source, cpu)
 
 
 def _bytes(path: Path, source: str) -> bytes:

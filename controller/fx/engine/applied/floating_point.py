@@ -15,12 +15,8 @@ from typing import Final
 
 from controller.fx.engine.access import Action, ActionFactory, bits, reader, signed, width_of, writer
 from controller.fx.engine.cpu import BORROW, CARRY, ZERO, Cpu, OperationError
-from controller.fx.language.instruction import Constant, Operand
-
-LARGEST: Final = (2 - 2**-23) * 2.0**127
-"""Largest finite single."""
-SMALLEST: Final = 2.0**-126
-"""Smallest positive normal single."""
+from controller.fx.language.instruction import Constant, Operand, RealConstant
+from controller.fx.language.parsing import LARGEST, SMALLEST
 
 
 def to_registers(value: float) -> int:
@@ -46,6 +42,8 @@ def from_registers(bits_32: int) -> float:
 
 
 def _float_reader(cpu: Cpu, operand: Operand) -> Callable[[], float]:
+    if isinstance(operand, RealConstant):
+        return lambda: operand.value
     get = reader(cpu, operand, wide=True)
     if isinstance(operand, Constant):
         return lambda: from_registers(to_registers(get()))
