@@ -16,6 +16,8 @@ from controller.core.devices import (
     SIZES,
 )
 from controller.core.input_filter import InputFilter
+from controller.fx.engine.applied.pulse import DEFAULT_RAMP_MS, RAMP_MS
+from controller.fx.engine.applied.serial import HEADER, TERMINATOR
 from controller.fx.engine.code import DEPTH, TRANSFERRED
 from controller.fx.engine.cpu import RETENTIVE_TIMERS, Cpu, CpuError, index_register
 from controller.fx.engine.events.high_speed import HighSpeedCounters
@@ -31,6 +33,7 @@ from controller.fx.language.instruction import Ladder
 FILTER_MS: Final = 8020
 POWER_UP_WATCHDOG_MS: Final = 200
 CLOCK_REGISTERS: Final = 8013
+_STX, _ETX = 0x02, 0x03
 _FAST_TERMINALS: Final = 8
 """Terminals X0 to X7, whose levels matter between two scans."""
 
@@ -230,11 +233,15 @@ class FxPlc:
         self.run()
 
     def _first_registers(self) -> None:
-        """Set watchdog, filter, V and Z to their power-up values; other special registers are unchanged."""
+        """Set watchdog, filter, V, Z, RS and ramps to their power-up values; other special registers are unchanged."""
         for name in (f"{kind}{number}" for kind in "VZ" for number in range(8)):
             self.memory.D[index_register(name)] = 0
         self.memory.D[WATCHDOG_MS] = POWER_UP_WATCHDOG_MS
         self.memory.D[FILTER_MS] = self._filter_ms
+        self.memory.D[HEADER], self.memory.D[TERMINATOR] = _STX, _ETX
+        if self.ladder.cpu.is_fx3:
+            for register in RAMP_MS:
+                self.memory.D[register] = DEFAULT_RAMP_MS
 
     def _resume_timers(self) -> None:
         """Resume the timers retained in STOP by M8033 from their current values."""
