@@ -6,6 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
+from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules, cpu_of, peripherals_of
 from controller.cli.ladder_export import add_export
 from controller.common.errors import InputError
 from controller.fx.drawing.ladder import draw
@@ -23,15 +24,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_export(commands)
     check_ = commands.add_parser("check", help="report probable errors in a program")
     check_.set_defaults(action=_check)
-    check_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
+    check_.add_argument("file", type=Path, help=PROGRAM_FILE)
+    add_cpu(check_)
     run_ = commands.add_parser("run", help="run a program with a stimulus and trace devices scan by scan")
     run_.set_defaults(action=_run)
-    run_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
+    run_.add_argument("file", type=Path, help=PROGRAM_FILE)
+    add_cpu(run_)
+    add_modules(run_)
     run_.add_argument("--stimulus", type=Path, required=True, help="input changes over time, YAML")
     run_.add_argument("--json", action="store_true", help="print one JSON object")
     draw_ = commands.add_parser("draw", help="draw a program as ladder diagrams and step charts, SVG")
     draw_.set_defaults(action=_draw)
-    draw_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
+    draw_.add_argument("file", type=Path, help=PROGRAM_FILE)
+    add_cpu(draw_)
     draw_.add_argument("--out", type=Path, required=True, help="output folder")
 
 
@@ -53,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    ladder = load_ladder(options.file)
+    ladder = load_ladder(options.file, cpu_of(options))
     parts_of(ladder)  # raises if the program cannot be run, which is an error and not a finding
     findings = check(ladder)
     for each in findings:
@@ -64,9 +69,10 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    scans = run_stimulus(load_ladder(options.file), load_stimulus(options.stimulus))
+    cpu, peripherals = cpu_of(options), peripherals_of(options)
+    scans = run_stimulus(load_ladder(options.file, cpu), load_stimulus(options.stimulus, cpu=cpu), peripherals)
     if options.json:
-        print(json.dumps({"scans": scans}))
+        print(json.dumps({"scans": scans} | (peripherals.record() if options.modules is not None else {})))
         return 0
     columns = list(scans[0]) if scans else []
     print(" ".join(f"{name:>6}" for name in columns))
@@ -77,7 +83,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _draw(options: argparse.Namespace) -> int:
     try:
-        pictures = draw(load_ladder(options.file))
+        pictures = draw(load_ladder(options.file, cpu_of(options)))
     except RecursionError:
         raise LadderError(f"{options.file}: a rung is nested too deeply to be drawn; split it with relays") from None
     options.out.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,9 @@ import argparse
 import json
 from pathlib import Path
 
+from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules, cpu_of, peripherals_of
 from controller.common.errors import InputError
+from controller.fx.language.cpu_model import FX2N
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.options import (
     add_air_argument,
@@ -47,8 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=None,
         metavar="FILE",
-        help="FX program, instruction list or GX Works2 CSV, that replaces the controller",
+        help=f"{PROGRAM_FILE}, that replaces the controller",
     )
+    add_cpu(parser)
+    add_modules(parser)
     add_air_argument(parser)
     add_fault_arguments(parser)
     add_record_argument(parser)
@@ -66,6 +70,8 @@ def run(options: argparse.Namespace) -> int:
     _check(options)
     if options.ladder is not None:
         return _ladder_trial(options)
+    if options.modules is not None or options.cpu != FX2N.key:
+        raise InputError("--cpu and --modules: belong to an FX program; specify it with --ladder")
     reports = _trials(options)
     repeats = Repeats(reports)
     if options.csv:
@@ -109,11 +115,12 @@ def _ladder_trial(options: argparse.Namespace) -> int:
     if options.csv or options.seedlings is not None or options.repeat > 1:
         raise InputError("--ladder: runs full trays once; omit --csv, --seedlings and --repeat")
     report = run_ladder_trial(
-        load_ladder(options.ladder),
+        load_ladder(options.ladder, cpu_of(options)),
         seed=options.seed,
         trays=options.trays,
         io_map=load_io_map(options.io_map),
         parameters=machine_of(options),
+        peripherals=peripherals_of(options),
     )
     print(json.dumps(report.record()) if options.json else report.text())
     return 0 if report.completed else 1

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Final
 
 from controller.fx.engine.execution import fastest_execution
+from controller.fx.engine.peripherals.peripherals import Peripherals
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import DeviceOperand, Ladder, LadderError
 from controller.fx.language.reading import load_ladder
@@ -83,6 +84,7 @@ def run_ladder_trial(
     io_map: IoMap,
     parameters: Machine,
     values: Mapping[DeviceOperand, int] | None = None,
+    peripherals: Peripherals | None = None,
 ) -> LadderReport:
     """Run an FX program on the plant until all motion has stopped.
 
@@ -95,12 +97,14 @@ def run_ladder_trial(
         io_map: I/O map.
         parameters: Machine parameters.
         values: Values written to registers and relays after the first scan, as with a programming tool.
+        peripherals: Special function modules and serial line; None = none.
 
     Raises:
         LadderError: The program cannot be run.
     """
     plant = Plant(io_map, parameters, seed=seed, trays=trays)
-    module, plc = IoModule(plant, io_map), FxPlc(ladder, execution=fastest_execution)
+    module = IoModule(plant, io_map)
+    plc = FxPlc(ladder, execution=fastest_execution, peripherals=peripherals)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
     scan_ms = SCAN_MS
@@ -118,10 +122,24 @@ def run_ladder_trial(
         if plant.box.start and now_ms >= release_ms:
             plant.box.start = False
         scan_ms = max(SCAN_MS, plc.constant_scan_ms)
-        module.advance(scan_ms)
+        _advance(plc, module, now_ms, scan_ms)
         now_ms += scan_ms
     incidents = tuple(f"{event.kind.value}: {event.text}, at {event.time_ms} ms" for event in plant.events)
     return LadderReport(plant.counts(), presses, incidents, now_ms / 1_000, str(plc.error or ""))
+
+
+def _advance(plc: FxPlc, module: IoModule, now_ms: int, scan_ms: int) -> None:
+    """Advance the plant to the next scan, in steps of 1 ms if the program has fast inputs or interrupts."""
+    if not plc.is_sampled:
+        module.advance(scan_ms)
+        return
+    for at_ms in range(now_ms + 1, now_ms + scan_ms + 1):
+        module.advance(1)
+        if at_ms < now_ms + scan_ms:
+            before = plc.cpu.latches.copy()
+            image = plc.sample(at_ms, module.inputs())
+            if image != before:
+                module.write_outputs(0, image[: module.io_map.output_count])
 
 
 def _write(plc: FxPlc, values: Mapping[DeviceOperand, int]) -> None:
