@@ -42,6 +42,7 @@ def run(ladder: Ladder, stimulus: Stimulus, peripherals: Peripherals | None = No
     for _ in range(stimulus.scans):
         while change is not None and change[0] <= now_ms:
             at_ms, values = change
+            plc.sample(at_ms, levels)  # everything that happens before the change
             plc.cpu.now_ms = now_ms  # timer values set here must refer to this scan
             _put(plc, levels, values)
             change = next(due, None)

@@ -146,7 +146,7 @@ class CombinedAnalogue(BufferModule):
 
     def set_output(self, value: int) -> None:
         """Set the output to a digital value."""
-        self.output = value & 0xFF
+        self.output = self.words[_OUTPUT] = value & 0xFF
 
     def written(self, numbers: range, now_ms: int) -> None:
         """Convert an input at the rising edge of BFM 17 bit 1, and the output at the falling edge of bit 2."""

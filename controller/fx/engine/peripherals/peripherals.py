@@ -16,6 +16,7 @@ mode. A module of another model is described by its buffer memory (model `buffer
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -107,6 +108,18 @@ def _words(values: object) -> object:
     return words
 
 
+_ANALOGUE: Final = "write the value in V or mA, -50 to 50"
+_DECIMAL: Final = re.compile(r"-?[0-9]{1,2}(\.[0-9]{1,6})?")
+_HIGHEST: Final = 50
+
+
+def _analogue(value: object) -> float:
+    """Return a value in V or mA; a decimal number is text in the file."""
+    if not (_DECIMAL.fullmatch(str(value)) and abs(float(str(value))) <= _HIGHEST):
+        raise ValueError(f"{shown(value)} is not a value of an analogue input; {_ANALOGUE}")
+    return float(str(value))
+
+
 _Bytes = Annotated[bytes, PlainValidator(_hexadecimal)]
 _BYTES: Final = 'write hexadecimal bytes as "02 41 03"'
 
@@ -114,7 +127,7 @@ _BYTES: Final = 'write hexadecimal bytes as "02 41 03"'
 class _Input(StrictModel):
     at_ms: int = Field(ge=0, description="write the time of the change in ms, 0 or more")
     channel: int = Field(ge=1, le=CHANNELS, description="write the number of the channel, 1 to 4")
-    value: float | int = Field(ge=-50, le=50, description="write the value in V or mA, -50 to 50")
+    value: Annotated[float, PlainValidator(_analogue)] = Field(description=_ANALOGUE)
 
 
 class _Module(StrictModel):
@@ -156,7 +169,7 @@ class _Module(StrictModel):
 
 def _signal(inputs: Sequence[_Input]) -> AnalogueSignal:
     ordered = sorted(inputs, key=lambda each: each.at_ms)
-    return AnalogueSignal(tuple(each.at_ms for each in ordered), tuple(float(each.value) for each in ordered))
+    return AnalogueSignal(tuple(each.at_ms for each in ordered), tuple(each.value for each in ordered))
 
 
 class _Reception(StrictModel):
