@@ -123,9 +123,9 @@ class Memory:
     @classmethod
     def of_size(cls, sizes: Mapping[str, int], edges: int = 0) -> Memory:
         """Return a memory with the given number of devices of each kind and of edge levels."""
-        bits = {kind: [False] * sizes[kind] for kind in "XYMSTC"}
-        words = {"D": [0] * sizes["D"], "TV": [0] * sizes["T"], "TS": [-1] * sizes["T"], "CV": [0] * sizes["C"]}
-        return cls(**bits, **words, CE=[False] * sizes["C"], E=[False] * edges)
+        x, y, m, s, t, c = ([False] * sizes[kind] for kind in "XYMSTC")
+        timers, counters = [0] * sizes["T"], [0] * sizes["C"]
+        return cls(x, y, m, s, t, c, [0] * sizes["D"], timers, [-1] * sizes["T"], counters, c.copy(), [False] * edges)
 
     def bits(self, kind: str) -> list[bool]:
         """Return the list of bits of one device kind (X Y M S T C)."""

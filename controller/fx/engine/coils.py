@@ -22,7 +22,7 @@ from controller.fx.engine.code import (
     Tick,
     Value,
 )
-from controller.fx.engine.cpu import RETENTIVE_TIMERS, index_register
+from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS, index_register
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand, WordBit
 
 NOW: Final = LocalVariable("now")
@@ -109,7 +109,7 @@ def driven_off(operand: Operand) -> tuple[Statement, ...]:
         case DeviceOperand("C", n):
             return (Store(RowElement("CE", n), value=False),)
         case DeviceOperand("T", n):
-            return (Store(RowElement("TS", n), -1),) if n in RETENTIVE_TIMERS else _stopped(n)
+            return (Store(RowElement("TS", n), -1),) if n in RETENTIVE_TIMER_NUMBERS else _stopped(n)
     return (drive(operand, power=False),)
 
 
@@ -128,7 +128,7 @@ def timer(n: int, preset: Operand, power: Condition) -> Statement:
     tick, counts = Tick(timer_base_ms(n)), plain_word(preset)
     assert counts is not None  # noqa: S101 - a preset is a constant or a register without index
     start, value, done = RowElement("TS", n), RowElement("TV", n), RowElement("T", n)
-    if n in RETENTIVE_TIMERS:
+    if n in RETENTIVE_TIMER_NUMBERS:
         total = Arithmetic("+", value, Arithmetic("-", tick, start))
         limited = Selection(Comparison("<", total, WORD_MAX), total, WORD_MAX)
         running = (

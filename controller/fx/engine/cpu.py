@@ -13,7 +13,9 @@ from controller.fx.language.cpu_model import FX2N, CpuModel
 
 ZERO, BORROW, CARRY, COMPLETE = 8020, 8021, 8022, 8029
 """Arithmetic flags and the flag "execution complete"."""
-RETENTIVE_TIMERS: Final = range(246, 256)
+RETENTIVE_TIMERS: Final = 246
+"""Number of the first retentive timer."""
+RETENTIVE_TIMER_NUMBERS: Final = range(RETENTIVE_TIMERS, 256)
 
 OUT_OF_RANGE: Final = 6706
 """Error code in D8067 for an operand that is out of range (from memory)."""
@@ -130,4 +132,4 @@ class Cpu:
         memory = self.memory
         memory.TV[timer] = value
         if memory.TS[timer] >= 0:
-            memory.TS[timer] = self.ticks(timer) - (0 if timer in RETENTIVE_TIMERS else value)
+            memory.TS[timer] = self.ticks(timer) - (0 if timer in RETENTIVE_TIMER_NUMBERS else value)

@@ -19,7 +19,7 @@ from controller.core.input_filter import InputFilter
 from controller.fx.engine.applied.pulse import DEFAULT_RAMP_MS, RAMP_MS
 from controller.fx.engine.applied.serial import HEADER, TERMINATOR
 from controller.fx.engine.code import DEPTH, TRANSFERRED
-from controller.fx.engine.cpu import RETENTIVE_TIMERS, Cpu, CpuError, index_register
+from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS, Cpu, CpuError, index_register
 from controller.fx.engine.events.high_speed import HighSpeedCounters
 from controller.fx.engine.events.interrupts import Interrupts
 from controller.fx.engine.execution import FxExecutionFactory
@@ -49,6 +49,7 @@ class FxPlc:
         error: Error that has stopped the PLC; None = none.
         scans: Number of scans since the change from STOP to RUN.
         execution: Execution of the program.
+        is_sampled: Whether the program depends on the terminals between two scans.
     """
 
     def __init__(
@@ -85,8 +86,9 @@ class FxPlc:
         self._link_operations()
         self._counters = HighSpeedCounters(ladder, self.cpu)
         self._interrupts = Interrupts(parts_of(ladder).interrupts, self.cpu, self._run_interrupt)
-        self._uses_speed = any(instruction.name == "SPD" for instruction in ladder.instructions)
-        self._sampled: list[bool] | None = None
+        uses_speed = any(instruction.name == "SPD" for instruction in ladder.instructions)
+        self.is_sampled = self._counters.used or self._interrupts.used or uses_speed
+        self._sampled = self._no_outputs.copy()
         self.running = True
         self.error: CpuError | None = None
         self.scans = 0
@@ -113,7 +115,8 @@ class FxPlc:
         Returns:
             Copy of the raw levels of the Y terminals in numerical order; all are off in STOP unless M8033 retains them.
         """
-        self.sample(now_ms, levels)
+        if self.is_sampled:
+            self._sample(now_ms, levels)
         self.cpu.refreshed = None
         self.cpu.latches = self._scan(now_ms, levels)
         if self._interrupts.used:
@@ -123,11 +126,6 @@ class FxPlc:
             self._interrupts.run_requested(now_ms)
             self.cpu.refreshed = refreshed
         return self.cpu.latches.copy()
-
-    @property
-    def is_sampled(self) -> bool:
-        """True if the program depends on the terminals between two scans."""
-        return self._counters.used or self._interrupts.used or self._uses_speed
 
     def sample(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
         """Process the terminals between two scans: fast inputs, high-speed counters and interrupts.
@@ -139,22 +137,26 @@ class FxPlc:
         Returns:
             Copy of the raw levels of the Y terminals.
         """
-        if self.is_sampled and self.running and self.scans:
-            self.cpu.terminals[:] = levels
-            self._interrupts.run_timers(now_ms)
-            before, now = self._sampled, [*levels, *self._no_outputs[len(levels) : _FAST_TERMINALS]]
-            self._sampled = now
-            if before is not None and before != now and self.running:
-                for number, watches in self.cpu.after_rise.items():
-                    if now[number] and not before[number]:
-                        for watch in watches:
-                            watch(now_ms)
-                self._counters.count(before, now)
-                self._interrupts.request(before, now)
-                self._interrupts.run_requested(now_ms)
-        elif self.is_sampled:
-            self._sampled = [*levels, *self._no_outputs[len(levels) : _FAST_TERMINALS]]
+        if self.is_sampled:
+            self._sample(now_ms, levels)
         return self.cpu.latches.copy()
+
+    def _sample(self, now_ms: int, levels: Rows[bool]) -> None:
+        now = [*levels, *self._no_outputs[len(levels) : _FAST_TERMINALS]]
+        before, self._sampled = self._sampled, now
+        if not (self.running and self.scans):
+            return
+        self.cpu.terminals[:] = levels
+        self._interrupts.run_timers(now_ms)
+        if before == now:
+            return
+        for number, watches in self.cpu.after_rise.items():
+            if now[number] and not before[number]:
+                for watch in watches:
+                    watch(now_ms)
+        self._counters.count(before, now)
+        self._interrupts.request(before, now)
+        self._interrupts.run_requested(now_ms)
 
     def _run_interrupt(self, number: int, now_ms: int) -> None:
         """Execute an interrupt routine; outputs that it refreshes reach the terminals."""
@@ -212,7 +214,7 @@ class FxPlc:
         for relay in (8004, 8061, 8066, 8067):
             self.memory.M[relay], self.memory.D[relay] = False, 0
         self.cpu.forget_events()
-        for timer in RETENTIVE_TIMERS:
+        for timer in RETENTIVE_TIMER_NUMBERS:
             self.memory.TS[timer] = -1  # time in STOP or without power does not count
         self._last_ms, self.memory.D[8010:8013] = None, [0] * 3
         self._link_operations()
@@ -247,7 +249,7 @@ class FxPlc:
         """Resume the timers retained in STOP by M8033 from their current values."""
         memory = self.memory
         for timer in range(len(memory.TS)):
-            if memory.TS[timer] >= 0 and timer not in RETENTIVE_TIMERS:
+            if memory.TS[timer] >= 0 and timer not in RETENTIVE_TIMER_NUMBERS:
                 memory.TS[timer] = self.cpu.ticks(timer) - memory.TV[timer]
 
     def clear(self, *, latched: bool) -> None:

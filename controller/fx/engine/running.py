@@ -7,8 +7,8 @@ from typing import Final
 from controller.core.devices import SIZES
 from controller.fx.engine.cpu import index_register
 from controller.fx.engine.execution import fastest_execution
-from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.peripherals.peripherals import Peripherals
+from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.stimulus import CURRENT_VALUES, Stimulus, Values, changes
 from controller.fx.language.instruction import Ladder
 
@@ -31,9 +31,7 @@ def run(ladder: Ladder, stimulus: Stimulus, peripherals: Peripherals | None = No
     Raises:
         LadderError: The program contains a part that the engine does not support.
     """
-    plc = FxPlc(
-        ladder, input_filter_ms=stimulus.input_filter_ms, execution=fastest_execution, peripherals=peripherals
-    )
+    plc = FxPlc(ladder, input_filter_ms=stimulus.input_filter_ms, execution=fastest_execution, peripherals=peripherals)
     levels = [False] * SIZES["X"]
     _put(plc, levels, stimulus.initial)
     records: list[dict[str, int]] = []

@@ -231,7 +231,20 @@ _READ: Final = frozenset(
     }
 )
 _DRIVEN: Final = frozenset(
-    {"out", "set", "pulse", "coil", "target", "target words", "bit or target", "clock", "S", "T", "set at once", "direction"}
+    {
+        "out",
+        "set",
+        "pulse",
+        "coil",
+        "target",
+        "target words",
+        "bit or target",
+        "clock",
+        "S",
+        "T",
+        "set at once",
+        "direction",
+    }
 )
 """Operand roles that drive a device. "S", "T" and "clock" are also in `_READ` because their effect depends on the
 instruction."""
@@ -318,7 +331,11 @@ class _Usages:
         """Yield the line and the devices of each group that has no device in `other`, except those outside."""
         there = {device for group in other.groups for device in group}
         for group, line in self.groups.items():
-            if all(_is_internal(device, cpu) for device in group) and there.isdisjoint(group) and group[0][0] not in other.open:
+            if (
+                all(_is_internal(device, cpu) for device in group)
+                and there.isdisjoint(group)
+                and group[0][0] not in other.open
+            ):
                 yield line, group
 
 

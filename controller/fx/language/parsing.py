@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Final, NamedTuple
 
+from controller.fx.language.combination_rules import check_combination
 from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.instruction import (
     Constant,
@@ -25,7 +26,6 @@ from controller.fx.language.instruction import (
 from controller.fx.language.instruction_set import FORMS, JOINS, OPERAND_KINDS, RELATIONS, Form, kind_of
 from controller.fx.language.operand_rules import (
     OperandError,
-    check_combination,
     check_operand,
     require_in_range,
     require_interrupt,
@@ -133,7 +133,9 @@ def parse_operand(text: str, cpu: CpuModel = FX2N) -> Operand:
             return _operand(name, match.groupdict(), cpu)
     for name, pattern in _FX3_OPERANDS.items():
         if pattern.fullmatch(upper):
-            raise OperandError(f"{printable(text)} is {name}, which only an FX3 has and this engine does not support; use D, K or H")
+            raise OperandError(
+                f"{printable(text)} is {name}, which only an FX3 has and this engine does not support; use D, K or H"
+            )
     raise OperandError(f"{printable(text)} is not an operand; write one such as X0, D100Z0, K5, H1F, K4M0, P0 or N0")
 
 

@@ -22,7 +22,7 @@ _COMMENT_MARKS: Final = (";", "//", "'", "(*")
 
 
 def load_ladder(path: Path, cpu: CpuModel = FX2N) -> Ladder:
-    """Return the program in a file: a GX Works2 CSV file, an instruction list or a .wpg file, detected from its content.
+    """Return the program in a GX Works2 CSV file, an instruction list or a .wpg file, detected from its content.
 
     Raises:
         LadderError: The file cannot be read, is larger than `LARGEST_BYTES`, has another format, or is not a valid

@@ -98,7 +98,9 @@ class _Loop:
         error = sign * (filtered - set_point)
         damping_ms = sampling_ms + derivative_gain * derivative_ms
         second_difference = sign * (filtered - 2 * last + before)
-        derivative = (derivative_ms * second_difference + derivative_gain * derivative_ms * self.derivative) / damping_ms
+        derivative = (
+            derivative_ms * second_difference + derivative_gain * derivative_ms * self.derivative
+        ) / damping_ms
         integral = sampling_ms / integral_ms * error if integral_ms else 0.0
         change = gain * (error - self.error + integral + derivative)
         self.measured, self.filtered = measured, (filtered, last)

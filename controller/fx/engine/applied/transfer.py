@@ -48,7 +48,7 @@ def smov(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 def _digits(value: int, base: int) -> list[int]:
     """Return the four digits of a number, the lowest first."""
-    value = value & 0xFFFF if base == 16 else within(value, 0, 9999)  # noqa: PLR2004 - hexadecimal
+    value = value & 0xFFFF if base == 16 else within(value, 0, 9999)
     return [value // base**n % base for n in range(4)]
 
 

@@ -111,7 +111,8 @@ class AnalogueInputs(BufferModule):
             values = [0]
             if channel in enabled:
                 values = [
-                    self._digital(channel, self._since_ms + n * period_ms) for n in range(max(0, last - count + 1), last + 1)
+                    self._digital(channel, self._since_ms + n * period_ms)
+                    for n in range(max(0, last - count + 1), last + 1)
                 ]
             out_of_range = out_of_range or not all(_LOWEST <= value <= _HIGHEST for value in values)
             limited = [min(max(value, _LOWEST), _HIGHEST) for value in values]

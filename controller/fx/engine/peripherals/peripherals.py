@@ -11,7 +11,7 @@
       answers: [{request: "05", delay_ms: 20, bytes: "06"}]
 
 A position is the number of the module in FROM and TO. The values of `inputs` are V, or mA for a channel in a current
-mode. A module of another model is described by its buffer memory (model `buffer`), which the program can read and write.
+mode. A module of another model is described by its buffer memory (model `buffer`), which the program reads and writes.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class _Module(StrictModel):
                 raise ValueError(f"word {outside[0]} is outside the buffer memory; increase size")
         elif {"size", "initial"} & self.model_fields_set:
             raise ValueError(f"size and initial belong to the model buffer; the buffer memory of {self.model} is known")
-        elif self.model == "FX0N-3A" and any(each.channel > 2 for each in self.inputs):  # noqa: PLR2004 - its inputs
+        elif self.model == "FX0N-3A" and any(each.channel > 2 for each in self.inputs):
             raise ValueError("an FX0N-3A has the channels 1 and 2")
         return self
 
@@ -190,7 +190,9 @@ class _Serial(StrictModel):
 
 class _PeripheralsFile(StrictModel):
     modules: list[_Module] = Field([], description="write - {position: 0, model: FX2N-4AD}")
-    serial: _Serial = Field(default_factory=_Serial, description="write received and answers")
+    serial: _Serial = Field(
+        default_factory=lambda: _Serial(received=[], answers=[]), description="write received and answers"
+    )
 
     @model_validator(mode="after")
     def _different(self) -> _PeripheralsFile:

@@ -59,12 +59,12 @@ class SerialLine:
         """
         taken: list[tuple[Fraction, int]] = []
         while self._waiting and max(self._waiting[0][0], self._free_ms) + byte_ms <= now_ms:
-            begin_ms, data = heapq.heappop(self._waiting)
-            begin_ms = max(begin_ms, self._free_ms)
+            wanted_ms, data = heapq.heappop(self._waiting)
+            begin_ms = max(wanted_ms, self._free_ms)
             count = min(len(data), (now_ms - begin_ms) // byte_ms)
             taken += [(begin_ms + (n + 1) * byte_ms, data[n]) for n in range(count)]
             self._free_ms = begin_ms + count * byte_ms
             if count < len(data):
-                heapq.heappush(self._waiting, (self._free_ms, data[count:]))
+                heapq.heappush(self._waiting, (wanted_ms, data[count:]))
                 break
         return taken

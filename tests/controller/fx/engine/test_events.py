@@ -51,13 +51,19 @@ def test_interrupt_refreshes_outputs_at_once_and_others_at_the_end_of_the_scan()
 
 
 def test_interrupt_reads_terminals_with_ref() -> None:
-    plc = started("EI\nLD X7\nOUT Y1\nFEND\nI101\nREF X0 K8\nLD X5\nMOVP K7 D0\nIRET\nEND".replace("I101\nREF", "I101\nLD M8000\nREF"))
+    plc = started(
+        "EI\nLD X7\nOUT Y1\nFEND\nI101\nREF X0 K8\nLD X5\nMOVP K7 D0\nIRET\nEND".replace(
+            "I101\nREF", "I101\nLD M8000\nREF"
+        )
+    )
     plc.sample(3, level(1, 5))
     assert plc.memory.D[0] == 7
 
 
 def test_interrupt_routine_calls_a_subroutine_and_uses_its_own_edges() -> None:
-    plc = started("EI\nLD X7\nOUT Y1\nFEND\nP5\nLD M8000\nINC D1\nSRET\nI001\nLDP X7\nINC D0\nLD M8000\nCALL P5\nIRET\nEND")
+    plc = started(
+        "EI\nLD X7\nOUT Y1\nFEND\nP5\nLD M8000\nINC D1\nSRET\nI001\nLDP X7\nINC D0\nLD M8000\nCALL P5\nIRET\nEND"
+    )
     for at_ms in range(1, 7):
         plc.sample(at_ms, level(0) if at_ms % 2 else level())
     assert (plc.memory.D[0], plc.memory.D[1]) == (0, 3)
@@ -105,7 +111,7 @@ def test_comparison_is_released_when_its_drive_goes_off() -> None:
 
 @pytest.mark.parametrize("number", COUNTER_INPUTS)
 def test_every_counter_counts_its_terminals(number: int) -> None:
-    """One pulse in the direction up counts 1; the reset terminal clears it; nothing counts without the start terminal."""
+    """A pulse in the direction up counts; the reset terminal clears, and nothing counts without the start terminal."""
     inputs = COUNTER_INPUTS[number]
     plc = started(f"LD M8000\nOUT C{number} K100\nEND")
     always = () if inputs.start is None else (inputs.start,)

@@ -54,16 +54,16 @@ def test_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "line"),
     [
-        ("position: 1", "position: 8", "p.yaml:3: modules[1].position: cannot be 8; write the position of the module"),
+        ("position: 1", "position: 8", "p.yaml:3: modules[2].position: cannot be 8; write the position of the module"),
         ("position: 1", "position: 0", "p.yaml:1: file: two modules have the position 0"),
-        ("FX0N-3A", "FX2N-4DA", "p.yaml:3: modules[1].model: cannot be 'FX2N-4DA'; write FX2N-4AD, FX0N-3A, or buffer"),
-        ("channel: 1", "channel: 5", "p.yaml:2: modules[0].inputs[0].channel: cannot be 5"),
-        ("value: 2.5", "value: 51", "p.yaml:2: modules[0].inputs[0].value: 51 is not a value of an analogue input"),
-        ("size: 50", "size: 49", "p.yaml:4: modules[2]: word 49 is outside the buffer memory; increase size"),
-        ("FX0N-3A", "FX0N-3A, size: 5", "p.yaml:3: modules[1]: size and initial belong to the model buffer"),
-        ("30: 2030", "30: 40000", "p.yaml:4: modules[2].initial: '30': 40000 is not a word"),
-        ("02 41 03", "02 4", "p.yaml:6: serial.received[0].bytes: '02 4' is not a sequence of bytes"),
-        ("delay_ms: 20", "delay: 20", "p.yaml:7: serial.answers[0].delay: unknown key; did you mean delay_ms?"),
+        ("FX0N-3A", "FX2N-4DA", "p.yaml:3: modules[2].model: cannot be 'FX2N-4DA'; write FX2N-4AD, FX0N-3A, or buffer"),
+        ("channel: 1", "channel: 5", "p.yaml:2: modules[1].inputs[1].channel: cannot be 5"),
+        ("value: 2.5", "value: 51", "p.yaml:2: modules[1].inputs[1].value: 51 is not a value of an analogue input"),
+        ("size: 50", "size: 49", "p.yaml:4: modules[3]: word 49 is outside the buffer memory; increase size"),
+        ("FX0N-3A", "FX0N-3A, size: 5", "p.yaml:3: modules[2]: size and initial belong to the model buffer"),
+        ("30: 2030", "30: 40000", "p.yaml:4: modules[3].initial: '30': 40000 is not a word"),
+        ("02 41 03", "02 4", "p.yaml:6: serial.received[1].bytes: '02 4' is not a sequence of bytes"),
+        ("delay_ms: 20", "delay: 20", "p.yaml:7: serial.answers[1].delay: unknown key; did you mean delay_ms?"),
     ],
 )
 def test_error_has_line_key_and_remedy(tmp_path: Path, old: str, new: str, line: str) -> None:
@@ -148,8 +148,8 @@ def test_serial_line_delivers_bytes_in_their_time() -> None:
     line = SerialLine([(10, b"abc"), (11, b"d")], [SerialAnswer(b"?", 5, b"!")])
     byte_ms = Fraction(2)
     assert line.take(11, byte_ms) == []
-    assert line.take(14, byte_ms) == [(12, ord("a")), (14, ord("b"))]
-    assert line.take(100, byte_ms) == [(16, ord("c")), (18, ord("d"))]
+    assert line.take(14, byte_ms) == [(Fraction(12), ord("a")), (Fraction(14), ord("b"))]
+    assert line.take(100, byte_ms) == [(Fraction(16), ord("c")), (Fraction(18), ord("d"))]
     line.send(b"?", Fraction(201, 2))
     line.send(b"x", Fraction(300))
     assert line.take(107, byte_ms) == []

@@ -93,10 +93,15 @@ def test_required_and_optional_keys(tmp_path: Path) -> None:
         (
             "M500: 1",
             "M3072: 1",
-            "3: initial.M3072: M3072 does not exist on an FX2N; it has M0 to M3071 and M8000 to M8255, or use --cpu fx3u",
+            "3: initial.M3072: M3072 does not exist on an FX2N; it has M0 to M3071 and M8000 to M8255, "
+            "or use --cpu fx3u",
         ),
         ("CN200: -70000", "CN199: -1", "3: initial.CN199: -1 is out of range; write a number from 0 to 32767"),
-        ("TN0: 4", "TN256: 4", "6: inputs[2].set.TN256: T256 does not exist on an FX2N; it has T0 to T255, or use --cpu fx3u"),
+        (
+            "TN0: 4",
+            "TN256: 4",
+            "6: inputs[2].set.TN256: T256 does not exist on an FX2N; it has T0 to T255, or use --cpu fx3u",
+        ),
         (
             "{at_ms: 0, set: {TN0: 4}}",
             "{at_ms: 0, set: [TN0]}",
