@@ -75,10 +75,8 @@ def timer_base_ms(number: int) -> int:
         >>> timer_base_ms(0), timer_base_ms(200), timer_base_ms(246), timer_base_ms(250)
         (100, 10, 1, 100)
     """
-    if 256 <= number < 512:  # only an FX3U has them (from memory)
-        return MS_1
     check_device("T", number)
-    if number < 200 or 250 <= number < 256:
+    if number < 200 or number >= 250:
         return MS_100
     return MS_10 if number < 246 else MS_1
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from controller.core.devices import WORD_MAX, is_32_bit_counter, timer_base_ms
+from controller.core.devices import WORD_MAX, is_32_bit_counter
 from controller.fx.engine.access import signed, width_of
 from controller.fx.engine.code import (
     Arithmetic,
@@ -22,7 +22,7 @@ from controller.fx.engine.code import (
     Tick,
     Value,
 )
-from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS, index_register
+from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS, index_register, time_base_ms
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand, WordBit
 
 NOW: Final = LocalVariable("now")
@@ -125,7 +125,7 @@ def timer_off(n: int) -> Statement:
 
 def timer(n: int, preset: Operand, power: Condition) -> Statement:
     """Return the statement for OUT T: an on-delay timer, or a retentive timer for T246 to T255."""
-    tick, counts = Tick(timer_base_ms(n)), plain_word(preset)
+    tick, counts = Tick(time_base_ms(n)), plain_word(preset)
     assert counts is not None  # noqa: S101 - a preset is a constant or a register without index
     start, value, done = RowElement("TS", n), RowElement("TV", n), RowElement("T", n)
     if n in RETENTIVE_TIMER_NUMBERS:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.core.devices import MS_10, MS_100, Memory, timer_base_ms
+from controller.core.devices import MS_1, SIZES, Memory, timer_base_ms
 from controller.fx.engine.peripherals.buffer_module import BufferModule
 from controller.fx.engine.peripherals.serial_line import SerialLine
 from controller.fx.language.cpu_model import FX2N, CpuModel
@@ -19,6 +19,11 @@ RETENTIVE_TIMER_NUMBERS: Final = range(RETENTIVE_TIMERS, 256)
 
 OUT_OF_RANGE: Final = 6706
 """Error code in D8067 for an operand that is out of range (from memory)."""
+
+
+def time_base_ms(timer: int) -> int:
+    """Return the time base of a timer in ms; T256 to T511, which only an FX3U has, count in ms (from memory)."""
+    return MS_1 if timer >= SIZES["T"] else timer_base_ms(timer)
 
 
 CALL_DEPTH: Final = 5
@@ -125,7 +130,7 @@ class Cpu:
 
     def ticks(self, timer: int) -> int:
         """Return the scan time in counts of a timer's time base."""
-        return self.now_ms // {MS_100: 100, MS_10: 10}.get(timer_base_ms(timer), 1)
+        return self.now_ms // time_base_ms(timer)
 
     def set_timer(self, timer: int, value: int) -> None:
         """Write the current value of a timer; a running timer continues from this value."""

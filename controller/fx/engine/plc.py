@@ -84,6 +84,7 @@ class FxPlc:
         self._watchdog = Watchdog(self.cpu, self.execution.registers)
         self._operations = Operations(ladder, self.cpu, self._watchdog)
         self._link_operations()
+        self._no_outputs = [False] * SIZES["Y"]
         self._counters = HighSpeedCounters(ladder, self.cpu)
         self._interrupts = Interrupts(parts_of(ladder).interrupts, self.cpu, self._run_interrupt)
         uses_speed = any(instruction.name == "SPD" for instruction in ladder.instructions)
@@ -95,7 +96,6 @@ class FxPlc:
         self._filter = InputFilter(self.memory.X, input_filter_ms)
         self._clock = clock or datetime(2000, 1, 1)
         self._last_ms: int | None = None
-        self._no_outputs = [False] * SIZES["Y"]
         self.cpu.latches = self._no_outputs.copy()
         self._filter_ms = input_filter_ms
         self._first_registers()
