@@ -84,7 +84,7 @@ class FxPlc:
         self._watchdog = Watchdog(self.cpu, self.execution.registers)
         self._operations = Operations(ladder, self.cpu, self._watchdog)
         self._link_operations()
-        self._no_outputs = [False] * SIZES["Y"]
+        self._no_outputs: list[bool] = [False] * SIZES["Y"]
         self._counters = HighSpeedCounters(ladder, self.cpu)
         self._interrupts = Interrupts(parts_of(ladder).interrupts, self.cpu, self._run_interrupt)
         uses_speed = any(instruction.name == "SPD" for instruction in ladder.instructions)
@@ -162,8 +162,7 @@ class FxPlc:
         """Execute an interrupt routine; outputs that it refreshes reach the terminals."""
         if not self.running:
             return
-        self.cpu.now_ms, self.cpu.refreshed = now_ms, None
-        self._watchdog.start()
+        self._begin_routine(now_ms)
         try:
             self.execution.run_interrupt(number, now_ms)
         except CpuError as error:
@@ -173,6 +172,10 @@ class FxPlc:
         if self.cpu.refreshed is not None and not self.memory.M[8034]:
             self.cpu.latches = self.cpu.refreshed
         self.cpu.refreshed = None
+
+    def _begin_routine(self, now_ms: int) -> None:
+        self.cpu.now_ms, self.cpu.refreshed = now_ms, None
+        self._watchdog.start()
 
     @property
     def refreshed(self) -> list[bool] | None:

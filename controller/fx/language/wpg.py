@@ -39,10 +39,13 @@ _SHORT: Final = {
     "LDP": 0x02,
     "LDF": 0x03,
     "OR": 0x06,
+    "ORI": 0x07,
+    "ORP": 0x08,
     "ORF": 0x09,
     "AND": 0x0C,
     "ANI": 0x0D,
     "ANDP": 0x0E,
+    "ANDF": 0x0F,
     "ORB": 0x18,
     "ANB": 0x19,
     "MPS": 0x1A,
@@ -56,7 +59,8 @@ _SHORT: Final = {
     "FEND": 0x33,
     "END": 0x34,
 }
-"""Codes of the instructions whose record has one byte, or two with the step count."""
+"""Codes of the instructions whose record has one byte, or two with the step count. ORI, ORP and ANDF are computed: the
+codes of the contacts are in the same order after LD, OR and AND."""
 _LONG: Final = {
     "ADD": (0x49, 0x28),
     "SUB": (0x49, 0x2A),
