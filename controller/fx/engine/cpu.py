@@ -8,7 +8,7 @@ from typing import Final
 
 from controller.core.devices import MS_1, SIZES, Memory, timer_base_ms
 from controller.fx.engine.peripherals.buffer_module import BufferModule
-from controller.fx.engine.peripherals.serial_line import SerialLine
+from controller.fx.engine.peripherals.serial_line import FxSerialLine
 from controller.fx.language.cpu_model import FX2N, CpuModel
 
 ZERO, BORROW, CARRY, COMPLETE = 8020, 8021, 8022, 8029
@@ -114,7 +114,7 @@ class Cpu:
     after_count: dict[int, list[Callable[[], None]]] = field(default_factory=dict)
     after_rise: dict[int, list[Callable[[int], None]]] = field(default_factory=dict)
     modules: Mapping[int, BufferModule] = field(default_factory=dict)
-    line: SerialLine = field(default_factory=SerialLine)
+    line: FxSerialLine = field(default_factory=FxSerialLine)
 
     def request_interrupt(self, number: int) -> None:
         """Store the request of an interrupt; one request of each is stored."""

@@ -21,7 +21,7 @@ from controller.fx.engine.applied.serial import HEADER, TERMINATOR
 from controller.fx.engine.code import DEPTH, TRANSFERRED
 from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS, Cpu, CpuError, index_register
 from controller.fx.engine.events.high_speed import HighSpeedCounters
-from controller.fx.engine.events.interrupts import Interrupts
+from controller.fx.engine.events.interrupts import InterruptRoutines
 from controller.fx.engine.execution import FxExecutionFactory
 from controller.fx.engine.operations import WATCHDOG_MS, Operations, Watchdog
 from controller.fx.engine.parts import parts_of
@@ -86,7 +86,7 @@ class FxPlc:
         self._link_operations()
         self._no_outputs: list[bool] = [False] * SIZES["Y"]
         self._counters = HighSpeedCounters(ladder, self.cpu)
-        self._interrupts = Interrupts(parts_of(ladder).interrupts, self.cpu, self._run_interrupt)
+        self._interrupts = InterruptRoutines(parts_of(ladder).interrupts, self.cpu, self._run_interrupt)
         uses_speed = any(instruction.name == "SPD" for instruction in ladder.instructions)
         self.is_sampled = self._counters.used or self._interrupts.used or uses_speed
         self._sampled = self._no_outputs.copy()

@@ -93,7 +93,7 @@ Values = dict[WatchedDevice, int]
 
 
 @dataclass(frozen=True, slots=True)
-class PulseTrain:
+class StimulusPulses:
     """Pulses at an X terminal.
 
     Attributes:
@@ -129,7 +129,7 @@ class Stimulus:
     inputs: tuple[tuple[int, Values], ...]
     watch: tuple[WatchedDevice, ...]
     input_filter_ms: int = 0
-    pulses: tuple[PulseTrain, ...] = ()
+    pulses: tuple[StimulusPulses, ...] = ()
 
 
 def device_of(name: str, cpu: CpuModel = FX2N) -> WatchedDevice:
@@ -174,7 +174,7 @@ def load_stimulus(path: Path, others: Collection[str] = (), cpu: CpuModel = FX2N
         inputs=tuple(sorted(((each.at_ms, dict(each.set.values())) for each in file.inputs), key=lambda each: each[0])),
         watch=tuple(dict.fromkeys(file.watch)),
         input_filter_ms=file.input_filter_ms,
-        pulses=tuple(PulseTrain(each.input, each.from_ms, each.period_ms, each.count) for each in file.pulses),
+        pulses=tuple(StimulusPulses(each.input, each.from_ms, each.period_ms, each.count) for each in file.pulses),
     )
 
 
@@ -271,7 +271,7 @@ def changes(stimulus: Stimulus) -> Iterator[tuple[int, Values]]:
     return merge(stimulus.inputs, *trains, key=lambda change: change[0])
 
 
-def _levels(train: PulseTrain) -> Iterator[tuple[int, Values]]:
+def _levels(train: StimulusPulses) -> Iterator[tuple[int, Values]]:
     for n in range(train.count):
         at_ms = train.from_ms + n * train.period_ms
         yield at_ms, {train.terminal: 1}

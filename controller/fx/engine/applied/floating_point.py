@@ -134,7 +134,7 @@ def esqr(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
             raise OperationError
         root = math.sqrt(value)
         put(to_registers(root))
-        pass
+        special[ZERO] = root == 0
 
     return run
 

@@ -1,4 +1,4 @@
-"""Interrupts: input edges, cyclic timers, and counts of high-speed counters.
+"""InterruptRoutines: input edges, cyclic timers, and counts of high-speed counters.
 
 An interrupt routine is executed between two scans, at the millisecond of its cause. While interrupts are disabled (DI,
 and before the first EI), one request of each interrupt is stored; it is executed at the end of the scan that enables
@@ -21,7 +21,7 @@ COUNTERS_INHIBIT: Final = 8059
 _FIRST_TIMER: Final = 600
 
 
-class Interrupts:
+class InterruptRoutines:
     """Interrupt routines that a program contains."""
 
     def __init__(self, numbers: Iterable[int], cpu: Cpu, execute: Callable[[int, int], None]) -> None:
