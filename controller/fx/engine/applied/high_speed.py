@@ -162,7 +162,7 @@ def spd(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
             watches.append(watched)
         while cpu.now_ms >= start_ms + period_ms:
             start_ms += period_ms
-            complete = [at_ms for at_ms in edges_ms if at_ms <= start_ms + 1]
+            complete = [at_ms for at_ms in edges_ms if at_ms < start_ms]
             row.put(result, len(complete))
             del edges_ms[: len(complete)]
         row.put(so_far, len(edges_ms))

@@ -1,4 +1,4 @@
-"""InterruptRoutines: input edges, cyclic timers, and counts of high-speed counters.
+"""Interrupts: input edges, cyclic timers, and counts of high-speed counters.
 
 An interrupt routine is executed between two scans, at the millisecond of its cause. While interrupts are disabled (DI,
 and before the first EI), one request of each interrupt is stored; it is executed at the end of the scan that enables

@@ -30,7 +30,7 @@ from controller.common.yaml_model import StrictModel, validated
 from controller.core.devices import WORD_MAX, WORD_MIN
 from controller.fx.engine.peripherals.analogue import CHANNELS, AnalogueInputs, AnalogueSignal, CombinedAnalogue
 from controller.fx.engine.peripherals.buffer_module import BufferModule
-from controller.fx.engine.peripherals.serial_line import SerialAnswer, SerialLine
+from controller.fx.engine.peripherals.serial_line import FxSerialLine, SerialAnswer
 
 POSITIONS: Final = 8
 """Number of special function modules that an FX2N has at most (from memory)."""
@@ -52,7 +52,7 @@ class Peripherals:
     """
 
     modules: Mapping[int, BufferModule] = field(default_factory=dict)
-    line: SerialLine = field(default_factory=SerialLine)
+    line: FxSerialLine = field(default_factory=FxSerialLine)
 
     def record(self) -> dict[str, object]:
         """Return the words other than 0 of the buffer memories, and the transmissions of the PLC."""
@@ -79,7 +79,7 @@ def load_peripherals(path: Path) -> Peripherals:
     serial = file.serial
     return Peripherals(
         {entry.position: entry.module() for entry in file.modules},
-        SerialLine(
+        FxSerialLine(
             [(each.at_ms, each.bytes) for each in serial.received],
             [SerialAnswer(each.request, each.delay_ms, each.bytes) for each in serial.answers],
         ),

@@ -23,7 +23,7 @@ class SerialAnswer:
     answer: bytes
 
 
-class SerialLine:
+class FxSerialLine:
     """Serial line of one PLC.
 
     Attributes:

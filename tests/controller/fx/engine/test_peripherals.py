@@ -10,7 +10,7 @@ import pytest
 from controller.fx.engine.peripherals.analogue import AnalogueInputs, AnalogueSignal, CombinedAnalogue
 from controller.fx.engine.peripherals.buffer_module import BufferModule
 from controller.fx.engine.peripherals.peripherals import PeripheralError, load_peripherals
-from controller.fx.engine.peripherals.serial_line import SerialAnswer, SerialLine
+from controller.fx.engine.peripherals.serial_line import FxSerialLine, SerialAnswer
 
 GOOD = """\
 modules:
@@ -145,7 +145,7 @@ def test_words_outside_the_buffer_memory() -> None:
 
 
 def test_serial_line_delivers_bytes_in_their_time() -> None:
-    line = SerialLine([(10, b"abc"), (11, b"d")], [SerialAnswer(b"?", 5, b"!")])
+    line = FxSerialLine([(10, b"abc"), (11, b"d")], [SerialAnswer(b"?", 5, b"!")])
     byte_ms = Fraction(2)
     assert line.take(11, byte_ms) == []
     assert line.take(14, byte_ms) == [(Fraction(12), ord("a")), (Fraction(14), ord("b"))]
