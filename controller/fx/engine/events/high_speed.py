@@ -72,7 +72,7 @@ class _HighSpeedCounter:
         match self._inputs.phases:
             case "direction":
                 down = self._cpu.memory.M[_DIRECTION + self._number]
-                return [1] if rises[0] else []
+                return [-1 if down else 1] if rises[0] else []
             case "up and down":
                 return [step for step, rise in zip((1, -1), rises, strict=True) if rise]
             case "A and B":
