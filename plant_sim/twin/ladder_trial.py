@@ -122,13 +122,13 @@ def run_ladder_trial(
         if plant.box.start and now_ms >= release_ms:
             plant.box.start = False
         scan_ms = max(SCAN_MS, plc.constant_scan_ms)
-        _advance(plc, module, now_ms, scan_ms)
+        advance(plc, module, now_ms, scan_ms)
         now_ms += scan_ms
     incidents = tuple(f"{event.kind.value}: {event.text}, at {event.time_ms} ms" for event in plant.events)
     return LadderReport(plant.counts(), presses, incidents, now_ms / 1_000, str(plc.error or ""))
 
 
-def _advance(plc: FxPlc, module: IoModule, now_ms: int, scan_ms: int) -> None:
+def advance(plc: FxPlc, module: IoModule, now_ms: int, scan_ms: int) -> None:
     """Advance the plant to the next scan, in steps of 1 ms if the program has fast inputs or interrupts."""
     if not plc.is_sampled:
         module.advance(scan_ms)
