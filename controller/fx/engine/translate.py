@@ -54,6 +54,8 @@ _NEXT_RUNG: Final = frozenset(
         "FEND",
         "SRET",
         "IRET",
+        "EI",
+        "DI",
         "FOR",
         "NEXT",
         "P",

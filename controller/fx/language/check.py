@@ -30,6 +30,9 @@ from controller.fx.language.operand_rules import SPANS
 MOST_STEPS: Final = FX2N.most_steps
 """Program memory of an FX2N without a cassette (from memory)."""
 
+MATRIX_SPACING: Final = 10
+"""Number of relays from one row of MTR to the next."""
+
 Severity = Literal["warning", "error"]
 Key = tuple[str, int]
 
@@ -266,6 +269,7 @@ _COUNTED: Final = {
     ("WSFR", 1): 2,
     ("WSFL", 1): 2,
     ("MEAN", 0): 2,
+    ("MTR", 2): 3,
     ("FROM", 2): 3,
     ("TO", 2): 3,
     ("ASCI", 1): 2,
@@ -286,6 +290,8 @@ def _count(instruction: Instruction, n: int) -> int | None:
     count = instruction.operands[_COUNTED[name, n]]
     if not isinstance(count, Constant) or count.index:
         return None
+    if name == "MTR":
+        return MATRIX_SPACING * (count.value - 1) + 8
     return 2**count.value if (name, n) in {("DECO", 1), ("ENCO", 0)} else count.value
 
 

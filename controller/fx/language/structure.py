@@ -21,9 +21,9 @@ MOST_LOOPS: Final = 5
 MOST_JOINED: Final = 8
 END_LABEL: Final = Pointer("P", 63)
 
-_ALONE: Final = frozenset({"SRET", "IRET", "FEND", "NEXT", "FOR", "MCR", "STL", "RET", "END", "P", "I"})
+_ALONE: Final = frozenset({"SRET", "IRET", "FEND", "NEXT", "FOR", "MCR", "STL", "RET", "EI", "DI", "END", "P", "I"})
 """Instructions directly on the bus, without a contact."""
-_OPTIONAL: Final = frozenset({"WDT", "WDTP", "EI", "DI"})
+_OPTIONAL: Final = frozenset({"WDT", "WDTP"})
 """Instructions on the bus or after a contact."""
 _BRANCHES: Final = frozenset({"MPS", "MRD", "MPP"})
 

@@ -26,6 +26,7 @@ from controller.fx.engine.access import (
     writer,
 )
 from controller.fx.engine.cpu import COMPLETE, Cpu, OperationError
+from controller.fx.language.check import MATRIX_SPACING
 from controller.fx.language.instruction import DeviceOperand, Operand
 
 INPUT_FILTER: Final = 8020
@@ -254,7 +255,7 @@ def mtr(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Level:
     outputs, output_row = bits(cpu, operands[1])
     table, table_row = bits(cpu, operands[2])
     target, count, special = operands[2], reader(cpu, operands[3], wide=False), cpu.memory.M
-    spacing = 8 if isinstance(target, DeviceOperand) and target.kind == "Y" else 10
+    spacing = 8 if isinstance(target, DeviceOperand) and target.kind == "Y" else MATRIX_SPACING
     row, since_ms = 0, 0
     was = False
 

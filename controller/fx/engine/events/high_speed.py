@@ -14,13 +14,14 @@ the counter does not count. The counting rules are from memory.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from controller.fx.engine.access import Reader, reader, signed
 from controller.fx.engine.cpu import Cpu
 from controller.fx.language.high_speed_inputs import COUNTER_INPUTS, CounterInputs, high_speed_coils
 from controller.fx.language.instruction import Ladder
 
-_DIRECTION: int = 8000
+_DIRECTION: Final = 8000
 """Number of the direction relay of counter 0."""
 
 

@@ -84,8 +84,6 @@ OUTPUTS = (
         "DHSCS K2 C235 Y2",
         "DHSCR K1 C246 C246",
         "DHSZ K0 K1 C235 M60",
-        "EI",
-        "DI",
     ),
 )
 IN_STEPS = ("SET S20", "SET S21", "SET S22", "OUT S20", "OUT S22", "SET S21", "OUT Y0", "OUT Y1")

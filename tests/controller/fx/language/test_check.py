@@ -171,3 +171,10 @@ def test_devices_of_an_fx2n(kind: str, count: int) -> None:
 
 def test_a_program_with_loops_and_calls() -> None:
     assert [line for line, _ in found(FLOW)] == [10]
+
+
+def test_matrix_drives_the_relays_of_all_rows() -> None:
+    read = "".join(f"LD M{number}\nOUT Y{number % 8}\n" for number in (30, 37, 40, 47))
+    text = f"LD X0\nMTR X20 Y20 M30 K2\n{read}END"
+    assert not [line for line, message in found(text) if "never driven" in message]
+    assert only_finding(text.replace("LD M47", "LD M48"), 9, "M48", "read but never driven")

@@ -220,6 +220,7 @@ TEXT_ERRORS = [
     ("LD X0\nDEADD E1 D0 D2\nEND", "2:7: DEADD E1 D0 D2: E1 is a real number (E), which only an FX3U has"),
     ("TMR T0 K5\nEND", "1:1: TMR T0 K5: an FX2N has no TMR; write OUT T0 K10"),
     ("PR Y0 M0\nEND", "1:1: PR Y0 M0: this engine does not support PR"),
+    ("LD X0\nDI\nEND", "2:1: DI: the circuit before it has no output"),
     ("I001\nEND", "1:1: I001: not allowed in the main program"),
     ("LD X0\nDRVI K5 K100 Y0 Y4\nEND", "2:1: DRVI K5 K100 Y0 Y4: DRVI exists only on an FX3U; use --cpu fx3u"),
     ("LD X0\nOUT X1\nEND", "2:5: OUT X1: X1 is an input and cannot be driven"),
