@@ -76,6 +76,11 @@ def test_modules_and_serial_line_in_the_record(tmp_path: Path, capsys: pytest.Ca
 
 def test_project_files_are_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     project = written(tmp_path, "line.gxw", "x")
+    damaged = tmp_path / "MAIN.wpg"
+    damaged.write_bytes(b"\x40\x00" + b"\x20" * 60)
+    assert f"{damaged}:1:1: file: not the program part of a GX Developer project; use Write to CSV File" in refused(
+        ["ladder", "check", str(damaged)], capsys
+    )
     assert "GX Works2 project; open it in GX Works2 and use Write to CSV File" in refused(
         ["ladder", "check", project], capsys
     )

@@ -85,7 +85,9 @@ def test_endless_interrupt_stops_the_cpu_with_all_outputs_off() -> None:
 
 
 def test_interrupts_and_comparisons_end_with_run() -> None:
-    plc = started("LDI X6\nCJ P0\nEI\nP0\nLD X5\nOUT C235 K9\nDHSCS K1 C235 Y3\nFEND\nI101\nLD M8000\nINC D0\nIRET\nEND")
+    plc = started(
+        "LDI X6\nCJ P0\nEI\nP0\nLD X5\nOUT C235 K9\nDHSCS K1 C235 Y3\nFEND\nI101\nLD M8000\nINC D0\nIRET\nEND"
+    )
     plc.scan(10, level(5, 6))
     plc.stop()
     plc.run()

@@ -57,14 +57,11 @@ def test_transmission_waits_for_the_end_of_a_reception() -> None:
     bench, level = rs("RS D0 K1 D20 K3", PLAIN, (0, b"ab"), (30, b"c"))
     scan(bench, level, 0)
     bench.set({"D0": ord("?"), "M8122": 1})
-    scan(bench, level, 10)
-    assert bench.memory.M[8121]
-    assert bench.cpu.line.sent == []
-    scan(bench, level, 40)
-    assert bench.cpu.line.sent == [(42, b"?")]
-    assert not bench.memory.M[8121]
-    scan(bench, level, 50)
-    assert not bench.memory.M[8122]
+    seen = []
+    for now_ms in (10, 40, 50):
+        scan(bench, level, now_ms)
+        seen.append((bench.memory.M[8121], bench.memory.M[8122], bench.cpu.line.sent.copy()))
+    assert seen == [(True, True, []), (False, True, [(42, b"?")]), (False, False, [(42, b"?")])]
 
 
 @pytest.mark.parametrize(("form", "at_ms"), [(0x81, 2), (0x8F, 2), (0x31, 67), (0x80, 2)])
