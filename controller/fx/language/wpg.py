@@ -3,8 +3,8 @@
 The file has a header of 64 bytes, 4 more bytes, and then records: a length, the content, and the same length again. An
 instruction is a record with its code, its number of steps if it has more than one, and up to two further bytes,
 followed by the records of its operands: prefixes (digits, index, bit of a word) and a device or a constant with its
-number, low byte first. The codes are those of the tables in source [13] (verified, docs/sources/fx2n.md 2.3); a token
-that is not in these tables is rejected. An instruction is accepted only if encoding it again yields the same bytes,
+number, low byte first. The codes are those of the tables in source [13] (verified, docs/sources/fx2n.md 2.3) and a few
+that follow from their order; any other token is rejected. An instruction is accepted only if encoding it again yields the same bytes,
 including the step count.
 """
 
@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.core.devices import is_32_bit_counter
+from controller.core.devices import WORD_MAX, WORD_MIN
 from controller.fx.language.cpu_model import FX2N, FX3U, CpuModel
-from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder
+from controller.fx.language.instruction import Constant, Instruction, Ladder
 from controller.fx.language.instruction_set import FORMS, JOINS, steps
 from controller.fx.language.parsing import TextErrors, Token, file_error, one_line, parse_instruction
 from controller.fx.language.structure import Placed, checked_ladder
@@ -27,6 +27,7 @@ MAGIC: Final = bytes((HEADER_BYTES, 0))
 SUBHEADER: Final = bytes((0x04, 0x00, 0xFF, 0xFF))
 CPU_OFFSET, SERIES_OFFSET, MODE_OFFSET = 0x26, 0x27, 0x2A
 CPU_CODES: Final = {0x05: FX2N, 0x08: FX3U}
+_OTHER_CPUS: Final = {0x01: "FX0", 0x02: "FX0N", 0x03: "FX1", 0x04: "FX2", 0x06: "FX1S", 0x07: "FX1N", 0x09: "FX3G"}
 FX_SERIES, SFC_MODE = 0x02, 0x00
 NOP: Final = bytes((2, 2))
 STATEMENT, NOTE, LABEL = 0x80, 0x82, 0x3C
@@ -63,16 +64,21 @@ _SHORT: Final = {
 codes of the contacts are in the same order after LD, OR and AND."""
 _LONG: Final = {
     "ADD": (0x49, 0x28),
+    "DADD": (0x49, 0x29),
     "SUB": (0x49, 0x2A),
     "DSUB": (0x49, 0x2B),
     "MUL": (0x49, 0x2C),
     "DMUL": (0x49, 0x2D),
+    "DIV": (0x49, 0x2E),
+    "DDIV": (0x49, 0x2F),
     "DEADD": (0x49, 0x30),
     "DESUB": (0x49, 0x31),
     "DEMUL": (0x49, 0x32),
     "DEDIV": (0x49, 0x33),
     "INC": (0x4A, 0x00),
+    "DINC": (0x4A, 0x01),
     "DEC": (0x4A, 0x02),
+    "DDEC": (0x4A, 0x03),
     "DINT": (0x4B, 0x05),
     "DNEG": (0x4B, 0x0F),
     "MOV": (0x4C, 0x00),
@@ -98,7 +104,9 @@ _LONG: Final = {
     "NEXT": (0x6A, 0x01),
     "SRET": (0x6A, 0x07),
 }
-"""First and third byte of the instructions whose record has three bytes."""
+"""First and third byte of the instructions whose record has three bytes. DADD, DDIV, DINC and DDEC are
+computed, because the 32-bit form follows the 16-bit form, and occur in published projects with the step counts of these
+instructions; DIV is computed from the same order."""
 _COMPARISON: Final = 0x40
 _RELATIONS: Final = ("=", "<>", ">", ">=", "<", "<=")
 _FIRST_JOIN: Final = 0x10
@@ -136,9 +144,10 @@ def encode(instruction: Instruction) -> bytes:
 
 
 def _is_wide(instruction: Instruction) -> bool:
+    """Return whether constants have the code of 32 bits: for OUT, only if they do not fit into 16 bits (assumed)."""
     match instruction:
-        case Instruction("OUT", (DeviceOperand("C", number), _)):
-            return is_32_bit_counter(number)
+        case Instruction("OUT", (_, Constant(value))):
+            return not WORD_MIN <= value <= WORD_MAX
     return FORMS[instruction.name].wide
 
 
@@ -182,7 +191,8 @@ def _check_header(data: bytes, source: str, cpu: CpuModel) -> None:
     if written is not cpu:
         if written is None:
             remedy = "change the PLC type to FX2N(C) or FX3U(C) in GX Developer"
-            raise file_error(source, f"a program for the PLC type {data[CPU_OFFSET]:02X}; {remedy}")
+            name = _OTHER_CPUS.get(data[CPU_OFFSET], f"unknown PLC (type {data[CPU_OFFSET]:02X})")
+            raise file_error(source, f"a program for an {name}; {remedy}")
         raise file_error(source, f"a program for an {written.name}; use --cpu {written.key}")
     if data[MODE_OFFSET] == SFC_MODE:
         raise file_error(source, f"an SFC program; change it to a ladder in GX Developer, or {_REMEDY}")

@@ -1,6 +1,6 @@
 """Program part of a GX Developer project: vectors, round trip, damaged files, and the projects of other programs.
 
-The vectors are written by hand from the tables of source [13] of docs/sources/fx2n.md: no real file is public.
+The vectors are written by hand from the tables of source [13] and the published projects [52] of docs/sources/fx2n.md.
 """
 
 from __future__ import annotations
@@ -80,6 +80,8 @@ SET S20
 LD< D0V1 Z3
 CALL P3
 DWAND D0 HFFFF0000 D4
+DADD D0 K100000 D4
+DDIV D4 K-3 D10
 BMOV D0 D10 K4
 FROM K0 K9 D0 K4
 FEND
@@ -87,6 +89,8 @@ P3
 FOR K5
 LD M8000
 DEC D5Z7
+DINC D6
+DDEC D6
 NEXT
 SRET
 I001
@@ -174,7 +178,8 @@ def test_header_is_checked() -> None:
     body = bytes.fromhex("03 34 03")
     assert "use --cpu fx3u" in message(header(FX3U_CODE) + body)
     assert "use --cpu fx2n" in message(header() + body, FX3U)
-    assert "PLC type 06; change the PLC type" in message(header(6) + body)
+    assert "a program for an FX1S; change the PLC type" in message(header(6) + body)
+    assert "an unknown PLC (type 0F)" in message(header(0x0F) + body)
     assert "another series" in message(header(series=1) + body)
     assert "SFC program" in message(header(mode=0) + body)
     assert "not the program part" in message(b"\x40\x00" + body)
