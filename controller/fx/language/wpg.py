@@ -4,8 +4,8 @@ The file has a header of 64 bytes, 4 more bytes, and then records: a length, the
 instruction is a record with its code, its number of steps if it has more than one, and up to two further bytes,
 followed by the records of its operands: prefixes (digits, index, bit of a word) and a device or a constant with its
 number, low byte first. The codes are those of the tables in source [13] (verified, docs/sources/fx2n.md 2.3) and a few
-that follow from their order; any other token is rejected. An instruction is accepted only if encoding it again yields the same bytes,
-including the step count.
+that follow from their order; any other token is rejected. A program is accepted only if encoding each instruction again
+yields the same bytes, including the step count, and if all step counts together fill a program memory.
 """
 
 from __future__ import annotations
@@ -30,6 +30,9 @@ CPU_CODES: Final = {0x05: FX2N, 0x08: FX3U}
 _OTHER_CPUS: Final = {0x01: "FX0", 0x02: "FX0N", 0x03: "FX1", 0x04: "FX2", 0x06: "FX1S", 0x07: "FX1N", 0x09: "FX3G"}
 FX_SERIES, SFC_MODE = 0x02, 0x00
 NOP: Final = bytes((2, 2))
+MEMORY_BLOCK: Final = 500
+"""Unit of the program memory, steps. NOP fills it after END: all published projects have 2,000 or 8,000 steps in total;
+comments and file registers take blocks of 500 steps from it (from memory)."""
 STATEMENT, NOTE, LABEL = 0x80, 0x82, 0x3C
 _REMEDY: Final = "use Write to CSV File in GX Developer"
 
@@ -234,10 +237,18 @@ class _WpgReader:
                         raise self._error(f"the token {content.hex(' ')} is unknown")
                     self._add(name, content, record(content), records)
             if self.program and self.program[-1].instruction.name == "END":
-                break
-        if any(content for content in records):
-            raise self._error("there is a token after END")
+                self._check_rest(records)
         return checked_ladder(self.program, self.findings, self.titles, {})
+
+    def _check_rest(self, records: Iterator[bytes]) -> None:
+        """Check that NOP fill the program memory after END."""
+        total = sum(steps(placed.instruction) for placed in self.program)
+        for content in records:
+            total += 1
+            if content:
+                raise self._error("there is a token after END")
+        if total % MEMORY_BLOCK:
+            raise self._error(f"{total} steps with NOP do not fill a program memory; the file is truncated")
 
     def _records(self) -> Iterator[bytes]:
         """Yield the contents of the records."""

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from controller.fx.language.cpu_model import FX2N, FX3U, CpuModel
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import Ladder, LadderError
+from controller.fx.language.instruction_set import steps
 from controller.fx.language.reading import load_ladder
-from controller.fx.language.wpg import CPU_OFFSET, HEADER_BYTES, NOP, SUBHEADER, encode, read_wpg
+from controller.fx.language.wpg import CPU_OFFSET, HEADER_BYTES, MEMORY_BLOCK, NOP, SUBHEADER, encode, read_wpg
 from tests.sampling import examples
 
 FX2N_CODE, FX3U_CODE = 0x05, 0x08
@@ -28,9 +29,14 @@ def header(cpu: int = FX2N_CODE, series: int = 2, mode: int = 1) -> bytes:
     return bytes(data) + SUBHEADER
 
 
-def wpg(ladder: Ladder, nops: int = 20) -> bytes:
-    code = FX3U_CODE if ladder.cpu is FX3U else FX2N_CODE
-    return header(code) + b"".join(map(encode, ladder.instructions)) + NOP * nops
+def filled(used: int) -> bytes:
+    """Return the NOP that fill a program memory after this number of steps."""
+    return NOP * (-used % MEMORY_BLOCK)
+
+
+def wpg(ladder: Ladder) -> bytes:
+    code, used = FX3U_CODE if ladder.cpu is FX3U else FX2N_CODE, sum(map(steps, ladder.instructions))
+    return header(code) + b"".join(map(encode, ladder.instructions)) + filled(used)
 
 
 VECTOR = """
@@ -47,7 +53,7 @@ VECTOR = """
 
 def test_vector() -> None:
     """A file written by hand: codes, steps, prefixes before the device, numbers with the low byte first."""
-    data = header() + bytes.fromhex(VECTOR) + NOP * 5
+    data = header() + bytes.fromhex(VECTOR) + filled(1 + 1 + 5 + 3 + 1 + 5 + 7 + 1)
     text = "LD X0\nANI M5\nAND>= D10 K0\nOUT T0 K500\nLD X10\nMOV H1F K4M100\nADD D0 D1000V2 D1\nEND"
     assert read_wpg(data) == read_il(text)
 
@@ -55,7 +61,7 @@ def test_vector() -> None:
 def test_labels_and_statements() -> None:
     statement = bytes.fromhex("08 80 00 53 54 4f 50 08")
     label, target = bytes.fromhex("03 3c 03 04 d0 05 04"), bytes.fromhex("03 00 03 04 9c 00 04 03 20 03 04 9d 00 04")
-    ladder = read_wpg(header() + label + statement + target + bytes.fromhex("03 34 03"))
+    ladder = read_wpg(header() + label + statement + target + bytes.fromhex("03 34 03") + filled(4))
     assert ladder == read_il("P5\nLD X0\nOUT Y0\nEND")
     assert ladder.titles == {1: "STOP"}
 
@@ -139,15 +145,15 @@ def test_round_trip_of_any_rungs(rungs: list[tuple[str, str, str]]) -> None:
 @given(st.data())
 def test_damaged_file_is_refused_in_one_line_or_is_another_program(data: st.DataObject) -> None:
     """No damage goes unnoticed: what is read encodes to exactly the damaged bytes."""
-    good = wpg(read_il(PROGRAM), nops=2)
-    at = data.draw(st.integers(len(header()), len(good) - 1))
+    good = wpg(read_il(PROGRAM))
+    at = data.draw(st.integers(len(header()), len(good) - 1) | st.integers(len(header()), len(header()) + 300))
     bad = good[:at] + bytes((data.draw(st.integers(0, 255)),)) + good[at + 1 :]
     if data.draw(st.booleans()):
         bad = bad[:at]
     errors: list[str] = []
     try:
         ladder = read_wpg(bad, "a.wpg")
-        assert bad.startswith(header() + b"".join(map(encode, ladder.instructions)))
+        assert wpg(ladder) == bad
     except LadderError as error:
         errors = str(error).splitlines()
     assert all(line.startswith("a.wpg:") and "; " in line for line in errors)
@@ -171,6 +177,7 @@ def test_damage_is_named() -> None:
     assert "the file is truncated" in message(good[: start + 5])
     assert "END is missing" in message(good[: start + 7] + bytes.fromhex("03 20 03 04 9d 00 04"))
     assert "there is a token after END" in message(good + bytes.fromhex("03 18 03"))
+    assert "499 steps with NOP do not fill a program memory; the file is truncated" in message(good[:-2])
     assert "X400 does not exist" in message(good[:start] + bytes.fromhex("03 00 03 05 9c 00 01 05"))
 
 
