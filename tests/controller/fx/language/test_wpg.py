@@ -58,6 +58,47 @@ def test_vector() -> None:
     assert read_wpg(data) == read_il(text)
 
 
+CODES = {
+    "LD X0": "03 00 03",
+    "LDI X0": "03 01 03",
+    "LDP X0": "04 02 02 04",
+    "LDF X0": "04 03 02 04",
+    "OR X0": "03 06 03",
+    "ORI X0": "03 07 03",
+    "ORP X0": "04 08 02 04",
+    "ORF X0": "04 09 02 04",
+    "AND X0": "03 0c 03",
+    "ANDP X0": "04 0e 02 04",
+    "ANDF X0": "04 0f 02 04",
+    "OUT Y0": "03 20 03",
+    "SET S0": "04 23 02 04",
+    "RST Y0": "03 24 03",
+    "DADD D0 D2 D4": "05 49 0d 29 05",
+    "DSUB D0 D2 D4": "05 49 0d 2b 05",
+    "MUL D0 D2 D4": "05 49 07 2c 05",
+    "DIV D0 D2 D4": "05 49 07 2e 05",
+    "DDIV D0 D2 D4": "05 49 0d 2f 05",
+    "DINC D0": "05 4a 05 01 05",
+    "DDEC D0": "05 4a 05 03 05",
+    "DMOV D0 D2": "05 4c 09 01 05",
+    "ZRST M0 M5": "05 53 05 19 05",
+    "TO K0 K0 D0 K1": "05 56 09 02 05",
+    "LD> D0 D1": "06 40 05 02 10 06",
+    "AND<> D0 D1": "06 40 05 01 11 06",
+    "OR<= D0 D1": "06 40 05 05 12 06",
+    "LDD= D0 D2": "06 40 09 06 10 06",
+}
+
+
+@pytest.mark.parametrize("line", CODES)
+def test_code_of_an_instruction(line: str) -> None:
+    contact = line.startswith(("LD", "OR", "AND"))
+    text = f"LD X1\n{line}\nOUT Y1\nEND" if contact else f"LD X1\n{line}\nEND"
+    instruction = next(each for each in read_il(text.replace("LD X1\nLD", "LD")).instructions if str(each) == line)
+    code = bytes.fromhex(CODES[line])
+    assert encode(instruction)[: len(code)] == code
+
+
 def test_labels_and_statements() -> None:
     statement = bytes.fromhex("08 80 00 53 54 4f 50 08")
     label, target = bytes.fromhex("03 3c 03 04 d0 05 04"), bytes.fromhex("03 00 03 04 9c 00 04 03 20 03 04 9d 00 04")
