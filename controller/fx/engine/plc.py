@@ -78,26 +78,23 @@ class FxPlc:
         self._translated = translate(ladder)
         self.execution = (execution or PythonFunctions)(self._translated)
         self.memory = self.execution.memory
-        self.cpu = Cpu(self.memory, model=ladder.cpu)
-        if peripherals is not None:
-            self.cpu.modules, self.cpu.line = peripherals.modules, peripherals.line
+        connected = peripherals or Peripherals()
+        self.cpu = Cpu(self.memory, model=ladder.cpu, modules=connected.modules, line=connected.line)
         self._watchdog = Watchdog(self.cpu, self.execution.registers)
         self._operations = Operations(ladder, self.cpu, self._watchdog)
         self._link_operations()
         self._no_outputs: list[bool] = [False] * SIZES["Y"]
         self._counters = HighSpeedCounters(ladder, self.cpu)
         self._interrupts = InterruptRoutines(parts_of(ladder).interrupts, self.cpu, self._run_interrupt)
-        uses_speed = any(instruction.name == "SPD" for instruction in ladder.instructions)
-        self.is_sampled = self._counters.used or self._interrupts.used or uses_speed
+        self.is_sampled = self._counters.used or self._interrupts.used or _measures_speed(ladder)
         self._sampled = self._no_outputs.copy()
         self.running = True
         self.error: CpuError | None = None
         self.scans = 0
-        self._filter = InputFilter(self.memory.X, input_filter_ms)
+        self._filter, self._filter_ms = InputFilter(self.memory.X, input_filter_ms), input_filter_ms
         self._clock = clock or datetime(2000, 1, 1)
         self._last_ms: int | None = None
         self.cpu.latches = self._no_outputs.copy()
-        self._filter_ms = input_filter_ms
         self._first_registers()
 
     @property
@@ -340,3 +337,7 @@ class FxPlc:
         self.memory.M[error.relay], self.memory.D[error.relay] = True, error.code
         self.memory.M[8004], self.memory.D[8004] = True, error.relay
         self._clear_transfers()
+
+
+def _measures_speed(ladder: Ladder) -> bool:
+    return any(instruction.name == "SPD" for instruction in ladder.instructions)

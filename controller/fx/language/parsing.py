@@ -250,14 +250,8 @@ def parse_instruction(
         return _label(name, operands, findings, note)
     spelled = mnemonic(name.text)
     form = FORMS.get(spelled)
-    if form is None or not form.kind.supported or (form.kind.fx3 and not findings.cpu.is_fx3):
-        if form is None:
-            message = _unknown_mnemonic(spelled)
-        elif not form.kind.supported:
-            message = f"this engine does not support {spelled}; replace it"
-        else:
-            message = f"{spelled} exists only on an FX3U; use --cpu fx3u, or the instructions of an FX2N"
-        findings.add(name.line, name.column, shown, message)
+    if form is None or (unsupported := _unsupported(spelled, form, findings.cpu)):
+        findings.add(name.line, name.column, shown, _unknown_mnemonic(spelled) if form is None else unsupported)
         return None
     parsed: list[Operand] = []
     for operand in operands:
@@ -275,6 +269,15 @@ def parse_instruction(
         at = name if place is None else operands[place]
         findings.add(at.line, at.column, shown, message)
     return None if errors else instruction
+
+
+def _unsupported(name: str, form: Form, cpu: CpuModel) -> str:
+    """Return the error message for an instruction that the engine or the CPU does not have; empty = none."""
+    if not form.kind.supported:
+        return f"this engine does not support {name}; replace it"
+    if form.kind.fx3 and not cpu.is_fx3:
+        return f"{name} exists only on an FX3U; use --cpu fx3u, or the instructions of an FX2N"
+    return ""
 
 
 def _label(name: Token, operands: Sequence[Token], findings: TextErrors, note: str) -> Instruction | None:
