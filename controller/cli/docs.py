@@ -210,11 +210,11 @@ def device_table(machine: Transplanter) -> str:
 
 
 def instruction_table(_: Transplanter) -> str:
-    """Return a table of all FX2N instructions, supported or not, and a table of the supported special devices."""
+    """Return a table of all instructions, supported or not, and a table of the supported special devices."""
     rows = []
     for kind in KINDS:
         names = [name for name, form in FORMS.items() if form.kind is kind]
-        supported = "yes" if kind.supported else "rejected"
+        supported = "rejected" if not kind.supported else "with --cpu fx3u" if kind.fx3 else "yes"
         rows.append((", ".join(names), "" if kind.fnc is None else kind.fnc, " / ".join(kind.operands), supported))
     heading = ("instruction", "FNC", "operands", "supported")
     marks = (

@@ -6,6 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
+from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules, cpu_of, peripherals_of
 from controller.cli.ladder_export import add_export
 from controller.cli.ladder_live import add_live_arguments, is_live, run_live_program
 from controller.common.errors import InputError
@@ -14,6 +15,7 @@ from controller.fx.engine.parts import parts_of
 from controller.fx.engine.running import run as run_stimulus
 from controller.fx.engine.stimulus import load_stimulus
 from controller.fx.language.check import check, usage
+from controller.fx.language.cpu_model import FX2N
 from controller.fx.language.instruction import LadderError
 from controller.fx.language.reading import load_ladder
 from controller.fx.timing.scan_time import scan_time_bounds
@@ -25,17 +27,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_export(commands)
     check_ = commands.add_parser("check", help="report probable errors in a program")
     check_.set_defaults(action=_check)
-    check_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
-    check_.add_argument("--cpu", choices=("fx2n",), help="also print the estimated scan time of this CPU")
+    check_.add_argument("file", type=Path, help=PROGRAM_FILE)
+    add_cpu(check_)
     run_ = commands.add_parser("run", help="run a program with a stimulus and trace devices, or live with servers")
     run_.set_defaults(action=_run)
-    run_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
+    run_.add_argument("file", type=Path, help=PROGRAM_FILE)
+    add_cpu(run_)
+    add_modules(run_)
     run_.add_argument("--stimulus", type=Path, help="input changes over time, YAML; omitted with the options below")
     run_.add_argument("--json", action="store_true", help="print one JSON object")
     add_live_arguments(run_)
     draw_ = commands.add_parser("draw", help="draw a program as ladder diagrams and step charts, SVG")
     draw_.set_defaults(action=_draw)
-    draw_.add_argument("file", type=Path, help="instruction list or GX Works2 CSV")
+    draw_.add_argument("file", type=Path, help=PROGRAM_FILE)
+    add_cpu(draw_)
     draw_.add_argument("--out", type=Path, required=True, help="output folder")
 
 
@@ -57,14 +62,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    ladder = load_ladder(options.file)
+    ladder = load_ladder(options.file, cpu_of(options))
     parts_of(ladder)  # raises if the program cannot be run, which is an error and not a finding
     findings = check(ladder)
     for each in findings:
         print(f"{ladder.source}:{each.line}: {each.severity}: {each.text}")
     errors = sum(each.severity == "error" for each in findings)
     print(f"{usage(ladder)}; {errors} errors, {len(findings) - errors} warnings")
-    if options.cpu is not None:
+    if ladder.cpu is FX2N:
         print(scan_time_bounds(ladder))
     return 1 if errors else 0
 
@@ -72,9 +77,10 @@ def _check(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     if is_live(options):
         return run_live_program(options)
-    scans = run_stimulus(load_ladder(options.file), load_stimulus(options.stimulus))
+    cpu, peripherals = cpu_of(options), peripherals_of(options)
+    scans = run_stimulus(load_ladder(options.file, cpu), load_stimulus(options.stimulus, cpu=cpu), peripherals)
     if options.json:
-        print(json.dumps({"scans": scans}))
+        print(json.dumps({"scans": scans} | (peripherals.record() if options.modules is not None else {})))
         return 0
     columns = list(scans[0]) if scans else []
     print(" ".join(f"{name:>6}" for name in columns))
@@ -85,7 +91,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _draw(options: argparse.Namespace) -> int:
     try:
-        pictures = draw(load_ladder(options.file))
+        pictures = draw(load_ladder(options.file, cpu_of(options)))
     except RecursionError:
         raise LadderError(f"{options.file}: a rung is nested too deeply to be drawn; split it with relays") from None
     options.out.mkdir(parents=True, exist_ok=True)

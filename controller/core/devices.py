@@ -6,6 +6,7 @@ manuals themselves). X and Y numbers are octal in text and plain integers here: 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -116,6 +117,13 @@ class Memory:
     CV: list[int] = field(default_factory=lambda: [0] * SIZES["C"])
     CE: list[bool] = field(default_factory=lambda: [False] * SIZES["C"])
     E: list[bool] = field(default_factory=list)
+
+    @classmethod
+    def of_size(cls, sizes: Mapping[str, int], edges: int = 0) -> Memory:
+        """Return a memory with the given number of devices of each kind and of edge levels."""
+        x, y, m, s, t, c = ([False] * sizes[kind] for kind in "XYMSTC")
+        timers, counters = [0] * sizes["T"], [0] * sizes["C"]
+        return cls(x, y, m, s, t, c, [0] * sizes["D"], timers, [-1] * sizes["T"], counters, c.copy(), [False] * edges)
 
     def bits(self, kind: str) -> list[bool]:
         """Return the list of bits of one device kind (X Y M S T C)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from controller.core.devices import SIZES
@@ -30,10 +31,16 @@ class MemoryLayout:
         size: Size of the region, bytes.
     """
 
-    def __init__(self, edges: int) -> None:
-        """Arrange the memory of a program with the given number of PLS and PLF rungs."""
-        sizes = {name: SIZES[kind] for name, kind in (("TV", "T"), ("TS", "T"), ("CV", "C"), ("CE", "C"), ("L", "S"))}
-        sizes |= dict(SIZES) | {"E": max(edges, 1)}
+    def __init__(self, edges: int, devices: Mapping[str, int] = SIZES) -> None:
+        """Arrange the memory of a program.
+
+        Args:
+            edges: Number of PLS and PLF rungs.
+            devices: Number of devices of each kind.
+        """
+        kinds = (("TV", "T"), ("TS", "T"), ("CV", "C"), ("CE", "C"), ("L", "S"))
+        sizes = {name: devices[kind] for name, kind in kinds}
+        sizes |= dict(devices) | {"E": max(edges, 1)}
         self.words: dict[str, MemoryRow] = {}
         self.bits: dict[str, MemoryRow] = {}
         at = 0

@@ -6,7 +6,9 @@ import argparse
 import json
 from pathlib import Path
 
+from controller.cli.fx_options import PROGRAM_FILE, add_cpu, add_modules, cpu_of, peripherals_of
 from controller.common.errors import InputError
+from controller.fx.language.cpu_model import FX2N
 from controller.iomap.loader import load_io_map
 from plant_sim.cli.options import (
     add_air_argument,
@@ -50,8 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=None,
         metavar="FILE",
-        help="FX program, instruction list or GX Works2 CSV, that replaces the controller",
+        help=f"{PROGRAM_FILE}, that replaces the controller",
     )
+    add_cpu(parser)
+    add_modules(parser)
     parser.add_argument(
         "--scan-ms",
         type=int,
@@ -85,6 +89,8 @@ def run(options: argparse.Namespace) -> int:
     _check(options)
     if options.ladder is not None:
         return _ladder_trial(options)
+    if options.modules is not None or options.cpu != FX2N.key:
+        raise InputError("--cpu and --modules: belong to an FX program; specify it with --ladder")
     reports = _trials(options)
     repeats = Repeats(reports)
     if options.csv:
@@ -155,7 +161,8 @@ def _check_ladder(options: argparse.Namespace) -> None:
 
 def _ladder_reports(options: argparse.Namespace) -> list[tuple[ScanTiming | None, list[LadderReport]]]:
     """Run the ladder program with each scan timing and each seed."""
-    ladder, io_map, machine = load_ladder(options.ladder), load_io_map(options.io_map), machine_of(options)
+    ladder = load_ladder(options.ladder, cpu_of(options))
+    io_map, machine = load_io_map(options.io_map), machine_of(options)
     timings: list[ScanTiming | None] = [
         ScanTiming(scan_ms, options.jitter_ms, options.long_scan_ms) for scan_ms in options.scan_ms or ()
     ]
@@ -169,6 +176,7 @@ def _ladder_reports(options: argparse.Namespace) -> list[tuple[ScanTiming | None
             parameters=machine,
             timing=timing,
             estimates=options.scan_estimate,
+            peripherals=peripherals_of(options),
         )
 
     seeds = range(options.seed, options.seed + options.repeat)

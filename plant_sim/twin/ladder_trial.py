@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Final
 
 from controller.fx.engine.execution import fastest_execution
+from controller.fx.engine.peripherals.peripherals import Peripherals
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.instruction import DeviceOperand, Ladder, LadderError
 from controller.fx.language.reading import load_ladder
@@ -94,6 +95,7 @@ def run_ladder_trial(
     values: Mapping[DeviceOperand, int] | None = None,
     timing: ScanTiming | None = None,
     estimates: bool = False,
+    peripherals: Peripherals | None = None,
 ) -> LadderReport:
     """Run an FX program on the plant until all motion has stopped.
 
@@ -109,13 +111,14 @@ def run_ladder_trial(
         timing: Scan time of the PLC, with terminals that are sampled between scans as in an FX2N; None = a scan every
             `SCAN_MS`, which also samples the terminals.
         estimates: True to estimate the scan time of a real FX2N, which takes a few seconds.
+        peripherals: Special function modules and serial line; None = none.
 
     Raises:
         LadderError: The program cannot be run.
     """
     plant = Plant(io_map, parameters, seed=seed, trays=trays)
     module = IoModule(plant, io_map) if timing is None else IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
-    plc = FxPlc(ladder, execution=fastest_execution)
+    plc = FxPlc(ladder, execution=fastest_execution, peripherals=peripherals)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
     clock, monitor = TrialClock(timing, seed), ScanMonitor(estimates)

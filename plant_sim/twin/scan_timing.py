@@ -17,6 +17,8 @@ SCAN_MS: Final = 10
 SAMPLE_MS: Final = 5
 """Period at which the input filter samples the terminals between the scans of a scan timing, ms (assumed; the FX2N
 samples continuously)."""
+FAST_MS: Final = 1
+"""Period at which the terminals are sampled for a program with fast inputs or interrupts, ms."""
 NO_WATCHDOG_MS: Final = 1_000_000_000
 """Output watchdog of the terminals of a PLC, ms: they have none."""
 SCANS_PER_ESTIMATE: Final = 50
@@ -68,7 +70,7 @@ class ScanEstimate:
 
 
 class TrialClock:
-    """Clock of the scans; between the scans of a scan timing, the input filter samples the terminals."""
+    """Clock of the scans; between them, input filter and fast inputs sample the terminals."""
 
     def __init__(self, timing: ScanTiming | None, seed: int) -> None:
         """Create a clock.
@@ -86,16 +88,22 @@ class TrialClock:
         return max(scan_ms, plc.constant_scan_ms)
 
     def advance(self, module: IoModule, plc: FxPlc, now_ms: int, scan_ms: int) -> None:
-        """Advance the plant by one scan."""
-        if self._timing is None:
+        """Advance the plant by one scan.
+
+        Without a scan timing, only the fast inputs and interrupts of a program sample the terminals between scans.
+        """
+        if self._timing is None and not plc.is_sampled:
             module.advance(scan_ms)
             return
-        end_ms = now_ms + scan_ms
+        end_ms, tick_ms = now_ms + scan_ms, FAST_MS if plc.is_sampled else SAMPLE_MS
         while now_ms < end_ms:
-            step_ms = min(SAMPLE_MS, end_ms - now_ms)
+            step_ms = min(tick_ms, end_ms - now_ms)
             module.advance(step_ms)
             now_ms += step_ms
-            plc.sample(now_ms, module.inputs())
+            before = plc.cpu.latches.copy()
+            image = plc.sample(now_ms, module.inputs())
+            if image != before:
+                module.write_outputs(0, image[: module.io_map.output_count])
 
 
 @dataclass(slots=True)

@@ -151,6 +151,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "my.yaml").write_text(
         "scan_ms: 10\nscans: 20\ninputs:\n  - {at_ms: 50, set: {X0: 1}}\nwatch: [X0, Y0]\n", encoding="utf-8"
     )
+    (tmp_path / "my-modules.yaml").write_text("modules:\n  - {position: 0, model: FX2N-4AD}\n", encoding="utf-8")
     return tmp_path
 
 

@@ -29,13 +29,12 @@ BitReader = Callable[[], bool]
 BitWriter = Callable[[bool], None]
 
 _Spans = tuple[range, ...]
-_SPANS: Final[dict[str, _Spans]] = {
-    **{kind: (range(SIZES[kind]),) for kind in "XYST"},
-    "M": (range(3072), range(8000, 8256)),
-    "D": (range(8000), range(8000, 8256)),
-    "C": (range(200), range(200, 256)),
-}
-"""Ranges of consecutive devices; an operand, even an indexed one, is always within one range (from memory)."""
+_COUNTERS: Final = (range(200), range(200, 256))
+
+
+def _spans(cpu: Cpu, kind: str) -> _Spans:
+    """Return the ranges of consecutive devices; an operand, even an indexed one, is within one range (from memory)."""
+    return _COUNTERS if kind == "C" else cpu.model.ranges[kind]
 
 
 def signed(value: int, width: int) -> int:
@@ -149,10 +148,10 @@ def words(cpu: Cpu, operand: Operand, wide: bool) -> Words:
             return _registers(cpu, DeviceOperand("D", first), (range(low, high + 1),), wide)
         case DeviceOperand("C", number):
             long = number >= 200
-            spans = (_SPANS["C"][long],) if wide or not long else ()
+            spans = (_COUNTERS[long],) if wide or not long else ()
             return _long_counters(cpu, operand, spans) if long else _registers(cpu, operand, spans, wide)
         case DeviceOperand("T" | "D" as kind):
-            return _registers(cpu, operand, _SPANS[kind], wide)
+            return _registers(cpu, operand, _spans(cpu, kind), wide)
     raise TypeError(f"not a word: {operand}")
 
 
@@ -196,7 +195,7 @@ def _long_counters(cpu: Cpu, device: DeviceOperand, spans: _Spans) -> Words:
 def _group(cpu: Cpu, digits: int, device: DeviceOperand, wide: bool) -> Words:
     """Return the words of a bit group, low bit first; a word is signed only if the group fills it."""
     cells, size = cpu.memory.bits(device.kind), 4 * digits
-    spans = _SPANS[device.kind] if size <= width_of(wide) else ()
+    spans = _spans(cpu, device.kind) if size <= width_of(wide) else ()
 
     def get(place: int) -> int:
         value = sum(bit << n for n, bit in enumerate(cells[place : place + size]))
@@ -253,7 +252,7 @@ def bits(cpu: Cpu, operand: Operand) -> tuple[list[bool], Callable[[int], slice]
     """
     if not isinstance(operand, DeviceOperand):
         raise TypeError(f"not a bit: {operand}")
-    find = _finder(cpu, operand.number, operand.index, _SPANS[operand.kind])
+    find = _finder(cpu, operand.number, operand.index, _spans(cpu, operand.kind))
 
     def row(count: int) -> slice:
         first = find(within(count, 1, SIZES["M"]))

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from controller.fx.language.cpu_model import FX2N, CpuModel
+
 BIT_ROWS: Final = ("X", "Y", "M", "S", "T", "C", "CE", "E", "A", "B", "L")
 """Rows of bits: those of `Memory`, and A (previous activity of the steps), B (operations that must also be executed
 without drive) and L (states that a transfer has left in this scan)."""
@@ -20,6 +22,8 @@ GATES: Final = "N"
 STEPS_LEFT, DEPTH, TRANSFERRED = range(3)
 """Numbers in the row W: remaining watchdog time in basic steps, nesting depth of subroutines, 1 after a transfer."""
 EXECUTION_REGISTERS: Final = 3
+MAIN: Final = "scan"
+"""Name of the function of the main program."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +246,7 @@ class Routine:
     """Body of the main program or of a subroutine.
 
     Attributes:
-        name: Name of its function.
+        name: Name of its function: "scan", or that of a subroutine or an interrupt routine.
         gates: Levels of master control in the body.
         body: Networks, labels and loops.
     """
@@ -265,6 +269,8 @@ class TranslatedProgram:
         edges: Number of bits in row E, which store levels for edge detection.
         steps: Number of bits in row A.
         levels: Number of bits in row B.
+        cpu: CPU of the program.
+        interrupts: Bodies of the interrupt routines.
     """
 
     main: Routine
@@ -275,6 +281,13 @@ class TranslatedProgram:
     edges: int
     steps: int
     levels: int
+    cpu: CpuModel = FX2N
+    interrupts: tuple[Routine, ...] = ()
+
+    @property
+    def routines(self) -> tuple[Routine, ...]:
+        """Main program, subroutines and interrupt routines."""
+        return (self.main, *self.subroutines, *self.interrupts)
 
 
 def any_of(conditions: Sequence[Condition]) -> Condition:
@@ -298,3 +311,8 @@ def is_word(value: Condition | Value) -> bool:
 def subroutine_name(label: int) -> str:
     """Return the name of the function of a subroutine."""
     return f"sub_{label}"
+
+
+def interrupt_name(number: int) -> str:
+    """Return the name of the function of an interrupt routine."""
+    return f"interrupt_{number}"

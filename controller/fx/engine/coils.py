@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from controller.core.devices import WORD_MAX, is_32_bit_counter, timer_base_ms
+from controller.core.devices import WORD_MAX, is_32_bit_counter
 from controller.fx.engine.access import signed, width_of
 from controller.fx.engine.code import (
     Arithmetic,
@@ -22,7 +22,7 @@ from controller.fx.engine.code import (
     Tick,
     Value,
 )
-from controller.fx.engine.cpu import RETENTIVE_TIMERS, index_register
+from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS, index_register, time_base_ms
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Operand, WordBit
 
 NOW: Final = LocalVariable("now")
@@ -109,7 +109,7 @@ def driven_off(operand: Operand) -> tuple[Statement, ...]:
         case DeviceOperand("C", n):
             return (Store(RowElement("CE", n), value=False),)
         case DeviceOperand("T", n):
-            return _stopped(n) if n < RETENTIVE_TIMERS else (Store(RowElement("TS", n), -1),)
+            return (Store(RowElement("TS", n), -1),) if n in RETENTIVE_TIMER_NUMBERS else _stopped(n)
     return (drive(operand, power=False),)
 
 
@@ -124,11 +124,11 @@ def timer_off(n: int) -> Statement:
 
 
 def timer(n: int, preset: Operand, power: Condition) -> Statement:
-    """Return the statement for OUT T: an on-delay timer, or a retentive timer from T246 on."""
-    tick, counts = Tick(timer_base_ms(n)), plain_word(preset)
+    """Return the statement for OUT T: an on-delay timer, or a retentive timer for T246 to T255."""
+    tick, counts = Tick(time_base_ms(n)), plain_word(preset)
     assert counts is not None  # noqa: S101 - a preset is a constant or a register without index
     start, value, done = RowElement("TS", n), RowElement("TV", n), RowElement("T", n)
-    if n >= RETENTIVE_TIMERS:
+    if n in RETENTIVE_TIMER_NUMBERS:
         total = Arithmetic("+", value, Arithmetic("-", tick, start))
         limited = Selection(Comparison("<", total, WORD_MAX), total, WORD_MAX)
         running = (

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.core.devices import MS_10, MS_100, Memory, timer_base_ms
+from controller.core.devices import MS_1, SIZES, Memory, timer_base_ms
+from controller.fx.engine.peripherals.buffer_module import BufferModule
+from controller.fx.engine.peripherals.serial_line import FxSerialLine
+from controller.fx.language.cpu_model import FX2N, CpuModel
 
 ZERO, BORROW, CARRY, COMPLETE = 8020, 8021, 8022, 8029
 """Arithmetic flags and the flag "execution complete"."""
 RETENTIVE_TIMERS: Final = 246
+"""Number of the first retentive timer."""
+RETENTIVE_TIMER_NUMBERS: Final = range(RETENTIVE_TIMERS, 256)
 
 OUT_OF_RANGE: Final = 6706
 """Error code in D8067 for an operand that is out of range (from memory)."""
+
+
+def time_base_ms(timer: int) -> int:
+    """Return the time base of a timer in ms; T256 to T511, which only an FX3U has, count in ms (from memory)."""
+    return MS_1 if timer >= SIZES["T"] else timer_base_ms(timer)
 
 
 CALL_DEPTH: Final = 5
@@ -82,6 +93,13 @@ class Cpu:
         terminals: Current raw levels at the X terminals, for REF.
         latches: Current levels at the Y terminals, as written by the last END or REF; empty = same as the Y image.
         refreshed: Y image that REF wrote to the terminals before END; None = no REF in this scan.
+        model: CPU model.
+        interrupts_enabled: Whether EI is in force.
+        interrupt_requests: Requested interrupts that have not been executed, in order.
+        after_count: Comparisons to be executed after each count, by number of the high-speed counter.
+        after_rise: Functions called with the time in ms of each rising edge, by number of the X terminal.
+        modules: Special function modules by position, 0 to 7.
+        line: Serial line.
     """
 
     memory: Memory = field(default_factory=Memory)
@@ -90,14 +108,33 @@ class Cpu:
     terminals: list[bool] = field(default_factory=list)
     latches: list[bool] = field(default_factory=list)
     refreshed: list[bool] | None = None
+    model: CpuModel = FX2N
+    interrupts_enabled: bool = False
+    interrupt_requests: list[int] = field(default_factory=list)
+    after_count: dict[int, list[Callable[[], None]]] = field(default_factory=dict)
+    after_rise: dict[int, list[Callable[[int], None]]] = field(default_factory=dict)
+    modules: Mapping[int, BufferModule] = field(default_factory=dict)
+    line: FxSerialLine = field(default_factory=FxSerialLine)
+
+    def request_interrupt(self, number: int) -> None:
+        """Store the request of an interrupt; one request of each is stored."""
+        if number not in self.interrupt_requests:
+            self.interrupt_requests.append(number)
+
+    def forget_events(self) -> None:
+        """Disable interrupts, and drop all requests and comparisons."""
+        self.interrupts_enabled = False
+        self.interrupt_requests.clear()
+        self.after_count.clear()
+        self.after_rise.clear()
 
     def ticks(self, timer: int) -> int:
         """Return the scan time in counts of a timer's time base."""
-        return self.now_ms // {MS_100: 100, MS_10: 10}.get(timer_base_ms(timer), 1)
+        return self.now_ms // time_base_ms(timer)
 
     def set_timer(self, timer: int, value: int) -> None:
         """Write the current value of a timer; a running timer continues from this value."""
         memory = self.memory
         memory.TV[timer] = value
         if memory.TS[timer] >= 0:
-            memory.TS[timer] = self.ticks(timer) - (value if timer < RETENTIVE_TIMERS else 0)
+            memory.TS[timer] = self.ticks(timer) - (0 if timer in RETENTIVE_TIMER_NUMBERS else value)

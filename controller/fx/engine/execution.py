@@ -38,6 +38,13 @@ class FxExecution(Protocol):
             CpuError: The scan took too long, or subroutines are nested too deeply.
         """
 
+    def run_interrupt(self, number: int, now_ms: int) -> None:
+        """Execute an interrupt routine.
+
+        Raises:
+            CpuError: The routine took too long, or subroutines are nested too deeply.
+        """
+
 
 FxExecutionFactory = Callable[[TranslatedProgram], FxExecution]
 

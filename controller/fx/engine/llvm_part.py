@@ -75,7 +75,7 @@ class FxLayout(MemoryLayout):
     """
 
     def __init__(self, program: TranslatedProgram) -> None:
-        super().__init__(edges=0)
+        super().__init__(edges=0, devices=program.cpu.sizes)
         at = -(-self.size // WORD_BYTES) * WORD_BYTES
         self.words["W"] = MemoryRow(at, _REGISTERS)
         at += _REGISTERS * WORD_BYTES

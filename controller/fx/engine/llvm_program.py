@@ -14,6 +14,7 @@ from zlib import crc32
 
 from controller.core.llvm_function import function, module, name_of
 from controller.fx.engine.code import (
+    MAIN,
     Body,
     Condition,
     Label,
@@ -50,7 +51,7 @@ def llvm_modules(program: TranslatedProgram, layout: FxLayout) -> tuple[str, ...
     result is `END`, `STOPPED`, `OVERDUE` or `TOO_DEEP`.
     """
     writer = _ModuleWriter(layout, program.shared)
-    routines = [writer.routine(routine) for routine in (program.main, *program.subroutines)]
+    routines = [writer.routine(routine) for routine in program.routines]
     declarations = [f"declare i64 @{name}({PART_PARAMETERS})" for name in writer.parts]
     return (*writer.shared.values(), *writer.parts.values(), module(routines, declarations))
 
@@ -73,7 +74,7 @@ class _ModuleWriter:
     def routine(self, routine: Routine) -> str:
         """Return the function of a routine, and add the modules of its parts."""
         body = _RoutineBody(self._layout)
-        main = not routine.name.startswith("sub_")
+        main = routine.name == MAIN
         if main:
             body.store_ticks()
         body.begin_gates()

@@ -9,10 +9,10 @@ from typing import Final
 
 from controller.core.memory_region import MemoryRegion
 from controller.core.object_code import LoadedModules
-from controller.fx.engine.code import TranslatedProgram
+from controller.fx.engine.code import TranslatedProgram, interrupt_name
 from controller.fx.engine.cpu import call_error, watchdog_error
 from controller.fx.engine.execution import Functions
-from controller.fx.engine.llvm_part import CALLBACK, OVERDUE, STOPPED, TOO_DEEP, FxLayout
+from controller.fx.engine.llvm_part import CALLBACK, OVERDUE, STOPPED, TICK_REGISTERS, TOO_DEEP, FxLayout
 from controller.fx.engine.llvm_program import llvm_modules
 
 _ENTRY: Final = "scan"
@@ -25,12 +25,17 @@ class FxMachineCode:
     Attributes:
         layout: Arrangement of its memory.
         scan: Function that executes the program, given the address of the memory region and the time in ms.
+        interrupts: Functions of the interrupt routines by name, given the address of the memory region.
     """
 
     def __init__(self, program: TranslatedProgram) -> None:
         """Load the machine code, compiling the parts that are not in the cache."""
         self.layout = FxLayout(program)
         self._modules = LoadedModules(llvm_modules(program, self.layout))
+        self.interrupts: dict[str, Callable[[int], int]] = {
+            routine.name: self._modules.function(routine.name, ctypes.c_int64, ctypes.c_void_p)
+            for routine in program.interrupts
+        }
         self.scan: Callable[[int, int], int] = self._modules.function(
             _ENTRY, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64
         )
@@ -74,7 +79,16 @@ class MachineFunctions:
 
     def run(self, now_ms: int) -> None:
         """Execute the program from step 0 to END."""
-        result = self.scan(self.address, now_ms)
+        self._raise_error(self.scan(self.address, now_ms))
+
+    def run_interrupt(self, number: int, now_ms: int) -> None:
+        """Execute an interrupt routine."""
+        for base_ms, register in TICK_REGISTERS.items():
+            self.registers[register] = now_ms // base_ms
+        self._raise_error(self._code.interrupts[interrupt_name(number)](self.address))
+
+    def _raise_error(self, result: int) -> None:
+        """Raise the error that has stopped the machine code."""
         if result == STOPPED:
             exception, self._exception = self._exception, None
             assert exception is not None  # noqa: S101 - only `_execute` returns this result

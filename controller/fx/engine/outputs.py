@@ -45,6 +45,7 @@ from controller.fx.engine.parts import END_POINTER, LadderStep, Parts, number_of
 from controller.fx.engine.plain_actions import plain_action
 from controller.fx.language.instruction import Constant, DeviceOperand, Instruction, Operand
 from controller.fx.language.instruction_set import FORMS, Form, steps
+from controller.fx.language.operand_rules import FIRST_HIGH_SPEED
 
 TRANSFER_DISABLE: Final = 8040
 MOST_DRIVERS: Final = 8
@@ -113,6 +114,8 @@ class Outputs:
         match operands[0]:
             case DeviceOperand("T", number):
                 return (timer(number, operands[1], power),)
+            case DeviceOperand("C", number) if number >= FIRST_HIGH_SPEED:
+                return (Store(RowElement("CE", number), power),)  # the terminals are counted between the scans
             case DeviceOperand("C", number):
                 return counter(number, operands[1], power)
             case DeviceOperand("S", number) as state if step is not None and _is_step(state):
@@ -198,13 +201,13 @@ def active(step: LadderStep) -> Condition:
 
 
 def _is_step(operand: Operand) -> bool:
-    return isinstance(operand, DeviceOperand) and operand.kind == "S" and operand.number < ANNUNCIATORS.start
+    return isinstance(operand, DeviceOperand) and operand.kind == "S" and operand.number not in ANNUNCIATORS
 
 
 def _drivers(instructions: tuple[Instruction, ...], parts: Parts) -> dict[Operand, list[LadderStep]]:
     """Return, for each coil, the steps that drive it."""
     drivers: dict[Operand, list[LadderStep]] = {}
-    for body in (parts.main, *parts.subroutines.values()):
+    for body in parts.bodies:
         for step in body:
             if isinstance(step, LadderStep):
                 for i in step.body:

@@ -52,11 +52,18 @@ class Parts:
         main: Main program, excluding its END. An FEND followed by code that a jump can reach ends the scan.
         subroutines: Parts that a CALL executes, by label, excluding their SRET.
         step_count: Number of steps.
+        interrupts: Bodies of the interrupt routines by number, excluding their IRET.
     """
 
     main: tuple[Part, ...]
     subroutines: dict[int, tuple[Part, ...]]
     step_count: int
+    interrupts: dict[int, tuple[Part, ...]]
+
+    @property
+    def bodies(self) -> tuple[tuple[Part, ...], ...]:
+        """Main program, subroutines and interrupt routines."""
+        return (self.main, *self.subroutines.values(), *self.interrupts.values())
 
 
 def parts_of(ladder: Ladder) -> Parts:
@@ -113,9 +120,23 @@ class _PartReader:
                 continue
             subroutines[label], _ = self._body(start, end)
             self._check_jumps(subroutines[label], to_end=False)
+        interrupts = dict(self._interrupts())
         if self._faults:
             raise LadderError("\n".join(dict.fromkeys(self._faults)))
-        return Parts(main, subroutines, self._steps)
+        return Parts(main, subroutines, self._steps, interrupts)
+
+    def _interrupts(self) -> Iterator[tuple[int, tuple[Part, ...]]]:
+        """Yield the number and the body of each interrupt routine."""
+        for start, instruction in enumerate(self._list):
+            if instruction.name != "I":
+                continue
+            end = next((i for i in range(start, len(self._list)) if self._list[i].name == "IRET"), None)
+            if end is None:
+                self._fault(start, "the interrupt routine has no end; write IRET at its end")
+                continue
+            body, _ = self._body(start + 1, end)
+            self._check_jumps(body, to_end=False)
+            yield number_of(instruction), body
 
     def _body(self, start: int, end: int) -> tuple[tuple[Part, ...], int]:
         """Return the parts from `start` up to `end` or to the closing NEXT, and the index at which they end."""
@@ -136,7 +157,7 @@ class _PartReader:
             elif name == "NEXT":
                 return tuple(parts), i
             else:
-                if name != "NOP":
+                if name not in ("NOP", "I"):  # a routine may have several labels
                     parts.append(i)
                 i += 1
         return tuple(parts), i

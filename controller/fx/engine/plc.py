@@ -13,14 +13,19 @@ from controller.core.devices import (
     ANNUNCIATOR_ON,
     ANNUNCIATORS,
     LOWEST_ANNUNCIATOR,
-    RETENTIVE,
     SIZES,
 )
 from controller.core.input_filter import InputFilter
+from controller.fx.engine.applied.pulse import DEFAULT_RAMP_MS, RAMP_MS
+from controller.fx.engine.applied.serial import HEADER, TERMINATOR
 from controller.fx.engine.code import DEPTH, TRANSFERRED
-from controller.fx.engine.cpu import RETENTIVE_TIMERS, Cpu, CpuError, index_register
+from controller.fx.engine.cpu import RETENTIVE_TIMER_NUMBERS, Cpu, CpuError, index_register
+from controller.fx.engine.events.high_speed import HighSpeedCounters
+from controller.fx.engine.events.interrupts import InterruptRoutines
 from controller.fx.engine.execution import FxExecutionFactory
 from controller.fx.engine.operations import WATCHDOG_MS, Operations, Watchdog
+from controller.fx.engine.parts import parts_of
+from controller.fx.engine.peripherals.peripherals import Peripherals
 from controller.fx.engine.python_functions import PythonFunctions
 from controller.fx.engine.translate import translate
 from controller.fx.language.instruction import Ladder
@@ -28,6 +33,9 @@ from controller.fx.language.instruction import Ladder
 FILTER_MS: Final = 8020
 POWER_UP_WATCHDOG_MS: Final = 200
 CLOCK_REGISTERS: Final = 8013
+_STX, _ETX = 0x02, 0x03
+_FAST_TERMINALS: Final = 8
+"""Terminals X0 to X7, whose levels matter between two scans."""
 
 
 class FxPlc:
@@ -41,6 +49,7 @@ class FxPlc:
         error: Error that has stopped the PLC; None = none.
         scans: Number of scans since the change from STOP to RUN.
         execution: Execution of the program.
+        is_sampled: Whether the program depends on the terminals between two scans.
     """
 
     def __init__(
@@ -50,6 +59,7 @@ class FxPlc:
         input_filter_ms: int = 10,
         clock: datetime | None = None,
         execution: FxExecutionFactory | None = None,
+        peripherals: Peripherals | None = None,
     ) -> None:
         """Load the program and go to RUN.
 
@@ -58,6 +68,7 @@ class FxPlc:
             input_filter_ms: Filter time of X0-X17, ms; 0 disables all filters.
             clock: Time of day at 0 ms; None = 2000-01-01 00:00:00.
             execution: Factory of the execution; None = `PythonFunctions`.
+            peripherals: Special function modules and serial line; None = none.
 
         Raises:
             LadderError: The program contains a part that this engine does not support.
@@ -67,19 +78,23 @@ class FxPlc:
         self._translated = translate(ladder)
         self.execution = (execution or PythonFunctions)(self._translated)
         self.memory = self.execution.memory
-        self.cpu = Cpu(self.memory)
+        connected = peripherals or Peripherals()
+        self.cpu = Cpu(self.memory, model=ladder.cpu, modules=connected.modules, line=connected.line)
         self._watchdog = Watchdog(self.cpu, self.execution.registers)
         self._operations = Operations(ladder, self.cpu, self._watchdog)
         self._link_operations()
+        self._no_outputs: list[bool] = [False] * SIZES["Y"]
+        self._counters = HighSpeedCounters(ladder, self.cpu)
+        self._interrupts = InterruptRoutines(parts_of(ladder).interrupts, self.cpu, self._run_interrupt)
+        self.is_sampled = self._counters.used or self._interrupts.used or _measures_speed(ladder)
+        self._sampled = self._no_outputs.copy()
         self.running = True
         self.error: CpuError | None = None
         self.scans = 0
-        self._filter = InputFilter(self.memory.X, input_filter_ms)
+        self._filter, self._filter_ms = InputFilter(self.memory.X, input_filter_ms), input_filter_ms
         self._clock = clock or datetime(2000, 1, 1)
         self._last_ms: int | None = None
-        self._no_outputs = [False] * SIZES["Y"]
         self.cpu.latches = self._no_outputs.copy()
-        self._filter_ms = input_filter_ms
         self._first_registers()
 
     @property
@@ -97,19 +112,69 @@ class FxPlc:
         Returns:
             Copy of the raw levels of the Y terminals in numerical order; all are off in STOP unless M8033 retains them.
         """
+        if self.is_sampled:
+            self._sample(now_ms, levels)
         self.cpu.refreshed = None
         self.cpu.latches = self._scan(now_ms, levels)
+        if self._interrupts.used:
+            refreshed, self.cpu.refreshed = self.cpu.refreshed, None
+            if self.running and self.scans == 1:
+                self._interrupts.start(now_ms)
+            self._interrupts.run_requested(now_ms)
+            self.cpu.refreshed = refreshed
         return self.cpu.latches.copy()
 
-    def sample(self, now_ms: int, levels: Rows[bool]) -> None:
-        """Sample the X terminals between two scans, for their input filter.
+    def sample(self, now_ms: int, levels: Rows[bool]) -> list[bool]:
+        """Process the terminals between two scans: input filter, fast inputs, high-speed counters and interrupts.
 
         Args:
-            now_ms: Time of the sample, ms, non-decreasing.
-            levels: Raw levels of the X terminals in numerical order from X0.
+            now_ms: Time, ms, non-decreasing.
+            levels: Raw levels of the X terminals, as for `scan`.
+
+        Returns:
+            Copy of the raw levels of the Y terminals.
         """
         if self.running:
             self._filter.sample(now_ms, levels)
+        if self.is_sampled:
+            self._sample(now_ms, levels)
+        return self.cpu.latches.copy()
+
+    def _sample(self, now_ms: int, levels: Rows[bool]) -> None:
+        now = [*levels, *self._no_outputs[len(levels) : _FAST_TERMINALS]]
+        before, self._sampled = self._sampled, now
+        if not (self.running and self.scans):
+            return
+        self.cpu.terminals[:] = levels
+        self._interrupts.run_timers(now_ms)
+        if before == now:
+            return
+        for number, watches in self.cpu.after_rise.items():
+            if now[number] and not before[number]:
+                for watch in watches:
+                    watch(now_ms)
+        self._counters.count(before, now)
+        self._interrupts.request(before, now)
+        self._interrupts.run_requested(now_ms)
+
+    def _run_interrupt(self, number: int, now_ms: int) -> None:
+        """Execute an interrupt routine; outputs that it refreshes reach the terminals."""
+        if not self.running:
+            return
+        self._begin_routine(now_ms)
+        try:
+            self.execution.run_interrupt(number, now_ms)
+        except CpuError as error:
+            self._fail(error)
+            self.cpu.latches = self._no_outputs.copy()
+            return
+        if self.cpu.refreshed is not None and not self.memory.M[8034]:
+            self.cpu.latches = self.cpu.refreshed
+        self.cpu.refreshed = None
+
+    def _begin_routine(self, now_ms: int) -> None:
+        self.cpu.now_ms, self.cpu.refreshed = now_ms, None
+        self._watchdog.start()
 
     @property
     def refreshed(self) -> list[bool] | None:
@@ -150,7 +215,8 @@ class FxPlc:
         self.running, self.error, self.scans = True, None, 0
         for relay in (8004, 8061, 8066, 8067):
             self.memory.M[relay], self.memory.D[relay] = False, 0
-        for timer in range(RETENTIVE_TIMERS, SIZES["T"]):
+        self.cpu.forget_events()
+        for timer in RETENTIVE_TIMER_NUMBERS:
             self.memory.TS[timer] = -1  # time in STOP or without power does not count
         self._last_ms, self.memory.D[8010:8013] = None, [0] * 3
         self._link_operations()
@@ -164,24 +230,28 @@ class FxPlc:
     def power_cycle(self) -> None:
         """Cycle the power: non-latched memory is cleared, and the CPU starts in RUN."""
         self.clear(latched=False)
-        for number in range(8000, 8256):
+        for number in range(8000, len(self.memory.M)):
             self.memory.M[number] = False
         self._first_registers()
         self.cpu.latches = self._no_outputs.copy()
         self.run()
 
     def _first_registers(self) -> None:
-        """Set watchdog, filter, V and Z to their power-up values; other special registers are unchanged."""
+        """Set watchdog, filter, V, Z, RS and ramps to their power-up values; other special registers are unchanged."""
         for name in (f"{kind}{number}" for kind in "VZ" for number in range(8)):
             self.memory.D[index_register(name)] = 0
         self.memory.D[WATCHDOG_MS] = POWER_UP_WATCHDOG_MS
         self.memory.D[FILTER_MS] = self._filter_ms
+        self.memory.D[HEADER], self.memory.D[TERMINATOR] = _STX, _ETX
+        if self.ladder.cpu.is_fx3:
+            for register in RAMP_MS:
+                self.memory.D[register] = DEFAULT_RAMP_MS
 
     def _resume_timers(self) -> None:
         """Resume the timers retained in STOP by M8033 from their current values."""
         memory = self.memory
-        for timer in range(RETENTIVE_TIMERS):
-            if memory.TS[timer] >= 0:
+        for timer in range(len(memory.TS)):
+            if memory.TS[timer] >= 0 and timer not in RETENTIVE_TIMER_NUMBERS:
                 memory.TS[timer] = self.cpu.ticks(timer) - memory.TV[timer]
 
     def clear(self, *, latched: bool) -> None:
@@ -211,11 +281,11 @@ class FxPlc:
         """Link new applied instructions, which have no state of earlier scans."""
         self.execution.link(self._operations.functions(self._translated.operations))
 
-    @staticmethod
-    def _numbers(kind: str, *, latched: bool) -> list[int]:
+    def _numbers(self, kind: str, *, latched: bool) -> list[int]:
         """Return the numbers of the latched or the non-latched devices of a kind, excluding special devices."""
-        latched_numbers = {number for span in RETENTIVE.get(kind, ()) for number in span}
-        return [number for number in range(min(SIZES[kind], 8000)) if (number in latched_numbers) == latched]
+        model = self.ladder.cpu
+        latched_numbers = {number for span in model.retentive.get(kind, ()) for number in span}
+        return [number for number in range(min(model.sizes[kind], 8000)) if (number in latched_numbers) == latched]
 
     def _set_special_devices(self, now_ms: int) -> None:
         """Set the special devices driven by the CPU."""
@@ -255,10 +325,10 @@ class FxPlc:
         if special[8032]:
             special[8032] = False
             self.clear(latched=True)
-        special[ANNUNCIATOR_ON] = on = special[8049] and True in memory.S[ANNUNCIATORS.start :]
+        special[ANNUNCIATOR_ON] = on = special[8049] and True in memory.S[ANNUNCIATORS.start : ANNUNCIATORS.stop]
         memory.D[LOWEST_ANNUNCIATOR] = memory.S.index(True, ANNUNCIATORS.start) if on else 0
         if special[8047]:
-            active = [n for n in range(ANNUNCIATORS.start) if memory.S[n]][:8]
+            active = [n for n, on in enumerate(memory.S) if on and n not in ANNUNCIATORS][:8]
             special[8046] = bool(active)
             memory.D[8040:8048] = active + [-1] * (8 - len(active))
         if memory.D[FILTER_MS] != self._filter.filter_ms:
@@ -269,3 +339,7 @@ class FxPlc:
         self.memory.M[error.relay], self.memory.D[error.relay] = True, error.code
         self.memory.M[8004], self.memory.D[8004] = True, error.relay
         self._clear_transfers()
+
+
+def _measures_speed(ladder: Ladder) -> bool:
+    return any(instruction.name == "SPD" for instruction in ladder.instructions)

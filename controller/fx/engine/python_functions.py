@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final, NoReturn
 
-from controller.core.devices import MS_10, MS_100, SIZES, Memory
+from controller.core.devices import MS_10, MS_100, Memory
 from controller.fx.engine.code import (
     BIT_ROWS,
     EXECUTION_REGISTERS,
@@ -42,6 +42,7 @@ from controller.fx.engine.code import (
     Tick,
     TranslatedProgram,
     Value,
+    interrupt_name,
     subroutine_name,
 )
 from controller.fx.engine.cpu import call_error, watchdog_error
@@ -64,9 +65,9 @@ class PythonFunctions:
     """
 
     def __init__(self, program: TranslatedProgram) -> None:
-        self.memory = Memory(E=[False] * program.edges)
+        self.memory = Memory.of_size(program.cpu.sizes, program.edges)
         self.activity = [False] * program.steps
-        self.leaving = [False] * SIZES["S"]
+        self.leaving = [False] * program.cpu.sizes["S"]
         self.registers = [0] * EXECUTION_REGISTERS
         rows = {"A": self.activity, "B": [False] * program.levels, "L": self.leaving, "W": self.registers}
         self._space: dict[str, object] = {
@@ -74,7 +75,7 @@ class PythonFunctions:
             "too_deep": _raise_call_error,
             **{name: rows[name] if name in rows else getattr(self.memory, name) for name in _ROWS},
         }
-        text = "".join(_FunctionText(routine).text() for routine in (program.main, *program.subroutines))
+        text = "".join(_FunctionText(routine).text() for routine in program.routines)
         for number, condition in enumerate(program.shared):
             text += f"def {_shared_name(number)}():\n{INDENT}return {_text(condition)}\n"
         exec(compile(text, "<program>", "exec"), self._space)  # noqa: S102 - text of checked instructions
@@ -87,6 +88,10 @@ class PythonFunctions:
     def run(self, now_ms: int) -> None:
         """Execute the program from step 0 to END."""
         self._scan(now_ms // MS_100, now_ms // MS_10, now_ms)  # type: ignore[operator]
+
+    def run_interrupt(self, number: int, now_ms: int) -> None:
+        """Execute an interrupt routine."""
+        self._space[interrupt_name(number)](now_ms // MS_100, now_ms // MS_10, now_ms)  # type: ignore[operator]
 
 
 def _raise_watchdog_error() -> NoReturn:

@@ -7,21 +7,24 @@
     initial: {M0: 1, D0: 7}     # before the first scan
     inputs:                     # before the first scan at or after that time
       - {at_ms: 20, set: {X0: 1}}
+    pulses:                     # 100 pulses of 1 ms every 2 ms at a terminal
+      - {input: X0, from_ms: 5, period_ms: 2, count: 100}
     watch: [Y0, T0, TN0, D0]    # after END of each scan
     input_filter_ms: 0          # of X0-X17; omitted = all filters off
 
 Devices are X, Y, M, S, T, C, D, V, Z, TN and CN. **T0 and C0 are contacts, 0 or 1; TN0 and CN0 are current values.**
-X is the raw level of a terminal when it is set, and the input image when it is watched; Y is the output image.
+X is the raw level of a terminal when it is set, and the input image when it is watched; Y is the output image. A change
+of X between two scans reaches high-speed counters and interrupts at its own millisecond.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain
+from heapq import merge
 from pathlib import Path
-from typing import Annotated, Final, cast
+from typing import Annotated, Final, NamedTuple, cast
 
 from pydantic import BeforeValidator, Field, PlainValidator, ValidationInfo, field_validator
 
@@ -31,6 +34,7 @@ from controller.common.yaml_model import StrictModel, validated
 from controller.core.devices import WORD_MAX, WORD_MIN, Memory, device_name, is_32_bit_counter
 from controller.fx.engine.access import signed
 from controller.fx.engine.cpu import index_register
+from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.instruction import DeviceOperand
 from controller.fx.language.operand_rules import OperandError
 from controller.fx.language.parsing import parse_operand
@@ -89,6 +93,23 @@ Values = dict[WatchedDevice, int]
 
 
 @dataclass(frozen=True, slots=True)
+class StimulusPulses:
+    """Pulses at an X terminal.
+
+    Attributes:
+        terminal: The terminal.
+        from_ms: Time of the first rising edge, ms.
+        period_ms: Period, ms; the level is on for its first half.
+        count: Number of pulses.
+    """
+
+    terminal: WatchedDevice
+    from_ms: int
+    period_ms: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
 class Stimulus:
     """Inputs of a program over time, and the devices to watch.
 
@@ -99,6 +120,7 @@ class Stimulus:
         inputs: Times in ms, ascending, with the device values set before the first scan at or after each time.
         watch: Devices to record after END of each scan.
         input_filter_ms: Filter time of X0-X17, ms; 0 disables all filters.
+        pulses: Pulse trains.
     """
 
     scan_ms: int
@@ -107,9 +129,10 @@ class Stimulus:
     inputs: tuple[tuple[int, Values], ...]
     watch: tuple[WatchedDevice, ...]
     input_filter_ms: int = 0
+    pulses: tuple[StimulusPulses, ...] = ()
 
 
-def device_of(name: str) -> WatchedDevice:
+def device_of(name: str, cpu: CpuModel = FX2N) -> WatchedDevice:
     """Return the device with the given name, in upper or lower case.
 
     Examples:
@@ -121,25 +144,26 @@ def device_of(name: str) -> WatchedDevice:
     """
     prefix = name[:2].upper()
     kind = CURRENT_VALUES.get(prefix)
-    device = parse_operand(kind + name[2:] if kind else name)
+    device = parse_operand(kind + name[2:] if kind else name, cpu)
     if not isinstance(device, DeviceOperand) or device.index:
         raise OperandError(f"{shown(name)} is not a single device; write one such as X0, D100, T0 or TN0")
     return WatchedDevice(prefix if kind else device.kind, device.number)
 
 
-def load_stimulus(path: Path, others: Collection[str] = ()) -> Stimulus:
+def load_stimulus(path: Path, others: Collection[str] = (), cpu: CpuModel = FX2N) -> Stimulus:
     """Return the stimulus in a YAML file.
 
     Args:
         path: The file.
         others: Keys of the file that another reader handles.
+        cpu: CPU whose devices can be set and watched.
 
     Raises:
         StimulusError: The file cannot be read or is invalid; one line for each error, in file order.
     """
     located = unfold(read_yaml(path, StimulusError), _DEPTH)
     located.values = {key: value for key, value in located.values.items() if key not in others}
-    file = validated(_StimulusFile, located, context=_end_ms(located.values))
+    file = validated(_StimulusFile, located, context=_Context(_end_ms(located.values), cpu))
     if file is None or located.faults:
         faults = sorted(located.faults, key=lambda fault: fault.line)
         raise StimulusError("\n".join(f"{path}:{fault}" for fault in faults))
@@ -150,7 +174,15 @@ def load_stimulus(path: Path, others: Collection[str] = ()) -> Stimulus:
         inputs=tuple(sorted(((each.at_ms, dict(each.set.values())) for each in file.inputs), key=lambda each: each[0])),
         watch=tuple(dict.fromkeys(file.watch)),
         input_filter_ms=file.input_filter_ms,
+        pulses=tuple(StimulusPulses(each.input, each.from_ms, each.period_ms, each.count) for each in file.pulses),
     )
+
+
+class _Context(NamedTuple):
+    """Context of the validation: time of the last scan, ms, and the CPU."""
+
+    end_ms: float
+    cpu: CpuModel
 
 
 def _end_ms(values: Mapping[str, object]) -> float:
@@ -165,17 +197,29 @@ def _with_names(settings: object) -> object:
     return {name: (name, value) for name, value in settings.items()} if isinstance(settings, dict) else settings
 
 
-def _setting(setting: tuple[str, object]) -> tuple[WatchedDevice, int]:
+def _setting(setting: tuple[str, object], info: ValidationInfo) -> tuple[WatchedDevice, int]:
     """Return a device and its value."""
     name, value = setting
-    device = device_of(name)
+    device = _named(name, info)
     low, high = device.limits
     if isinstance(value, int) and not isinstance(value, bool) and low <= value <= high:
         return device, value
     raise ValueError(f"{shown(value)} is out of range; write a number from {low} to {high}")
 
 
-_Device = Annotated[WatchedDevice, PlainValidator(lambda name: device_of(str(name)))]
+def _named(name: object, info: ValidationInfo) -> WatchedDevice:
+    return device_of(str(name), cast("_Context", info.context).cpu)
+
+
+def _terminal(name: object, info: ValidationInfo) -> WatchedDevice:
+    """Return an X terminal."""
+    device = _named(name, info)
+    if device.kind != "X":
+        raise ValueError(f"{shown(name)} is not a terminal; write an input such as X0")
+    return device
+
+
+_Device = Annotated[WatchedDevice, PlainValidator(_named)]
 _Settings = Annotated[
     dict[str, Annotated[tuple[WatchedDevice, int], PlainValidator(_setting)]], BeforeValidator(_with_names)
 ]
@@ -183,7 +227,7 @@ _Settings = Annotated[
 
 
 class _Change(StrictModel):
-    """Entry of ``inputs``. The validation context is the time of the last scan, ms."""
+    """Entry of ``inputs``."""
 
     at_ms: int = Field(description=_EXAMPLE)
     set: _Settings = Field(description="write devices and values as {X0: 1, D0: 5}")
@@ -191,10 +235,22 @@ class _Change(StrictModel):
     @field_validator("at_ms")
     @classmethod
     def _in_the_run(cls, at_ms: int, info: ValidationInfo) -> int:
-        end_ms = cast("float", info.context)
+        end_ms = cast("_Context", info.context).end_ms
         if not 0 <= at_ms <= end_ms:
             raise ValueError(f"{at_ms} is outside the run; write 0 to {end_ms} (the last scan), or run more scans")
         return at_ms
+
+
+_PULSES: Final = "write - {input: X0, from_ms: 0, period_ms: 2, count: 100}"
+
+
+class _Pulses(StrictModel):
+    """Entry of ``pulses``."""
+
+    input: Annotated[WatchedDevice, PlainValidator(_terminal)] = Field(description=_PULSES)
+    from_ms: int = Field(0, ge=0, description="write the time of the first pulse in ms, 0 or more")
+    period_ms: int = Field(ge=2, le=60_000, multiple_of=2, description="write an even period in ms, 2 to 60000")
+    count: int = Field(ge=1, le=1_000_000, description="write the number of pulses, 1 to 1000000")
 
 
 class _StimulusFile(StrictModel):
@@ -204,11 +260,19 @@ class _StimulusFile(StrictModel):
     scans: int = Field(ge=1, le=1_000_000, description="write the number of scans to run, 1 to 1000000")
     initial: _Settings = Field({}, description="write devices and values as {X0: 1, D0: 5}")
     inputs: list[_Change] = Field([], description=_EXAMPLE)
+    pulses: list[_Pulses] = Field([], description=_PULSES)
     watch: list[_Device] = Field(min_length=1, description="write the devices to record as [Y0, T0, TN0, D0]")
     input_filter_ms: int = Field(0, ge=0, le=60, description="write 0 to 60 ms, the range of an FX2N")
 
 
-def changes_until(stimulus: Stimulus, after_ms: int, until_ms: int) -> Values:
-    """Return the device values set after `after_ms` and up to `until_ms`; later changes override earlier ones."""
-    due = (values.items() for at_ms, values in stimulus.inputs if after_ms < at_ms <= until_ms)
-    return dict(chain.from_iterable(due))
+def changes(stimulus: Stimulus) -> Iterator[tuple[int, Values]]:
+    """Yield the times in ms, ascending, and the device values that the stimulus sets, with those of its pulses."""
+    trains = (_levels(train) for train in stimulus.pulses)
+    return merge(stimulus.inputs, *trains, key=lambda change: change[0])
+
+
+def _levels(train: StimulusPulses) -> Iterator[tuple[int, Values]]:
+    for n in range(train.count):
+        at_ms = train.from_ms + n * train.period_ms
+        yield at_ms, {train.terminal: 1}
+        yield at_ms + train.period_ms // 2, {train.terminal: 0}

@@ -18,6 +18,7 @@ from typing import Final
 
 from controller.fx.engine.code import (
     GATES,
+    MAIN,
     Branch,
     Condition,
     Conjunction,
@@ -31,6 +32,7 @@ from controller.fx.engine.code import (
     Statement,
     Store,
     TranslatedProgram,
+    interrupt_name,
     subroutine_name,
 )
 from controller.fx.engine.conditions import Numbering, RungBuilder
@@ -51,6 +53,9 @@ _NEXT_RUNG: Final = frozenset(
         "END",
         "FEND",
         "SRET",
+        "IRET",
+        "EI",
+        "DI",
         "FOR",
         "NEXT",
         "P",
@@ -76,6 +81,7 @@ class _Translator:
 
     def __init__(self, ladder: Ladder) -> None:
         self._list = ladder.instructions
+        self._cpu = ladder.cpu
         self._block_starts = {self._first_of_block(title) for title in ladder.titles}
         self._following = self._next_names()
         self._parts = parts_of(ladder)
@@ -84,8 +90,9 @@ class _Translator:
         self._gates: dict[int, RowElement] = {}
 
     def program(self) -> TranslatedProgram:
-        main = self._routine("scan", self._parts.main)
+        main = self._routine(MAIN, self._parts.main)
         subroutines = [self._routine(subroutine_name(n), body) for n, body in self._parts.subroutines.items()]
+        interrupts = [self._routine(interrupt_name(n), body) for n, body in self._parts.interrupts.items()]
         used = self._numbering
         return TranslatedProgram(
             main,
@@ -96,6 +103,8 @@ class _Translator:
             len(used.edges),
             self._parts.step_count,
             len(used.levels),
+            self._cpu,
+            tuple(interrupts),
         )
 
     # structure
@@ -161,7 +170,7 @@ class _Translator:
         match instruction.name:
             case "RET":
                 rung.clear()
-            case "FEND" | "SRET":  # of the main program, followed by code that a jump can reach
+            case "FEND" | "SRET" | "IRET":  # of the main program, followed by code that a jump can reach
                 rung.statements.append(Leave())
                 rung.clear()
             case "MCR":

@@ -9,8 +9,8 @@ Rules:
   special relays (driven by the CPU) and annunciators (read through D8049) are not reported. RST and ZRST count as
   neither driving nor reading. A device number that is known only at run time counts as all devices of its kind.
 * The same timer in two consecutive steps: it is never off between them (docs/sources/fx2n.md 1.7).
-* Features that an FX2N does not have: more than 8,000 steps, bits of data registers.
-* Ladder blocks that GX Works2 displays but cannot edit, because they are too tall or too wide (fx2n.md 2.3).
+* Resources that the CPU does not have: more steps than its program memory, two fast functions of one input.
+* Ladder blocks that GX Works2 displays but cannot edit, because they are too tall or too wide (fx2n.md 2.4).
 """
 
 from __future__ import annotations
@@ -22,15 +22,20 @@ from itertools import combinations, product
 from typing import Final, Literal
 
 from controller.core.devices import ANNUNCIATORS, SIZES, device_name
+from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.editor_blocks import CELLS, MOST_LINES, editor_blocks
+from controller.fx.language.high_speed_inputs import input_conflicts
 from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Instruction, Ladder, Operand, WordBit
 from controller.fx.language.instruction_set import FORMS, steps
-from controller.fx.language.operand_rules import RANGES, SPANS
+from controller.fx.language.operand_rules import SPANS
 
-MOST_STEPS: Final = 8000
+MOST_STEPS: Final = FX2N.most_steps
 """Program memory of an FX2N without a cassette (from memory)."""
 CASSETTE_STEPS: Final = 16_000
 """Program memory of an FX2N with a memory cassette of 16K steps (from memory)."""
+
+MATRIX_SPACING: Final = 10
+"""Number of relays from one row of MTR to the next."""
 
 Severity = Literal["warning", "error"]
 Key = tuple[str, int]
@@ -53,37 +58,39 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """FX2N resources used by a program.
+    """Resources of the CPU used by a program.
 
     Attributes:
         steps: Program steps, including END.
         devices: Number of different devices by kind (X Y M S T C D), excluding special devices.
+        cpu: The CPU.
     """
 
     steps: int
     devices: dict[str, int]
+    cpu: CpuModel = FX2N
 
     def __str__(self) -> str:
-        parts = [f"{self.steps} of {MOST_STEPS} steps"]
-        parts.extend(f"{count} of {available(kind)} {kind}" for kind, count in self.devices.items())
+        parts = [f"{self.steps} of {self.cpu.most_steps} steps"]
+        parts.extend(f"{count} of {available(kind, self.cpu)} {kind}" for kind, count in self.devices.items())
         return ", ".join(parts)
 
 
-def available(kind: str) -> int:
-    """Return the number of devices of a kind in an FX2N, excluding special devices.
+def available(kind: str, cpu: CpuModel = FX2N) -> int:
+    """Return the number of devices of a kind in a CPU, excluding special devices.
 
     Examples:
         >>> available("M"), available("S")
         (3072, 1000)
     """
-    return len(RANGES[kind][0])
+    return len(cpu.ranges[kind][0])
 
 
 def usage(ladder: Ladder) -> Usage:
-    """Return the FX2N resources used by a program; an indexed device counts as the device without its index."""
-    used = devices_of(ladder)
-    devices = {kind: sum(k == kind and number in RANGES[k][0] for k, number in used) for kind in SIZES}
-    return Usage(sum(map(steps, ladder.instructions)), devices)
+    """Return the resources of the CPU used by a program; an indexed device counts as the device without its index."""
+    used, ranges = devices_of(ladder), ladder.cpu.ranges
+    devices = {kind: sum(k == kind and number in ranges[k][0] for k, number in used) for kind in SIZES}
+    return Usage(sum(map(steps, ladder.instructions)), devices, ladder.cpu)
 
 
 def devices_of(ladder: Ladder) -> set[Key]:
@@ -126,16 +133,14 @@ def check(ladder: Ladder) -> list[Finding]:
 
 
 def _exceeded_limits(ladder: Ladder) -> Iterator[Finding]:
-    """Yield a finding for each limit of an FX2N that the program exceeds."""
-    total = usage(ladder).steps
-    if total > MOST_STEPS:
-        text = f"the program has {total} steps, but an FX2N has only {MOST_STEPS}; {remedy_for_steps(total)}"
+    """Yield a finding for each limit of the CPU that the program exceeds."""
+    total, cpu = usage(ladder).steps, ladder.cpu
+    if total > cpu.most_steps:
+        remedy = remedy_for_steps(total) if cpu is FX2N else "shorten it"
+        text = f"the program has {total} steps, but an {cpu.name} has only {cpu.most_steps}; {remedy}"
         yield Finding("error", ladder.instructions[-1].line, text)
-    for instruction in ladder.instructions:
-        for operand in instruction.operands:
-            if isinstance(operand, WordBit):
-                text = f"{operand}: an FX2N has no bits of data registers; use M in a program for an FX2N"
-                yield Finding("warning", instruction.line, text)
+    for line, text in input_conflicts(ladder):
+        yield Finding("error", line, text)
 
 
 def _large_blocks(ladder: Ladder) -> Iterator[Finding]:
@@ -259,10 +264,25 @@ _READ: Final = frozenset(
         "C",
         "S",
         "T",
+        "X",
+        "D",
     }
 )
 _DRIVEN: Final = frozenset(
-    {"out", "set", "pulse", "coil", "target", "target words", "bit or target", "clock", "S", "T"}
+    {
+        "out",
+        "set",
+        "pulse",
+        "coil",
+        "target",
+        "target words",
+        "bit or target",
+        "clock",
+        "S",
+        "T",
+        "set at once",
+        "direction",
+    }
 )
 """Operand roles that drive a device. "S", "T" and "clock" are also in `_READ` because their effect depends on the
 instruction."""
@@ -284,6 +304,11 @@ _COUNTED: Final = {
     ("WSFR", 1): 2,
     ("WSFL", 1): 2,
     ("MEAN", 0): 2,
+    ("MTR", 2): 3,
+    ("FROM", 2): 3,
+    ("TO", 2): 3,
+    ("ASCI", 1): 2,
+    ("CCD", 0): 2,
     ("SFWR", 1): 2,
     ("SFRD", 0): 2,
 }
@@ -300,6 +325,8 @@ def _count(instruction: Instruction, n: int) -> int | None:
     count = instruction.operands[_COUNTED[name, n]]
     if not isinstance(count, Constant) or count.index:
         return None
+    if name == "MTR":
+        return MATRIX_SPACING * (count.value - 1) + 8
     return 2**count.value if (name, n) in {("DECO", 1), ("ENCO", 0)} else count.value
 
 
@@ -341,11 +368,15 @@ class _Usages:
         if not device.index:
             self.groups.setdefault(tuple(_devices(instruction, n, operand)), instruction.line)
 
-    def missing_from(self, other: _Usages) -> Iterator[tuple[int, tuple[Key, ...]]]:
-        """Yield the line and the devices of each group that has no device in `other`."""
+    def missing_from(self, other: _Usages, cpu: CpuModel) -> Iterator[tuple[int, tuple[Key, ...]]]:
+        """Yield the line and the devices of each group that has no device in `other`, except those outside."""
         there = {device for group in other.groups for device in group}
         for group, line in self.groups.items():
-            if all(map(_is_internal, group)) and there.isdisjoint(group) and group[0][0] not in other.open:
+            if (
+                all(_is_internal(device, cpu) for device in group)
+                and there.isdisjoint(group)
+                and group[0][0] not in other.open
+            ):
                 yield line, group
 
 
@@ -364,7 +395,7 @@ def _unpaired_devices(ladder: Ladder) -> Iterator[Finding]:
             driven.groups.update({(("S", number),): instruction.line for number in range(3)})
             read.groups.update({(("S", number),): instruction.line for number in range(3)})
     relays: dict[Key, int] = {}
-    for line, group in read.missing_from(driven):
+    for line, group in read.missing_from(driven, ladder.cpu):
         if group[0][0] == "M":
             relays.update(dict.fromkeys(group, line))
         else:
@@ -372,7 +403,7 @@ def _unpaired_devices(ladder: Ladder) -> Iterator[Finding]:
     if relays:
         text = f"{_names(relays)}: read but never driven; valid if a screen or panel writes it, otherwise drive or "
         yield Finding("warning", min(relays.values()), text + "delete it")
-    for line, group in driven.missing_from(read):
+    for line, group in driven.missing_from(read, ladder.cpu):
         yield Finding("warning", line, f"{_names(group)}: driven but never read; use it or delete it")
 
 
@@ -390,7 +421,7 @@ def _names(devices: Iterable[Key]) -> str:
     )
 
 
-def _is_internal(device: Key) -> bool:
+def _is_internal(device: Key, cpu: CpuModel) -> bool:
     """Return whether a device is driven and read only by the program."""
     kind, number = device
-    return kind in "MSTC" and number in RANGES[kind][0] and (kind != "S" or number not in ANNUNCIATORS)
+    return kind in "MSTC" and number in cpu.ranges[kind][0] and (kind != "S" or number not in ANNUNCIATORS)

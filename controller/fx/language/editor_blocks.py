@@ -1,6 +1,6 @@
 """Size of the ladder blocks of a program as GX Works2 draws them; it edits only blocks up to a number of lines.
 
-All limits and widths are from memory (fx2n.md 2.3): a ladder block has at most 24 lines, and a line has 12 cells, of
+All limits and widths are from memory (fx2n.md 2.4): a ladder block has at most 24 lines, and a line has 12 cells, of
 which 11 can hold contacts. A longer series of contacts continues in the next line. A contact and a coil take one cell
 each; a comparison and an applied instruction take one cell for the name and one for each operand.
 """

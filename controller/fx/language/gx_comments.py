@@ -1,4 +1,4 @@
-"""Device comment files, as the "Write to CSV File" command of GX Works2 writes them (fx2n.md 2.3).
+"""Device comment files, as the "Write to CSV File" command of GX Works2 writes them (fx2n.md 2.4).
 
 The files are UTF-16LE with a byte order mark, tabs and quoted fields: a title row, a header row and one row for each
 device with a comment. The limits of 32 characters in a project and of 16 characters in an FX2N are from memory.

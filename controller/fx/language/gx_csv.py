@@ -19,6 +19,7 @@ from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from dataclasses import dataclass, field
 from typing import Final
 
+from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.il import numbered, title_lines
 from controller.fx.language.instruction import DeviceOperand, Digits, Instruction, Ladder, Operand
 from controller.fx.language.parsing import TextErrors, Token, file_error, one_line, parse_instruction, printable
@@ -143,17 +144,18 @@ class _CsvReader:
         self.open = None
 
 
-def read_gx_csv(data: bytes, source: str = "program") -> Ladder:
+def read_gx_csv(data: bytes, source: str = "program", cpu: CpuModel = FX2N) -> Ladder:
     """Return the program in a GX Works2 CSV file.
 
     Args:
         data: File content in the format that this module describes.
         source: File name for messages; the column in a message is the field number, from 1.
+        cpu: CPU for which the program is written.
 
     Raises:
-        LadderError: The file is malformed or not a valid FX2N program; the message has one line for each finding.
+        LadderError: The file is malformed or not a valid program of the CPU; the message has one line for each finding.
     """
-    findings = TextErrors(source)
+    findings = TextErrors(source, cpu)
     rows = _rows(decode_text(data, source), source)
     _check_head(rows, findings)
     findings.raise_if_any()
@@ -244,6 +246,6 @@ def write_gx_csv(ladder: Ladder, *, title: str = "MAIN", plc: str = "FXCPU FX2N/
 
 def _columns(instruction: Instruction) -> tuple[str, list[str]]:
     """Return the content of the instruction column and of the operand column in each row."""
-    if instruction.name == "P":
+    if instruction.name in ("P", "I"):
         return str(instruction.operands[0]), [""]
     return instruction.name, [gx_text(operand) for operand in instruction.operands] or [""]

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
+from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder
 from controller.fx.language.instruction_set import steps
 from controller.fx.language.operand_rules import OperandError
@@ -126,17 +127,18 @@ def _device_comment(line: str) -> tuple[str, str]:
     return (str(device), match[2]) if isinstance(device, DeviceOperand) else ("", "")
 
 
-def read_il(text: str, source: str = "program") -> Ladder:
+def read_il(text: str, source: str = "program", cpu: CpuModel = FX2N) -> Ladder:
     """Return the program of an instruction list.
 
     Args:
         text: Instruction list in the format that this module describes.
         source: File name for messages.
+        cpu: CPU for which the program is written.
 
     Raises:
-        LadderError: The text is not a valid FX2N program; the message has one line for each finding.
+        LadderError: The text is not a valid program of the CPU; the message has one line for each finding.
     """
-    reader = _ListReader(TextErrors(source))
+    reader = _ListReader(TextErrors(source, cpu))
     for number, line in enumerate(_LINE.split(text), start=1):
         reader.line(number, line)
     return checked_ladder(reader.program, reader.findings, reader.titles, reader.comments)

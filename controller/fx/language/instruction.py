@@ -10,6 +10,7 @@ from typing import Literal
 
 from controller.common.errors import InputError
 from controller.core.devices import device_name
+from controller.fx.language.cpu_model import FX2N, CpuModel
 
 
 class LadderError(InputError):
@@ -48,6 +49,21 @@ class Constant:
 
 
 @dataclass(frozen=True, slots=True)
+class RealConstant:
+    """Real number in E notation, for example E1.5. Only an FX3U has it.
+
+    Attributes:
+        value: Number in single precision.
+    """
+
+    value: float
+
+    def __str__(self) -> str:
+        digits, _, exponent = repr(self.value).partition("e")
+        return f"E{digits}{int(exponent):+d}" if exponent else f"E{digits}"
+
+
+@dataclass(frozen=True, slots=True)
 class Digits:
     """Group of bits used as a number: K4M0 consists of the 4 x 4 bits M0 to M15, low bit first."""
 
@@ -60,7 +76,7 @@ class Digits:
 
 @dataclass(frozen=True, slots=True)
 class WordBit:
-    """One bit of a data register, for example D100.F. Only an FX3 supports it, but the engine also executes it."""
+    """One bit of a data register, for example D100.F. Only an FX3U has it."""
 
     number: int
     bit: int
@@ -71,13 +87,13 @@ class WordBit:
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """Label P0 to P127, or interrupt label I."""
+    """Label P0 to P127, or label of an interrupt routine, for example I001."""
 
     kind: Literal["P", "I"]
     number: int
 
     def __str__(self) -> str:
-        return f"{self.kind}{self.number}"
+        return f"{self.kind}{self.number:03}" if self.kind == "I" else f"{self.kind}{self.number}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +106,7 @@ class Nest:
         return f"N{self.number}"
 
 
-Operand = DeviceOperand | Constant | Digits | WordBit | Pointer | Nest
+Operand = DeviceOperand | Constant | RealConstant | Digits | WordBit | Pointer | Nest
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +140,11 @@ class Ladder:
         titles: Titles of blocks, by index of the instruction that follows.
         comments: Comment of each device, by its FX name.
         source: File name for messages.
+        cpu: CPU for which the program is written.
     """
 
     instructions: tuple[Instruction, ...]
     titles: dict[int, str] = field(default_factory=dict, compare=False)
     comments: dict[str, str] = field(default_factory=dict, compare=False)
     source: str = field(default="program", compare=False)
+    cpu: CpuModel = field(default=FX2N, compare=False)

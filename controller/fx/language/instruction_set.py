@@ -1,4 +1,4 @@
-"""The instruction set of the FX2N: operands, forms and step counts of every instruction.
+"""The instruction set of the FX2N and FX3U: operands, forms and step counts of every instruction.
 
 FNC numbers, operand order and step counts follow fx2n.md 1.1 and 1.2, whose verification marks apply here too. The
 basic instructions, the FNC table and the rule "1 + 2 per 16-bit operand, 1 + 4 per 32-bit operand" are in independent
@@ -20,6 +20,7 @@ from controller.fx.language.instruction import (
     Nest,
     Operand,
     Pointer,
+    RealConstant,
     WordBit,
 )
 
@@ -50,7 +51,12 @@ OPERAND_KINDS: Final[dict[str, frozenset[str]]] = {
     "set": frozenset({"Y", "M", "S", "D.b"}),
     "reset": frozenset({"Y", "M", "S", "T", "C", "D", "V", "Z", "D.b"}),
     "preset": frozenset({"K", "H", "D"}),
-    "float": frozenset({"K", "H", "D"}),
+    "float": frozenset({"K", "H", "D", "E"}),
+    "real": frozenset({"D", "E"}),
+    "X": frozenset({"X"}),
+    "set at once": frozenset({"Y", "M", "S", "I"}),
+    "reset at once": frozenset({"Y", "M", "S", "C"}),
+    "direction": frozenset({"Y", "M", "S", "D.b"}),
     "N": frozenset({"N"}),
     "P": frozenset({"P"}),
 }
@@ -69,6 +75,7 @@ class InstructionKind:
         pulsed: Whether the suffix P exists.
         supported: Whether the engine executes the instruction.
         optional: Number of trailing operands that may be omitted.
+        fx3: Whether only an FX3U has the instruction.
     """
 
     name: str
@@ -78,6 +85,7 @@ class InstructionKind:
     pulsed: bool = False
     supported: bool = True
     optional: int = 0
+    fx3: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +122,10 @@ def _applied(fnc: int, name: str, operands: str = "", wide: str = "no", *, pulse
     return InstructionKind(name, tuple(operands.split(", ")) if operands else (), fnc, wide, pulsed)
 
 
+def _fx3(fnc: int, name: str, operands: str, wide: str, *, pulsed: bool = True) -> InstructionKind:
+    return InstructionKind(name, tuple(operands.split(", ")), fnc, wide, pulsed, fx3=True)
+
+
 def _refused(fnc: int, name: str, wide: str = "no", *, pulsed: bool = False) -> InstructionKind:
     return InstructionKind(name, (), fnc, wide, pulsed, supported=False)
 
@@ -122,9 +134,9 @@ _APPLIED: Final = (
     _applied(0, "CJ", "P"),
     _applied(1, "CALL", "P"),
     _applied(2, "SRET", pulsed=False),
-    _refused(3, "IRET"),
-    _refused(4, "EI"),
-    _refused(5, "DI"),
+    _applied(3, "IRET", pulsed=False),
+    _applied(4, "EI", pulsed=False),
+    _applied(5, "DI", pulsed=False),
     _applied(6, "FEND", pulsed=False),
     _applied(7, "WDT"),
     _applied(8, "FOR", "source", pulsed=False),
@@ -132,7 +144,7 @@ _APPLIED: Final = (
     _applied(10, "CMP", "source, source, coil", "both"),
     _applied(11, "ZCP", "source, source, source, coil", "both"),
     _applied(12, "MOV", "source, target", "both"),
-    _refused(13, "SMOV", pulsed=True),
+    _applied(13, "SMOV", "source, number, number, target, number"),
     _applied(14, "CML", "source, target", "both"),
     _applied(15, "BMOV", "words, target words, count"),
     _applied(16, "FMOV", "source, target words, number", "both"),
@@ -171,11 +183,11 @@ _APPLIED: Final = (
     _applied(49, "FLT", "D, D", "both"),
     _applied(50, "REF", "X or Y, number"),
     _applied(51, "REFF", "count"),
-    _refused(52, "MTR"),
-    _refused(53, "HSCS", "only"),
-    _refused(54, "HSCR", "only"),
-    _refused(55, "HSZ", "only"),
-    _refused(56, "SPD"),
+    _applied(52, "MTR", "X, Y, coil, number", pulsed=False),
+    _applied(53, "HSCS", "source, C, set at once", "only", pulsed=False),
+    _applied(54, "HSCR", "source, C, reset at once", "only", pulsed=False),
+    _applied(55, "HSZ", "source, source, C, coil", "only", pulsed=False),
+    _applied(56, "SPD", "X, source, D", pulsed=False),
     _applied(57, "PLSY", "source, source, Y", "both", pulsed=False),
     _applied(58, "PWM", "source, source, Y", pulsed=False),
     _applied(59, "PLSR", "source, source, source, Y", "both", pulsed=False),
@@ -197,35 +209,39 @@ _APPLIED: Final = (
     _refused(75, "ARWS"),
     _refused(76, "ASC"),
     _refused(77, "PR"),
-    _refused(78, "FROM", "both", pulsed=True),
-    _refused(79, "TO", "both", pulsed=True),
-    _refused(80, "RS"),
+    _applied(78, "FROM", "count, count, target, count", "both"),
+    _applied(79, "TO", "count, count, source, count", "both"),
+    _applied(80, "RS", "D, count, D, count", pulsed=False),
     _refused(81, "PRUN", "both", pulsed=True),
-    _refused(82, "ASCI", pulsed=True),
-    _refused(83, "HEX", pulsed=True),
-    _refused(84, "CCD", pulsed=True),
+    _applied(82, "ASCI", "source, target words, number"),
+    _applied(83, "HEX", "source words, target, number"),
+    _applied(84, "CCD", "words, target words, count"),
     _refused(85, "VRRD", pulsed=True),
     _refused(86, "VRSC", pulsed=True),
-    _refused(88, "PID"),
+    _applied(88, "PID", "D, D, D, D", pulsed=False),
     _applied(110, "ECMP", "float, float, coil", "only"),
     _applied(111, "EZCP", "float, float, float, coil", "only"),
+    _fx3(112, "EMOV", "float, D", "only"),
     _refused(118, "EBCD", "only", pulsed=True),
     _refused(119, "EBIN", "only", pulsed=True),
     _applied(120, "EADD", "float, float, D", "only"),
     _applied(121, "ESUB", "float, float, D", "only"),
     _applied(122, "EMUL", "float, float, D", "only"),
     _applied(123, "EDIV", "float, float, D", "only"),
-    _refused(127, "ESQR", "only", pulsed=True),
+    _applied(127, "ESQR", "float, D", "only"),
+    _fx3(128, "ENEG", "D", "only"),
     _applied(129, "INT", "D, D", "both"),
-    _refused(130, "SIN", "only", pulsed=True),
-    _refused(131, "COS", "only", pulsed=True),
-    _refused(132, "TAN", "only", pulsed=True),
-    _refused(147, "SWAP", "both", pulsed=True),
+    _applied(130, "SIN", "real, D", "only"),
+    _applied(131, "COS", "real, D", "only"),
+    _applied(132, "TAN", "real, D", "only"),
+    _fx3(136, "RAD", "real, D", "only"),
+    _fx3(137, "DEG", "real, D", "only"),
+    _applied(147, "SWAP", "target", "both"),
     _refused(155, "ABS", "only"),
     _refused(156, "ZRN", "both"),
     _refused(157, "PLSV", "both"),
-    _refused(158, "DRVI", "both"),
-    _refused(159, "DRVA", "both"),
+    _fx3(158, "DRVI", "source, source, Y, direction", "both", pulsed=False),
+    _fx3(159, "DRVA", "source, source, Y, direction", "both", pulsed=False),
     _applied(160, "TCMP", "source, source, source, clock, coil"),
     _applied(161, "TZCP", "clock, clock, clock, coil"),
     _refused(162, "TADD", pulsed=True),
@@ -235,6 +251,8 @@ _APPLIED: Final = (
     _refused(169, "HOUR", "both"),
     _refused(170, "GRY", "both", pulsed=True),
     _refused(171, "GBIN", "both", pulsed=True),
+    _applied(176, "RD3A", "count, count, target"),
+    _applied(177, "WR3A", "count, count, source"),
 )
 
 _COMPARISONS: Final = tuple(
@@ -244,7 +262,7 @@ _COMPARISONS: Final = tuple(
 )
 
 KINDS: Final = (*_BASIC, *_APPLIED, *_COMPARISONS)
-"""All instructions of the FX2N."""
+"""All instructions of the FX2N, and the supported ones that only an FX3U has."""
 
 _ALIASES: Final = {"DAND": "DWAND", "DOR": "DWOR", "DXOR": "DWXOR"}
 """Alternative spellings of the 32-bit forms (from memory)."""
@@ -264,7 +282,7 @@ def _forms() -> Iterator[tuple[str, Form]]:
 
 
 FORMS: Final[dict[str, Form]] = dict(_forms())
-"""All mnemonics of the FX2N."""
+"""All mnemonics of `KINDS`."""
 FORMS.update({alias + end: FORMS[name + end] for alias, name in _ALIASES.items() for end in ("", "P")})
 
 
@@ -282,6 +300,8 @@ def kind_of(operand: Operand) -> str:
             return f"Kn{device.kind}"
         case Constant(_, base):
             return base
+        case RealConstant():
+            return "E"
         case WordBit():
             return "D.b"
         case Pointer(kind):
@@ -291,7 +311,7 @@ def kind_of(operand: Operand) -> str:
 
 
 def steps(instruction: Instruction) -> int:
-    """Return the number of program steps of an instruction in an FX2N (docs/sources/fx2n.md 1.1)."""
+    """Return the number of program steps of an instruction (docs/sources/fx2n.md 1.1)."""
     name, operands = instruction.name, instruction.operands
     if name in ("P", "I"):
         return 1
@@ -305,15 +325,26 @@ def steps(instruction: Instruction) -> int:
     if isinstance(device, WordBit):
         return 3
     assert isinstance(device, DeviceOperand)  # noqa: S101 - narrows the union; operands were checked
-    far = int(device.kind == "M" and 1536 <= device.number < 3072)
     if name in ("OUT", "SET", "RST"):
-        return _coil_steps(name, device) + far
-    return (2 if name[-1] in "PF" else 1) + far
+        return _coil_steps(name, device) + (_far(device) if device.kind == "M" else 0)
+    return _far(device) + (2 if name[-1] in "PF" else 1)
+
+
+def _far(device: DeviceOperand) -> int:
+    """Return the additional steps of a relay or state with a high number; those above M3071 exist on an FX3U only."""
+    match device:
+        case DeviceOperand("M", number) if 1536 <= number < 8000:
+            return 1 if number < 3584 else 2
+        case DeviceOperand("M", number) if number >= 8256:
+            return 1
+        case DeviceOperand("S", number) if number > 1023:
+            return 1
+    return 0
 
 
 def _coil_steps(name: str, device: DeviceOperand) -> int:
     if device.kind == "S" or (device.kind == "M" and device.number >= 8000):
-        return 2
+        return 2 - (device.kind == "M" and device.number >= 8256)
     if device.kind in "TC":
         if name == "RST":
             return 2

@@ -7,10 +7,10 @@ index, that Z names a 32-bit number in index registers, and that C200 to C255 ar
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
-from controller.core.devices import SIZES, device_name, is_32_bit_counter
+from controller.core.devices import device_name, is_32_bit_counter
+from controller.fx.language.cpu_model import FX2N, FX3U, CpuModel
 from controller.fx.language.instruction import (
     Constant,
     DeviceOperand,
@@ -19,6 +19,7 @@ from controller.fx.language.instruction import (
     Nest,
     Operand,
     Pointer,
+    RealConstant,
     WordBit,
 )
 from controller.fx.language.instruction_set import Form
@@ -27,17 +28,6 @@ from controller.fx.language.instruction_set import Form
 class OperandError(ValueError):
     """Raised for an invalid FX2N operand; the message states the error and, after a semicolon, the expected form."""
 
-
-RANGES: Final[dict[str, tuple[range, ...]]] = {
-    **{kind: (range(size),) for kind, size in SIZES.items()},
-    "M": (range(3072), range(8000, SIZES["M"])),
-    "D": (range(8000), range(8000, SIZES["D"])),
-    "V": (range(8),),
-    "Z": (range(8),),
-    "N": (range(8),),
-    "P": (range(128),),
-}
-"""Numbers of each kind of device, pointer and nesting level; a group of devices must fit into one of the ranges."""
 
 _WORDS: Final = frozenset(
     {
@@ -49,6 +39,7 @@ _WORDS: Final = frozenset(
         "count",
         "float",
         "D",
+        "real",
         "preset",
         "bit or word",
         "bit or target",
@@ -57,6 +48,25 @@ _WORDS: Final = frozenset(
 """Operand roles in which T, C, D, V and Z are used as numbers."""
 
 _NUMBERS: Final = {
+    ("SMOV", 1): (1, 4),
+    ("SMOV", 2): (1, 4),
+    ("SMOV", 4): (1, 4),
+    ("MTR", 3): (2, 8),
+    ("FROM", 0): (0, 7),
+    ("TO", 0): (0, 7),
+    ("FROM", 1): (0, 32767),
+    ("TO", 1): (0, 32767),
+    ("FROM", 3): (1, 32767),
+    ("TO", 3): (1, 32767),
+    ("RD3A", 0): (0, 7),
+    ("WR3A", 0): (0, 7),
+    ("RD3A", 1): (1, 2),
+    ("WR3A", 1): (1, 2),
+    ("RS", 1): (0, 4096),
+    ("RS", 3): (0, 4096),
+    ("ASCI", 2): (1, 256),
+    ("HEX", 2): (1, 256),
+    ("CCD", 2): (1, 256),
     ("BMOV", 2): (1, 512),
     ("FMOV", 2): (1, 512),
     ("ROR", 1): (1, 16),
@@ -110,35 +120,47 @@ SPANS: Final = {
     ("TRD", 0): 7,
     ("IST", 0): 8,
     ("STMR", 2): 4,
+    ("HSZ", 3): 3,
+    ("SPD", 2): 3,
+    ("PID", 2): 25,
+    ("MTR", 0): 8,
 }
 """Number of consecutive devices covered by an operand (docs/sources/fx2n.md 1.2, from memory)."""
 
 
-def limits(kind: str) -> str:
+SPECIAL: Final = 8000
+"""Number of the first special relay and register."""
+FIRST_HIGH_SPEED: Final = 235
+"""First counter that counts a terminal instead of its rung (docs/sources/fx2n.md 1.5, verified)."""
+
+
+def limits(kind: str, cpu: CpuModel = FX2N) -> str:
     """Return the number ranges of a kind of device as text.
 
     Examples:
         >>> limits("X"), limits("M")
         ('X0 to X377', 'M0 to M3071 and M8000 to M8255')
     """
-    joined = [range(8256)] if kind == "D" else RANGES[kind]
+    joined = (range(cpu.sizes["D"]),) if kind == "D" else cpu.ranges[kind]
     return " and ".join(f"{device_name(kind, span[0])} to {device_name(kind, span[-1])}" for span in joined)
 
 
-def require_in_range(kind: str, number: int, count: int = 1) -> None:
-    """Raise OperandError unless an FX2N has the device and the `count` - 1 devices after it."""
-    span = next((span for span in RANGES[kind] if number in span), None)
+def require_in_range(kind: str, number: int, count: int = 1, cpu: CpuModel = FX2N) -> None:
+    """Raise OperandError unless the CPU has the device and the `count` - 1 devices after it."""
+    span = next((span for span in cpu.ranges[kind] if number in span), None)
     if span is None:
-        raise OperandError(f"{device_name(kind, number)} does not exist on an FX2N; it has {limits(kind)}")
+        other = "" if cpu.is_fx3 or not FX3U.has(kind, number) else ", or use --cpu fx3u"
+        name = device_name(kind, number)
+        raise OperandError(f"{name} does not exist on an {cpu.name}; it has {limits(kind, cpu)}{other}")
     if number + count > span.stop:
         first, last = device_name(kind, number), device_name(kind, span[-1])
         raise OperandError(f"{count} devices starting at {first} extend beyond {last}; start lower")
 
 
-def check_operand(instruction: Instruction, form: Form, n: int) -> str | None:
+def check_operand(instruction: Instruction, form: Form, n: int, cpu: CpuModel = FX2N) -> str | None:
     """Return the error in operand `n`, which is of a valid kind; None = no error."""
     operand, place = instruction.operands[n], form.kind.operands[n]
-    wide = form.wide or (place == "preset" and _is_32_bit_counter(instruction.operands[0]))
+    wide = form.wide or (place == "preset" and is_32_bit_counter_operand(instruction.operands[0]))
     if form.kind.fnc is None and _index(operand):
         return f"{operand} has an index, which only an FX3 accepts in {instruction.name}; remove it"
     try:
@@ -148,19 +170,21 @@ def check_operand(instruction: Instruction, form: Form, n: int) -> str | None:
             case Digits(digits, device):
                 if not 1 <= digits <= (8 if wide else 4):
                     return f"{operand} has {digits} digits; expected K1 to K{8 if wide else 4}"
-                require_in_range(device.kind, device.number, 4 * digits)
+                require_in_range(device.kind, device.number, 4 * digits, cpu)
             case DeviceOperand(kind, number):
+                span = SPANS.get((form.kind.name, n), 1)
                 if place in _WORDS:
-                    return _word_error(operand, wide=wide)
-                require_in_range(kind, number, SPANS.get((form.kind.name, n), 1))
-            case WordBit() | Pointer() | Nest():
+                    return _word_error(operand, cpu, span, wide=wide)
+                require_in_range(kind, number, span, cpu)
+            case WordBit() | Pointer() | Nest() | RealConstant():
                 pass
     except OperandError as error:
         return str(error)
     return None
 
 
-def _is_32_bit_counter(operand: Operand) -> bool:
+def is_32_bit_counter_operand(operand: Operand) -> bool:
+    """Return whether an operand is one of C200 to C255."""
     return isinstance(operand, DeviceOperand) and operand.kind == "C" and is_32_bit_counter(operand.number)
 
 
@@ -189,149 +213,33 @@ def _number_error(form: Form, n: int, value: int) -> str | None:
     return f"{value} is outside its range; expected K{span[0]} to K{span[1]}"
 
 
-def _word_error(device: DeviceOperand, *, wide: bool) -> str | None:
-    """Return the error in a device used as a number of 16 or 32 bits; None = no error."""
+def _word_error(device: DeviceOperand, cpu: CpuModel, span: int, *, wide: bool) -> str | None:
+    """Return the error in a device used as one or more numbers of 16 or 32 bits; None = no error."""
     if device.kind in "XYMS":
         return None
-    if _is_32_bit_counter(device):
+    if is_32_bit_counter_operand(device):
         return None if wide else f"{device} has 32 bits; use the 32-bit form (D...) or one of C0 to C199"
     if wide and device.kind == "V":
         return f"{device} is the high half of a 32-bit number; write Z{device.number}, which includes both halves"
     if wide and device.kind != "Z":
-        require_in_range(device.kind, device.number, 2)
+        require_in_range(device.kind, device.number, 2 * span, cpu)
+    elif span > 1:
+        require_in_range(device.kind, device.number, span, cpu)
     return None
 
 
-def check_combination(instruction: Instruction, form: Form) -> str | None:
-    """Return the error in the combination of operands; None = no error."""
-    rule = _RULES.get(form.kind.name)
-    return rule(instruction.operands) if rule else None
+COUNTER_INTERRUPTS: Final = range(10, 61, 10)
+"""Numbers of the interrupts I010 to I060."""
+_INPUT_INTERRUPTS: Final = tuple(100 * n + edge for n in range(6) for edge in (0, 1))
+_TIMER_INTERRUPTS: Final = tuple(100 * n + period_ms for n in (6, 7, 8) for period_ms in range(10, 100))
+INTERRUPTS: Final = frozenset((*COUNTER_INTERRUPTS, *_INPUT_INTERRUPTS, *_TIMER_INTERRUPTS))
+"""Numbers of the interrupt labels: inputs I000 to I501 (1 = rising edge of X0 to X5), timers I610 to I899 (period 10 to
+99 ms) and counters I010 to I060. Verified in source [13]; the direction of the edges from memory."""
 
 
-SPECIAL: Final = 8000
-"""Number of the first special relay and register."""
-FIRST_HIGH_SPEED: Final = 235
-"""First counter that counts a terminal instead of its rung (docs/sources/fx2n.md 1.5, verified)."""
-
-Rule = Callable[[tuple[Operand, ...]], str | None]
-
-
-def _out(operands: tuple[Operand, ...]) -> str | None:
-    coil, preset = operands[0], operands[1:]
-    timed = isinstance(coil, DeviceOperand) and coil.kind in "TC"
-    if timed and not preset:
-        return f"the preset of {coil} is missing; write OUT {coil} K10 or OUT {coil} D0"
-    if preset and not timed:
-        return f"{coil} takes no preset; only T and C have one"
-    if isinstance(coil, DeviceOperand) and coil.kind == "C" and coil.number >= FIRST_HIGH_SPEED:
-        return f"{coil} is a high-speed counter, which this engine does not execute; use C0 to C234"
-    least = 1 if isinstance(coil, DeviceOperand) and coil.kind == "T" else 0
-    if (
-        preset
-        and isinstance(preset[0], Constant)
-        and not _is_32_bit_counter(coil)
-        and not least <= preset[0].value <= 32767
-    ):
-        return f"{preset[0]} is not a valid preset; expected K{least} to K32767"
-    return None
-
-
-def _no_special(operands: tuple[Operand, ...]) -> str | None:
-    device = operands[-1]
-    if isinstance(device, DeviceOperand) and device.kind == "M" and device.number >= 8000:
-        return f"{device} is a special relay; use Y or M0 to M3071"
-    return None
-
-
-def _state(operands: tuple[Operand, ...]) -> str | None:
-    device = operands[0]
-    if isinstance(device, DeviceOperand) and device.number >= 900:
-        return f"{device} is an annunciator, not a step; use S0 to S899"
-    return None
-
-
-def _zone(operands: tuple[Operand, ...]) -> str | None:
-    first, last = operands
-    if not (isinstance(first, DeviceOperand) and isinstance(last, DeviceOperand)):
-        return None
-    if first.kind != last.kind or _is_32_bit_counter(first) != _is_32_bit_counter(last):
-        return f"{first} and {last} are of different kinds; write the first and last device of one kind"
-    if first.number > last.number and not (first.index or last.index):
-        return f"{first} is after {last}; write the lower device first"
-    if first.kind in "MD" and first.number < SPECIAL <= last.number:
-        return f"{first} to {last} extends into the special devices; end it before {first.kind}{SPECIAL}"
-    return None
-
-
-def _annunciator(operands: tuple[Operand, ...]) -> str | None:
-    state = operands[2]
-    if isinstance(state, DeviceOperand) and state.number < 900:
-        return f"{state} is not an annunciator; use S900 to S999"
-    return _special_timer(operands)
-
-
-def _special_timer(operands: tuple[Operand, ...]) -> str | None:
-    timer = operands[0]
-    if isinstance(timer, DeviceOperand) and timer.number >= 200:
-        return f"{timer} is not a 100 ms timer; use T0 to T199"
-    return None
-
-
-def _refresh(operands: tuple[Operand, ...]) -> str | None:
-    head, count = operands
-    if isinstance(head, DeviceOperand) and not head.index and head.number % 8:
-        return f"{head} is not the first of a group of eight; use a number that ends in 0"
-    if isinstance(count, Constant) and not count.index and count.value % 8:
-        return f"{count} is not a multiple of eight; write K8, K16 and so on"
-    return None
-
-
-def _modes(operands: tuple[Operand, ...]) -> str | None:
-    first, last = operands[1:]
-    assert isinstance(first, DeviceOperand)  # noqa: S101 - narrows; the kinds were checked
-    assert isinstance(last, DeviceOperand)  # noqa: S101 - narrows; the kinds were checked
-    if not 20 <= first.number < last.number <= 899:
-        return f"{first} and {last} are not a range of automatic steps; expected two of S20 to S899, the lower first"
-    return None
-
-
-def _call(operands: tuple[Operand, ...]) -> str | None:
-    if operands[0] == Pointer("P", 63):
-        return "P63 is END, not a subroutine; call another label"
-    return None
-
-
-def _fast_output(operands: tuple[Operand, ...]) -> str | None:
-    output = operands[-1]
-    if isinstance(output, DeviceOperand) and output.number > 1:
-        return f"{output} is not a pulse output; use Y0 or Y1"
-    return None
-
-
-def _shift(operands: tuple[Operand, ...]) -> str | None:
-    length, by = operands[2:]
-    if isinstance(length, Constant) and isinstance(by, Constant) and by.value > length.value:
-        return f"{by} is more than the {length.value} devices shifted; expected {length} or less"
-    return None
-
-
-_RULES: Final[dict[str, Rule]] = {
-    "OUT": _out,
-    "MC": _no_special,
-    "PLS": _no_special,
-    "PLF": _no_special,
-    "STL": _state,
-    "ZRST": _zone,
-    "ANS": _annunciator,
-    "STMR": _special_timer,
-    "REF": _refresh,
-    "IST": _modes,
-    "CALL": _call,
-    "PLSY": _fast_output,
-    "PLSR": _fast_output,
-    "PWM": _fast_output,
-    "SFTR": _shift,
-    "SFTL": _shift,
-    "WSFR": _shift,
-    "WSFL": _shift,
-}
+def require_interrupt(number: int) -> None:
+    """Raise OperandError unless the number is that of an interrupt label."""
+    if number not in INTERRUPTS:
+        raise OperandError(
+            f"I{number:03} is not an interrupt; use I000 to I501 (inputs), I610 to I899 (timers) or I010 to I060"
+        )

@@ -21,7 +21,7 @@ MOST_LOOPS: Final = 5
 MOST_JOINED: Final = 8
 END_LABEL: Final = Pointer("P", 63)
 
-_ALONE: Final = frozenset({"SRET", "FEND", "NEXT", "FOR", "MCR", "STL", "RET", "END", "P", "I"})
+_ALONE: Final = frozenset({"SRET", "IRET", "FEND", "NEXT", "FOR", "MCR", "STL", "RET", "EI", "DI", "END", "P", "I"})
 """Instructions directly on the bus, without a contact."""
 _OPTIONAL: Final = frozenset({"WDT", "WDTP"})
 """Instructions on the bus or after a contact."""
@@ -194,13 +194,15 @@ class _StructureCheck:
                     self.report(f"more than {MOST_LOOPS} loops are open; close one with NEXT first")
             case Instruction("NEXT"):
                 self.next_loop()
-            case Instruction("SRET"):
+            case Instruction("SRET" | "IRET"):
                 if not self.main_end:
                     self.report("not allowed in the main program; write FEND before the subroutines")
             case Instruction("FEND" | "END"):
                 self.close_all()
                 self.main_end = True
-            case Instruction("P", (label,)):
+            case Instruction("P" | "I", (label,)):
+                if instruction.name == "I" and not self.main_end:
+                    self.report("not allowed in the main program; write FEND before the interrupt routines")
                 self.label(label)
 
     def step(self) -> None:
@@ -317,4 +319,4 @@ def checked_ladder(
     findings.raise_if_any()
     check_structure(program, findings)
     findings.raise_if_any()
-    return Ladder(tuple(placed.instruction for placed in program), titles, comments, findings.source)
+    return Ladder(tuple(placed.instruction for placed in program), titles, comments, findings.source, findings.cpu)

@@ -1,4 +1,4 @@
-"""Data and refresh instructions: ZRST DECO ENCO BON ANS ANR REF REFF ALT SEGD (FNC 40-51, 66, 73).
+"""Data and refresh instructions: ZRST DECO ENCO BON ANS ANR REF REFF MTR ALT SEGD (FNC 40-52, 66, 73).
 
 Details are from memory unless a docstring states otherwise.
 """
@@ -25,12 +25,15 @@ from controller.fx.engine.access import (
     words,
     writer,
 )
-from controller.fx.engine.cpu import Cpu, OperationError
+from controller.fx.engine.cpu import COMPLETE, Cpu, OperationError
+from controller.fx.language.check import MATRIX_SPACING
 from controller.fx.language.instruction import DeviceOperand, Operand
 
 INPUT_FILTER: Final = 8020
 """Data register of the input filter time of X0-X17, ms."""
 _FILTERED_INPUTS: Final = 16
+MATRIX_MS: Final = 20
+"""Time of each row of MTR, ms (from memory)."""
 _SEGMENTS: Final = (
     0x3F,
     0x06,
@@ -241,6 +244,44 @@ def reff(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     return run
 
 
+def mtr(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Level:
+    """MTR s d1 d2 n: read n rows (2-8) of 8 inputs from s, each while its output of the n outputs from d1 is on.
+
+    An output is on for 20 ms, or for one scan if the scan is longer; then the raw levels of the inputs are stored. Row
+    i begins at d2 + 10 i, or at d2 + 8 i if d2 is an output. M8029 is on in the scan that stores the last row, until
+    the next row.
+    """
+    _, inputs = bits(cpu, operands[0])
+    outputs, output_row = bits(cpu, operands[1])
+    table, table_row = bits(cpu, operands[2])
+    target, count, special = operands[2], reader(cpu, operands[3], wide=False), cpu.memory.M
+    spacing = 8 if isinstance(target, DeviceOperand) and target.kind == "Y" else MATRIX_SPACING
+    row, since_ms = 0, 0
+    was = False
+
+    def run(on: bool) -> None:
+        nonlocal row, since_ms, was
+        n = within(count(), 2, 8)
+        span = output_row(n)
+        if not on or not was:
+            if was:
+                outputs[span], special[COMPLETE] = [False] * n, False
+            row, since_ms, was = 0, cpu.now_ms, on
+            if on:
+                outputs[span] = [place == 0 for place in range(n)]
+            return
+        if cpu.now_ms - since_ms < MATRIX_MS:
+            return
+        levels = cpu.terminals[inputs(8)]
+        first = table_row(spacing * (n - 1) + 8).start + spacing * row
+        table[first : first + 8] = [*levels, *[False] * (8 - len(levels))]
+        special[COMPLETE] = row == n - 1
+        row, since_ms = (row + 1) % n, cpu.now_ms
+        outputs[span] = [place == row for place in range(n)]
+
+    return run
+
+
 def alt(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
     """ALT d: invert d in every scan in which the instruction is driven (docs/sources/fx2n.md 1.2)."""
     get: BitReader = bit_reader(cpu, operands[0])
@@ -270,4 +311,4 @@ ACTIONS: Final[dict[str, ActionFactory]] = {
     "ALT": alt,
     "SEGD": segd,
 }
-LEVELS: Final[dict[str, LevelFactory]] = {"ANS": ans}
+LEVELS: Final[dict[str, LevelFactory]] = {"ANS": ans, "MTR": mtr}

@@ -1,6 +1,7 @@
-"""Binary floating point: FLT INT ECMP EZCP EADD ESUB EMUL EDIV (FNC 49, 110-129).
+"""Binary floating point: FLT (FNC 49), comparison, arithmetic, ESQR, INT, SIN and related functions (FNC 110-137).
 
 A number is an IEEE 754 single in two data registers, low word first; a constant K or H is treated as an integer.
+Angles are in radians. EMOV, ENEG, RAD, DEG and real constants E are those of an FX3U.
 Registers that do not contain a finite number cause an operation error. The treatment of constants and the behaviour of
 the flags have not been verified against the manual.
 """
@@ -15,12 +16,8 @@ from typing import Final
 
 from controller.fx.engine.access import Action, ActionFactory, bits, reader, signed, width_of, writer
 from controller.fx.engine.cpu import BORROW, CARRY, ZERO, Cpu, OperationError
-from controller.fx.language.instruction import Constant, Operand
-
-LARGEST: Final = (2 - 2**-23) * 2.0**127
-"""Largest finite single."""
-SMALLEST: Final = 2.0**-126
-"""Smallest positive normal single."""
+from controller.fx.language.instruction import Constant, Operand, RealConstant
+from controller.fx.language.parsing import LARGEST, SMALLEST
 
 
 def to_registers(value: float) -> int:
@@ -46,6 +43,8 @@ def from_registers(bits_32: int) -> float:
 
 
 def _float_reader(cpu: Cpu, operand: Operand) -> Callable[[], float]:
+    if isinstance(operand, RealConstant):
+        return lambda: operand.value
     get = reader(cpu, operand, wide=True)
     if isinstance(operand, Constant):
         return lambda: from_registers(to_registers(get()))
@@ -110,6 +109,36 @@ def ezcp(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
     return run
 
 
+def _function(operation: Callable[[float], float]) -> ActionFactory:
+    """EMOV, ENEG, SIN, COS, TAN, RAD and DEG: d := operation(s), rounded to single precision; no flags change."""
+
+    def make(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
+        get, put = _float_reader(cpu, operands[0]), writer(cpu, operands[-1], wide=True)
+
+        def run() -> None:
+            exact = operation(get())
+            put(to_registers(math.copysign(min(abs(exact), LARGEST), exact)))
+
+        return run
+
+    return make
+
+
+def esqr(cpu: Cpu, operands: tuple[Operand, ...], _wide: bool) -> Action:
+    """ESQR s d: d := square root of s. M8020: the result is 0. A negative s is an error."""
+    get, put, special = _float_reader(cpu, operands[0]), writer(cpu, operands[1], wide=True), cpu.memory.M
+
+    def run() -> None:
+        value = get()
+        if value < 0:
+            raise OperationError
+        root = math.sqrt(value)
+        put(to_registers(root))
+        special[ZERO] = root == 0
+
+    return run
+
+
 def flt(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     """FLT s d: convert the integer in s (a pair in the 32-bit form) to a float in d, d+1."""
     get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide=True)
@@ -142,6 +171,14 @@ ACTIONS: Final[dict[str, ActionFactory]] = {
     "ESUB": _arithmetic(operator.sub),
     "EMUL": _arithmetic(operator.mul),
     "EDIV": _arithmetic(_divide),
+    "EMOV": _function(lambda value: value),
+    "ENEG": _function(operator.neg),
+    "ESQR": esqr,
+    "SIN": _function(math.sin),
+    "COS": _function(math.cos),
+    "TAN": _function(math.tan),
+    "RAD": _function(math.radians),
+    "DEG": _function(math.degrees),
     "FLT": flt,
     "INT": int_,
 }

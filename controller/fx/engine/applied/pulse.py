@@ -1,4 +1,4 @@
-"""Pulse outputs: PLSY PWM PLSR (FNC 57-59).
+"""Pulse outputs: PLSY PWM PLSR (FNC 57-59), and DRVI DRVA (FNC 158, 159) of an FX3U.
 
 An FX2N generates these pulses in hardware, independently of the scan. Here the number of pulses is computed exactly
 from the scan times, and Y is the level of the train at the scan time: the Y image does not show every pulse of a train
@@ -14,13 +14,20 @@ from fractions import Fraction
 from typing import Final
 
 from controller.core.devices import WORD_MAX
-from controller.fx.engine.access import BitWriter, Level, LevelFactory, bit_writer, bits, reader, within, words
+from controller.fx.engine.access import BitWriter, Level, LevelFactory, Reader, bit_writer, bits, reader, within, words
 from controller.fx.engine.cpu import COMPLETE, Cpu
 from controller.fx.language.instruction import DeviceOperand, Operand
 
 PULSES: Final = (8140, 8142)
 """Low data registers of the pulse counts of Y0 and Y1."""
 MAX_HZ: Final = 20_000
+MAX_POSITIONING_HZ: Final = 100_000
+POSITIONING: Final = 8340
+"""Low data register of the position of Y0, and relay of its movement; those of Y1 and Y2 follow at intervals of 10."""
+RAMP_MS: Final = (8348, 8358, 8368)
+"""Data registers of the ramp times of Y0 to Y2, ms."""
+DEFAULT_RAMP_MS: Final = 100
+_RAMP: Final = RAMP_MS[0] - POSITIONING
 _LONGEST_RAMP_MS: Final = 5000
 _RAMP_STEPS: Final = 10
 
@@ -183,4 +190,69 @@ def pwm(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
     return run
 
 
-LEVELS: Final[dict[str, LevelFactory]] = {"PLSY": plsy, "PLSR": plsr, "PWM": pwm}
+def _positioning(*, absolute: bool) -> LevelFactory:
+    """DRVI and DRVA s1 s2 Y d2: output pulses at s2 Hz at Y0 to Y2 up to the position s1; d2 is on while it increases.
+
+    DRVI counts s1 from the current position, DRVA from 0. The position is in D8340, D8350 or D8360 (32 bits); M8340,
+    M8350 or M8360 is on during the movement. The ramps take D8348, D8358 or D8368 ms each. The operands are read when
+    the drive input turns on; when it turns off, the pulses stop at once, and M8029 is not set. An FX3U decelerates.
+    """
+
+    def make(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Level:
+        target, frequency = reader(cpu, operands[0], wide), reader(cpu, operands[1], wide)
+        return _Positioning(cpu, operands, target, frequency, absolute=absolute).run
+
+    return make
+
+
+class _Positioning:
+    """Movement of one DRVI or DRVA instruction."""
+
+    def __init__(
+        self, cpu: Cpu, operands: tuple[Operand, ...], target: Reader, frequency: Reader, *, absolute: bool
+    ) -> None:
+        self._cpu, self._target, self._frequency, self._absolute = cpu, target, frequency, absolute
+        self._put, self._forwards = bit_writer(cpu, operands[2]), bit_writer(cpu, operands[3])
+        _, self._output = bits(cpu, operands[2])
+        self._start_ms: int | None = None
+        self._from, self._pulses, self._sign = 0, 0, 1
+        self._profile: Profile = []
+
+    def run(self, on: bool) -> None:
+        """Execute one scan."""
+        special = self._cpu.memory.M
+        output = within(self._output(1).start, 0, 2)
+        busy = POSITIONING + 10 * output
+        if not on:
+            if self._start_ms is not None:
+                self._start_ms, special[busy], special[COMPLETE] = None, False, False
+                self._put(False)
+            return
+        row = words(self._cpu, DeviceOperand("D", busy), wide=True)
+        if self._start_ms is None:
+            self._begin(row.get(busy), self._cpu.memory.D[busy + _RAMP])
+        out = Fraction(self._pulses)
+        if self._start_ms is not None and self._pulses:
+            out = min(pulses_after(self._profile, self._cpu.now_ms - self._start_ms), out)
+        done = out == self._pulses
+        row.put(busy, self._from + self._sign * int(out))
+        special[busy], special[COMPLETE] = not done, done
+        self._put(not done and out % 1 < Fraction(1, 2))
+
+    def _begin(self, position: int, ramp_ms: int) -> None:
+        """Read the operands and begin the movement."""
+        hz = within(self._frequency(), 10, MAX_POSITIONING_HZ)
+        distance = self._target() - (position if self._absolute else 0)
+        self._from, self._pulses, self._sign = position, abs(distance), -1 if distance < 0 else 1
+        self._profile = profile(hz, self._pulses, within(ramp_ms, 1, _LONGEST_RAMP_MS))
+        self._start_ms = self._cpu.now_ms
+        self._forwards(distance >= 0)
+
+
+LEVELS: Final[dict[str, LevelFactory]] = {
+    "PLSY": plsy,
+    "PLSR": plsr,
+    "PWM": pwm,
+    "DRVI": _positioning(absolute=False),
+    "DRVA": _positioning(absolute=True),
+}

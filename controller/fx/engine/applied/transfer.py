@@ -1,4 +1,4 @@
-"""Transfer, conversion and comparison: MOV CML XCH BMOV FMOV BCD BIN CMP ZCP (FNC 10-19).
+"""Transfer, conversion and comparison: MOV SMOV CML XCH BMOV FMOV BCD BIN CMP ZCP (FNC 10-19), SWAP (FNC 147).
 
 Operand order: docs/sources/fx2n.md 1.2. Details are from memory unless a docstring states otherwise.
 """
@@ -14,12 +14,54 @@ from controller.fx.language.instruction import Operand
 BMOV_REVERSED: Final = 8024
 """Special relay: BMOV copies from its second operand to its first."""
 _LONGEST_BLOCK: Final = 512
+WITHOUT_BCD: Final = 8168
+"""Special relay: SMOV moves hexadecimal digits instead of decimal ones."""
 
 
 def mov(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
     """MOV s d: d := s."""
     get, put = reader(cpu, operands[0], wide), writer(cpu, operands[1], wide)
     return lambda: put(get())
+
+
+def smov(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """SMOV s m1 m2 d n: move m2 decimal digits of s, from digit m1 downwards, to d, from digit n downwards.
+
+    Digit 1 is the lowest of four; the other digits of d are unchanged. A value outside 0 to 9999 is an error, and so is
+    m2 above m1 or n. While M8168 is on, the digits are hexadecimal.
+    """
+    get, row = reader(cpu, operands[0], wide), words(cpu, operands[3], wide)
+    first, number, target = (reader(cpu, operands[n], wide) for n in (1, 2, 4))
+    special = cpu.memory.M
+
+    def run() -> None:
+        m1, n = within(first(), 1, 4), within(target(), 1, 4)
+        m2 = within(number(), 1, min(m1, n))
+        place = row.places().start
+        base = 16 if special[WITHOUT_BCD] else 10
+        source, old = (_digits(value, base) for value in (get(), row.get(place)))
+        old[n - m2 : n] = source[m1 - m2 : m1]
+        row.put(place, sum(digit * base**at for at, digit in enumerate(old)))
+
+    return run
+
+
+def _digits(value: int, base: int) -> list[int]:
+    """Return the four digits of a number, the lowest first."""
+    value = value & 0xFFFF if base == 16 else within(value, 0, 9999)
+    return [value // base**n % base for n in range(4)]
+
+
+def swap(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
+    """SWAP d: exchange the low and the high byte of each word of d."""
+    row = words(cpu, operands[0], wide)
+
+    def run() -> None:
+        place = row.places().start
+        value = row.get(place)
+        row.put(place, (value & 0xFF00FF) << 8 | value >> 8 & 0xFF00FF)
+
+    return run
 
 
 def cml(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
@@ -112,6 +154,8 @@ def zcp(cpu: Cpu, operands: tuple[Operand, ...], wide: bool) -> Action:
 
 ACTIONS: Final[dict[str, ActionFactory]] = {
     "MOV": mov,
+    "SMOV": smov,
+    "SWAP": swap,
     "CML": cml,
     "XCH": xch,
     "BMOV": bmov,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import fields
 from typing import Any
 
 from controller.core.devices import Memory
 from controller.fx.engine.code import EXECUTION_REGISTERS
 from controller.fx.engine.machine_functions import MachineFunctions
+from controller.fx.engine.peripherals.peripherals import Peripherals
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.python_functions import PythonFunctions
 from controller.fx.language.instruction import Ladder
@@ -46,9 +48,12 @@ class PairedPlc(FxPlc):
         machine: PLC that executes machine code; before every scan it receives the devices that a test has changed.
     """
 
-    def __init__(self, ladder: Ladder, *, execution: object = None, **options: Any) -> None:
+    def __init__(
+        self, ladder: Ladder, *, execution: object = None, peripherals: Peripherals | None = None, **options: Any
+    ) -> None:
         self._scanning = True
-        super().__init__(ladder, **options, execution=PythonFunctions)
+        options["peripherals"] = deepcopy(peripherals)
+        super().__init__(ladder, **options | {"peripherals": peripherals}, execution=PythonFunctions)
         self.machine = FxPlc(ladder, **options, execution=MachineFunctions)
         self._scanning = False
         assert_equal(self, self.machine)
@@ -60,6 +65,18 @@ class PairedPlc(FxPlc):
         image = super().scan(now_ms, levels)
         self._scanning = False
         assert self.machine.scan(now_ms, levels) == image
+        assert_equal(self, self.machine)
+        return image
+
+    def sample(self, now_ms: int, levels: Sequence[bool]) -> list[bool]:
+        if self._scanning:
+            return super().sample(now_ms, levels)
+        for name in DEVICES:
+            getattr(self.machine.memory, name)[:] = getattr(self.memory, name)
+        self._scanning = True
+        image = super().sample(now_ms, levels)
+        self._scanning = False
+        assert self.machine.sample(now_ms, levels) == image
         assert_equal(self, self.machine)
         return image
 

@@ -10,8 +10,10 @@ import pytest
 import yaml
 
 from controller.core.devices import is_32_bit_counter
+from controller.fx.engine.peripherals.peripherals import Peripherals, load_peripherals
 from controller.fx.engine.running import run
 from controller.fx.engine.stimulus import load_stimulus
+from controller.fx.language.cpu_model import CPU_MODELS, CpuModel
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import DeviceOperand, Instruction, Ladder, LadderError
 from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS
@@ -19,6 +21,7 @@ from controller.fx.language.instruction_set import FORMS, JOINS, RELATIONS
 FOLDER = Path(__file__).parent / "conformance"
 FILES = sorted(FOLDER.glob("*.yaml"))
 ABOUT = {"name", "about", "program"}
+OPTIONAL = {"cpu", "modules", "serial"}
 STL_RULES = range(1, 10)
 
 
@@ -31,8 +34,22 @@ def is_rejected(path: Path) -> bool:
     return "refused" in content(path)
 
 
+def cpu(path: Path) -> CpuModel:
+    return CPU_MODELS[content(path).get("cpu", "fx2n")]
+
+
 def program(path: Path) -> Ladder:
-    return read_il(content(path)["program"], path.name)
+    return read_il(content(path)["program"], path.name, cpu(path))
+
+
+def peripherals(path: Path, folder: Path) -> Peripherals:
+    """Return the modules and the serial line of a file."""
+    described = {key: value for key, value in content(path).items() if key in ("modules", "serial")}
+    if not described:
+        return Peripherals()
+    file = folder / path.name
+    file.write_text(yaml.safe_dump(described, default_flow_style=False), encoding="utf-8")
+    return load_peripherals(file)
 
 
 RUNNING = [path for path in FILES if not is_rejected(path)]
@@ -40,9 +57,9 @@ REJECTED = [path for path in FILES if is_rejected(path)]
 
 
 @pytest.mark.parametrize("path", RUNNING, ids=lambda path: path.stem)
-def test_trace(path: Path) -> None:
-    stimulus = load_stimulus(path, others=ABOUT | {"expect"})
-    scans = run(program(path), stimulus)
+def test_trace(path: Path, tmp_path: Path) -> None:
+    stimulus = load_stimulus(path, others=ABOUT | OPTIONAL | {"expect"}, cpu=cpu(path))
+    scans = run(program(path), stimulus, peripherals(path, tmp_path))
     actual = {name: [scan[name] for scan in scans] for name in scans[0] if name != "ms"}
     assert actual == content(path)["expect"]
     assert [scan["ms"] for scan in scans] == [n * stimulus.scan_ms for n in range(stimulus.scans)]

@@ -161,7 +161,10 @@ def test_closing_a_level_of_master_control_closes_inner_levels() -> None:
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (("LD X7", "OUT C235 K3"), "C235 is a high-speed counter"),
+        (("LD X7", "DHSCS K3 C234 Y0"), "C234 is not a high-speed counter"),
+        (("LD X7", "DHSCR K3 C235 C236"), "only C235 itself can be reset"),
+        (("LD X7", "DHSCS K3 C235 I001"), "I001 is not a counter interrupt"),
+        (("LD X0", "OUT Y0", "FEND", "I001", "LD X0", "OUT Y1"), "write IRET at its end"),
         (("LD X0", "ZRST M0 M8255"), "extends into the special devices"),
         (("FOR K2", "LD X0", "OUT Y0", "SRET", "NEXT"), "SRET"),
     ],

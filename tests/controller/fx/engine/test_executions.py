@@ -21,6 +21,7 @@ from controller.fx.engine.machine_functions import MachineFunctions
 from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.python_functions import PythonFunctions
 from controller.fx.engine.translate import translate
+from controller.fx.language.cpu_model import FX2N, FX3U
 from controller.fx.language.il import read_il
 from tests.controller.fx.engine.fx_pair import PairedPlc
 from tests.paths import ROOT
@@ -67,6 +68,23 @@ OUTPUTS = (
     ),
     *("ANS T10 K1 S900", "ANS T11 D0 S901", "ANR", "STMR T12 K2 M20", "TTMR D6 K1", "RAMP D0 D1 D20 K3"),
     *("PLSY K200 K5 Y0", "PWM K20 K50 Y1", "INCD D0 C10 M30 K2", "ABSD D0 C0 M34 K2", "REF Y0 K8", "REFF K5", "WDT"),
+    *("SMOV D0 K2 K1 D1 K3", "SWAPP D0", "DSWAP D2", "DESQR D2 D4", "DSIN D2 D4", "DTANP D4 D2", "ASCI D0 D30 K3"),
+    *(
+        "PID D0 D1 D50 D2",
+        "RS D0 K2 D30 K4",
+        "MTR X0 Y20 M50 K2",
+        "SPD X0 K20 D40",
+        "FROM K0 K0 D0 K2",
+        "TO K0 K0 D0 K2",
+    ),
+    *(
+        "OUT C235 K2",
+        "OUT C246 K-2",
+        "RST C235",
+        "DHSCS K2 C235 Y2",
+        "DHSCR K1 C246 C246",
+        "DHSZ K0 K1 C235 M60",
+    ),
 )
 IN_STEPS = ("SET S20", "SET S21", "SET S22", "OUT S20", "OUT S22", "SET S21", "OUT Y0", "OUT Y1")
 
@@ -207,7 +225,8 @@ STORIES = st.lists(
 
 def check_program(text: str, story: list[FxScan]) -> None:
     """Run a program in both executions; `PairedPlc` compares all devices after every scan."""
-    plc = PairedPlc(read_il(text), input_filter_ms=0)
+    cpu = FX3U if "D3." in text else FX2N
+    plc = PairedPlc(read_il(text, cpu=cpu), input_filter_ms=0)
     now_ms = 0
     for scanned in story:
         now_ms += scanned.pause_ms

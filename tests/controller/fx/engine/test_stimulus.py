@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from controller.fx.engine.running import run
-from controller.fx.engine.stimulus import Stimulus, StimulusError, WatchedDevice, changes_until, load_stimulus
+from controller.fx.engine.stimulus import Stimulus, StimulusError, WatchedDevice, changes, load_stimulus
 from controller.fx.language.il import read_il
 
 GOOD = """\
@@ -48,7 +48,7 @@ def test_required_and_optional_keys(tmp_path: Path) -> None:
     text = "scan_ms: 1\nscans: 1\nwatch: [X0]\ninput_filter_ms: 20\nabout: this\n"
     assert load(tmp_path, text, "about") == Stimulus(1, 1, {}, (), (WatchedDevice("X", 0),), 20)
     assert errors(tmp_path, text) == [
-        "s.yaml:5: about: unknown key; use one of scan_ms, scans, initial, inputs, watch, input_filter_ms"
+        "s.yaml:5: about: unknown key; use one of scan_ms, scans, initial, inputs, pulses, watch, input_filter_ms"
     ]
 
 
@@ -93,10 +93,15 @@ def test_required_and_optional_keys(tmp_path: Path) -> None:
         (
             "M500: 1",
             "M3072: 1",
-            "3: initial.M3072: M3072 does not exist on an FX2N; it has M0 to M3071 and M8000 to M8255",
+            "3: initial.M3072: M3072 does not exist on an FX2N; it has M0 to M3071 and M8000 to M8255, "
+            "or use --cpu fx3u",
         ),
         ("CN200: -70000", "CN199: -1", "3: initial.CN199: -1 is out of range; write a number from 0 to 32767"),
-        ("TN0: 4", "TN256: 4", "6: inputs[2].set.TN256: T256 does not exist on an FX2N; it has T0 to T255"),
+        (
+            "TN0: 4",
+            "TN256: 4",
+            "6: inputs[2].set.TN256: T256 does not exist on an FX2N; it has T0 to T255, or use --cpu fx3u",
+        ),
         (
             "{at_ms: 0, set: {TN0: 4}}",
             "{at_ms: 0, set: [TN0]}",
@@ -151,9 +156,7 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_changes_since_the_previous_scan_and_later_ones_win(tmp_path: Path) -> None:
     x0, x1 = WatchedDevice("X", 0), WatchedDevice("X", 1)
     stimulus = Stimulus(10, 3, {}, ((0, {x0: 1}), (1, {x0: 0, x1: 0}), (10, {x1: 1}), (11, {x1: 0})), (x0,))
-    assert changes_until(stimulus, -1, 0) == {x0: 1}
-    assert changes_until(stimulus, 0, 10) == {x0: 0, x1: 1}
-    assert changes_until(stimulus, 10, 20) == {x1: 0}
+    assert [values for _, values in changes(stimulus)] == [values for _, values in stimulus.inputs]
 
 
 def test_every_kind_of_device_is_set_and_watched() -> None:

@@ -134,9 +134,14 @@ def test_unused_labels_and_repeated_steps() -> None:
     assert only_finding(twice, 5, "STL S0", "line 3", "; ")
 
 
-def test_bits_of_data_registers_are_not_fx2n() -> None:
-    assert check(read_il("LD D100.F\nOUT Y0\nEND"))[0].severity == "warning"
-    assert only_finding("LD X0\nOUT D100.F\nEND", 2, "D100.F", "no bits of data registers")
+def test_an_input_has_one_fast_function() -> None:
+    text = "LD M8000\nOUT C235 K5\nOUT C251 K5\nFEND\nI101\nLD M8000\nOUT Y0\nIRET\nEND"
+    errors = [finding for finding in check(read_il(text)) if finding.severity == "error"]
+    assert [(finding.line, finding.text) for finding in errors] == [
+        (3, "C251 and C235 both use X0; an input has only one fast function"),
+        (5, "I101 and C251 both use X1; an input has only one fast function"),
+    ]
+    assert not check(read_il("LD C235\nOUT Y0\nLD M8000\nOUT C235 K5\nSPD X1 K20 D0\nEND"))
 
 
 def test_program_exceeding_the_steps_of_an_fx2n() -> None:
@@ -155,7 +160,7 @@ def test_program_exceeding_the_steps_of_an_fx2n() -> None:
 
 
 def test_findings_are_in_line_order() -> None:
-    lines = [line for line, _ in found("LD M5\nOUT Y0\nLD T6\nOUT Y0\nP1\nLD D0.0\nOUT M7\nEND")]
+    lines = [line for line, _ in found("LD M5\nOUT Y0\nLD T6\nOUT Y0\nP1\nLD C9\nOUT M7\nEND")]
     assert lines == [1, 3, 4, 5, 6, 7]
 
 
@@ -183,3 +188,10 @@ def test_a_ladder_block_that_gx_works2_cannot_edit_is_reported_with_its_first_li
     assert only_finding(wide, 1, "12 cells wide", "of 11 cells; ")
     nested = "LD X0\n" + "AND X1\nOR X2\n" * 1500 + "OUT Y1\nEND"
     assert any("nested too deeply" in text for _, text in found(nested))
+
+
+def test_matrix_drives_the_relays_of_all_rows() -> None:
+    read = "".join(f"LD M{number}\nOUT Y{number % 8}\n" for number in (30, 37, 40, 47))
+    text = f"LD X0\nMTR X20 Y20 M30 K2\n{read}END"
+    assert not [line for line, message in found(text) if "never driven" in message]
+    assert only_finding(text.replace("LD M47", "LD M48"), 9, "M48", "read but never driven")

@@ -19,7 +19,6 @@ from controller.fx.language.instruction import (
     Nest,
     Operand,
     Pointer,
-    WordBit,
 )
 from controller.fx.language.operand_rules import OperandError
 from controller.fx.language.parsing import parse_operand
@@ -63,8 +62,6 @@ OPERANDS: list[tuple[str, Operand]] = [
     ("K4M0", Digits(4, DeviceOperand("M", 0))),
     ("K2X010", Digits(2, DeviceOperand("X", 8))),
     ("K1M10Z", Digits(1, DeviceOperand("M", 10, "Z0"))),
-    ("D100.F", WordBit(100, 15)),
-    ("d100.0", WordBit(100, 0)),
     ("P127", Pointer("P", 127)),
     ("N7", Nest(7)),
 ]
@@ -91,7 +88,8 @@ def test_operand(text: str, operand: Operand) -> None:
         ("D0Z8", "not an operand"),
         ("N8", "N0 to N7"),
         ("P128", "P0 to P127"),
-        ("D8256.0", "D0 to D8255"),
+        ("D100.F", "--cpu fx3u"),
+        ("I600", "I610 to I899"),
         ("D0.10", "not an operand"),
         ("E1.5", "FX3"),
         ("R100", "FX3"),
@@ -219,10 +217,12 @@ TEXT_ERRORS = [
     ("MVO K1 D0\nEND", "1:1: MVO K1 D0: MVO is not an instruction; did you mean MOV?"),
     ("LD X0\nMEP\nEND", "2:1: MEP: MEP exists only on an FX3"),
     ("LD X0\nDEMOVP D0 D2\nEND", "2:1: DEMOVP D0 D2: DEMOVP exists only on an FX3"),
-    ("LD X0\nDEADD E1 D0 D2\nEND", "2:7: DEADD E1 D0 D2: E1 is a real number (E), which only an FX3 has"),
+    ("LD X0\nDEADD E1 D0 D2\nEND", "2:7: DEADD E1 D0 D2: E1 is a real number (E), which only an FX3U has"),
     ("TMR T0 K5\nEND", "1:1: TMR T0 K5: an FX2N has no TMR; write OUT T0 K10"),
-    ("EI\nEND", "1:1: EI: this engine does not support EI"),
-    ("I001\nEND", "1:1: I001: this engine does not support interrupts"),
+    ("PR Y0 M0\nEND", "1:1: PR Y0 M0: this engine does not support PR"),
+    ("LD X0\nDI\nEND", "2:1: DI: the circuit before it has no output"),
+    ("I001\nEND", "1:1: I001: not allowed in the main program"),
+    ("LD X0\nDRVI K5 K100 Y0 Y4\nEND", "2:1: DRVI K5 K100 Y0 Y4: DRVI exists only on an FX3U; use --cpu fx3u"),
     ("LD X0\nOUT X1\nEND", "2:5: OUT X1: X1 is an input and cannot be driven"),
     ("LD X0\nOUT T0\nEND", "2:1: OUT T0: the preset of T0 is missing"),
     ("LD X0\nOUT T0 K0\nEND", "2:1: OUT T0 K0: K0 is not a valid preset"),
@@ -335,7 +335,7 @@ def test_error_has_location_reason_and_remedy(text: str, start: str) -> None:
         "LD X0\nMPS\nLD X1\nOR X2\nANB\nOUT Y0\nMPP\nOUT Y1\nEND",
         "LD X0\nNOP\nCJ P63\nWDT\nEND",
         "LD X0\nOUT C200 K-2147483648\nOUT C234 H0FFFFFFFF\nDMOV K8M3040 D7998\nDMOV C200 C0\nMOV K4M8240 D8255\nEND",
-        "LD X0\nDROR D0 K32\nDMOV D0 Z7\nMOV D0 V7\nSET D0.F\nEND",
+        "LD X0\nDROR D0 K32\nDMOV D0 Z7\nMOV D0 V7\nSET S899\nEND",
     ],
 )
 def test_programs_at_the_limits(text: str) -> None:

@@ -14,7 +14,7 @@ from controller.fx.language.instruction_set import FORMS
 from tests.controller.core.core_rig import copied
 from tests.controller.fx.engine.applied.fx_applied_rig import Bench, State, assert_same, bits, operand
 
-FLOW = {"CJ", "CALL", "SRET", "FEND", "WDT", "FOR", "NEXT"}
+FLOW = {"CJ", "CALL", "SRET", "IRET", "FEND", "WDT", "FOR", "NEXT"}
 INT_16 = st.integers(-(2**15), 2**15 - 1)
 INT_32 = st.integers(-(2**31), 2**31 - 1)
 
@@ -27,7 +27,10 @@ def test_table_contains_exactly_the_supported_applied_instructions() -> None:
 
 
 def test_instructions_executed_in_every_scan() -> None:
-    assert set(LEVELS) == {"ANS", "PLSY", "PWM", "PLSR", "IST", "ABSD", "INCD", "TTMR", "STMR", "RAMP"}
+    assert set(LEVELS) == {
+        *("ANS", "PLSY", "PWM", "PLSR", "IST", "ABSD", "INCD", "TTMR", "STMR", "RAMP", "HSCS", "HSCR", "HSZ", "SPD"),
+        *("MTR", "PID", "RS", "DRVI", "DRVA"),
+    }
 
 
 @pytest.mark.parametrize(

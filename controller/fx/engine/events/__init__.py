@@ -1,0 +1,1 @@
+"""Events between two scans: edges at fast inputs, high-speed counters and interrupts."""

@@ -1,0 +1,1 @@
+"""Devices connected to the CPU: special function modules and the serial line."""
