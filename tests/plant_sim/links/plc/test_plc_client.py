@@ -229,3 +229,18 @@ def test_the_first_failure_is_repeated_at_once_and_is_not_a_loss() -> None:
         assert rig.thread.call(lambda: rig.server._plc.errors if rig.server._plc else 0) == 1
         assert list(said) == []
         assert read_registers(rig.client())["plc_losses"] == 0
+
+
+def test_in_lock_step_only_exchanges_advance_plant_time() -> None:
+    """Buttons pressed by another client take no plant time."""
+    said, program, module = Said(), OneOutput(), module_of()
+    with modbus_plc(PROFILE, program.scan) as port:
+        transport = TcpTransport("127.0.0.1", port, unit=1, timeout_s=PATIENT_S)
+        plc = client_of(ModbusPlc(PROFILE, transport, output_count=OUTPUTS), module, PROFILE, period_s=0, said=said)
+        with Rig(PlantServer(module, port=0, lock_step_ms=10, plc=plc)) as rig:
+            said.wait_for("answers at")
+            client = rig.client()
+            for _ in range(50):
+                client.ask(struct.pack(">BHH", 5, 100, 0xFF00))
+                writes, time_ms = rig.thread.call(lambda: (module.block_writes, module.plant.time_ms))
+                assert time_ms == 10 * writes
