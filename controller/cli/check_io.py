@@ -36,7 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--machine-name", default="-", help="name of the machine in the report")
     parser.add_argument("--tester", default="", help="name of the person in the report (default: filled in by hand)")
     parser.add_argument("--out", type=Path, default=Path("var"), metavar="FOLDER", help="folder of the report")
-    parser.set_defaults(scan_ms=round(1_000 * PERIOD_S), simulated_time=False)
+    # One late answer ends the check, so that it waits longer than the scan of a running machine would.
+    parser.set_defaults(scan_ms=round(1_000 * PERIOD_S), simulated_time=False, timeout_ms=100, link_limit_ms=500)
 
 
 def run(options: argparse.Namespace) -> int:
