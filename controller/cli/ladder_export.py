@@ -57,7 +57,8 @@ def _export(options: argparse.Namespace) -> int:
     program = machine.program
     pulses = stepper_output(program) if options.stepper == "plsy" else None
     report = TARGETS[options.target](PackageSource(program, machine.io_map, pulses, options.io), options.out)
-    print(_size(options.out, acting(program)), *report.lines, sep="\n")
+    exported = program if report.complete else acting(program)
+    print(_size(options.out, exported), *report.lines, sep="\n")
     return 0 if report.fits else 1
 
 

@@ -309,6 +309,11 @@ class _TextWriter:
                 return self._var(expr)
             case Not(Compare(relation, left, right)):
                 return self._condition(Compare(_OPPOSITES[relation], left, right))
+            # STruC++ takes NOT before a parenthesis for the function of that name, and its C++ is then not valid
+            case Not(And(operands)):
+                return self._condition(Or(tuple(~operand for operand in operands)))
+            case Not(Or(operands)):
+                return self._condition(And(tuple(~operand for operand in operands)))
             case Not(operand):
                 return f"NOT {self._grouped(operand)}"
             case And(operands) | Or(operands):
@@ -322,7 +327,7 @@ class _TextWriter:
         raise TypeError(f"not a condition: {expr!r}")
 
     def _grouped(self, expr: Expr) -> str:
-        bare = isinstance(expr, Bit | Const) or (isinstance(expr, Not) and not isinstance(expr.operand, Compare))
+        bare = isinstance(expr, Bit | Const) or (isinstance(expr, Not) and isinstance(expr.operand, Bit))
         return self._condition(expr) if bare else f"({self._condition(expr)})"
 
     def _number(self, operand: Word | int, type_: str) -> str:

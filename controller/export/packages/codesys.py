@@ -10,12 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from controller.export.instruction_list import acting
 from controller.export.packages.iec import COMMANDS, TEXT, constant_bits, require_levels, safe_levels, size
 from controller.export.packages.package import README, PackageReport, PackageSource, write_files
 from controller.export.packages.plcopen_xml import plcopen_xml
 from controller.export.runtime_parts.inputs import FieldInputs
-from controller.export.runtime_parts.memory import Memory
+from controller.export.runtime_parts.memory import RetainedMemory
 from controller.export.runtime_parts.part import SCAN_MS
 from controller.export.runtime_parts.scan_clock import SCAN_LIMIT_MS, ScanClock
 from controller.export.structured_text import ProgramText, structured_text
@@ -67,12 +66,12 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         PackageError: The folder cannot be written.
     """
     require_levels(source)
-    program, modbus = acting(source.program), source.io != "terminals"
+    program, modbus = source.program, source.io != "terminals"
     variables = Variables(program, unlocated, safe_levels(source))
     parts = (
         FieldInputs(program, lambda _: "", "" if modbus else None),
         ScanClock(program),
-        Memory(program, retained=True),
+        RetainedMemory(program, retained=True),
     )
     text = structured_text(program, parts=parts, variables=variables)
     devices = {(d.kind, d.number): d for d in program.devices()}
@@ -100,7 +99,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         constants=constant_bits(program, link=modbus),
     )
     write_files(folder, {XML: xml.encode(), TEXT: _objects(text, local, lists).encode(), README: readme.encode()})
-    return PackageReport((size(text),))
+    return PackageReport((size(text),), complete=True)
 
 
 def _objects(text: ProgramText, local: list[Variable], lists: dict[str, list[Variable]]) -> str:

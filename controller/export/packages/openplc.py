@@ -18,7 +18,6 @@ from typing import Final
 
 from controller.core.devices import ANNUNCIATORS
 from controller.core.program import Program
-from controller.export.instruction_list import acting
 from controller.export.packages.iec import (
     ADDRESSES,
     COMMANDS,
@@ -32,7 +31,7 @@ from controller.export.packages.iec import (
 )
 from controller.export.packages.package import README, PackageError, PackageReport, PackageSource, write_files
 from controller.export.runtime_parts.inputs import FieldInputs
-from controller.export.runtime_parts.memory import KeptSetPoints, Memory, ShownValues
+from controller.export.runtime_parts.memory import KeptSetPoints, RetainedMemory, ShownValues
 from controller.export.runtime_parts.openplc_clock import FAULTS, OpenPlcClock
 from controller.export.runtime_parts.scan_clock import ScanClock
 from controller.export.structured_text import structured_text
@@ -59,9 +58,9 @@ _README: Final = """{name}: program for OpenPLC Runtime v3 (commit bb35f69 or la
 
 1. Programs > upload {text}. It compiles without changes. Do not change INTERVAL: the program counts it as its clock.
 {wiring}
-3. Settings > Enable Persistent Storage Thread, 1 s, stores the set-points. All other values of the machine are unknown
-   after a power-up, because the runtime stores them too late: the program reports alarm S904 (memory lost), conveys out
-   the tray and finds its positions by homing.
+3. Settings > Enable Persistent Storage Thread, 1 s, stores the set-points. All other values are unknown after every
+   power-up, because the runtime stores them too late: the program reports alarm S904 (memory lost), finds its positions
+   by homing, and asks about the tray and the claws (guide "Operating the machine", questions).
 4. Settings > Enable Modbus Server, for a panel: coils 1600 to 1669 are the commands M400 to M469 (write 1; the program
    resets them), coils 2400 to 2499 show the alarms S900 to S999, holding register 400 + n shows register Dn, and the
    registers 912 to 937 are the set-points D512 to D537. The server has no password: use it on a separate network.
@@ -160,7 +159,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         PackageError: The runtime has no address for an input or output, or the folder cannot be written.
     """
     require_levels(source)
-    program, modbus = acting(source.program), source.io != "terminals"
+    program, modbus = source.program, source.io != "terminals"
     places = OpenPlcMap(source.io_map, modbus)
     places.check()
     set_points = {word.number for word, _ in program.set_points}
@@ -172,7 +171,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         FieldInputs(program, places.terminal, f"%IW{DEVICE_BYTE}" if modbus else None),
         OpenPlcClock(program),
         ScanClock(program, FAULTS),
-        Memory(program, retained=False),
+        RetainedMemory(program, retained=False),
         KeptSetPoints(program, lambda index: f"%MW{index}"),
         shown(program),
     )
@@ -192,7 +191,7 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         README: readme.encode(),
     }
     write_files(folder, files)
-    return PackageReport((size(text),))
+    return PackageReport((size(text),), complete=True)
 
 
 def _wiring(places: OpenPlcMap) -> str:

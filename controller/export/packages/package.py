@@ -48,10 +48,12 @@ class PackageReport:
     Attributes:
         lines: Size and budget of the program, for the user.
         fits: Whether the target can hold the program.
+        complete: Whether all rungs are exported, and not only those that influence an output.
     """
 
     lines: tuple[str, ...]
     fits: bool = True
+    complete: bool = False
 
 
 def require_terminals(source: PackageSource, target: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from controller.export.instruction_list import acting
 from controller.export.packages.iec import (
     ADDRESSES,
     TEXT,
@@ -18,7 +17,7 @@ from controller.export.packages.iec import (
 )
 from controller.export.packages.package import README, PackageReport, PackageSource, require_terminals, write_files
 from controller.export.runtime_parts.inputs import FieldInputs
-from controller.export.runtime_parts.memory import Memory
+from controller.export.runtime_parts.memory import RetainedMemory
 from controller.export.runtime_parts.scan_clock import ScanClock
 from controller.export.structured_text import structured_text
 from controller.export.structured_text_variables import Variables, address
@@ -59,8 +58,8 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
     """
     require_levels(source)
     require_terminals(source, "plain")
-    program = acting(source.program)
-    parts = (FieldInputs(program, terminal), ScanClock(program), Memory(program, retained=True))
+    program = source.program
+    parts = (FieldInputs(program, terminal), ScanClock(program), RetainedMemory(program, retained=True))
     text = structured_text(program, parts=parts, variables=Variables(program, locate, safe_levels(source)))
     readme = _README.format(
         name=program.name, text=TEXT, addresses=ADDRESSES, constants=constant_bits(program, link=False)
@@ -71,4 +70,4 @@ def write_package(source: PackageSource, folder: Path) -> PackageReport:
         README: readme.encode(),
     }
     write_files(folder, files)
-    return PackageReport((size(text),))
+    return PackageReport((size(text),), complete=True)

@@ -15,7 +15,7 @@ MARK: Final = "memory_kept"
 
 
 @dataclass(frozen=True, slots=True)
-class Memory(RuntimePart):
+class RetainedMemory(RuntimePart):
     """Detection of a loss of the retentive memory by a mark in it.
 
     Attributes:
@@ -55,7 +55,9 @@ class KeptSetPoints(RuntimePart):
         lines.append(f"IF NOT {MARK} THEN")
         for index, (set_point, _) in enumerate(self.program.set_points):
             name = variables.device(set_point)
-            copy = Variable(f"{name}_kept", "INT", self.word(index), comment=f"{set_point} + 1; 0 = not stored")
+            copy = Variable(
+                f"kept_{str(set_point).lower()}", "INT", self.word(index), comment=f"{set_point} + 1; 0 = not stored"
+            )
             stored = variables.add(copy)
             lines.append(f"    IF {stored} > 0 THEN {name} := {stored} - 1; END_IF;")
         return [*lines, "END_IF;"]
@@ -65,8 +67,9 @@ class KeptSetPoints(RuntimePart):
         lines = ["", "(* set-points: copied to the storage of the runtime *)"]
         for set_point, _ in self.program.set_points:
             name = variables.device(set_point)
-            lines.append(f"{name}_kept := 0;")
-            lines.append(f"IF ({name} >= 0) AND ({name} < {WORD_MAX}) THEN {name}_kept := {name} + 1; END_IF;")
+            stored = f"kept_{str(set_point).lower()}"
+            lines.append(f"{stored} := 0;")
+            lines.append(f"IF ({name} >= 0) AND ({name} < {WORD_MAX}) THEN {stored} := {name} + 1; END_IF;")
         return lines
 
 
@@ -90,7 +93,7 @@ class ShownValues(RuntimePart):
             name = variables.device(device)
             type_ = "BOOL" if kind == "S" else "INT"
             copy = variables.add(
-                Variable(f"{name}_shown", type_, self.place(kind, number), comment=f"copy of {device}")
+                Variable(f"shown_{str(device).lower()}", type_, self.place(kind, number), comment=f"copy of {device}")
             )
             lines.append(f"{copy} := {name};")
         return lines

@@ -1,7 +1,8 @@
 """Second clock of OpenPLC Runtime v3, whose TON counts scans and therefore cannot supervise them.
 
-%ML1027 is UTC in seconds and must advance by five seconds in five seconds of scans; if it is set, the comparison
-begins anew. %ML1029 is the lateness of the scan in microseconds, without its complete seconds.
+%ML1027 is UTC in seconds and must advance by five seconds in five seconds of scans. If it is set by a second or more,
+the comparison begins anew; setting it by 0.4 s to 1 s is a fault. %ML1029 is the lateness of the scan in microseconds,
+without its complete seconds.
 """
 
 from __future__ import annotations
@@ -45,11 +46,13 @@ class OpenPlcClock(RuntimePart):
             "second_scans := second_scans + 1;",
             f"IF second_scans > {1_000 * STANDS_S // SCAN_MS} THEN utc_fault := TRUE; END_IF;",
             "IF utc_s <> utc_s_before THEN",
-            "    IF (utc_seconds >= 0) AND (utc_s = utc_s_before + 1) THEN",
-            "        utc_seconds := utc_seconds + 1;",
-            "    ELSE",
+            "    IF utc_s <> utc_s_before + 1 THEN",
+            "        utc_seconds := -1;",
+            "    ELSIF utc_seconds < 0 THEN",
             "        utc_seconds := 0;",
             "        utc_scans := 0;",
+            "    ELSE",
+            "        utc_seconds := utc_seconds + 1;",
             "    END_IF;",
             "    utc_s_before := utc_s;",
             "    second_scans := 0;",

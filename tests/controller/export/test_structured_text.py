@@ -291,7 +291,7 @@ def test_every_kind_of_rung_is_equivalent_to_the_soft_plc(program: Program, seed
         (logic(), "NOT driven AND", "driven AND"),
         (logic(), "total > 32767", "total > 32768"),
         (counters(), "VAR RETAIN", "VAR"),
-        (logic(), "NOT x4)", "x4)"),
+        (logic(), "NOT x3 OR x4", "NOT x3 OR NOT x4"),
         (logic(), "* INT_TO_LINT(d0) / 3", "* INT_TO_LINT(d0) / 4"),
         (logic(), "(d0 > 0)", "(d0 > 1)"),
         (logic(), "scaled > 32767", "scaled > 32766 + scaled"),
