@@ -3,133 +3,145 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import sys
 from pathlib import Path
+from typing import Final
 
 from controller.common.errors import InputError
-from controller.common.modbus.address import listening_remedy
-from controller.iomap.loader import IoMap, load_io_map
-from plant_sim.cli.network import add_network_arguments, check_port
-from plant_sim.cli.options import add_machine_arguments, check_machine_arguments, machine_of
+from controller.iomap.loader import IoMap
+from plant_sim.cli import connect, serve
+from plant_sim.cli.network import check_port
+from plant_sim.cli.serving import build
 from plant_sim.hil.bench import Bench, BenchLimits
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.report import junit, line, page, summary, write
 from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, Session, Verdict
 from plant_sim.hil.timing_picture import timing_picture
 from plant_sim.links.modbus_server import PlantServer
-from plant_sim.links.serve import serve
 from plant_sim.machine.parameters import Machine
-from plant_sim.machine.plant import Plant
 from plant_sim.twin.trial import run_trial
 
-TRAYS = 60
+TRAYS: Final = 60
 """Trays in the magazine, enough for all cases with the reference program."""
-ABOUT = "Controller on the simulated transplanter"
+MOST_MS: Final = 10_000
+"""Largest limit that can be given, ms."""
+ABOUT: Final = "Controller on the simulated transplanter"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``hil``."""
-    add_machine_arguments(parser)
-    parser.set_defaults(trays=TRAYS)
-    add_network_arguments(parser)
-    parser.add_argument("--allow-remote", action="store_true", help="permit a --host that other computers can reach")
-    parser.add_argument(
-        "--watchdog-ms", type=int, default=100, help="time without a write after which outputs go to safe levels"
-    )
-    parser.add_argument(
-        "--lock-step-ms",
-        type=int,
-        default=None,
-        help="milliseconds of plant time per write of the outputs, instead of real time",
-    )
-    parser.add_argument(
+    """Add the ways to the controller with their options."""
+    ways = parser.add_subparsers(required=True, metavar="WAY")
+    server = ways.add_parser("serve", help="the controller is a Modbus client of the plant, as with 'serve'")
+    serve.add_arguments(server)
+    _add_judge(server)
+    server.set_defaults(judge=_judge_client)
+    client = ways.add_parser("connect", help="the plant is a client of the PLC, as with 'connect'")
+    connect.add_arguments(client)
+    _add_judge(client)
+    client.set_defaults(judge=_judge_plc)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the cases; return 0 if none failed and the last one was reached.
+
+    Raises:
+        InputError: An option or a file is invalid, or a port cannot be opened.
+    """
+    code: int = options.judge(options)
+    return code
+
+
+def _add_judge(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the judgement."""
+    limits = BenchLimits()
+    judge = parser.add_argument_group("judgement")
+    further = GROUPS[len(FIRST_GROUPS) :]
+    judge.add_argument(
         "--cases",
         action="append",
-        choices=GROUPS,
+        choices=further,
         default=None,
         metavar="GROUP",
-        help=f"groups to run after the first ones ({', '.join(FIRST_GROUPS)}), which always run; may be repeated; "
-        f"one of {', '.join(GROUPS[len(FIRST_GROUPS) :])} (default: all)",
+        help=f"groups to run after the first ones, which always run: {', '.join(further)}; may be repeated (default: "
+        "all)",
     )
-    parser.add_argument(
-        "--stop-ms", type=int, default=BenchLimits().stop_ms, help="longest time from emergency stop to outputs off"
+    judge.add_argument(
+        "--stop-ms", type=int, default=limits.stop_ms, help="longest time from emergency stop to outputs off"
     )
-    parser.add_argument(
-        "--margin-ms", type=int, default=BenchLimits().margin_ms, help="least increase of the scan time to be tolerated"
+    judge.add_argument(
+        "--margin-ms", type=int, default=limits.margin_ms, help="least increase of the scan time to be tolerated"
     )
-    parser.add_argument(
+    judge.add_argument(
         "--no-reference",
         action="store_true",
         help="do not compare the losses of the trial with those of the machine's own program",
     )
-    parser.add_argument("--out", type=Path, required=True, help="folder for hil.xml (JUnit) and hil.html")
+    judge.add_argument("--out", type=Path, required=True, help="folder for hil.xml (JUnit) and hil.html")
+    parser.set_defaults(trays=TRAYS)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Run the cases; return 0 if none failed and every requested one was run.
-
-    Raises:
-        InputError: An option or a file is invalid, or the port is in use.
-    """
-    check_machine_arguments(options)
+def _judge_client(options: argparse.Namespace) -> int:
     check_port(options)
-    io_map, machine = load_io_map(options.io_map), machine_of(options)
-    try:
-        module = DelayingModule(
-            Plant(io_map, machine, seed=options.seed, trays=options.trays), io_map, watchdog_ms=options.watchdog_ms
+    judgement = _Judgement(options)
+    serve.operate_server(options, judgement.module, judgement.machine, judgement.begin)
+    return judgement.finish()
+
+
+def _judge_plc(options: argparse.Namespace) -> int:
+    connect.check(options)
+    judgement = _Judgement(options)
+    connect.operate_client(options, judgement.module, judgement.machine, judgement.begin)
+    return judgement.finish()
+
+
+class _Judgement:
+    """Plant, bench and session of one run of the command.
+
+    Attributes:
+        module: I/O module.
+        machine: Parameters of the machine.
+    """
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options = options
+        for name in ("stop_ms", "margin_ms"):
+            if not 0 <= getattr(options, name) <= MOST_MS:
+                raise InputError(f"--{name.replace('_', '-')} {getattr(options, name)}: must be 0 to {MOST_MS}")
+        _check_folder(options.out)
+        self.module, self.machine = build(options, DelayingModule)
+        self._bench = Bench(
+            self.module, self.machine, BenchLimits(stop_ms=options.stop_ms, margin_ms=options.margin_ms)
         )
-        server = PlantServer(
-            module,
-            host=options.host,
-            port=options.port,
-            lock_step_ms=options.lock_step_ms,
-            allow_remote=options.allow_remote,
+        self._session = Session(
+            self._bench,
+            groups=options.cases or GROUPS,
+            reference_lost=None
+            if options.no_reference
+            else _reference_lost(options.seed, self.module.io_map, self.machine),
+            report=lambda result: print(line(result), flush=True),
         )
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    _check_folder(options.out)
-    bench = Bench(module, machine, BenchLimits(stop_ms=options.stop_ms, margin_ms=options.margin_ms))
-    session = Session(
-        bench,
-        groups=options.cases or GROUPS,
-        reference_lost=None if options.no_reference else _reference_lost(options.seed, io_map, machine),
-        report=lambda result: print(line(result), flush=True),
-    )
 
-    def listening(port: int) -> None:
-        print(f"plant listening on {options.host}:{port}; start the controller", flush=True)
-        bench.play(session.story(), ended=server.end)
+    def begin(self, server: PlantServer) -> None:
+        """Begin the session; the server ends with it."""
+        self._bench.play(self._session.story(), ended=server.end)
 
-    try:
-        asyncio.run(serve(server, options.stop, listening=listening))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        text = f"cannot listen on {options.host}:{options.port}: {reason}; {listening_remedy(error)}"
-        raise InputError(text) from error
-    return _finish(session, bench, options)
+    def finish(self) -> int:
+        """Write the reports and return the exit code."""
+        options, results = self._options, self._session.results
+        time_base = f"lock step, {options.lock_step_ms} ms" if options.lock_step_ms else "real time"
+        facts = (f"machine {options.machine}, seed {options.seed}, {options.trays} trays", time_base)
+        timing = self.module.timing.lines()
+        xml, html = junit(results, about=ABOUT), page(results, about=ABOUT, facts=[*facts, *timing], picture=self._draw)
+        print(summary(results), *write(options.out, xml, html), sep="\n")
+        if not self._session.is_complete:
+            print("stopped before the last case", file=sys.stderr)
+            return 1
+        return 1 if any(each.verdict is Verdict.FAILED for each in results) else 0
 
-
-def _finish(session: Session, bench: Bench, options: argparse.Namespace) -> int:
-    """Write the reports and return the exit code."""
-    results = session.results
-    time_base = f"lock step, {options.lock_step_ms} ms" if options.lock_step_ms else "real time"
-    facts = (f"machine {options.machine}, seed {options.seed}, {options.trays} trays", time_base)
-
-    def picture(result: CaseResult) -> str:
+    def _draw(self, result: CaseResult) -> str:
         title = f"{result.group}: {result.name}"
-        return timing_picture(bench.trace, bench.module.io_map, result.mark_ms, title=title, to_ms=result.to_ms)
-
-    paths = write(
-        options.out,
-        junit(results, about=ABOUT),
-        page(results, about=ABOUT, facts=facts, picture=picture),
-    )
-    print(summary(results), *paths, sep="\n")
-    if not session.is_complete:
-        print("stopped before the last case", file=sys.stderr)
-        return 1
-    return 1 if any(each.verdict is Verdict.FAILED for each in results) else 0
+        trace, io_map = self._bench.trace, self.module.io_map
+        return timing_picture(trace, io_map, result.mark_ms, title=title, to_ms=result.to_ms)
 
 
 def _reference_lost(seed: int, io_map: IoMap, machine: Machine) -> int:

@@ -12,7 +12,11 @@ COMMAND_LINE = CommandLine(
     script="transplanter-plant",
     description="Simulated seedling transplanter and its digital twin.",
     commands={
-        "serve": ("plant_sim.cli.serve", "serve the plant as a Modbus TCP device (default)"),
+        "serve": ("plant_sim.cli.serve", "serve the plant as a Modbus TCP or RTU device (default)"),
+        "connect": (
+            "plant_sim.cli.connect",
+            "connect the plant to a PLC that is a Modbus slave or an MC protocol server",
+        ),
         "run": (
             "plant_sim.cli.run",
             "run the paper's trial with plant, controller and panel as processes, and print a report",
@@ -34,7 +38,7 @@ COMMAND_LINE = CommandLine(
         "docs": ("plant_sim.cli.docs", "write the reference tables generated from the plant"),
     },
     default="serve",
-    services=frozenset({"serve", "hil"}),
+    services=frozenset({"serve", "connect"}),
 )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from plant_sim.faults import parse_fault
+from plant_sim.hil.figure import Figure
 from plant_sim.hil.observation import SIDES, Observation
 from plant_sim.hil.situations import SituationLog
 from plant_sim.hil.story import CaseError, Condition, Story, Wait
@@ -50,12 +51,12 @@ class Findings:
 
     Attributes:
         violations: Violated rules by name, first violation only.
-        figures: Measured values by name with unit.
+        figures: Measured values by name.
         mark_ms: Plant time of the event that the picture of the case shows, ms; None = the end of the case.
     """
 
     violations: dict[str, str] = field(default_factory=dict)
-    figures: dict[str, float] = field(default_factory=dict)
+    figures: dict[str, Figure] = field(default_factory=dict)
     mark_ms: int | None = None
 
 
@@ -191,7 +192,7 @@ class Bench:
         self._events_seen = len(events)
         if not view.on:
             if self._stop_ms is not None:
-                self.findings.figures.setdefault("outputs off after, ms", view.changed_ms - self._stop_ms)
+                self.findings.figures.setdefault("outputs off after", Figure(view.changed_ms - self._stop_ms, "ms"))
         elif self._stop_ms is not None and self.now_ms - self._stop_ms > self.limits.stop_ms:
             self.violate("emergency stop", f"{_listed(view.on)} on {self.now_ms - self._stop_ms} ms after the press")
         elif self.forbidden:

@@ -11,6 +11,7 @@ from plant_sim.crop.seedling import CELLS_ALONG, TRAY_CELLS
 from plant_sim.hil.answers import LAMP, answer, has_lamp
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.delaying_module import DelayingModule
+from plant_sim.hil.figure import Figure
 from plant_sim.hil.situations import Situation
 from plant_sim.hil.story import CaseError, NotRunError, Story, Wait
 
@@ -121,7 +122,7 @@ def home(bench: Bench) -> Story:
         yield from bench.hold("start", 200)
         yield from bench.pause(1_500)
         if (yield from bench.reached(lambda: bench.is_home, bench.limits.home_ms)):
-            bench.findings.figures["homing, s"] = (bench.now_ms - begun_ms) / 1_000
+            bench.findings.figures["homing"] = _seconds_since(bench, begun_ms)
             return
         yield from answer(bench)
     raise CaseError(f"both arms at feed: not within {bench.limits.home_ms / 1000:g} s of a press of start")
@@ -150,7 +151,7 @@ def one_cycle(bench: Bench) -> Story:
         bench.limits.cycle_ms,
         "24 seedlings picked and thrown",
     )
-    bench.findings.figures["first cycle, s"] = (bench.now_ms - begun_ms) / 1_000
+    bench.findings.figures["first cycle"] = _seconds_since(bench, begun_ms)
 
 
 def trial(bench: Bench, reference_lost: int | None) -> Story:
@@ -168,12 +169,12 @@ def trial(bench: Bench, reference_lost: int | None) -> Story:
     yield from bench.until(is_done, limit_ms, f"{TRIAL_TRAYS * TRAY_CELLS} seedlings thrown or lost")
     figures = bench.findings.figures
     for name, label in zip(gone, ("in cups", "P", "D", "T"), strict=True):
-        figures[label] = counts[name]
-    figures["trial, s"] = (bench.now_ms - begun_ms) / 1_000
-    figures["missed cups"] = sum(bench.module.plant.missed_cups.values())
+        figures[label] = Figure(counts[name])
+    figures["trial"] = _seconds_since(bench, begun_ms)
+    figures["missed cups"] = Figure(sum(bench.module.plant.missed_cups.values()))
     lost = TRIAL_TRAYS * TRAY_CELLS - counts["IN_CUP"]
     if reference_lost is not None:
-        figures["lost by the reference program"] = reference_lost
+        figures["lost by the reference program"] = Figure(reference_lost)
         most = most_lost(reference_lost)
         if lost > most:
             bench.violate("losses", f"{lost} seedlings lost; {reference_lost} with the reference program, limit {most}")
@@ -221,9 +222,11 @@ def fault_class(bench: Bench, fault: str) -> Story:
     """
     if fault in ASKED_AFTER and not has_lamp(bench):
         raise NotRunError(f"{LAMP} is not wired, so that the operator cannot be asked for the tray")
+    begun_ms = bench.now_ms
     bench.set_fault(fault)
     stopped = yield from bench.reached(lambda: bench.view.quiet_for(AT_REST_MS), 2 * bench.limits.cycle_ms)
-    bench.findings.figures["stopped"] = float(stopped)
+    if stopped:
+        bench.findings.figures["at rest since"] = Figure((bench.view.moved_ms - begun_ms) / 1_000, "s after the fault")
     bench.module.plant.faults.clear(fault.partition("=")[0])
     yield from bench.pause(2_000)
     if stopped:
@@ -248,14 +251,14 @@ def margin(bench: Bench) -> Story:
             lost = yield from _lost_of_a_tray(bench)
             if not dead_time_ms:
                 usual_lost = lost
-            figures[f"lost of {TRAY_CELLS} at {dead_time_ms} ms"] = lost
+            figures[f"lost at {dead_time_ms} ms"] = Figure(lost)
             if lost > most_lost(usual_lost) or bench.findings.violations:
                 break
             tolerated_ms = dead_time_ms
     finally:
         module.dead_time_ms = 0
-    figures["dead time tolerated, ms"] = tolerated_ms
-    figures["longer scan tolerated, ms"] = 2 * tolerated_ms
+    figures["dead time tolerated"] = Figure(tolerated_ms, "ms")
+    figures["longer scan tolerated"] = Figure(2 * tolerated_ms, "ms")
     bench.findings.violations.clear()  # of a machine beyond its margin
     if 2 * tolerated_ms < bench.limits.margin_ms:
         raise CaseError(f"tolerates a scan longer by {2 * tolerated_ms} ms only; {bench.limits.margin_ms} ms required")
@@ -275,6 +278,10 @@ def _lost_of_a_tray(bench: Bench) -> Generator[Wait, bool, int]:
     if begin.in_tray - end.in_tray < TRAY_CELLS:
         return TRAY_CELLS
     return sum((end.P - begin.P, end.D - begin.D, end.T - begin.T))
+
+
+def _seconds_since(bench: Bench, begun_ms: int) -> Figure:
+    return Figure((bench.now_ms - begun_ms) / 1_000, "s")
 
 
 def _picked_since(bench: Bench, in_tray: int) -> bool:

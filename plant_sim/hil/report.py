@@ -20,13 +20,14 @@ _STYLE: Final = (
 def line(result: CaseResult) -> str:
     """Return one line of text on a case."""
     text = f"{result.verdict:<8} {result.group}: {result.name}"
-    details = "; ".join(result.reasons) or figures_text(result)
+    details = findings(result)
     return f"{text} ({details})" if details else text
 
 
-def figures_text(result: CaseResult) -> str:
-    """Return the measured values of a case as text."""
-    return ", ".join(f"{name} {value:g}" for name, value in result.figures.items())
+def findings(result: CaseResult) -> str:
+    """Return the reasons and the measured values of a case as text."""
+    figures = ", ".join(f"{name} {figure.text}" for name, figure in result.figures.items())
+    return "; ".join(filter(None, (*result.reasons, figures)))
 
 
 def summary(results: Sequence[CaseResult]) -> str:
@@ -43,12 +44,14 @@ def junit(results: Sequence[CaseResult], *, about: str) -> bytes:
         for each in own:
             seconds = f"{(each.to_ms - each.from_ms) / 1_000:.3f}"
             case = ElementTree.SubElement(suite, "testcase", classname=group, name=each.name, time=seconds)
+            if each.figures:
+                properties = ElementTree.SubElement(case, "properties")
+                for name, figure in each.figures.items():
+                    ElementTree.SubElement(properties, "property", name=name, value=figure.text)
             if each.verdict is Verdict.FAILED:
                 ElementTree.SubElement(case, "failure", message=each.reasons[0]).text = "\n".join(each.reasons)
             elif each.verdict is Verdict.NOT_RUN:
                 ElementTree.SubElement(case, "skipped", message="; ".join(each.reasons))
-            elif each.figures:
-                ElementTree.SubElement(case, "system-out").text = figures_text(each)
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return text + b"\n"
@@ -81,7 +84,7 @@ def page(
     rows = "\n".join(
         f'<tr><td>{escape(each.group)}</td><td><a href="#case-{number}">{escape(each.name)}</a></td>'
         f'<td class="{each.verdict.replace(" ", "-")}">{each.verdict}</td>'
-        f"<td>{escape('; '.join(each.reasons) or figures_text(each))}</td></tr>"
+        f"<td>{escape(findings(each))}</td></tr>"
         for number, each in enumerate(results)
     )
     pictures = "\n".join(

@@ -19,6 +19,7 @@ from plant_sim.hil.cases import (
     stop_and_clear,
     stop_cases,
 )
+from plant_sim.hil.figure import Figure
 from plant_sim.hil.story import CaseError, NotRunError, Story
 
 FIRST_GROUPS: Final = ("power-up", "homing", "cycle", "trial", "stop")
@@ -49,7 +50,7 @@ class CaseResult:
         from_ms: Plant time of its beginning, ms.
         to_ms: Plant time of its end, ms.
         mark_ms: Plant time of the event of interest, ms.
-        figures: Measured values by name with unit.
+        figures: Measured values by name.
     """
 
     group: str
@@ -59,7 +60,7 @@ class CaseResult:
     from_ms: int = 0
     to_ms: int = 0
     mark_ms: int = 0
-    figures: dict[str, float] = field(default_factory=dict)
+    figures: dict[str, Figure] = field(default_factory=dict)
 
 
 class Session:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from controller.common.saved import Saved
 from controller.iomap.loader import IoMap
 from plant_sim.links.output_lease import OutputLease
+from plant_sim.links.write_timing import LinkTiming
 from plant_sim.machine.plant import Plant
 
 
@@ -43,7 +44,10 @@ class IoModule(Saved):
         tripped_at_ms: Plant time of the last trip, ms, retained after a reset; None before the first.
         block_writes: Number of times the complete Y block has been written, each time in one write or several.
         observers: Functions called after every advance of plant time.
+        write_observers: Functions called with the client and the levels by Y number after every accepted write of a
+            client.
         lease: Lease of the outputs; only the clients of a server need it.
+        timing: Measured timing of the links.
     """
 
     SAVED = ("_outputs", "_registers", "_written", "block_writes", "last_write_ms", "tripped", "tripped_at_ms")
@@ -70,7 +74,9 @@ class IoModule(Saved):
         self.tripped_at_ms: int | None = None
         self.block_writes = 0
         self.observers: list[Callable[[], None]] = []
+        self.write_observers: list[Callable[[str, Mapping[int, bool]], None]] = []
         self.lease = OutputLease()
+        self.timing = LinkTiming()
         self._watchdog_ms = watchdog_ms
         self._safe = io_map.safe_outputs()
         self._outputs = list(self._safe)
@@ -141,6 +147,24 @@ class IoModule(Saved):
         if wired:
             self.last_write_ms = self.plant.time_ms
             self._note_written(wired)
+
+    def write_as(self, client: str, levels: Mapping[int, bool]) -> None:
+        """Write several outputs for a client, which then has the lease of the outputs; see `write`.
+
+        Args:
+            client: Address of the client.
+            levels: Raw level by Y number; at least one.
+
+        Raises:
+            LeaseError: The outputs belong to another client.
+            ModuleFault: The module is tripped, and a level is not safe.
+            ValueError: An output is beyond the Y image.
+        """
+        self.lease.check(client)
+        self.write(levels)
+        self.lease.take(client)
+        for observe in self.write_observers:
+            observe(client, levels)
 
     @property
     def registers(self) -> dict[int, int]:

@@ -34,13 +34,20 @@ class ModbusImage(ModbusDevice):
     with exception 06. A write that includes such an address or output has no effect.
     """
 
-    def __init__(self, module: IoModule, client: str, written: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        module: IoModule,
+        client: str,
+        written: Callable[[], None] = lambda: None,
+        requested: Callable[[], None] = lambda: None,
+    ) -> None:
         """Map the terminals of the module and the operator box to Modbus addresses.
 
         Args:
             module: Module to serve.
             client: Address of the client.
             written: Function called after a write to the coils; may raise `RequestRefusedError`.
+            requested: Function called before a request is executed.
 
         Raises:
             IoMapError: An output in the I/O map has the address of a button of the operator box.
@@ -48,8 +55,13 @@ class ModbusImage(ModbusDevice):
         self._module = module
         self._client = client
         self._written = written
+        self._requested = requested
         self._inputs_by_offset = {point.offset: point.number for point in module.io_map.inputs}
         self._coils_by_offset = _coil_table(module.io_map)
+
+    def on_request(self) -> None:
+        """Bring plant time up to date."""
+        self._requested()
 
     def read_inputs(self, first: int, count: int) -> list[bool]:
         """Return input levels."""
@@ -78,9 +90,8 @@ class ModbusImage(ModbusDevice):
         pairs = list(zip(_look_up(self._coils_by_offset, first, len(levels)), levels, strict=True))
         outputs = {coil: level for coil, level in pairs if isinstance(coil, int)}
         if outputs:
-            with self._lease():
-                self._module.write(outputs)
-                self._module.lease.take(self._client)
+            with self._refusals():
+                self._module.write_as(self._client, outputs)
         for coil, level in pairs:
             if isinstance(coil, BoxCoil):
                 coil.press(self._module.plant.box, level)
@@ -91,10 +102,9 @@ class ModbusImage(ModbusDevice):
         self._module.lease.end(self._client)
 
     @contextmanager
-    def _lease(self) -> Iterator[None]:
-        """Check the lease before a write, and answer a refusal by lease or watchdog with its exception."""
+    def _refusals(self) -> Iterator[None]:
+        """Answer a refusal by lease or watchdog with its exception."""
         try:
-            self._module.lease.check(self._client)
             yield
         except LeaseError as error:
             raise RequestRefusedError(ExcCodes.DEVICE_BUSY) from error
@@ -105,9 +115,15 @@ class ModbusImage(ModbusDevice):
 class RegisterImage(ModbusImage):
     """Modbus device of a plant whose I/O map has output registers."""
 
-    def __init__(self, module: IoModule, client: str, written: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        module: IoModule,
+        client: str,
+        written: Callable[[], None] = lambda: None,
+        requested: Callable[[], None] = lambda: None,
+    ) -> None:
         """Map the output registers as well; see `ModbusImage`."""
-        super().__init__(module, client, written)
+        super().__init__(module, client, written, requested)
         self._registers_by_offset = {register.offset: register.number for register in module.io_map.registers}
 
     def read_holding(self, first: int, count: int) -> list[int]:
@@ -118,13 +134,19 @@ class RegisterImage(ModbusImage):
     def write_registers(self, first: int, values: Sequence[int]) -> None:
         """Write output registers."""
         numbers = _look_up(self._registers_by_offset, first, len(values))
-        with self._lease():
+        with self._refusals():
+            self._module.lease.check(self._client)
             self._module.write_registers(dict(zip(numbers, values, strict=True)))
 
 
-def image_of(module: IoModule, client: str, written: Callable[[], None] = lambda: None) -> ModbusImage:
+def image_of(
+    module: IoModule,
+    client: str,
+    written: Callable[[], None] = lambda: None,
+    requested: Callable[[], None] = lambda: None,
+) -> ModbusImage:
     """Return the Modbus device of a client; holding registers exist only if the I/O map has output registers."""
-    return (RegisterImage if module.io_map.registers else ModbusImage)(module, client, written)
+    return (RegisterImage if module.io_map.registers else ModbusImage)(module, client, written, requested)
 
 
 def _coil_table(io_map: IoMap) -> dict[int, int | BoxCoil]:

@@ -20,7 +20,7 @@ class Pacer:
         dropped_ms: Time that was dropped, ms.
     """
 
-    def __init__(self, *, tick_ms: int = 5, catch_up_ms: int = 200) -> None:
+    def __init__(self, *, tick_ms: int = 1, catch_up_ms: int = 200) -> None:
         """Initialise at elapsed time 0.
 
         Args:

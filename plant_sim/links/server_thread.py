@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from plant_sim.links.modbus_server import PlantServer
+from plant_sim.links.real_time import precise_loop
 
 T = TypeVar("T")
 
@@ -64,7 +65,8 @@ class ServerThread:
 
     def _run(self) -> None:
         try:
-            asyncio.run(self._serve())
+            with asyncio.Runner(loop_factory=precise_loop) as runner:
+                runner.run(self._serve())
         except Exception as error:  # noqa: BLE001 - raised again in the waiting thread
             self._error = error
         finally:

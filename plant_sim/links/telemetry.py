@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from plant_sim.crop.planting_row import RECENT_CUPS, PassedCup
 from plant_sim.links.io_module import IoModule
+from plant_sim.links.write_timing import LinkTiming
 from plant_sim.machine.arm import ArmPlant
 
 
@@ -175,6 +176,67 @@ def _cup_points(side: str, first: int) -> tuple[TelemetryPoint, ...]:
     return tuple(point(number) for number in range(RECENT_CUPS // CUPS_PER_VALUE))
 
 
+def _timing_points(first: int) -> tuple[TelemetryPoint, ...]:
+    """Return the measured timing of the links, from register `first`."""
+
+    def period_ms(timing: LinkTiming, percent: float) -> float | None:
+        return None if timing.latest is None else _ms(timing.latest.periods.percentile_s(percent))
+
+    def jitter_ms(timing: LinkTiming) -> float | None:
+        latest = timing.latest
+        return 1e3 * latest.periods.deviation_s if latest is not None and latest.periods.count else None
+
+    def lateness_ms(percent: float) -> Callable[[LinkTiming], float | None]:
+        return lambda timing: _ms(timing.lateness.percentile_s(percent))
+
+    values: tuple[tuple[str, int, float, str, Callable[[LinkTiming], float | None]], ...] = (
+        (
+            "write_period_ms",
+            1,
+            0.1,
+            "period of the output writes of the latest client, median",
+            lambda t: period_ms(t, 50),
+        ),
+        ("write_period_p99_ms", 1, 0.1, "period of these writes, 99th percentile", lambda t: period_ms(t, 99)),
+        ("write_jitter_ms", 1, 0.01, "standard deviation of this period", jitter_ms),
+        (
+            "longest_gap_ms",
+            2,
+            1,
+            "longest plant time between two output writes of any client",
+            lambda t: t.longest_gap_ms,
+        ),
+        ("gaps", 1, 1, "gaps between output writes that exceeded the limit", lambda t: t.gaps),
+        (
+            "lost_after_gaps",
+            1,
+            1,
+            "seedlings lost from a gap to the end of the following cycle",
+            lambda t: t.seedlings_lost_after_gaps,
+        ),
+        ("tick_lateness_ms", 1, 0.01, "lateness of the ticks of real time, median", lateness_ms(50)),
+        ("tick_lateness_p99_ms", 1, 0.01, "lateness of the ticks, 99th percentile", lateness_ms(99)),
+        ("tick_lateness_longest_ms", 1, 0.01, "longest lateness of a tick", lateness_ms(100)),
+        ("dropped_ms", 2, 1, "plant time dropped because this computer was late", lambda t: t.dropped_ms),
+        ("plc_state", 1, 1, "PLC of which the plant is a client: 0 none, 1 connected, 2 lost", lambda t: t.plc_state),
+        ("plc_losses", 1, 1, "number of times that this PLC was lost", lambda t: t.plc_losses),
+    )
+    points, offset = [], first
+    for name, words, scale, meaning, read in values:
+        may_be_none = name.startswith(("write_", "tick_"))
+        points.append(TelemetryPoint(name, offset, words, scale, meaning, _of_timing(read), may_be_none=may_be_none))
+        offset += words
+    return tuple(points)
+
+
+def _of_timing(read: Callable[[LinkTiming], float | None]) -> Callable[[IoModule], float | None]:
+    return lambda module: read(module.timing)
+
+
+def _ms(duration_s: float | None) -> float | None:
+    return None if duration_s is None else 1e3 * duration_s
+
+
 TELEMETRY = (
     TelemetryPoint("time_ms", 0, 2, 1, "plant time", lambda m: m.plant.time_ms),
     TelemetryPoint(
@@ -250,6 +312,7 @@ TELEMETRY = (
         "writes refused because the outputs belong to another client",
         lambda module: module.lease.refused,
     ),
+    *_timing_points(49),
 )
 
 TELEMETRY_REGISTERS = TELEMETRY[-1].offset + TELEMETRY[-1].words

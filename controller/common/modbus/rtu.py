@@ -1,4 +1,4 @@
-"""Modbus RTU server on a serial line: frames delimited by length and checksum, one device at one address.
+"""Modbus RTU: settings and framing of a serial line, and a server with one device at one address.
 
 According to the specification, an idle time of 3.5 characters ends a frame. Adapters and operating systems insert
 gaps, so a request is accepted as soon as it is complete and its checksum is valid. Other data (noise, requests to
@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -27,8 +28,13 @@ _FIXED: Final = {1: 8, 2: 8, 3: 8, 4: 8, 5: 8, 6: 8, 7: 4, 8: 8, 11: 4, 12: 4, 1
 _COUNTED: Final = {15: 6, 16: 6, 20: 2, 21: 2, 23: 10}
 """Index of the byte count in variable-length requests, by function code."""
 _SHORTEST: Final = 4
-_WRITE_LIMIT_S: Final = 0.1
-"""Write timeout, s; a serial line that does not accept an answer within this time is treated as disconnected."""
+WRITE_LIMIT_S: Final = 0.1
+"""Write timeout, s; a serial line that does not accept a frame within this time is treated as disconnected."""
+REOPEN_S: Final = 0.5
+"""Interval between attempts to open a disconnected serial line again, s."""
+_FASTEST_COUNTED_BAUD: Final = 19_200
+_SHORTEST_SILENCE_S: Final = 1.75e-3
+"""Silence between frames above 19,200 baud, s. Source: Modbus over Serial Line V1.02, 2.5.1.1."""
 
 _log = logging.getLogger(__name__)
 
@@ -73,22 +79,56 @@ class SerialLine:
             )
         return cls(path, int(baud), frame[1], int(frame[2]), int(unit))
 
+    def wire_s(self, count: int) -> float:
+        """Return the transmission time of a number of bytes, s: start bit, 8 data bits, parity and stop bits each.
+
+        >>> round(1e3 * SerialLine("/dev/ttyS0", 115_200).wire_s(8), 3)
+        0.764
+        """
+        return count * (9 + (self.parity != "N") + self.stop_bits) / self.baud
+
+    @property
+    def silence_s(self) -> float:
+        """Silence that separates two frames, s: 3.5 characters, or 1.75 ms above 19,200 baud."""
+        return _SHORTEST_SILENCE_S if self.baud > _FASTEST_COUNTED_BAUD else self.wire_s(7) / 2
+
+    def open(self) -> Any:
+        """Open the serial line and return its `serial.Serial`, which reads without waiting.
+
+        Raises:
+            OSError, ValueError, OverflowError: The line cannot be opened, or does not support the baud rate.
+            ModuleNotFoundError: pyserial is not installed.
+        """
+        serial = importlib.import_module("serial")
+        return serial.Serial(
+            self.path,
+            self.baud,
+            parity=self.parity,
+            stopbits=self.stop_bits,
+            timeout=0,
+            write_timeout=WRITE_LIMIT_S,
+        )
+
 
 class RtuServer:
-    """Modbus RTU server of one serial line."""
+    """Modbus RTU server of one serial line; a disconnected line is opened again as soon as that is possible."""
 
-    def __init__(self, line: SerialLine, device: ModbusDevice) -> None:
+    def __init__(self, line: SerialLine, device: ModbusDevice, *, models_wire: bool = False) -> None:
         """Create a server; `start` opens the serial line.
 
         Args:
             line: Settings of the serial line.
             device: Device to serve.
+            models_wire: True to delay requests and answers by their transmission times and the silence between them,
+                for a pseudo-terminal, which transmits at once.
         """
         self._line = line
         self._device = device
+        self._models_wire = models_wire
         self._buffer = bytearray()
         self._port: Any = None
         self._loop: asyncio.AbstractEventLoop
+        self._timers: set[asyncio.TimerHandle] = set()
         self._gap: asyncio.TimerHandle | None = None
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -98,21 +138,18 @@ class RtuServer:
             OSError, ValueError, OverflowError: The serial line cannot be opened, or does not support the baud rate.
             ModuleNotFoundError: pyserial is not installed.
         """
-        serial = importlib.import_module("serial")
-        line = self._line
-        self._port = serial.Serial(
-            line.path,
-            line.baud,
-            parity=line.parity,
-            stopbits=line.stop_bits,
-            timeout=0,
-            write_timeout=_WRITE_LIMIT_S,
-        )
+        self._port = self._line.open()
         self._loop = loop
         loop.add_reader(self._port.fileno(), self._read)
 
     def stop(self) -> None:
-        """Close the serial line if it is open."""
+        """Close the serial line if it is open, and do not open it again."""
+        for timer in self._timers:
+            timer.cancel()
+        self._timers.clear()
+        self._close()
+
+    def _close(self) -> None:
         if self._port is None:
             return
         self._loop.remove_reader(self._port.fileno())
@@ -137,10 +174,29 @@ class RtuServer:
     def _disconnect(self, error: OSError) -> None:
         """Close a disconnected serial line; otherwise its invalid file descriptor would keep the event loop busy."""
         _log.warning(
-            "serial line %s is disconnected (%s); reconnect it and restart the controller", self._line.path, error
+            "serial line %s is disconnected (%s); reconnect it, it is then opened again", self._line.path, error
         )
         self._buffer.clear()
-        self.stop()
+        self._close()
+        self._after(REOPEN_S, self._reopen)
+
+    def _reopen(self) -> None:
+        try:
+            self.start(self._loop)
+        except (OSError, ValueError):
+            self._after(REOPEN_S, self._reopen)
+        else:
+            _log.warning("serial line %s is connected again", self._line.path)
+
+    def _after(self, delay_s: float, function: Callable[[], None]) -> None:
+        """Call a function later, unless the server is stopped before."""
+
+        def due() -> None:
+            self._timers.discard(timer)
+            function()
+
+        timer = self._loop.call_later(delay_s, due)
+        self._timers.add(timer)
 
     def _process_buffer(self) -> None:
         """Serve the requests in the buffer, skip other bytes and leave an incomplete request in the buffer."""
@@ -151,7 +207,7 @@ class RtuServer:
                 del buffer[0]
             elif length is None or len(buffer) < length:
                 return
-            elif _is_checksum_valid(buffer[:length]):
+            elif is_checksum_valid(buffer[:length]):
                 frame = bytes(buffer[:length])
                 del buffer[:length]
                 self._serve(frame)
@@ -165,13 +221,34 @@ class RtuServer:
             self._process_buffer()
 
     def _serve(self, frame: bytes) -> None:
+        if self._models_wire:
+            self._after(self._line.wire_s(len(frame)) + self._line.silence_s, lambda: self._execute(frame))
+        else:
+            self._execute(frame)
+
+    def _execute(self, frame: bytes) -> None:
         unit = frame[0]
-        reply = bytes([unit]) + answer(self._device, frame[1:-2])
-        if unit != BROADCAST:
-            try:
-                self._port.write(reply + FramerRTU.compute_CRC(reply).to_bytes(2))
-            except OSError as error:
-                self._disconnect(error)
+        reply = framed(unit, answer(self._device, frame[1:-2]))
+        if unit == BROADCAST:
+            return
+        if self._models_wire:
+            self._after(self._line.wire_s(len(reply)), lambda: self._send(reply))
+        else:
+            self._send(reply)
+
+    def _send(self, reply: bytes) -> None:
+        if self._port is None:
+            return
+        try:
+            self._port.write(reply)
+        except OSError as error:
+            self._disconnect(error)
+
+
+def framed(unit: int, pdu: bytes) -> bytes:
+    """Return a frame: unit address, PDU and checksum."""
+    frame = bytes([unit]) + pdu
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2)
 
 
 def request_length(received: bytes | bytearray) -> int | None:
@@ -188,5 +265,6 @@ def request_length(received: bytes | bytearray) -> int | None:
     return _FIXED.get(function_code, _SHORTEST)
 
 
-def _is_checksum_valid(frame: bytes | bytearray) -> bool:
+def is_checksum_valid(frame: bytes | bytearray) -> bool:
+    """Return True if the last two bytes are the checksum of the others."""
     return FramerRTU.check_CRC(bytes(frame[:-2]), int.from_bytes(frame[-2:]))
