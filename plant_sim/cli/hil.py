@@ -55,16 +55,16 @@ def _add_judge(parser: argparse.ArgumentParser) -> None:
     """Add the options of the judgement."""
     limits = BenchLimits()
     judge = parser.add_argument_group("judgement")
-    further = GROUPS[len(FIRST_GROUPS) :]
     judge.add_argument(
         "--cases",
         action="append",
-        choices=further,
+        choices=GROUPS,
         default=None,
         metavar="GROUP",
-        help=f"groups to run after the first ones, which always run: {', '.join(further)}; may be repeated (default: "
-        "all)",
+        help=f"group of cases to run: {', '.join(GROUPS)}; may be repeated (default: all); {', '.join(FIRST_GROUPS)} "
+        "always run",
     )
+    judge.add_argument("--only", default="", metavar="TEXT", help="run the further cases whose names contain this text")
     judge.add_argument(
         "--stop-ms", type=int, default=limits.stop_ms, help="longest time from emergency stop to outputs off"
     )
@@ -115,6 +115,7 @@ class _Judgement:
         self._session = Session(
             self._bench,
             groups=options.cases or GROUPS,
+            only=options.only,
             reference_lost=None
             if options.no_reference
             else _reference_lost(options.seed, self.module.io_map, self.machine),

@@ -76,6 +76,7 @@ class Session:
         bench: Bench,
         *,
         groups: Iterable[str] = GROUPS,
+        only: str = "",
         reference_lost: int | None = None,
         report: Callable[[CaseResult], None] | None = None,
     ) -> None:
@@ -84,6 +85,7 @@ class Session:
         Args:
             bench: Bench.
             groups: Groups of cases to run; the first ones are always run.
+            only: Text that the names of the further cases must contain.
             reference_lost: Seedlings that the machine's own program loses in the same trial; None = not compared.
             report: Function that is called after every case.
         """
@@ -91,6 +93,7 @@ class Session:
         self.is_complete = False
         self._bench = bench
         self._groups = frozenset(groups)
+        self._only = only
         self._reference_lost = reference_lost
         self._report = report
         self._lost_machine = ""
@@ -108,7 +111,7 @@ class Session:
     def _further_cases(self) -> Iterator[Case]:
         usual_ms = {each: ms for each, ms in self._bench.situations.usual_ms().items() if ms >= SHORTEST_MS}
         cases = (*stop_cases(usual_ms), *fault_cases(), *margin_cases())
-        yield from (case for case in cases if case.group in self._groups)
+        yield from (case for case in cases if case.group in self._groups and self._only in case.name)
 
     def _case(self, case: Case) -> Story:
         """Run one case and note its result."""
