@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from controller.common.command_line import INTERRUPTED
 from controller.common.errors import InputError
 from controller.iomap.loader import IoMap
 from plant_sim.cli import connect, serve
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the cases; return 0 if none failed and the last one was reached.
+    """Run the cases; return 0 if none failed, 1 if one failed, and `INTERRUPTED` before the last case.
 
     Raises:
         InputError: An option or a file is invalid, or a port cannot be opened.
@@ -136,7 +137,7 @@ class _Judgement:
         print(summary(results), *write(options.out, xml, html), sep="\n")
         if not self._session.is_complete:
             print("stopped before the last case", file=sys.stderr)
-            return 1
+            return INTERRUPTED
         return 1 if any(each.verdict is Verdict.FAILED for each in results) else 0
 
     def _draw(self, result: CaseResult) -> str:

@@ -38,7 +38,7 @@ COMMAND_LINE = CommandLine(
         "docs": ("plant_sim.cli.docs", "write the reference tables generated from the plant"),
     },
     default="serve",
-    services=frozenset({"serve", "connect"}),
+    services=frozenset({"serve", "connect", "hil"}),
 )
 
 

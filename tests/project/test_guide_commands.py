@@ -91,7 +91,7 @@ SLOW: Final = {
 """Commands that are run only with ``--nightly``: those that take more than 2 s, commands that read their files, and
 servers like those of docs/first-run.md.
 """
-SERVERS: Final = {"serve", "run"}
+SERVERS: Final = {"serve", "run", "hil"}
 EXPECTED_CODES: Final = {"prove --without": 1, "replay --without": 1}
 """Non-zero exit codes of commands that report a violated requirement, by a part of the command."""
 

@@ -19,9 +19,7 @@ def test_the_program_behind_a_modbus_server_drives_the_machine_like_the_twin(nam
     profile, expected = profile_of(name), reference()
     with modbus_plc(profile, ProgramOfPlc().scan) as port:
         transport = TcpTransport("127.0.0.1", port, unit=1, timeout_s=PATIENT_S)
-        module = run_in_lock_step(
-            ModbusPlc(profile, transport, output_count=IO_MAP.output_count), profile, expected
-        )
+        module = run_in_lock_step(ModbusPlc(profile, transport, output_count=IO_MAP.output_count), profile, expected)
     assert module.plant.counts() == expected.counts
     assert module.plant.state.tobytes() == expected.state
     assert expected.counts.in_cups > 5
