@@ -68,8 +68,8 @@ class Reaction:
         late = self.late_p99_ms / self.bare_p99_ms
         return (
             f"reaction, scan of {self.scan_ms:2d} ms    median {self.median_ms:.0f} ms = {median:.1f} scans (goal: at "
-            f"most {MEDIAN_GOAL:.0f}), p99 {self.p99_ms:.0f} ms = {p99:.1f} scans (goal: at most {P99_GOAL:.0f}), longest "
-            f"{self.longest_ms:.0f} ms, {self.edges} edges, {self.missed} missed, no input filter\n"
+            f"most {MEDIAN_GOAL:.0f}), p99 {self.p99_ms:.0f} ms = {p99:.1f} scans (goal: at most {P99_GOAL:.0f}), "
+            f"longest {self.longest_ms:.0f} ms, {self.edges} edges, {self.missed} missed, no input filter\n"
             f"  lateness of the scans    p99 {self.late_p99_ms:.2f} ms, bare loop beside it {self.bare_p99_ms:.2f} ms: "
             f"{late:.2f} x (goal: at most {LATENESS_GOAL}), {self.overruns} overruns"
         )
