@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
 from plant_sim.cli.serving import add_plant_arguments, build, operate, tell
 from plant_sim.links.io_module import IoModule
-from plant_sim.links.modbus_server import DEFAULT_PORT
+from plant_sim.links.modbus_server import DEFAULT_PORT, PlantServer
 from plant_sim.links.plc.client import PlcClient
 from plant_sim.links.plc.mc import McPlc
 from plant_sim.links.plc.modbus import ModbusPlc
 from plant_sim.links.plc.port import PlcPort
 from plant_sim.links.plc.profile import PlcProfile, PlcProtocol, load_profile, profile_names
 from plant_sim.links.plc.transport import ModbusTransport, RtuTransport, TcpTransport
+from plant_sim.machine.parameters import Machine
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,8 +58,22 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or a file is invalid, or the port cannot be opened.
     """
-    _check(options)
+    check(options)
     module, machine = build(options)
+    return operate_client(options, module, machine)
+
+
+def operate_client(
+    options: argparse.Namespace,
+    module: IoModule,
+    machine: Machine,
+    begin: Callable[[PlantServer], None] | None = None,
+) -> int:
+    """Exchange the terminals of a plant with the PLC until the request to stop; see `operate`.
+
+    Raises:
+        InputError: An option or a file is invalid, or the port cannot be opened.
+    """
     io_map = module.io_map
     if io_map.registers:
         tags = ", ".join(register.tag for register in io_map.registers)
@@ -72,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
         tell=tell,
     )
     host, port = options.listen_host, options.listen_port
-    return operate(options, module, machine, host=host, port=port, plc=client)
+    return operate(options, module, machine, host=host, port=port, plc=client, begin=begin)
 
 
 def _port(options: argparse.Namespace, profile: PlcProfile, module: IoModule) -> PlcPort:
@@ -91,7 +107,12 @@ def _port(options: argparse.Namespace, profile: PlcProfile, module: IoModule) ->
     return ModbusPlc(profile, transport, output_count=output_count)
 
 
-def _check(options: argparse.Namespace) -> None:
+def check(options: argparse.Namespace) -> None:
+    """Check the options of the PLC.
+
+    Raises:
+        InputError: An option is missing or out of range.
+    """
     if (options.host is None) == (options.serial is None):
         raise InputError("specify either --host, the address of the PLC, or --serial, the line to it")
     for name, least, most in (

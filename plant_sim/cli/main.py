@@ -22,6 +22,7 @@ COMMAND_LINE = CommandLine(
             "run the paper's trial with plant, controller and panel as processes, and print a report",
         ),
         "trial": ("plant_sim.cli.trial", "run the paper's trial in lock step"),
+        "hil": ("plant_sim.cli.hil", "judge any controller on the simulated plant"),
         "scenario": ("plant_sim.cli.scenario", "run a scenario and check the result"),
         "line": ("plant_sim.cli.line", "plant rows with a line, from trays or a conveyor to the soil"),
         "faults": ("plant_sim.cli.faults", "inject every fault in turn and tabulate how it is detected"),
@@ -38,7 +39,7 @@ COMMAND_LINE = CommandLine(
         "docs": ("plant_sim.cli.docs", "write the reference tables generated from the plant"),
     },
     default="serve",
-    services=frozenset({"serve", "connect"}),
+    services=frozenset({"serve", "connect", "hil"}),
 )
 
 

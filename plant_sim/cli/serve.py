@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 from controller.common.errors import InputError
 from controller.common.modbus.rtu import SerialLine
 from plant_sim.cli.options import add_network_arguments, check_port
 from plant_sim.cli.serving import add_plant_arguments, build, operate
+from plant_sim.links.io_module import IoModule
+from plant_sim.links.modbus_server import PlantServer
+from plant_sim.machine.parameters import Machine
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,9 +43,32 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         InputError: An option or a file is invalid, or the port or the serial line cannot be opened.
     """
+    check(options)
+    module, machine = build(options)
+    return operate_server(options, module, machine)
+
+
+def operate_server(
+    options: argparse.Namespace,
+    module: IoModule,
+    machine: Machine,
+    begin: Callable[[PlantServer], None] | None = None,
+) -> int:
+    """Serve a plant until the request to stop; see `operate`.
+
+    Raises:
+        InputError: An option is invalid, or the port or the serial line cannot be opened.
+    """
+    serial = None if options.serial is None else SerialLine.parsed(options.serial)
+    return operate(options, module, machine, host=options.host, port=options.port, serial=serial, begin=begin)
+
+
+def check(options: argparse.Namespace) -> None:
+    """Check the options of the servers.
+
+    Raises:
+        InputError: An option is out of range, or has no effect.
+    """
     check_port(options)
     if options.wire_time and options.serial is None:
         raise InputError("--wire-time: requires --serial; add it, or omit --wire-time")
-    serial = None if options.serial is None else SerialLine.parsed(options.serial)
-    module, machine = build(options)
-    return operate(options, module, machine, host=options.host, port=options.port, serial=serial)

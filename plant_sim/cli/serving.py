@@ -61,8 +61,12 @@ def add_plant_arguments(parser: argparse.ArgumentParser) -> None:
     add_record_argument(parser)
 
 
-def build(options: argparse.Namespace) -> tuple[IoModule, Machine]:
+def build(options: argparse.Namespace, module_type: type[IoModule] = IoModule) -> tuple[IoModule, Machine]:
     """Return the module of a new plant, and the parameters of the machine.
+
+    Args:
+        options: Options of the command.
+        module_type: Class of the module.
 
     Raises:
         InputError: An option or a file is invalid.
@@ -79,7 +83,7 @@ def build(options: argparse.Namespace) -> tuple[IoModule, Machine]:
     if options.planting_frequency is not None:
         plant.planting_frequency_per_min = options.planting_frequency
     try:
-        module = IoModule(plant, io_map, watchdog_ms=options.watchdog_ms)
+        module = module_type(plant, io_map, watchdog_ms=options.watchdog_ms)
     except ValueError as error:
         raise InputError(str(error)) from error
     module.lease.on_refusal = _refusal_report(module)
@@ -95,6 +99,7 @@ def operate(
     port: int,
     serial: SerialLine | None = None,
     plc: PlcClient | None = None,
+    begin: Callable[[PlantServer], None] | None = None,
 ) -> int:
     """Serve until the request to stop, then report the timing measured in real time.
 
@@ -106,6 +111,7 @@ def operate(
         port: TCP port; 0 = any free port.
         serial: Serial line to serve as well.
         plc: PLC of which the plant is a client.
+        begin: Function that is called once clients can connect.
 
     Raises:
         InputError: An option is invalid, or the port or the serial line cannot be opened.
@@ -130,6 +136,8 @@ def operate(
         print(f"plant listening on {host}:{opened}", flush=True)
         if serial is not None:
             print(f"plant listening on {serial.path}, unit {serial.unit}", flush=True)
+        if begin is not None:
+            begin(server)
 
     with contextlib.ExitStack() as stack:
         if options.record is not None:

@@ -49,7 +49,7 @@ _, _, _EXCEPTIONS = (
 )
 NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILINE))
 """Commands that need hardware, each with the hardware that it needs, as listed in docs/README.md."""
-NOT_RUN_COUNT: Final = 6
+NOT_RUN_COUNT: Final = 7
 RUN_ELSEWHERE: Final = re.compile(
     r"scripts/test\b|\.venv/bin/python -m controller (prove$|capture record|run --real-time-priority)"
     r"|\.venv/bin/python -m plant_sim bench --busy-host"
@@ -96,7 +96,7 @@ SLOW: Final = {
 """Commands that are run only with ``--nightly``: those that take more than 2 s, commands that read their files, and
 servers like those of docs/first-run.md.
 """
-SERVERS: Final = {"serve", "run"}
+SERVERS: Final = {"serve", "run", "hil"}
 EXPECTED_CODES: Final = {"prove --without": 1, "replay --without": 1}
 """Non-zero exit codes of commands that report a violated requirement, by a part of the command."""
 

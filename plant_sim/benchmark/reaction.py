@@ -1,0 +1,176 @@
+"""Reaction time from an input edge at the plant to the output edge at the plant, with real processes.
+
+The controller runs the machine's complete program without input filter; two lamps follow the cup counters of the two
+rows, whose pulses have no fixed phase to the scans. A bare loop of the same period runs beside it as a measure of the
+timing of the computer.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from plant_sim.benchmark.echo_controller import ECHOES
+from plant_sim.links.io_module import IoModule
+from plant_sim.links.modbus_server import PlantServer
+from plant_sim.links.server_thread import ServerThread
+from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.plant import Plant
+
+PULSES_PER_MIN: Final = 287.3
+"""Planting frequency, 1/min: 208.84 ms per pulse, which has every phase to a scan of 5 or 10 ms."""
+MEDIAN_GOAL, P99_GOAL = 2.0, 3.0
+"""Goals of the reaction time, scans."""
+LATENESS_GOAL: Final = 1.2
+"""Goal of the 99th percentile of the lateness, as a multiple of that of the bare loop."""
+BOUNCE_MS: Final = 3
+"""Longest time between two edges of a bouncing contact, ms; the reaction is measured from the last one."""
+LIMIT_S: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Reaction:
+    """Reaction times at one scan period.
+
+    Attributes:
+        scan_ms: Scan period, ms.
+        edges: Number of measured input edges.
+        missed: Input edges without an output edge.
+        median_ms: Median reaction time, ms.
+        p99_ms: 99th percentile, ms.
+        longest_ms: Longest reaction time, ms.
+        late_p99_ms: 99th percentile of the lateness of the scans, ms.
+        bare_p99_ms: 99th percentile of the lateness of the bare loop, ms.
+        overruns: Scans that ended after the next one was due.
+    """
+
+    scan_ms: int
+    edges: int
+    missed: int
+    median_ms: float
+    p99_ms: float
+    longest_ms: float
+    late_p99_ms: float
+    bare_p99_ms: float
+    overruns: int
+
+    def text(self) -> str:
+        """Return the figures with their goals as text."""
+        median, p99 = self.median_ms / self.scan_ms, self.p99_ms / self.scan_ms
+        late = self.late_p99_ms / self.bare_p99_ms
+        return (
+            f"reaction, scan of {self.scan_ms:2d} ms    median {self.median_ms:.0f} ms = {median:.1f} scans (goal: at "
+            f"most {MEDIAN_GOAL:.0f}), p99 {self.p99_ms:.0f} ms = {p99:.1f} scans (goal: at most {P99_GOAL:.0f}), "
+            f"longest {self.longest_ms:.0f} ms, {self.edges} edges, {self.missed} missed, no input filter\n"
+            f"  lateness of the scans    p99 {self.late_p99_ms:.2f} ms, bare loop beside it {self.bare_p99_ms:.2f} ms: "
+            f"{late:.2f} x (goal: at most {LATENESS_GOAL}), {self.overruns} overruns"
+        )
+
+
+class EdgeTimer:
+    """Observer of a module that measures the time from every edge of a cup counter to the edge of its lamp.
+
+    Attributes:
+        times_ms: Reaction times in plant time, ms.
+        missed: Input edges that were followed by another one before the output edge.
+    """
+
+    def __init__(self, module: IoModule) -> None:
+        self.times_ms: list[int] = []
+        self.missed = 0
+        self._module = module
+        io_map = module.io_map
+        self._wires = [(io_map[f"{side}.cup_pulse"].number, io_map[lamp].number) for lamp, side in ECHOES.items()]
+        self._levels: list[bool] = []
+        self._since_ms: list[int | None] = [None] * len(self._wires)
+
+    def __call__(self) -> None:
+        """Look at the wires; called after every advance of plant time."""
+        module = self._module
+        inputs, outputs, now_ms = module.inputs(), module.outputs, module.plant.time_ms
+        if module.last_write_ms is None or now_ms - module.last_write_ms > module.watchdog_ms:
+            self._levels = []  # before the first and after the last scan
+            return
+        levels = [inputs[x] for x, _ in self._wires]
+        echoes = [outputs[y] for _, y in self._wires]
+        for number, (level, before) in enumerate(zip(levels, self._levels, strict=False)):
+            since_ms, follows = self._since_ms[number], echoes[number] == level
+            if level != before:
+                self.missed += since_ms is not None and now_ms - since_ms > BOUNCE_MS
+                self._since_ms[number] = None if follows else now_ms
+            elif since_ms is not None and follows:
+                self.times_ms.append(now_ms - since_ms)
+                self._since_ms[number] = None
+        self._levels = levels
+
+
+def measure_reaction(scan_ms: int, *, seconds: float) -> Reaction:
+    """Measure the reaction over Modbus TCP for some seconds.
+
+    Raises:
+        subprocess.CalledProcessError: The controller failed.
+    """
+    with tempfile.TemporaryDirectory(prefix="transplanter-") as folder:
+        path = _map_with_lamps(Path(folder))
+        plant = Plant(load_io_map(path), load_machine(), seed=1, trays=1)
+        plant.planting_frequency_per_min = PULSES_PER_MIN
+        module = IoModule(plant, load_io_map(path))
+        timer = EdgeTimer(module)
+        module.observers.append(timer)
+        with ServerThread(PlantServer(module, port=0)) as thread:
+            common = ["--scan-ms", str(scan_ms), "--seconds", str(seconds)]
+            echo = ["plant_sim.benchmark.echo_controller", "--io-map", str(path), "--port", str(thread.server.port)]
+            controller = _process(*echo, *common)
+            bare = _process("plant_sim.benchmark.bare_loop", *common)
+            figures, alone = _figures(controller), _figures(bare)
+    late_us, times_ms = sorted(figures["late_us"]), sorted(timer.times_ms)
+    return Reaction(
+        scan_ms=scan_ms,
+        edges=len(times_ms),
+        missed=timer.missed,
+        median_ms=_quantile(times_ms, 0.5),
+        p99_ms=_quantile(times_ms, 0.99),
+        longest_ms=times_ms[-1],
+        late_p99_ms=_quantile(late_us, 0.99) / 1_000,
+        bare_p99_ms=_quantile(sorted(alone["late_us"]), 0.99) / 1_000,
+        overruns=figures["overruns"],
+    )
+
+
+def _map_with_lamps(folder: Path) -> Path:
+    """Write the default I/O map with both lamps wired; return its path."""
+    lines = DEFAULT_IO_MAP.read_text("utf-8").splitlines(keepends=True)
+    wired = [
+        line.replace("wired: false", "wired: true") if any(f"tag: {lamp}," in line for lamp in ECHOES) else line
+        for line in lines
+    ]
+    path = folder / "io_map.yaml"
+    path.write_text("".join(wired), "utf-8")
+    return path
+
+
+def _process(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(  # noqa: S603 - our own programs
+        [sys.executable, "-m", *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
+    )
+
+
+def _figures(process: subprocess.Popen[str]) -> dict[str, Any]:
+    printed, _ = process.communicate(timeout=LIMIT_S)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args, printed)
+    figures: dict[str, Any] = json.loads(printed)
+    return figures
+
+
+def _quantile(ordered: Sequence[int], share: float) -> float:
+    """Return a quantile of ordered values by the nearest-rank rule."""
+    return float(ordered[max(0, math.ceil(share * len(ordered)) - 1)])

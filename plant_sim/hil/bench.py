@@ -1,0 +1,212 @@
+"""Bench: an I/O module whose controller is operated and judged in stories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from typing import Final
+
+from plant_sim.faults import parse_fault
+from plant_sim.hil.figure import Figure
+from plant_sim.hil.observation import SIDES, Observation
+from plant_sim.hil.situations import SituationLog
+from plant_sim.hil.story import CaseError, Condition, Story, Wait
+from plant_sim.hil.trace import Trace
+from plant_sim.links.io_module import IoModule
+from plant_sim.machine.parameters import Machine
+
+RELEASED_MS: Final = 1_500
+"""Time without motion after which a machine without an active output rests, ms."""
+HELD_MS: Final = 10_000
+"""Time without motion and without a change of the outputs after which a machine with active outputs rests, ms."""
+
+
+@dataclass(frozen=True, slots=True)
+class BenchLimits:
+    """Limits by which a controller is judged.
+
+    The defaults are assumptions that a slow PLC with a slow link still meets.
+
+    Attributes:
+        stop_ms: Longest time from the emergency stop to the last actuator switched off, ms.
+        begin_ms: Longest time from a press to the first actuator switched on, ms. An arm that is loaded may have to
+            wait for twelve cups, 16 s at 45 cups per minute.
+        home_ms: Longest time of homing, ms.
+        cycle_ms: Longest time until a row has been thrown while the machine runs, ms.
+        margin_ms: Least increase of the scan time that the controller must tolerate, ms.
+        clear_ms: Time for which the stop button is held to clear an emergency stop, ms.
+    """
+
+    stop_ms: int = 100
+    begin_ms: int = 30_000
+    home_ms: int = 60_000
+    cycle_ms: int = 60_000
+    margin_ms: int = 10
+    clear_ms: int = 3_300
+
+
+@dataclass(slots=True)
+class Findings:
+    """Findings of the case that runs.
+
+    Attributes:
+        violations: Violated rules by name, first violation only.
+        figures: Measured values by name.
+        mark_ms: Plant time of the event that the picture of the case shows, ms; None = the end of the case.
+    """
+
+    violations: dict[str, str] = field(default_factory=dict)
+    figures: dict[str, Figure] = field(default_factory=dict)
+    mark_ms: int | None = None
+
+
+class Bench:
+    """Operation and observation of the plant for the stories.
+
+    Attributes:
+        module: I/O module.
+        view: Outputs and motion.
+        limits: Limits.
+        trace: Levels of all wires over time.
+        situations: Situations of the arms and the tray so far.
+        findings: Findings of the case that runs.
+        forbidden: Reason for which no actuator may be switched on; empty = permitted.
+    """
+
+    def __init__(self, module: IoModule, machine: Machine, limits: BenchLimits | None = None) -> None:
+        """Create the bench of a module; `play` starts a story.
+
+        Args:
+            module: I/O module of the plant.
+            machine: Parameters of the plant.
+            limits: Limits; None = the defaults.
+        """
+        self.module = module
+        self.view = Observation(module, feed_m=machine.slide.switch_band_m + machine.slide.switch_hysteresis_m)
+        self.limits = limits or BenchLimits()
+        self.trace = Trace(module)
+        self.situations = SituationLog(self.view)
+        self.findings = Findings()
+        self.forbidden = ""
+        self._story: Story | None = None
+        self._wait: Wait | None = None
+        self._ended: Callable[[], None] = lambda: None
+        self._events_seen = 0
+        self._stop_ms: int | None = None
+        module.observers.append(self.observe)
+
+    @property
+    def now_ms(self) -> int:
+        """Plant time, ms."""
+        return self.view.now_ms
+
+    def play(self, story: Story, *, ended: Callable[[], None]) -> None:
+        """Start a story; `ended` is called after its end."""
+        self._story, self._ended = story, ended
+        self._resume(None)
+
+    def observe(self) -> None:
+        """Take over the state of the plant, check the rules and resume the story; called after every advance."""
+        self.view.update()
+        self.trace.sample()
+        self.situations.update()
+        self._check_rules()
+        while (wait := self._wait) is not None:
+            if wait.condition():
+                self._resume(True)
+            elif self.now_ms >= wait.until_ms:
+                self._resume(False)
+            else:
+                return
+
+    def _resume(self, value: bool | None) -> None:
+        story = self._story
+        if story is None:
+            return
+        try:
+            self._wait = next(story) if value is None else story.send(value)
+        except StopIteration:
+            self._story = self._wait = None
+            self._ended()
+
+    # --- actions of a story
+
+    def until(self, condition: Condition, within_ms: int, what: str) -> Story:
+        """Wait for a condition.
+
+        Raises:
+            CaseError: The condition was not met in time.
+        """
+        if not (yield Wait(condition, self.now_ms + within_ms)):
+            silent = "; the controller no longer writes its outputs" if self.module.tripped else ""
+            raise CaseError(f"{what}: not within {within_ms / 1000:g} s{silent}")
+
+    def reached(self, condition: Condition, within_ms: int) -> Generator[Wait, bool, bool]:
+        """Wait for a condition; return whether it was met in time."""
+        return (yield Wait(condition, self.now_ms + within_ms))
+
+    def pause(self, for_ms: int) -> Story:
+        """Wait for a time, ms."""
+        yield Wait(lambda: False, self.now_ms + for_ms)
+
+    def hold(self, button: str, for_ms: int) -> Story:
+        """Press a button for a time, then release it and wait 0.2 s."""
+        setattr(self.module.plant.box, button, True)
+        yield from self.pause(for_ms)
+        setattr(self.module.plant.box, button, False)
+        yield from self.pause(200)
+
+    def press_emergency_stop(self) -> None:
+        """Press the emergency stop, which latches; from now on the reaction is measured."""
+        self.module.plant.box.emergency_stop = True
+        self._stop_ms = self.findings.mark_ms = self.now_ms
+        self.forbidden = ""
+
+    def release_emergency_stop(self) -> None:
+        """Release the emergency stop; no actuator may switch on before the next press."""
+        self.module.plant.box.emergency_stop = False
+        self._stop_ms = None
+        self.forbidden = "before start was pressed"
+
+    def set_fault(self, fault: str) -> None:
+        """Start a fault of the plant."""
+        self.module.plant.faults.add(parse_fault(fault))
+        self.findings.mark_ms = self.now_ms
+
+    # --- rules
+
+    def violate(self, name: str, text: str) -> None:
+        """Note the violation of a rule; the first one of each name is kept."""
+        if name not in self.findings.violations:
+            self.findings.violations[name] = f"{text}, at {self.now_ms / 1000:.3f} s"
+            if self.findings.mark_ms is None:
+                self.findings.mark_ms = self.now_ms
+
+    def _check_rules(self) -> None:
+        view = self.view
+        for one, other in view.opposite_outputs():
+            self.violate("opposite outputs", f"{one} and {other} are on together")
+        events = self.module.plant.events
+        for event in events[self._events_seen :]:
+            self.violate(event.kind.value, event.text)
+        self._events_seen = len(events)
+        if not view.on:
+            if self._stop_ms is not None:
+                self.findings.figures.setdefault("outputs off after", Figure(view.changed_ms - self._stop_ms, "ms"))
+        elif self._stop_ms is not None and self.now_ms - self._stop_ms > self.limits.stop_ms:
+            self.violate("emergency stop", f"{_listed(view.on)} on {self.now_ms - self._stop_ms} ms after the press")
+        elif self.forbidden:
+            self.violate("unexpected start", f"{_listed(view.on)} on {self.forbidden}")
+
+    @property
+    def is_home(self) -> bool:
+        """True if both arms stand at feed and nothing happens any more.
+
+        A program may drive a cylinder against its end for seconds, or keep a coil switched on at rest.
+        """
+        rests = self.view.quiet_for(HELD_MS if self.view.on else RELEASED_MS)
+        return rests and all(map(self.view.at_feed, SIDES))
+
+
+def _listed(tags: frozenset[str]) -> str:
+    return ", ".join(sorted(tags))

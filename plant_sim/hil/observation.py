@@ -1,0 +1,116 @@
+"""Observation of a controller by its outputs: which are on, when they changed, and when the machine last moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from plant_sim.crop.seedling import COLUMNS
+from plant_sim.links.io_module import IoModule
+from plant_sim.machine.kernel import POSITIONS
+
+SIDES: Final = ("left", "right")
+INDICATORS: Final = ("horn", "lamp_red", "lamp_amber", "lamp_green")
+"""Outputs that do not drive an actuator."""
+MOVED_M: Final = 0.0005
+"""Travel from which a part counts as moved, m: below the hysteresis of the switches, 1 mm."""
+OPPOSITES: Final = (
+    ("slide_inward", "slide_outward"),
+    ("lift_extend", "lift_retract"),
+    ("spread", "converge"),
+    ("claws_open", "claws_close"),
+)
+_MOVING: Final = ("slide_m", "lift_m", "claws_m", "spreader_m")
+_DRIVES: Final = (
+    *(side * len(POSITIONS) + POSITIONS.index(name) for side in range(len(SIDES)) for name in _MOVING),
+    len(SIDES) * len(POSITIONS),
+)
+"""Indices of the positions of the drives and of the trays in `Plant.positions`."""
+
+
+class Observation:
+    """View of the outputs and of the motion of a plant.
+
+    Attributes:
+        module: I/O module of the plant.
+        now_ms: Plant time of the last update, ms.
+        on: Tags of the actuators that are switched on.
+        changed_ms: Plant time at which an actuator was last switched, ms.
+        moved_ms: Plant time at which a drive last moved, ms.
+    """
+
+    def __init__(self, module: IoModule, *, feed_m: float) -> None:
+        """Create the view of a module at its present plant time.
+
+        Args:
+            module: I/O module of the plant.
+            feed_m: Slide position up to which an arm counts as at feed, m.
+        """
+        self.module = module
+        self._feed_m = feed_m
+        self._movers = [point for point in module.io_map.outputs if point.tag not in INDICATORS]
+        self._image: list[bool] = []
+        self._places_m = self._positions_m()
+        self.on: frozenset[str] = frozenset()
+        self.now_ms = self.changed_ms = self.moved_ms = module.plant.time_ms
+        self.update()
+
+    def update(self) -> None:
+        """Take over the present outputs and positions."""
+        plant = self.module.plant
+        self.now_ms = plant.time_ms
+        image = self.module.outputs
+        if image != self._image:
+            self._image = image
+            on = frozenset(point.tag for point in self._movers if point.active(image[point.number]))
+            if on != self.on:
+                self.on, self.changed_ms = on, self.now_ms
+        positions_m = self._positions_m()
+        if any(abs(now_m - then_m) > MOVED_M for now_m, then_m in zip(positions_m, self._places_m, strict=True)):
+            self._places_m, self.moved_ms = positions_m, self.now_ms
+
+    def _positions_m(self) -> list[float]:
+        positions = self.module.plant.positions
+        return [float(positions[number]) for number in _DRIVES]
+
+    @property
+    def is_driven(self) -> bool:
+        """True once the controller has written its outputs."""
+        return self.module.last_write_ms is not None
+
+    def quiet_for(self, for_ms: int) -> bool:
+        """Return True if no actuator was switched and nothing has moved for a time, ms."""
+        return self.now_ms - max(self.changed_ms, self.moved_ms) >= for_ms
+
+    def opposite_outputs(self) -> list[tuple[str, str]]:
+        """Return the pairs of opposite actuators that are on together."""
+        return [
+            (f"{side}.{one}", f"{side}.{other}")
+            for side in SIDES
+            for one, other in OPPOSITES
+            if f"{side}.{one}" in self.on and f"{side}.{other}" in self.on
+        ]
+
+    def at_feed(self, side: str) -> bool:
+        """Return True if an arm stands over the cups, whatever its switch reports."""
+        return float(self.module.plant.arms[side].slide.position_m) <= self._feed_m
+
+    def holds(self, side: str) -> bool:
+        """Return True if the claws of an arm hold seedlings."""
+        return bool(self.module.plant.arms[side].grip.held)
+
+    def situation(self, side: str) -> tuple[frozenset[str], bool]:
+        """Return the actuators of an arm that are on, and whether its claws hold seedlings."""
+        own = frozenset(tag.partition(".")[2] for tag in self.on if tag.startswith(f"{side}."))
+        return own, self.holds(side)
+
+    def counts_of(self, trays: range) -> Mapping[str, int]:
+        """Return the number of seedlings of some trays by location name."""
+        found: dict[str, int] = {}
+        seedlings = self.module.plant.seedlings
+        for tray in trays:
+            for column in range(COLUMNS):
+                for seedling in seedlings.column(tray, column):
+                    name = seedling.location.name
+                    found[name] = found.get(name, 0) + 1
+        return found

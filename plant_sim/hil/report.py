@@ -1,0 +1,112 @@
+"""Reports of a session: text, JUnit XML, and HTML with a timing diagram of every case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+from plant_sim.hil.session import CaseResult, Verdict
+
+_STYLE: Final = (
+    "body{font-family:sans-serif;max-width:70em;margin:2em auto;padding:0 1em}"
+    "table{border-collapse:collapse}td,th{border:1px solid #bbb;padding:.3em .6em;text-align:left;vertical-align:top}"
+    ".failed{color:#b00020;font-weight:bold}.not-run{color:#666}"
+)
+
+
+def line(result: CaseResult) -> str:
+    """Return one line of text on a case."""
+    text = f"{result.verdict:<8} {result.group}: {result.name}"
+    details = findings(result)
+    return f"{text} ({details})" if details else text
+
+
+def findings(result: CaseResult) -> str:
+    """Return the reasons and the measured values of a case as text."""
+    figures = ", ".join(f"{name} {figure.text}" for name, figure in result.figures.items())
+    return "; ".join(filter(None, (*result.reasons, figures)))
+
+
+def summary(results: Sequence[CaseResult]) -> str:
+    """Return the numbers of cases by verdict."""
+    return ", ".join(f"{sum(each.verdict is verdict for each in results)} {verdict}" for verdict in Verdict)
+
+
+def junit(results: Sequence[CaseResult], *, about: str) -> bytes:
+    """Return the results as JUnit XML with one suite for each group; times are in seconds of plant time."""
+    root = ElementTree.Element("testsuites", {"name": about, **_totals(results)})
+    for group in dict.fromkeys(each.group for each in results):
+        own = [each for each in results if each.group == group]
+        suite = ElementTree.SubElement(root, "testsuite", {"name": group, **_totals(own)})
+        for each in own:
+            seconds = f"{(each.to_ms - each.from_ms) / 1_000:.3f}"
+            case = ElementTree.SubElement(suite, "testcase", classname=group, name=each.name, time=seconds)
+            if each.figures:
+                properties = ElementTree.SubElement(case, "properties")
+                for name, figure in each.figures.items():
+                    ElementTree.SubElement(properties, "property", name=name, value=figure.text)
+            if each.verdict is Verdict.FAILED:
+                ElementTree.SubElement(case, "failure", message=each.reasons[0]).text = "\n".join(each.reasons)
+            elif each.verdict is Verdict.NOT_RUN:
+                ElementTree.SubElement(case, "skipped", message="; ".join(each.reasons))
+    ElementTree.indent(root)
+    text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text + b"\n"
+
+
+def _totals(results: Sequence[CaseResult]) -> dict[str, str]:
+    failed = sum(each.verdict is Verdict.FAILED for each in results)
+    skipped = sum(each.verdict is Verdict.NOT_RUN for each in results)
+    seconds = sum(each.to_ms - each.from_ms for each in results) / 1_000
+    return {
+        "tests": str(len(results)),
+        "failures": str(failed),
+        "errors": "0",
+        "skipped": str(skipped),
+        "time": f"{seconds:.3f}",
+    }
+
+
+def page(
+    results: Sequence[CaseResult], *, about: str, facts: Iterable[str], picture: Callable[[CaseResult], str]
+) -> str:
+    """Return the results as one HTML page that contains its pictures.
+
+    Args:
+        results: Results.
+        about: Title.
+        facts: Lines on the controller, the link and the machine.
+        picture: Function that returns the SVG text of a case.
+    """
+    rows = "\n".join(
+        f'<tr><td>{escape(each.group)}</td><td><a href="#case-{number}">{escape(each.name)}</a></td>'
+        f'<td class="{each.verdict.replace(" ", "-")}">{each.verdict}</td>'
+        f"<td>{escape(findings(each))}</td></tr>"
+        for number, each in enumerate(results)
+    )
+    pictures = "\n".join(
+        f'<h2 id="case-{number}">{escape(each.group)}: {escape(each.name)}</h2>\n'
+        f"<p>{each.verdict}, {each.from_ms / 1_000:.1f} s to {each.to_ms / 1_000:.1f} s of plant time</p>\n"
+        f"{picture(each)}"
+        for number, each in enumerate(results)
+        if each.verdict is not Verdict.NOT_RUN
+    )
+    lines = "".join(f"<li>{escape(fact)}</li>" for fact in (*facts, summary(results)))
+    return (
+        f'<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{escape(about)}</title>'
+        f"<style>{_STYLE}</style></head>\n<body>\n<h1>{escape(about)}</h1>\n<ul>{lines}</ul>\n"
+        f"<table><tr><th>group</th><th>case</th><th>verdict</th><th>findings</th></tr>\n{rows}\n</table>\n"
+        f"{pictures}\n</body>\n</html>\n"
+    )
+
+
+def write(folder: Path, xml: bytes, html: str) -> list[Path]:
+    """Write ``hil.xml`` and ``hil.html`` to a folder, which is created; return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / "hil.xml", folder / "hil.html"]
+    paths[0].write_bytes(xml)
+    paths[1].write_text(html, encoding="utf-8")
+    return paths

@@ -1,0 +1,167 @@
+"""Session of the bench: every case in turn on one machine, which is brought back after a failed case."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from plant_sim.crop.seedling import TRAY_CELLS
+from plant_sim.hil.bench import Bench, Findings
+from plant_sim.hil.cases import (
+    Case,
+    fault_cases,
+    first_cases,
+    home,
+    margin_cases,
+    run,
+    stop_and_clear,
+    stop_cases,
+)
+from plant_sim.hil.figure import Figure
+from plant_sim.hil.story import CaseError, NotRunError, Story
+
+FIRST_GROUPS: Final = ("power-up", "homing", "cycle", "trial", "stop")
+"""Groups that always run, because the others need the situations of their trial."""
+GROUPS: Final = (*FIRST_GROUPS, "emergency stop", "fault", "scan-time margin")
+"""Groups of cases in their order."""
+SHORTEST_MS: Final = 30
+"""Shortest usual duration of a situation that has a case, ms: three scans of the reference program."""
+
+
+class Verdict(enum.StrEnum):
+    """Verdict on a case."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    NOT_RUN = "not run"
+
+
+@dataclass(slots=True)
+class CaseResult:
+    """Result of a case.
+
+    Attributes:
+        group: Group of the case.
+        name: Name of the case.
+        verdict: Verdict.
+        reasons: Reasons of a failure, or why the case was not run, one line each.
+        from_ms: Plant time of its beginning, ms.
+        to_ms: Plant time of its end, ms.
+        mark_ms: Plant time of the event of interest, ms.
+        figures: Measured values by name.
+    """
+
+    group: str
+    name: str
+    verdict: Verdict
+    reasons: list[str] = field(default_factory=list)
+    from_ms: int = 0
+    to_ms: int = 0
+    mark_ms: int = 0
+    figures: dict[str, Figure] = field(default_factory=dict)
+
+
+class Session:
+    """All cases on one machine.
+
+    Attributes:
+        results: Results so far.
+        is_complete: True after the last case.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        *,
+        groups: Iterable[str] = GROUPS,
+        only: str = "",
+        reference_lost: int | None = None,
+        report: Callable[[CaseResult], None] | None = None,
+    ) -> None:
+        """Create a session.
+
+        Args:
+            bench: Bench.
+            groups: Groups of cases to run; the first ones are always run.
+            only: Text that the names of the further cases must contain.
+            reference_lost: Seedlings that the machine's own program loses in the same trial; None = not compared.
+            report: Function that is called after every case.
+        """
+        self.results: list[CaseResult] = []
+        self.is_complete = False
+        self._bench = bench
+        self._groups = frozenset(groups)
+        self._only = only
+        self._reference_lost = reference_lost
+        self._report = report
+        self._lost_machine = ""
+
+    def story(self) -> Story:
+        """Run all cases."""
+        for case in first_cases(self._reference_lost):
+            yield from self._case(case)
+            if case.group == "homing":
+                self._bench.situations.clear()
+        for case in self._further_cases():
+            yield from self._case(case)
+        self.is_complete = True
+
+    def _further_cases(self) -> Iterator[Case]:
+        usual_ms = {each: ms for each, ms in self._bench.situations.usual_ms().items() if ms >= SHORTEST_MS}
+        cases = (*stop_cases(usual_ms), *fault_cases(), *margin_cases())
+        yield from (case for case in cases if case.group in self._groups and self._only in case.name)
+
+    def _case(self, case: Case) -> Story:
+        """Run one case and note its result."""
+        bench = self._bench
+        reason = self._lost_machine or self._shortage()
+        if reason:
+            self._note(CaseResult(case.group, case.name, Verdict.NOT_RUN, [reason], bench.now_ms, bench.now_ms))
+            return
+        bench.findings = Findings()
+        reasons: list[str] = []
+        from_ms = bench.now_ms
+        try:
+            if case.starts:
+                yield from run(bench)
+                from_ms = bench.now_ms
+            yield from case.story(bench)
+        except NotRunError as error:
+            self._note(CaseResult(case.group, case.name, Verdict.NOT_RUN, [str(error)], from_ms, bench.now_ms))
+            return
+        except CaseError as error:
+            reasons.append(str(error))
+        found = bench.findings
+        reasons += [f"{name}: {text}" for name, text in found.violations.items()]
+        mark_ms = bench.now_ms if found.mark_ms is None else found.mark_ms
+        verdict = Verdict.FAILED if reasons else Verdict.PASSED
+        self._note(CaseResult(case.group, case.name, verdict, reasons, from_ms, bench.now_ms, mark_ms, found.figures))
+        if reasons:
+            yield from self._bring_back()
+
+    def _bring_back(self) -> Story:
+        """Bring the machine into its initial state after a failure; if that fails, no further case is run."""
+        bench = self._bench
+        plant = bench.module.plant
+        for fault in plant.faults.active:
+            plant.faults.clear(fault.name)
+        bench.findings = Findings()
+        bench.forbidden = ""
+        try:
+            yield from stop_and_clear(bench)
+            yield from home(bench)
+            yield from run(bench)
+        except CaseError as error:
+            self._lost_machine = f"the machine could not be brought back after an earlier failure: {error}"
+
+    def _shortage(self) -> str:
+        """Return the reason if the trays in the magazine do not suffice for another case."""
+        left = self._bench.module.plant.counts().in_tray
+        return "" if left >= 2 * TRAY_CELLS else "too few trays in the magazine; give more with --trays"
+
+    def _note(self, result: CaseResult) -> None:
+        self.results.append(result)
+        if self._report is not None:
+            self._report(result)

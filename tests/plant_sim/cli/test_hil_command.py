@@ -1,0 +1,82 @@
+"""Command ``hil`` with real processes: the controller of this project over Modbus TCP in lock step."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from plant_sim.cli.main import main
+from tests.paths import ROOT
+
+LIMIT_S = 240
+
+
+def _start(*arguments: str, folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
+    only = ("--cases", "emergency stop", "--only", "left: lift_retract, loaded")
+    bench = _start(
+        *("plant_sim", "hil", "serve", "--port", "0", "--lock-step-ms", "10", "--out", "reports", *only),
+        folder=tmp_path,
+    )
+    controller = None
+    try:
+        assert bench.stdout is not None
+        port = bench.stdout.readline().rpartition(":")[2].strip()
+        assert port.isdigit(), bench.communicate()
+        controller = _start(
+            *("controller", "run", "--port", port, "--simulated-time", "--pace", "65535", "--no-hmi", "--no-history"),
+            *("--retain", "retentive.json", "--timeout-ms", "5000", "--link-limit-ms", "10000"),
+            folder=tmp_path,
+        )
+        printed, errors = bench.communicate(timeout=LIMIT_S)
+    finally:
+        for process in filter(None, (bench, controller)):
+            process.kill()
+            process.communicate()
+    assert bench.returncode == 0, printed + errors
+    assert "6 passed, 0 failed, 0 not run" in printed
+    root = ElementTree.parse(tmp_path / "reports" / "hil.xml").getroot()  # noqa: S314 - our own text
+    assert (root.get("tests"), root.get("failures"), root.get("skipped")) == ("6", "0", "0")
+    html = (tmp_path / "reports" / "hil.html").read_text("utf-8")
+    assert html.count("<svg") == 6
+    assert "outputs from 127.0.0.1" in html  # timing of the controller
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["serve", "--out", "{file}/x"], "choose another folder"),
+        (["serve", "--out", "{folder}", "--stop-ms", "-1"], "--stop-ms -1: must be 0 to 10000"),
+        (["serve", "--out", "{folder}", "--cases", "nothing"], "invalid choice"),
+        (["connect", "fx5u", "--out", "{folder}"], "--host"),
+    ],
+)
+def test_invalid_options_are_one_line(
+    arguments: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("", "utf-8")
+    given = [each.format(file=tmp_path / "file", folder=tmp_path / "out") for each in arguments]
+    try:
+        code = main(["hil", *given])
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+    errors = capsys.readouterr().err
+    assert code == 2
+    assert text in errors
+    assert "Traceback" not in errors

@@ -1,0 +1,164 @@
+"""The bench passes the machine's own program, and fails programs that are damaged in one way each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from controller.iomap.loader import IoMap, load_io_map
+from plant_sim.hil.bench import Bench
+from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, Verdict
+from tests.plant_sim.hil.hil_rig import Damage, default_map, failures, judge
+
+
+def _by_group(results: list[CaseResult], group: str) -> list[CaseResult]:
+    return [each for each in results if each.group == group]
+
+
+def test_the_program_passes_homing_cycle_trial_and_stop() -> None:
+    results, _ = judge()
+    assert [each.group for each in results] == list(FIRST_GROUPS)
+    assert not failures(results)
+    (trial,) = _by_group(results, "trial")
+    lost = sum(trial.figures[name].value for name in ("P", "D", "T"))
+    assert lost + trial.figures["in cups"].value == 144
+    assert lost <= 19  # three standard deviations above the 10 of the reference
+
+
+def test_every_situation_of_the_trial_has_an_emergency_stop() -> None:
+    results, _ = judge(["emergency stop"], only="loaded")
+    stops = _by_group(results, "emergency stop")
+    assert not failures(results)
+    assert {each.name for each in stops} == {
+        f"{side}: {outputs}, loaded"
+        for side in ("left", "right")
+        for outputs in (
+            "claws_close",
+            "lift_retract",
+            "lift_retract + slide_outward",
+            "waiting",
+            "spread",
+            "lift_extend",
+            "claws_open",
+        )
+    }
+    assert {each.figures["outputs off after"].value for each in stops} == {20}  # the press, one scan, the write
+
+
+@pytest.mark.nightly
+def test_the_program_passes_every_case() -> None:
+    results, _ = judge(GROUPS)
+    assert not failures(results)
+    assert [each.name for each in results if each.verdict is Verdict.NOT_RUN] == ["jammed:conveyor"]
+    assert len(_by_group(results, "emergency stop")) == 26
+    (margin,) = _by_group(results, "scan-time margin")
+    assert margin.figures["longer scan tolerated"].value >= 10
+
+
+def test_a_fault_stops_the_machine_and_is_recovered() -> None:
+    results, _ = judge(["fault"], only="jammed:right.lift")
+    (fault,) = _by_group(results, "fault")
+    assert fault.verdict is Verdict.PASSED
+    assert 0 < fault.figures["at rest since"].value < 10
+
+
+def test_the_operator_answers_the_question_that_the_lamp_asks(tmp_path: Path) -> None:
+    results, _ = judge(["fault"], only="jammed:conveyor", io_map=_with_lamp(tmp_path))
+    (fault,) = _by_group(results, "fault")
+    assert fault.verdict is Verdict.PASSED, fault.reasons
+
+
+def _with_lamp(folder: Path) -> IoMap:
+    source = Path(default_map().path)
+    text = source.read_text("utf-8")
+    line = next(each for each in text.splitlines() if "tag: lamp_amber" in each)
+    (folder / "map.yaml").write_text(text.replace(line, line.replace("wired: false", "wired: true ")), "utf-8")
+    return load_io_map(folder / "map.yaml")
+
+
+def _keeps_moving(bench: Bench, on: set[str]) -> set[str]:
+    """Ignore the emergency stop for 200 ms longer than permitted."""
+    if bench.module.plant.box.emergency_stop:
+        pressed_ms = bench.findings.mark_ms or 0
+        return on | {"left.slide_outward"} if bench.now_ms - pressed_ms < 300 else on
+    return on
+
+
+def _restarts(bench: Bench, on: set[str]) -> set[str]:
+    """Switch a valve on as soon as the emergency stop is released."""
+    return on | {"right.lift_extend"} if bench.forbidden and bench.findings.mark_ms is not None else on
+
+
+def _both_coils(bench: Bench, on: set[str]) -> set[str]:
+    return on | {"left.lift_extend"} if "left.lift_retract" in on else on
+
+
+def _drops(bench: Bench, on: set[str]) -> set[str]:
+    """Open the claws while the arm is carried outward."""
+    carries = "right.slide_outward" in on and bench.view.holds("right")
+    return (on - {"right.claws_close"}) | {"right.claws_open"} if carries else on
+
+
+def _moves_at_power_up(bench: Bench, on: set[str]) -> set[str]:
+    return on | {"tray_run"} if bench.now_ms < 500 else on
+
+
+def _never_stops(bench: Bench, on: set[str]) -> set[str]:
+    """Press the arm outward at feed every five seconds after the trial."""
+    is_due = bench.now_ms > 120_000 and bench.now_ms // 5_000 % 2
+    return {"left.slide_outward"} if is_due and not on and bench.view.at_feed("left") else on
+
+
+@pytest.mark.parametrize(
+    ("damage", "groups", "only", "group", "reason"),
+    [
+        (_keeps_moving, ["emergency stop"], "left: lift_retract, loaded", "emergency stop", "emergency stop: left."),
+        (_restarts, ["emergency stop"], "left: lift_retract, loaded", "emergency stop", "unexpected start: right."),
+        (_both_coils, ["trial"], "", "homing", "opposite outputs: left.lift_extend and left.lift_retract"),
+        (_drops, ["trial"], "", "cycle", "dropped: "),
+        (_moves_at_power_up, ["trial"], "", "power-up", "unexpected start: tray_run"),
+        (_never_stops, ["trial"], "", "stop", "rest after stop: not within 120 s"),
+    ],
+    ids=lambda value: value.__name__.strip("_") if callable(value) else "",
+)
+def test_a_damaged_program_fails(damage: Damage, groups: list[str], only: str, group: str, reason: str) -> None:
+    results, _ = judge(groups, only=only, damage=damage)
+    reasons = [text for each in _by_group(results, group) for text in each.reasons]
+    assert any(text.startswith(reason) for text in reasons), failures(results)
+
+
+def test_losses_beyond_the_reference_fail_the_trial() -> None:
+    results, _ = judge(reference_lost=0)
+    (trial,) = _by_group(results, "trial")
+    assert trial.verdict is Verdict.FAILED
+    assert "limit 3" in trial.reasons[0]
+
+
+def test_a_dead_controller_fails_and_the_rest_is_not_run() -> None:
+    results, _ = judge(["emergency stop"], damage=lambda _bench, _on: set())
+    assert [each.verdict for each in results[:2]] == [Verdict.PASSED, Verdict.PASSED]
+    assert results[2].verdict is Verdict.FAILED
+    assert {each.verdict for each in results[3:]} == {Verdict.NOT_RUN}
+    assert all("could not be brought back" in each.reasons[0] for each in results[3:])
+
+
+def test_too_few_trays_are_said() -> None:
+    results, _ = judge(["fault"], only="jammed:right.lift", trays=4)
+    (fault,) = _by_group(results, "fault")
+    assert fault.verdict is Verdict.NOT_RUN
+    assert "--trays" in fault.reasons[0]
+
+
+def test_the_picture_shows_the_event_and_the_wires_that_change() -> None:
+    from plant_sim.hil.timing_picture import timing_picture
+
+    results, bench = judge(["emergency stop"], only="left: lift_retract, loaded")
+    (stop,) = _by_group(results, "emergency stop")
+    text = timing_picture(bench.trace, bench.module.io_map, stop.mark_ms, title="<stop>", to_ms=stop.to_ms)
+    assert text.startswith("<svg")
+    assert "&lt;stop&gt;" in text
+    assert f"{stop.mark_ms / 1000:.3f} s" in text
+    assert "X25 emergency_stop" in text
+    assert "Y2 left.lift_retract" in text
+    assert "Y0 tray_run" not in text  # does not change in these seconds
