@@ -132,3 +132,11 @@ def at_rest(box: Box, tags: list[str] = INPUT_TAGS) -> None:
     """Set the inputs of a machine at rest, at consecutive offsets."""
     for number, tag in enumerate(tags):
         box.inputs[number] = tag in AT_REST
+
+
+def until_back_ms(rig: FieldRig) -> int:
+    """Scan until the link is not lost any more; return the time, ms."""
+    before_ms = rig.now_ms
+    while rig.runtime.link_lost:
+        rig.scan()
+    return rig.now_ms - before_ms

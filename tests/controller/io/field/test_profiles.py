@@ -31,10 +31,10 @@ from tests.controller.io.field.modules import (
     Box,
     Coupler,
     SafeModeBox,
-    TcpModule,
     Wago,
     word_of,
 )
+from tests.controller.io.field.servers import TcpModule
 
 WATCHDOG_MS = 300
 TRIP = (

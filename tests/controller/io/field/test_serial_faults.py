@@ -11,7 +11,8 @@ import pytest
 
 from controller.io.link import LinkError
 from tests.controller.io.field.field_rig import INPUT_TAGS, IO_MAP, OUTPUT_TAGS, FieldRig, device, file_of, wires
-from tests.controller.io.field.modules import Box, SerialModules, crc
+from tests.controller.io.field.modules import Box
+from tests.controller.io.field.servers import SerialModules, crc
 from tests.sampling import first_of
 
 EXCHANGES = 150

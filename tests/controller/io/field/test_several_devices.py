@@ -1,21 +1,17 @@
-"""Several devices: served at the same time, lost and returned, poll groups, TLS and serial lines."""
+"""Several devices: served at the same time, lost and returned, poll groups."""
 
 from __future__ import annotations
 
 import json
-import socket
-import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-import trustme
 
-from controller.common.errors import InputError
 from controller.io.connection import REOPEN_MS
-from controller.io.link import LinkError, OutputsTakenError
+from controller.io.link import OutputsTakenError
 from controller.program.states import State
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import ALL_OFF, Rig
@@ -30,9 +26,11 @@ from tests.controller.io.field.field_rig import (
     device,
     file_of,
     tcp,
+    until_back_ms,
     wires,
 )
-from tests.controller.io.field.modules import Beckhoff, Box, SerialModules, TcpModule, crc
+from tests.controller.io.field.modules import Beckhoff, Box
+from tests.controller.io.field.servers import TcpModule
 from tests.wiring import wired
 
 BACK_MS = 500
@@ -71,14 +69,6 @@ def field(stack: ExitStack, tmp_path: Path) -> Field:
     field = Field(stack, tmp_path)
     field.rig.start()
     return field
-
-
-def until_back_ms(rig: FieldRig) -> int:
-    """Scan until the link is not lost any more; return the time, ms."""
-    before_ms = rig.now_ms
-    while rig.runtime.link_lost:
-        rig.scan()
-    return rig.now_ms - before_ms
 
 
 def test_the_image_is_composed_of_the_devices(field: Field) -> None:
@@ -292,221 +282,6 @@ def test_a_slow_device_is_polled_in_every_nth_scan_and_made_safe_at_once(stack: 
     assert slow.outputs[5], "a change is written in the same scan"
     rig.link.write_outputs(io_map.safe_outputs())
     assert not slow.outputs[5]
-
-
-# ---- TLS -------------------------------------------------------------------------------------------------------
-
-
-class Security:
-    """Certificate authority and certificates of both sides."""
-
-    def __init__(self, folder: Path) -> None:
-        self.authority = trustme.CA()
-        self.authority.cert_pem.write_to_path(folder / "ca.pem")
-        client = self.authority.issue_cert("controller@farm.example")
-        client.cert_chain_pems[0].write_to_path(folder / "own.pem")
-        client.private_key_pem.write_to_path(folder / "own.key")
-        self.context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-        self.context.verify_mode = ssl.CERT_REQUIRED
-        self.authority.configure_trust(self.context)
-        self.authority.issue_cert("io.farm.example").configure_cert(self.context)
-
-    def wrap(self, plain: socket.socket) -> socket.socket:
-        return self.context.wrap_socket(plain, server_side=True)
-
-
-def tls_way(port: int, *more: str) -> str:
-    names = ["ca: ca.pem", "certificate: own.pem", "key: own.key", *more]
-    return f"tls: {{host: 127.0.0.1, port: {port}, {', '.join(names)}}}"
-
-
-def one_box(stack: ExitStack, folder: Path, way: str, timeout_ms: int = PATIENT_MS) -> FieldRig:
-    tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS)[1:]
-    rig = FieldRig(file_of(folder, device("cabinet", "coils", way, tags, timeout_ms=timeout_ms)), [])
-    stack.callback(rig.link.close)
-    return rig
-
-
-def test_a_device_with_tls(stack: ExitStack, tmp_path: Path) -> None:
-    box = Box()
-    at_rest(box)
-    module = stack.enter_context(TcpModule(box, Security(tmp_path).wrap))
-    rig = one_box(stack, tmp_path, tls_way(module.port, "server_name: io.farm.example"))
-    rig.start()
-    rig.move()
-    assert any(box.outputs)
-    rig.scan(20)
-    assert (rig.is_aborted, rig.events) == (False, [])
-
-
-def test_a_tls_handshake_longer_than_the_timeout_is_continued(stack: ExitStack, tmp_path: Path) -> None:
-    """A small device computes for longer than the timeout of an answer; the scan must not wait for it."""
-    security, go, connections = Security(tmp_path), threading.Event(), [0]
-    box = Box()
-
-    def wrap(plain: socket.socket) -> socket.socket:
-        connections[0] += 1
-        go.wait(PATIENT_MS / 1_000)
-        return security.wrap(plain)
-
-    module = stack.enter_context(TcpModule(box, wrap))
-    way = tls_way(module.port, "server_name: io.farm.example")
-    link = one_box(stack, tmp_path, way, timeout_ms=200).link
-    for _ in range(2):
-        with pytest.raises(LinkError, match="the TLS handshake is not complete"):
-            link.open()
-    go.set()
-    for _ in range(100):
-        with suppress(LinkError):
-            link.open()
-            break
-    assert link.read_inputs()
-    assert connections == [1]
-
-
-def test_a_device_with_another_name_is_not_used(stack: ExitStack, tmp_path: Path) -> None:
-    box = Box()
-    module = stack.enter_context(TcpModule(box, Security(tmp_path).wrap))
-    rig = one_box(stack, tmp_path, tls_way(module.port, "server_name: other.farm.example"))
-    with pytest.raises(LinkError, match="cabinet"):
-        rig.link.open()
-    assert box.requests == []
-
-
-def test_an_invalid_certificate_is_reported_at_the_start(stack: ExitStack, tmp_path: Path) -> None:
-    Security(tmp_path)
-    (tmp_path / "own.key").write_text("no key", encoding="utf-8")
-    with pytest.raises(InputError, match=r"own\.key") as error:
-        one_box(stack, tmp_path, tls_way(802))
-    assert "\n" not in str(error.value)
-
-
-# ---- serial lines ----------------------------------------------------------------------------------------------
-
-
-LINES = "lines:\n  - {name: bus, device: %s, baud: 115200, frame: 8N1}\n"
-
-
-class Bus:
-    """Sensors and valves as units 1 and 2 of one serial line."""
-
-    def __init__(self, stack: ExitStack, folder: Path, timeout_ms: int = PATIENT_MS) -> None:
-        self.boxes = {1: Box(), 2: Box()}
-        self.line = stack.enter_context(SerialModules(str(folder / "tty"), self.boxes))
-        path = file_of(
-            folder,
-            device("sensors", "inputs-only", "line: bus", wires(INPUT_TAGS), "unit: 1", timeout_ms=timeout_ms),
-            device("valves", "coils", "line: bus", wires(OUTPUT_TAGS), "unit: 2", timeout_ms=timeout_ms),
-            lines=LINES % self.line.path,
-        )
-        self.rig = FieldRig(path, [])
-        stack.callback(self.rig.link.close)
-        at_rest(self.boxes[1])
-
-
-def with_checksum(body: bytes) -> bytes:
-    return body + crc(body)
-
-
-def test_two_units_on_one_serial_line(stack: ExitStack, tmp_path: Path) -> None:
-    bus = Bus(stack, tmp_path)
-    bus.rig.start()
-    bus.rig.move()
-    assert any(bus.boxes[2].outputs)
-    bus.rig.scan(10)
-    assert (bus.rig.is_aborted, bus.rig.events) == (False, [])
-
-
-def test_an_unplugged_serial_adapter_comes_back_by_itself(stack: ExitStack, tmp_path: Path) -> None:
-    """The device file vanishes and returns, as with a USB adapter; both units are named."""
-    bus = Bus(stack, tmp_path)
-    rig = bus.rig
-    rig.start()
-    bus.line.unplug()
-    rig.scan(20)
-    assert rig.is_aborted
-    assert {event.device.split()[0] for event in rig.events} == {"sensors", "valves"}
-    rig.scan(50)
-    bus.line.plug()
-    assert until_back_ms(rig) <= BACK_MS
-    rig.scan(50)
-    assert rig.state == State.ABORTED
-    rig.order("clear")
-    rig.scan(3)
-    assert rig.state == State.STOPPED
-
-
-def test_a_late_serial_answer_is_not_the_answer_to_a_later_request(stack: ExitStack, tmp_path: Path) -> None:
-    """An answer that arrives after its timeout is read before the echo, and not taken for a later one."""
-    bus = Bus(stack, tmp_path, timeout_ms=200)
-    link, sensors = bus.rig.link, bus.boxes[1]
-    link.open()
-    old = link.read_inputs()
-    held: list[bytes] = []
-
-    def hold(frame: bytes) -> list[bytes]:
-        held.append(frame)
-        return []
-
-    bus.line.alter = hold
-    with pytest.raises(LinkError, match="no valid answer within 200 ms"):
-        link.read_inputs()
-    sensors.inputs[0] ^= True
-
-    def release(frame: bytes) -> list[bytes]:
-        late = [*held]
-        held.clear()
-        return [*late, frame]
-
-    bus.line.alter = release
-    link.open()
-    assert link.read_inputs() != old
-
-
-@pytest.mark.parametrize(
-    "alter",
-    [
-        pytest.param(lambda frame: [bytes([frame[0] ^ 1]) + frame[1:]], id="other unit, wrong checksum"),
-        pytest.param(lambda frame: [with_checksum(b"\x07" + frame[1:-2])], id="other unit"),
-        pytest.param(lambda frame: [frame[:-1] + bytes([frame[-1] ^ 1])], id="wrong checksum"),
-        pytest.param(lambda frame: [frame[:4] + bytes([frame[4] ^ 1]) + frame[5:]], id="inverted bit"),
-        pytest.param(lambda frame: [frame[:-3]], id="short"),
-        pytest.param(lambda frame: [b"\x55\xaa\x13"], id="garbage"),
-        pytest.param(
-            lambda frame: [frame[:1] + b"\x01" + frame[2:-2] + crc(frame[:1] + b"\x01" + frame[2:-2])], id="fn"
-        ),
-    ],
-)
-def test_an_invalid_serial_answer_is_an_error(alter: object, stack: ExitStack, tmp_path: Path) -> None:
-    bus = Bus(stack, tmp_path, timeout_ms=200)
-    link = bus.rig.link
-    link.open()
-    bus.line.alter = alter  # type: ignore[assignment]
-    with pytest.raises(LinkError, match="sensors"):
-        link.read_inputs()
-    bus.line.alter = lambda frame: [frame]
-    link.open()
-    assert link.read_inputs()
-
-
-def test_noise_before_a_serial_answer_is_skipped(stack: ExitStack, tmp_path: Path) -> None:
-    bus = Bus(stack, tmp_path)
-    bus.rig.link.open()
-    bus.line.alter = lambda frame: [b"\x00\xff\x55" + frame]
-    assert bus.rig.link.read_inputs()
-
-
-def test_a_device_without_an_echo_is_used_with_a_quiet_time(stack: ExitStack, tmp_path: Path) -> None:
-    box = Box()
-    at_rest(box)
-    line = stack.enter_context(SerialModules(str(tmp_path / "tty"), {1: box}))
-    tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS)[1:]
-    entry = device("cabinet", "coils", "line: bus", tags, "echo: false")
-    rig = FieldRig(file_of(tmp_path, entry, lines=LINES % line.path), [])
-    stack.callback(rig.link.close)
-    rig.link.open()
-    assert box.requests == []
-    assert rig.link.read_inputs()
 
 
 # ---- the command -----------------------------------------------------------------------------------------------

@@ -1,0 +1,159 @@
+"""Field devices on serial lines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from controller.io.link import LinkError
+from controller.program.states import State
+from tests.controller.io.field.field_rig import (
+    INPUT_TAGS,
+    OUTPUT_TAGS,
+    PATIENT_MS,
+    FieldRig,
+    at_rest,
+    device,
+    file_of,
+    until_back_ms,
+    wires,
+)
+from tests.controller.io.field.modules import Box
+from tests.controller.io.field.servers import SerialModules, crc
+
+BACK_MS = 500
+"""Time from the return of a device to its use, ms (issue)."""
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+LINES = "lines:\n  - {name: bus, device: %s, baud: 115200, frame: 8N1}\n"
+
+
+class Bus:
+    """Sensors and valves as units 1 and 2 of one serial line."""
+
+    def __init__(self, stack: ExitStack, folder: Path, timeout_ms: int = PATIENT_MS) -> None:
+        self.boxes = {1: Box(), 2: Box()}
+        self.line = stack.enter_context(SerialModules(str(folder / "tty"), self.boxes))
+        path = file_of(
+            folder,
+            device("sensors", "inputs-only", "line: bus", wires(INPUT_TAGS), "unit: 1", timeout_ms=timeout_ms),
+            device("valves", "coils", "line: bus", wires(OUTPUT_TAGS), "unit: 2", timeout_ms=timeout_ms),
+            lines=LINES % self.line.path,
+        )
+        self.rig = FieldRig(path, [])
+        stack.callback(self.rig.link.close)
+        at_rest(self.boxes[1])
+
+
+def with_checksum(body: bytes) -> bytes:
+    return body + crc(body)
+
+
+def test_two_units_on_one_serial_line(stack: ExitStack, tmp_path: Path) -> None:
+    bus = Bus(stack, tmp_path)
+    bus.rig.start()
+    bus.rig.move()
+    assert any(bus.boxes[2].outputs)
+    bus.rig.scan(10)
+    assert (bus.rig.is_aborted, bus.rig.events) == (False, [])
+
+
+def test_an_unplugged_serial_adapter_comes_back_by_itself(stack: ExitStack, tmp_path: Path) -> None:
+    """The device file vanishes and returns, as with a USB adapter; both units are named."""
+    bus = Bus(stack, tmp_path)
+    rig = bus.rig
+    rig.start()
+    bus.line.unplug()
+    rig.scan(20)
+    assert rig.is_aborted
+    assert {event.device.split()[0] for event in rig.events} == {"sensors", "valves"}
+    rig.scan(50)
+    bus.line.plug()
+    assert until_back_ms(rig) <= BACK_MS
+    rig.scan(50)
+    assert rig.state == State.ABORTED
+    rig.order("clear")
+    rig.scan(3)
+    assert rig.state == State.STOPPED
+
+
+def test_a_late_serial_answer_is_not_the_answer_to_a_later_request(stack: ExitStack, tmp_path: Path) -> None:
+    """An answer that arrives after its timeout is read before the echo, and not taken for a later one."""
+    bus = Bus(stack, tmp_path, timeout_ms=200)
+    link, sensors = bus.rig.link, bus.boxes[1]
+    link.open()
+    old = link.read_inputs()
+    held: list[bytes] = []
+
+    def hold(frame: bytes) -> list[bytes]:
+        held.append(frame)
+        return []
+
+    bus.line.alter = hold
+    with pytest.raises(LinkError, match="no valid answer within 200 ms"):
+        link.read_inputs()
+    sensors.inputs[0] ^= True
+
+    def release(frame: bytes) -> list[bytes]:
+        late = [*held]
+        held.clear()
+        return [*late, frame]
+
+    bus.line.alter = release
+    link.open()
+    assert link.read_inputs() != old
+
+
+@pytest.mark.parametrize(
+    "alter",
+    [
+        pytest.param(lambda frame: [bytes([frame[0] ^ 1]) + frame[1:]], id="other unit, wrong checksum"),
+        pytest.param(lambda frame: [with_checksum(b"\x07" + frame[1:-2])], id="other unit"),
+        pytest.param(lambda frame: [frame[:-1] + bytes([frame[-1] ^ 1])], id="wrong checksum"),
+        pytest.param(lambda frame: [frame[:4] + bytes([frame[4] ^ 1]) + frame[5:]], id="inverted bit"),
+        pytest.param(lambda frame: [frame[:-3]], id="short"),
+        pytest.param(lambda frame: [b"\x55\xaa\x13"], id="garbage"),
+        pytest.param(
+            lambda frame: [frame[:1] + b"\x01" + frame[2:-2] + crc(frame[:1] + b"\x01" + frame[2:-2])], id="fn"
+        ),
+    ],
+)
+def test_an_invalid_serial_answer_is_an_error(alter: object, stack: ExitStack, tmp_path: Path) -> None:
+    bus = Bus(stack, tmp_path, timeout_ms=200)
+    link = bus.rig.link
+    link.open()
+    bus.line.alter = alter  # type: ignore[assignment]
+    with pytest.raises(LinkError, match="sensors"):
+        link.read_inputs()
+    bus.line.alter = lambda frame: [frame]
+    link.open()
+    assert link.read_inputs()
+
+
+def test_noise_before_a_serial_answer_is_skipped(stack: ExitStack, tmp_path: Path) -> None:
+    bus = Bus(stack, tmp_path)
+    bus.rig.link.open()
+    bus.line.alter = lambda frame: [b"\x00\xff\x55" + frame]
+    assert bus.rig.link.read_inputs()
+
+
+def test_a_device_without_an_echo_is_used_with_a_quiet_time(stack: ExitStack, tmp_path: Path) -> None:
+    box = Box()
+    at_rest(box)
+    line = stack.enter_context(SerialModules(str(tmp_path / "tty"), {1: box}))
+    tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS)[1:]
+    entry = device("cabinet", "coils", "line: bus", tags, "echo: false")
+    rig = FieldRig(file_of(tmp_path, entry, lines=LINES % line.path), [])
+    stack.callback(rig.link.close)
+    rig.link.open()
+    assert box.requests == []
+    assert rig.link.read_inputs()
