@@ -229,8 +229,9 @@ class _Positioning:
                 self._put(False)
             return
         row = words(self._cpu, DeviceOperand("D", busy), wide=True)
+        (position,), (ramp_ms,) = row.read(1), words(self._cpu, DeviceOperand("D", busy + _RAMP), wide=False).read(1)
         if self._start_ms is None:
-            self._begin(row.get(busy), self._cpu.memory.D[busy + _RAMP])
+            self._begin(position, ramp_ms)
         out = Fraction(self._pulses)
         if self._start_ms is not None and self._pulses:
             out = min(pulses_after(self._profile, self._cpu.now_ms - self._start_ms), out)

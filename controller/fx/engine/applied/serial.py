@@ -59,8 +59,15 @@ class _Transfer:
         self._last_ms = Fraction(0)
 
     def step(self, count: int, most: int) -> None:
-        """Send `count` bytes on request, and receive up to `most` bytes."""
+        """Send `count` bytes on request, and receive up to `most` bytes.
+
+        Raises:
+            OperationError: The bytes are out of range.
+        """
         special, data = self._cpu.memory.M, self._cpu.memory.D
+        for row, number in ((self._source, count), (self._target, most)):
+            if number:
+                row.places(number if special[EIGHT_BITS] else -(-number // 2))
         if not special[RECEIVED] and len(self._received) and not self._begun:
             self._received.clear()  # the program has reset the flag
             data[RECEIVED] = 0
