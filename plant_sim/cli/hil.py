@@ -15,7 +15,7 @@ from plant_sim.cli.serving import build
 from plant_sim.hil.bench import Bench, BenchLimits
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.report import junit, line, page, summary, write
-from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, Session, Verdict
+from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict, Session
 from plant_sim.hil.timing_picture import timing_picture
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.machine.parameters import Machine
@@ -137,7 +137,7 @@ class _Judgement:
         if not self._session.is_complete:
             print("stopped before the last case", file=sys.stderr)
             return INTERRUPTED
-        return 1 if any(each.verdict is Verdict.FAILED for each in results) else 0
+        return 1 if any(each.verdict is CaseVerdict.FAILED for each in results) else 0
 
     def _draw(self, result: CaseResult) -> str:
         title = f"{result.group}: {result.name}"

@@ -19,10 +19,10 @@ from plant_sim.cli.options import (
     faults_of,
     machine_of,
 )
-from plant_sim.twin.ladder_trial import LadderReport, ScanRow, load_ladder, run_ladder_trial, table
+from plant_sim.twin.ladder.scan_timing import ScanTiming
+from plant_sim.twin.ladder.trial import LadderReport, ScanRow, load_ladder, run_ladder_trial, table
 from plant_sim.twin.repeats import Repeats
 from plant_sim.twin.report import TrialReport
-from plant_sim.twin.scan_timing import ScanTiming
 from plant_sim.twin.trial import run_trial
 
 MOST_SEEDLINGS = 72_000

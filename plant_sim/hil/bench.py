@@ -8,10 +8,10 @@ from typing import Final
 
 from plant_sim.faults import parse_fault
 from plant_sim.hil.figure import Figure
-from plant_sim.hil.observation import SIDES, Observation
+from plant_sim.hil.machine_view import SIDES, MachineView
 from plant_sim.hil.situations import SituationLog
 from plant_sim.hil.story import CaseError, Condition, Story, Wait
-from plant_sim.hil.trace import Trace
+from plant_sim.hil.trace import WireTrace
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 
@@ -82,9 +82,9 @@ class Bench:
             limits: Limits; None = the defaults.
         """
         self.module = module
-        self.view = Observation(module, feed_m=machine.slide.switch_band_m + machine.slide.switch_hysteresis_m)
+        self.view = MachineView(module, feed_m=machine.slide.switch_band_m + machine.slide.switch_hysteresis_m)
         self.limits = limits or BenchLimits()
-        self.trace = Trace(module)
+        self.trace = WireTrace(module)
         self.situations = SituationLog(self.view)
         self.findings = Findings()
         self.forbidden = ""

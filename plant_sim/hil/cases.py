@@ -12,7 +12,7 @@ from plant_sim.hil.answers import LAMP, answer, has_lamp
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.figure import Figure
-from plant_sim.hil.situations import Situation
+from plant_sim.hil.situations import OutputSituation
 from plant_sim.hil.story import CaseError, NotRunError, Story, Wait
 
 TRIAL_TRAYS: Final = 2
@@ -74,11 +74,11 @@ def first_cases(reference_lost: int | None) -> Iterator[Case]:
     yield Case("stop", "the machine finishes its cycle and rests", stop)
 
 
-def stop_cases(situations: dict[Situation, int]) -> Iterator[Case]:
+def stop_cases(situations: dict[OutputSituation, int]) -> Iterator[Case]:
     """Return an emergency stop in every situation, at half of its usual duration."""
     for situation, usual_ms in situations.items():
 
-        def story(bench: Bench, situation: Situation = situation, at_ms: int = usual_ms // 2) -> Story:
+        def story(bench: Bench, situation: OutputSituation = situation, at_ms: int = usual_ms // 2) -> Story:
             yield from emergency_stop(bench, situation, at_ms)
 
         yield Case("emergency stop", situation.title, story, starts=True)
@@ -196,7 +196,7 @@ def stop(bench: Bench) -> Story:
     bench.forbidden = ""
 
 
-def emergency_stop(bench: Bench, situation: Situation, at_ms: int) -> Story:
+def emergency_stop(bench: Bench, situation: OutputSituation, at_ms: int) -> Story:
     """Press the emergency stop in a situation; require outputs off, no start by itself, and homing afterwards."""
     yield from bench.until(
         lambda: bench.situations.lasts(situation, at_ms), 3 * bench.limits.cycle_ms, f"situation {situation.title}"

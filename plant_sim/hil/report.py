@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from plant_sim.hil.session import CaseResult, Verdict
+from plant_sim.hil.session import CaseResult, CaseVerdict
 
 _STYLE: Final = (
     "body{font-family:sans-serif;max-width:70em;margin:2em auto;padding:0 1em}"
@@ -32,7 +32,7 @@ def findings(result: CaseResult) -> str:
 
 def summary(results: Sequence[CaseResult]) -> str:
     """Return the numbers of cases by verdict."""
-    return ", ".join(f"{sum(each.verdict is verdict for each in results)} {verdict}" for verdict in Verdict)
+    return ", ".join(f"{sum(each.verdict is verdict for each in results)} {verdict}" for verdict in CaseVerdict)
 
 
 def junit(results: Sequence[CaseResult], *, about: str) -> bytes:
@@ -48,9 +48,9 @@ def junit(results: Sequence[CaseResult], *, about: str) -> bytes:
                 properties = ElementTree.SubElement(case, "properties")
                 for name, figure in each.figures.items():
                     ElementTree.SubElement(properties, "property", name=name, value=figure.text)
-            if each.verdict is Verdict.FAILED:
+            if each.verdict is CaseVerdict.FAILED:
                 ElementTree.SubElement(case, "failure", message=each.reasons[0]).text = "\n".join(each.reasons)
-            elif each.verdict is Verdict.NOT_RUN:
+            elif each.verdict is CaseVerdict.NOT_RUN:
                 ElementTree.SubElement(case, "skipped", message="; ".join(each.reasons))
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -58,8 +58,8 @@ def junit(results: Sequence[CaseResult], *, about: str) -> bytes:
 
 
 def _totals(results: Sequence[CaseResult]) -> dict[str, str]:
-    failed = sum(each.verdict is Verdict.FAILED for each in results)
-    skipped = sum(each.verdict is Verdict.NOT_RUN for each in results)
+    failed = sum(each.verdict is CaseVerdict.FAILED for each in results)
+    skipped = sum(each.verdict is CaseVerdict.NOT_RUN for each in results)
     seconds = sum(each.to_ms - each.from_ms for each in results) / 1_000
     return {
         "tests": str(len(results)),
@@ -92,7 +92,7 @@ def page(
         f"<p>{each.verdict}, {each.from_ms / 1_000:.1f} s to {each.to_ms / 1_000:.1f} s of plant time</p>\n"
         f"{picture(each)}"
         for number, each in enumerate(results)
-        if each.verdict is not Verdict.NOT_RUN
+        if each.verdict is not CaseVerdict.NOT_RUN
     )
     lines = "".join(f"<li>{escape(fact)}</li>" for fact in (*facts, summary(results)))
     return (

@@ -30,8 +30,8 @@ SHORTEST_MS: Final = 30
 """Shortest usual duration of a situation that has a case, ms: three scans of the reference program."""
 
 
-class Verdict(enum.StrEnum):
-    """Verdict on a case."""
+class CaseVerdict(enum.StrEnum):
+    """CaseVerdict on a case."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -45,7 +45,7 @@ class CaseResult:
     Attributes:
         group: Group of the case.
         name: Name of the case.
-        verdict: Verdict.
+        verdict: CaseVerdict.
         reasons: Reasons of a failure, or why the case was not run, one line each.
         from_ms: Plant time of its beginning, ms.
         to_ms: Plant time of its end, ms.
@@ -55,7 +55,7 @@ class CaseResult:
 
     group: str
     name: str
-    verdict: Verdict
+    verdict: CaseVerdict
     reasons: list[str] = field(default_factory=list)
     from_ms: int = 0
     to_ms: int = 0
@@ -118,7 +118,7 @@ class Session:
         bench = self._bench
         reason = self._lost_machine or self._shortage()
         if reason:
-            self._note(CaseResult(case.group, case.name, Verdict.NOT_RUN, [reason], bench.now_ms, bench.now_ms))
+            self._note(CaseResult(case.group, case.name, CaseVerdict.NOT_RUN, [reason], bench.now_ms, bench.now_ms))
             return
         bench.findings = Findings()
         reasons: list[str] = []
@@ -129,14 +129,14 @@ class Session:
                 from_ms = bench.now_ms
             yield from case.story(bench)
         except NotRunError as error:
-            self._note(CaseResult(case.group, case.name, Verdict.NOT_RUN, [str(error)], from_ms, bench.now_ms))
+            self._note(CaseResult(case.group, case.name, CaseVerdict.NOT_RUN, [str(error)], from_ms, bench.now_ms))
             return
         except CaseError as error:
             reasons.append(str(error))
         found = bench.findings
         reasons += [f"{name}: {text}" for name, text in found.violations.items()]
         mark_ms = bench.now_ms if found.mark_ms is None else found.mark_ms
-        verdict = Verdict.FAILED if reasons else Verdict.PASSED
+        verdict = CaseVerdict.FAILED if reasons else CaseVerdict.PASSED
         self._note(CaseResult(case.group, case.name, verdict, reasons, from_ms, bench.now_ms, mark_ms, found.figures))
         if reasons:
             yield from self._bring_back()

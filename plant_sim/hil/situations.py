@@ -9,14 +9,14 @@ from __future__ import annotations
 from statistics import median
 from typing import Final, NamedTuple
 
-from plant_sim.hil.observation import SIDES, Observation
+from plant_sim.hil.machine_view import SIDES, MachineView
 
 TRAY = "tray"
 RECURRENCES: Final = 3
 """Number of appearances from which a situation counts as recurrent."""
 
 
-class Situation(NamedTuple):
+class OutputSituation(NamedTuple):
     """One situation.
 
     Attributes:
@@ -44,10 +44,10 @@ class SituationLog:
         since_ms: Plant time at which it began, ms.
     """
 
-    def __init__(self, view: Observation) -> None:
+    def __init__(self, view: MachineView) -> None:
         """Begin with the present situation."""
         self._view = view
-        self._durations_ms: dict[Situation, list[int]] = {}
+        self._durations_ms: dict[OutputSituation, list[int]] = {}
         self.now = {owner: self._read(owner) for owner in (*SIDES, TRAY)}
         self.since_ms = dict.fromkeys(self.now, view.now_ms)
 
@@ -63,7 +63,7 @@ class SituationLog:
         """Forget the durations."""
         self._durations_ms.clear()
 
-    def usual_ms(self) -> dict[Situation, int]:
+    def usual_ms(self) -> dict[OutputSituation, int]:
         """Return the median duration of every situation that recurs, ms, in order of first appearance.
 
         A situation that has appeared only once or twice belongs to the first cycle after power-up.
@@ -71,14 +71,14 @@ class SituationLog:
         durations_ms = self._durations_ms.items()
         return {situation: round(median(all_ms)) for situation, all_ms in durations_ms if len(all_ms) >= RECURRENCES}
 
-    def lasts(self, situation: Situation, for_ms: int) -> bool:
+    def lasts(self, situation: OutputSituation, for_ms: int) -> bool:
         """Return True if a situation exists and has lasted for at least this time, ms."""
         owner = situation.owner
         return self.now[owner] == situation and self._view.now_ms - self.since_ms[owner] >= for_ms
 
-    def _read(self, owner: str) -> Situation:
+    def _read(self, owner: str) -> OutputSituation:
         if owner == TRAY:
             on = frozenset(tag for tag in self._view.on if tag.startswith("tray_"))
-            return Situation(TRAY, on, loaded=False)
+            return OutputSituation(TRAY, on, loaded=False)
         on, loaded = self._view.situation(owner)
-        return Situation(owner, on, loaded)
+        return OutputSituation(owner, on, loaded)

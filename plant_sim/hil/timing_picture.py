@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from controller.fx.drawing.svg import SvgPicture
 from controller.iomap.loader import IoMap, Point
-from plant_sim.hil.trace import Levels, Trace
+from plant_sim.hil.trace import Levels, WireTrace
 
 BEFORE_MS, AFTER_MS = 3_000, 5_000
 """Time before and after the instant that the diagram shows, ms."""
@@ -20,7 +20,7 @@ class _Lane(NamedTuple):
     """Times of the changes with the state from then on, ms; the first one is at the left edge."""
 
 
-def timing_picture(trace: Trace, io_map: IoMap, at_ms: int, *, title: str, to_ms: int) -> str:
+def timing_picture(trace: WireTrace, io_map: IoMap, at_ms: int, *, title: str, to_ms: int) -> str:
     """Return the diagram of all wires that change around an instant.
 
     Args:

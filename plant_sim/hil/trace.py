@@ -22,7 +22,7 @@ class Levels:
     y: tuple[bool, ...]
 
 
-class Trace:
+class WireTrace:
     """Record of the X and Y images of a module.
 
     Attributes:

@@ -43,7 +43,11 @@ class RealTime:
         """Advance plant time until it fails or the task is cancelled."""
         loop = asyncio.get_running_loop()
         start_s = loop.time()
-        clock = self._elapsed_s = lambda: loop.time() - start_s
+
+        def clock() -> float:
+            return loop.time() - start_s
+
+        self._elapsed_s = clock
         while True:
             for deadline_ms in self._release(clock()):
                 if not self._tick(deadline_ms, clock):

@@ -10,7 +10,7 @@ from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from controller.io.field.requests import AnswerError, ModbusRequest, RefusedError
+from controller.io.field.requests import AnswerError, ExceptionReplyError, ModbusRequest
 from controller.io.link import LinkError
 
 T = TypeVar("T")
@@ -114,7 +114,7 @@ class Exchange:
                 self._send(now_s)
             elif (answer := self.line.receive()) is not None:
                 self.data = self.request.data(answer)
-        except RefusedError as refused:
+        except ExceptionReplyError as refused:
             self.error, self.refusal = str(refused), refused.code
         except AnswerError as invalid:
             self._failed(str(invalid))

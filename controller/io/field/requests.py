@@ -37,7 +37,7 @@ class AnswerError(Exception):
     """Raised for an answer that is not valid for its request; the message is the reason."""
 
 
-class RefusedError(AnswerError):
+class ExceptionReplyError(AnswerError):
     """Raised for an exception response.
 
     Attributes:
@@ -74,7 +74,7 @@ class ModbusRequest:
         """
         function = self.pdu[0]
         if answer[:1] == bytes([function | EXCEPTION]) and len(answer) == 2:
-            raise RefusedError(answer[1])
+            raise ExceptionReplyError(answer[1])
         if answer[:1] != self.pdu[:1]:
             raise AnswerError(f"answer to another function ({answer[0] if answer else 'none'})")
         if function not in _READS:

@@ -15,7 +15,7 @@ from plant_sim.cli.main import main as plant_sim
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.scan_timing import TrialClock
+from plant_sim.twin.ladder.scan_timing import TrialClock
 from tests.paths import ROOT
 
 FX3U_PROGRAM = "LD X0\nOUT D100.F\nDEMOV E1.5 D0\nLD D100.F\nOUT T256 K15\nLD T256\nOUT Y0\nEND\n"

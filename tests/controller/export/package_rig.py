@@ -19,7 +19,7 @@ from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.commissioning import set_points_of
-from plant_sim.twin.ladder_trial import INDICATORS
+from plant_sim.twin.ladder.trial import INDICATORS
 from plant_sim.twin.process import Process
 from tests.controller.export.st_runner import StPlc, StProgram
 from tests.controller.program.interlock_scene import MACHINE

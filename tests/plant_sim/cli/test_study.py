@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from plant_sim.cli import study as cli
-from plant_sim.cli import study_progress
 from plant_sim.cli.main import main
+from plant_sim.cli.study import command as cli
+from plant_sim.cli.study import progress as study_progress
 from plant_sim.machine.parameters import DEFAULT_MACHINE
 from plant_sim.study import fleet
 from plant_sim.study.pepper import calibration_study

@@ -14,7 +14,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from controller.program.machine import Transplanter, build
 from plant_sim.hil.bench import Bench
 from plant_sim.hil.delaying_module import DelayingModule
-from plant_sim.hil.session import CaseResult, Session, Verdict
+from plant_sim.hil.session import CaseResult, CaseVerdict, Session
 from plant_sim.links.in_process import InProcessLink
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
@@ -83,4 +83,4 @@ def judge(
 
 def failures(results: Iterable[CaseResult]) -> dict[str, list[str]]:
     """Return the reasons of the failed cases by group and name."""
-    return {f"{each.group}: {each.name}": each.reasons for each in results if each.verdict is Verdict.FAILED}
+    return {f"{each.group}: {each.name}": each.reasons for each in results if each.verdict is CaseVerdict.FAILED}

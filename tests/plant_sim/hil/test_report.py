@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 
 from plant_sim.hil.figure import Figure
 from plant_sim.hil.report import findings, junit, line, page, summary
-from plant_sim.hil.session import CaseResult, Verdict
+from plant_sim.hil.session import CaseResult, CaseVerdict
 
 RESULTS = [
-    CaseResult("homing", "a & b", Verdict.PASSED, [], 1_000, 3_500, 2_000, {"homing": Figure(2.5, "s")}),
-    CaseResult("fault", "x<y", Verdict.FAILED, ["first", "second"], 4_000, 5_000, 4_500, {"lost": Figure(3)}),
-    CaseResult("fault", "z", Verdict.NOT_RUN, ["no lamp"], 5_000, 5_000),
+    CaseResult("homing", "a & b", CaseVerdict.PASSED, [], 1_000, 3_500, 2_000, {"homing": Figure(2.5, "s")}),
+    CaseResult("fault", "x<y", CaseVerdict.FAILED, ["first", "second"], 4_000, 5_000, 4_500, {"lost": Figure(3)}),
+    CaseResult("fault", "z", CaseVerdict.NOT_RUN, ["no lamp"], 5_000, 5_000),
 ]
 
 

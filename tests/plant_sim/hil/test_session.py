@@ -8,7 +8,7 @@ import pytest
 
 from controller.iomap.loader import IoMap, load_io_map
 from plant_sim.hil.bench import Bench
-from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, Verdict
+from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict
 from tests.plant_sim.hil.hil_rig import Damage, default_map, failures, judge
 
 
@@ -50,7 +50,7 @@ def test_every_situation_of_the_trial_has_an_emergency_stop() -> None:
 def test_the_program_passes_every_case() -> None:
     results, _ = judge(GROUPS)
     assert not failures(results)
-    assert [each.name for each in results if each.verdict is Verdict.NOT_RUN] == ["jammed:conveyor"]
+    assert [each.name for each in results if each.verdict is CaseVerdict.NOT_RUN] == ["jammed:conveyor"]
     assert len(_by_group(results, "emergency stop")) == 26
     (margin,) = _by_group(results, "scan-time margin")
     assert margin.figures["longer scan tolerated"].value >= 10
@@ -59,14 +59,14 @@ def test_the_program_passes_every_case() -> None:
 def test_a_fault_stops_the_machine_and_is_recovered() -> None:
     results, _ = judge(["fault"], only="jammed:right.lift")
     (fault,) = _by_group(results, "fault")
-    assert fault.verdict is Verdict.PASSED
+    assert fault.verdict is CaseVerdict.PASSED
     assert 0 < fault.figures["at rest since"].value < 10
 
 
 def test_the_operator_answers_the_question_that_the_lamp_asks(tmp_path: Path) -> None:
     results, _ = judge(["fault"], only="jammed:conveyor", io_map=_with_lamp(tmp_path))
     (fault,) = _by_group(results, "fault")
-    assert fault.verdict is Verdict.PASSED, fault.reasons
+    assert fault.verdict is CaseVerdict.PASSED, fault.reasons
 
 
 def _with_lamp(folder: Path) -> IoMap:
@@ -131,22 +131,22 @@ def test_a_damaged_program_fails(damage: Damage, groups: list[str], only: str, g
 def test_losses_beyond_the_reference_fail_the_trial() -> None:
     results, _ = judge(reference_lost=0)
     (trial,) = _by_group(results, "trial")
-    assert trial.verdict is Verdict.FAILED
+    assert trial.verdict is CaseVerdict.FAILED
     assert "limit 3" in trial.reasons[0]
 
 
 def test_a_dead_controller_fails_and_the_rest_is_not_run() -> None:
     results, _ = judge(["emergency stop"], damage=lambda _bench, _on: set())
-    assert [each.verdict for each in results[:2]] == [Verdict.PASSED, Verdict.PASSED]
-    assert results[2].verdict is Verdict.FAILED
-    assert {each.verdict for each in results[3:]} == {Verdict.NOT_RUN}
+    assert [each.verdict for each in results[:2]] == [CaseVerdict.PASSED, CaseVerdict.PASSED]
+    assert results[2].verdict is CaseVerdict.FAILED
+    assert {each.verdict for each in results[3:]} == {CaseVerdict.NOT_RUN}
     assert all("could not be brought back" in each.reasons[0] for each in results[3:])
 
 
 def test_too_few_trays_are_said() -> None:
     results, _ = judge(["fault"], only="jammed:right.lift", trays=4)
     (fault,) = _by_group(results, "fault")
-    assert fault.verdict is Verdict.NOT_RUN
+    assert fault.verdict is CaseVerdict.NOT_RUN
     assert "--trays" in fault.reasons[0]
 
 

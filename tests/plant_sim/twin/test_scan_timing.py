@@ -14,8 +14,8 @@ from controller.fx.language.il import read_il, write_il
 from controller.fx.language.instruction import Constant, DeviceOperand, Ladder
 from plant_sim.cli.main import main
 from plant_sim.machine.parameters import load_machine
-from plant_sim.twin.ladder_trial import LadderReport, ScanRow, run_ladder_trial, table
-from plant_sim.twin.scan_timing import ScanTiming
+from plant_sim.twin.ladder.scan_timing import ScanTiming
+from plant_sim.twin.ladder.trial import LadderReport, ScanRow, run_ladder_trial, table
 from tests.controller.export.fx_equality import EXPORTED
 from tests.controller.program.interlock_scene import MACHINE
 

@@ -17,7 +17,7 @@ from plant_sim.crop.seedling import SeedlingCounts
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
 from plant_sim.machine.plant import Plant
-from plant_sim.twin.scan_timing import NO_WATCHDOG_MS, ScanEstimate, ScanMonitor, ScanTiming, TrialClock
+from plant_sim.twin.ladder.scan_timing import NO_WATCHDOG_MS, ScanEstimate, ScanMonitor, ScanTiming, TrialClock
 
 __all__ = ["LadderError", "LadderReport", "ScanRow", "load_ladder", "run_ladder_trial", "table"]
 

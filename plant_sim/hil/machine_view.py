@@ -1,4 +1,4 @@
-"""Observation of a controller by its outputs: which are on, when they changed, and when the machine last moved."""
+"""MachineView of a controller by its outputs: which are on, when they changed, and when the machine last moved."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DRIVES: Final = (
 """Indices of the positions of the drives and of the trays in `Plant.positions`."""
 
 
-class Observation:
+class MachineView:
     """View of the outputs and of the motion of a plant.
 
     Attributes:
