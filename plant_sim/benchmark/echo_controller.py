@@ -19,6 +19,8 @@ from controller.core.retentive_store import MemoryStore
 from controller.core.rungs import Out, Rung
 from controller.core.scan import Plc
 from controller.core.sequence import Sequence
+from controller.io.field.field_file import load_field
+from controller.io.field.link import DevicesLink
 from controller.io.loop import Histogram, LoopFigures, run_real_time
 from controller.io.modbus_tcp import ModbusTcpLink
 from controller.io.retentive_writer import DirectRetentiveWriter
@@ -52,12 +54,19 @@ def main() -> None:
     """Run the controller for a time and print its figures."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--io-map", type=Path, required=True)
-    parser.add_argument("--port", type=int, required=True)
+    way = parser.add_mutually_exclusive_group(required=True)
+    way.add_argument("--port", type=int)
+    way.add_argument("--field", type=Path)
     parser.add_argument("--scan-ms", type=int, required=True)
     parser.add_argument("--seconds", type=float, required=True)
     options = parser.parse_args()
     machine = echoing(build(load_io_map(options.io_map)))
-    link = ModbusTcpLink("127.0.0.1", options.port, machine.io_map, timeout_s=TIMEOUT_S)
+    io_map = machine.io_map
+    link: DevicesLink
+    if options.field is None:
+        link = ModbusTcpLink("127.0.0.1", options.port, io_map, timeout_s=TIMEOUT_S)
+    else:
+        link = DevicesLink(load_field(options.field, io_map), io_map)
     plc = Plc(machine.program, input_filter_ms=0)
     runtime = Runtime(machine, plc, link, DirectRetentiveWriter(MemoryStore()))
     stop = threading.Event()

@@ -15,7 +15,6 @@ import socket
 import statistics
 import struct
 import sys
-import threading
 import time
 from collections.abc import Callable
 from itertools import accumulate
@@ -24,6 +23,7 @@ from typing import Final
 from controller.common.modbus.mbap import HEADER, MAX_LENGTH, MIN_LENGTH, UNCOUNTED_BYTES
 from controller.common.stop_request import StopRequest, run_process
 from controller.io.loop import BOUNDS_US, Histogram
+from plant_sim.benchmark.bare_loop import lateness_ns
 
 READ_COILS: Final = 1
 READ_REGISTERS: Final = 3
@@ -82,16 +82,10 @@ def connect(port: int) -> socket.socket:
 
 def waits(seconds: int) -> None:
     """Wait for periodic deadlines, as the scan loop does, and print the lateness histogram."""
-    late, missed, never = Histogram(), 0, threading.Event()
-    due_ns = time.perf_counter_ns()
-    for _ in range(seconds * 1_000_000_000 // WAIT_NS):
-        due_ns += WAIT_NS
-        never.wait(max(0, due_ns - time.perf_counter_ns()) / 1e9)
-        late_ns = max(0, time.perf_counter_ns() - due_ns)
+    late, missed = Histogram(), 0
+    for late_ns in lateness_ns(WAIT_NS, seconds * 1_000_000_000 // WAIT_NS):
         late.add(late_ns // 1_000)
-        if late_ns > WAIT_NS:
-            missed += 1
-            due_ns += late_ns // WAIT_NS * WAIT_NS
+        missed += late_ns > WAIT_NS
     _print({"late": late.counts, "missed": missed})
 
 

@@ -13,12 +13,15 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
+from controller.common.modbus.rtu import SerialLine
+from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from plant_sim.benchmark.echo_controller import ECHOES
+from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.server_thread import ServerThread
@@ -34,6 +37,9 @@ LATENESS_GOAL: Final = 1.2
 BOUNCE_MS: Final = 3
 """Longest time between two edges of a bouncing contact, ms; the reaction is measured from the last one."""
 LIMIT_S: Final = 60.0
+BAUD: Final = 115_200
+UNIT: Final = 1
+"""Unit of the plant on a serial line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +47,7 @@ class Reaction:
     """Reaction times at one scan period.
 
     Attributes:
+        link: Link between controller and plant.
         scan_ms: Scan period, ms.
         edges: Number of measured input edges.
         missed: Input edges without an output edge.
@@ -52,6 +59,7 @@ class Reaction:
         overruns: Scans that ended after the next one was due.
     """
 
+    link: str
     scan_ms: int
     edges: int
     missed: int
@@ -67,9 +75,9 @@ class Reaction:
         median, p99 = self.median_ms / self.scan_ms, self.p99_ms / self.scan_ms
         late = self.late_p99_ms / self.bare_p99_ms
         return (
-            f"reaction, scan of {self.scan_ms:2d} ms    median {self.median_ms:.0f} ms = {median:.1f} scans (goal: at "
-            f"most {MEDIAN_GOAL:.0f}), p99 {self.p99_ms:.0f} ms = {p99:.1f} scans (goal: at most {P99_GOAL:.0f}), "
-            f"longest {self.longest_ms:.0f} ms, {self.edges} edges, {self.missed} missed, no input filter\n"
+            f"reaction, {self.link}, scan of {self.scan_ms} ms, no input filter: median {self.median_ms:.0f} ms = "
+            f"{median:.1f} scans (goal: at most {MEDIAN_GOAL:.0f}), p99 {self.p99_ms:.0f} ms = {p99:.1f} scans (goal: "
+            f"at most {P99_GOAL:.0f}), longest {self.longest_ms:.0f} ms, {self.edges} edges, {self.missed} missed\n"
             f"  lateness of the scans    p99 {self.late_p99_ms:.2f} ms, bare loop beside it {self.bare_p99_ms:.2f} ms: "
             f"{late:.2f} x (goal: at most {LATENESS_GOAL}), {self.overruns} overruns"
         )
@@ -112,27 +120,49 @@ class EdgeTimer:
         self._levels = levels
 
 
-def measure_reaction(scan_ms: int, *, seconds: float) -> Reaction:
-    """Measure the reaction over Modbus TCP for some seconds.
+def measure_reactions(*, seconds: float = 20.0) -> tuple[Reaction, ...]:
+    """Measure the reaction over Modbus TCP at 10 and 5 ms, and over Modbus RTU at 20 ms."""
+    return (
+        measure_reaction(10, seconds=seconds),
+        measure_reaction(5, seconds=seconds),
+        measure_reaction(20, seconds=seconds, baud=BAUD),
+    )
+
+
+def measure_reaction(scan_ms: int, *, seconds: float, baud: int | None = None) -> Reaction:
+    """Measure the reaction for some seconds.
+
+    Args:
+        scan_ms: Scan period, ms.
+        seconds: Duration of the measurement, s.
+        baud: Baud rate of a serial line with Modbus RTU, 8N1, whose transmission times are modelled; None = Modbus TCP.
 
     Raises:
         subprocess.CalledProcessError: The controller failed.
     """
-    with tempfile.TemporaryDirectory(prefix="transplanter-") as folder:
+    with tempfile.TemporaryDirectory(prefix="transplanter-") as folder, ExitStack() as stack:
         path = _map_with_lamps(Path(folder))
         plant = Plant(load_io_map(path), load_machine(), seed=1, trays=1)
         plant.planting_frequency_per_min = PULSES_PER_MIN
         module = IoModule(plant, load_io_map(path))
         timer = EdgeTimer(module)
         module.observers.append(timer)
-        with ServerThread(PlantServer(module, port=0)) as thread:
-            common = ["--scan-ms", str(scan_ms), "--seconds", str(seconds)]
-            echo = ["plant_sim.benchmark.echo_controller", "--io-map", str(path), "--port", str(thread.server.port)]
-            controller = _process(*echo, *common)
-            bare = _process("plant_sim.benchmark.bare_loop", *common)
-            figures, alone = _figures(controller), _figures(bare)
+        serial, way = None, ["--port"]
+        if baud is not None:
+            ends = stack.enter_context(SerialCable()).ends
+            serial = SerialLine(ends[0], baud, "N", 1, UNIT)
+            way = ["--field", str(_field_file(Path(folder), module.io_map, ends[1], baud))]
+        server = PlantServer(module, port=0, serial=serial, models_wire=serial is not None)
+        thread = stack.enter_context(ServerThread(server))
+        if baud is None:
+            way.append(str(thread.server.port))
+        common = ["--scan-ms", str(scan_ms), "--seconds", str(seconds)]
+        controller = _process("plant_sim.benchmark.echo_controller", "--io-map", str(path), *way, *common)
+        bare = _process("plant_sim.benchmark.bare_loop", *common)
+        figures, alone = _figures(controller), _figures(bare)
     late_us, times_ms = sorted(figures["late_us"]), sorted(timer.times_ms)
     return Reaction(
+        link="Modbus TCP" if baud is None else f"Modbus RTU at {baud} baud",
         scan_ms=scan_ms,
         edges=len(times_ms),
         missed=timer.missed,
@@ -154,6 +184,18 @@ def _map_with_lamps(folder: Path) -> Path:
     ]
     path = folder / "io_map.yaml"
     path.write_text("".join(wired), "utf-8")
+    return path
+
+
+def _field_file(folder: Path, io_map: IoMap, device: str, baud: int) -> Path:
+    """Write a field file with one device on a serial line; return its path."""
+    path = folder / "field.yaml"
+    wires = "".join(f"      {point.tag}: {point.offset}\n" for point in (*io_map.inputs, *io_map.outputs))
+    path.write_text(
+        f"lines:\n  - {{name: bus, device: {device}, baud: {baud}, frame: 8N1}}\n"
+        f"devices:\n  - name: plant\n    profile: coils\n    line: bus\n    unit: {UNIT}\n    wires:\n{wires}",
+        "utf-8",
+    )
     return path
 
 

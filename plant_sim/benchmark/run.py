@@ -13,6 +13,7 @@ from controller.program.machine import build
 from controller.program.states import State
 from plant_sim.benchmark.fx_engine import FxFigures, measure_fx
 from plant_sim.benchmark.hmi import HmiFigures, measure_hmi
+from plant_sim.benchmark.reaction import Reaction, measure_reactions
 from plant_sim.benchmark.twin import TwinFigures, measure_twin
 from plant_sim.line.command import result_of
 from plant_sim.machine.parameters import load_machine
@@ -50,6 +51,7 @@ class Figures(HmiFigures, FxFigures, TwinFigures):
         cabbage_row_s: CPU time of one row of 1 km with the cabbage line, s.
         pepper_row_s: CPU time of two rows of 1 km with the pepper line, s.
         combined_row_s: CPU time of two rows of 1 km with the combined line, s.
+        reactions: Reaction times from input edge to output edge at the plant.
     """
 
     scan_us: float
@@ -60,8 +62,9 @@ class Figures(HmiFigures, FxFigures, TwinFigures):
     cabbage_row_s: float
     pepper_row_s: float
     combined_row_s: float
+    reactions: tuple[Reaction, ...]
 
-    def record(self) -> dict[str, float]:
+    def record(self) -> dict[str, object]:
         """Return the figures as one JSON object."""
         return asdict(self)
 
@@ -80,6 +83,7 @@ class Figures(HmiFigures, FxFigures, TwinFigures):
                 f"  pepper                   {self.pepper_row_s:7.2f} s CPU",
                 f"  combined                 {self.combined_row_s:7.2f} s CPU",
                 self.hmi_text(),
+                *(reaction.text() for reaction in self.reactions),
             ]
         )
 
@@ -115,6 +119,7 @@ def measure(*, seed: int = 1) -> Figures:
         cabbage_row_s=_row_s("cabbage", seed),
         pepper_row_s=_row_s("pepper", seed),
         combined_row_s=_row_s("combined", seed),
+        reactions=measure_reactions(),
     )
 
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient
 
+from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.cli.main import main
 from tests.controller.common.modbus_rig import PATIENT_S, Client, read_registers
 from tests.plant_sim.links.plc.plc_rig import modbus_plc, profile_of
-from tests.plant_sim.links.serial_cable import SerialCable
 
 LIMIT_S = 60.0
 

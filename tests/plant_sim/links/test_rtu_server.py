@@ -14,10 +14,10 @@ from modbus_tk import defines, modbus_rtu  # type: ignore[import-untyped]
 from pymodbus.client import ModbusSerialClient
 
 from controller.common.modbus.rtu import REOPEN_S, SerialLine, framed
+from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS, read_telemetry
 from tests.controller.common.modbus_rig import PATIENT_S, READ_ALL_INPUTS, Rig, make_module, read_registers
-from tests.plant_sim.links.serial_cable import SerialCable
 
 UNIT = 3
 BAUD = 115_200

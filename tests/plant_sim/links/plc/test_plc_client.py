@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 from controller.common.modbus.rtu import SerialLine, framed
+from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.links.io_module import IoModule, WatchdogState
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.plc.modbus import ModbusPlc
@@ -19,7 +20,6 @@ from plant_sim.links.plc.transport import ModbusTransport, RtuTransport, TcpTran
 from plant_sim.links.write_timing import PlcState
 from tests.controller.common.modbus_rig import IO_MAP, PATIENT_S, Rig, frame, read_pdu, read_registers
 from tests.plant_sim.links.plc.plc_rig import LIMIT_S, client_of, modbus_plc, module_of, profile_of
-from tests.plant_sim.links.serial_cable import SerialCable
 
 COIL = 5
 PROFILE = profile_of("fx3u")

@@ -12,6 +12,7 @@ import pytest
 from modbus_tk import defines, modbus, modbus_rtu  # type: ignore[import-untyped]
 
 from controller.common.modbus.rtu import SerialLine
+from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.links.io_module import IoModule
 from plant_sim.links.plc.mc import McPlc
 from plant_sim.links.plc.modbus import ModbusPlc
@@ -28,7 +29,6 @@ from tests.plant_sim.links.plc.plc_rig import (
     reference,
     run_in_lock_step,
 )
-from tests.plant_sim.links.serial_cable import SerialCable
 
 OUTPUTS = IO_MAP.output_count
 MODBUS = [name for name in profile_names() if profile_of(name).protocol is PlcProtocol.MODBUS]
