@@ -143,7 +143,8 @@ def contents(wheel: Path) -> Files:
 def tracked(*folders: str) -> set[str]:
     """Return the files of the checkout below the given folders, except files written by tools."""
     paths = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file())
-    return {str(path.relative_to(ROOT)) for path in paths if "__pycache__" not in path.parts}
+    written = {"__pycache__", "node_modules"}
+    return {str(path.relative_to(ROOT)) for path in paths if not written & {*path.parts}}
 
 
 def test_the_wheel_contains_both_packages_and_nothing_else(distributions: Distributions) -> None:

@@ -39,7 +39,7 @@ TAGS = {point.tag.rpartition(".")[2] for point in (*MACHINE.io_map.inputs, *MACH
     "magazine_empty",
 }
 SET_POINTS = set(MACHINE.tags.sp.names())
-NAMES = {"PackML", "Modbus", "JSON"}
+NAMES = {"FX2N", "PackML", "Modbus", "JSON"}
 SYMBOLS = {"S", "P", "D", "T", "X", "Y", "n", "I", "O", "mm", "kPa", "N"}
 """Symbols of quantities in the paper, of device kinds, of I/O and of SI units."""
 OPTIONS = {"set"}
