@@ -22,7 +22,7 @@ _DEVICE_OF_WORD: Final = {"D": "D", "TN": "T", "CN": "C"}
 class AccessRefusal(Enum):
     """Reason for which a request is refused."""
 
-    NOT_READY = "no scan has been completed yet"
+    NOT_READY = "no scan has been completed yet, or too many writes wait for the next one"
     NO_DEVICE = "no such device"
     NOT_WRITABLE = "not writable"
     BAD_VALUE = "invalid value"

@@ -112,9 +112,10 @@ class PortSession:
         return answers
 
     def _answer(self, frame: bytes) -> bytes:
-        self._access.on_request()
         try:
-            return self._execute(decode_request(frame))
+            request = decode_request(frame)
+            self._access.on_request()  # a damaged frame, which may be noise, renews no jog
+            return self._execute(request)
         except (FrameError, AccessRefusedError):
             return NAK
 

@@ -22,7 +22,7 @@ from controller.common.mitsubishi.requests import RemoteRun, RemoteStop
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.il import read_il
 from controller.hmi.access.devices import AccessRefusal, AccessRefusedError
-from controller.hmi.ladder.live import LivePlc, LiveSession
+from controller.hmi.ladder.live import MAX_WRITES, LivePlc, LiveSession
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import PATIENT_S
@@ -94,6 +94,24 @@ def test_a_write_to_a_device_that_does_not_exist_is_refused_as_a_whole(
     rig.scan()
     assert not rig.live.plc.memory.M[0]
     assert rig.live.plc.memory.D[0] == 1
+
+
+def test_writes_beyond_the_limit_of_a_scan_are_refused(rig: LiveRig) -> None:
+    """Otherwise one client fills the memory between two slow scans."""
+    rig.scan()
+    for value in range(MAX_WRITES):
+        rig.session.write_words([(D("D5"), value)])
+    for write in (
+        lambda: rig.session.write_words([(D("D5"), 0)]),
+        lambda: rig.session.write_bits([(D("M0"), True)]),
+        lambda: rig.session.set_running(running=False),
+    ):
+        with pytest.raises(AccessRefusedError) as error:
+            write()
+        assert error.value.refusal is AccessRefusal.NOT_READY
+    rig.scan()
+    assert rig.session.read_words(D("D5"), 1) == [MAX_WRITES - 1]
+    rig.session.write_words([(D("D5"), 7)])
 
 
 def test_stop_turns_the_outputs_off_and_run_starts_again(rig: LiveRig) -> None:
