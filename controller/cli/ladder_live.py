@@ -8,6 +8,7 @@ import sys
 from contextlib import ExitStack
 from typing import Final
 
+from controller.cli.fx_options import cpu_of, peripherals_of
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.stop_request import StopRequest
@@ -78,10 +79,12 @@ def run_live_program(options: argparse.Namespace) -> int:
         value = getattr(options, name)
         if not least <= value <= most:
             raise InputError(f"--{name.replace('_', '-')} {value}: must be {least} to {most}")
-    ladder = load_ladder(options.file)
+    ladder, peripherals = load_ladder(options.file, cpu_of(options)), peripherals_of(options)
     try:
         pace = Pace(options.pace)
-        plc = FxPlc(ladder, input_filter_ms=options.input_filter_ms, execution=fastest_execution)
+        plc = FxPlc(
+            ladder, input_filter_ms=options.input_filter_ms, execution=fastest_execution, peripherals=peripherals
+        )
     except PaceError as error:
         raise InputError(f"--pace: {error}") from error
     except InputError:  # a part of the program that the engine does not support
@@ -95,19 +98,22 @@ def run_live_program(options: argparse.Namespace) -> int:
         endpoints, ports = _endpoints(live, options)
         stack.enter_context(DeviceServer(endpoints))
         served = {name: endpoint.port for name, endpoint in ports.items()}
-        print(json.dumps({"event": "serving", **served}), flush=True)
-        scans = run_live(live, pace, scan_ms=options.scan_ms, stop=stop, on_scan=_StateReport())
+        scans = run_live(live, pace, scan_ms=options.scan_ms, stop=stop, on_scan=_StateReport(served))
     print(f"stopped after {scans} scans", file=sys.stderr)
     return 0
 
 
 class _StateReport:
-    """Report of RUN, STOP and errors, one line per change."""
+    """Report of the ports after the first scan, from which on reads are answered, and of RUN, STOP and errors."""
 
-    def __init__(self) -> None:
+    def __init__(self, served: dict[str, int]) -> None:
+        self._served: dict[str, int] | None = served
         self._reported = "RUN"
 
     def __call__(self, live: LivePlc) -> None:
+        if self._served is not None:
+            print(json.dumps({"event": "serving", **self._served}), flush=True)
+            self._served = None
         plc = live.plc
         state = "RUN" if plc.running else "STOP" if plc.error is None else f"STOP, {plc.error}"
         if state != self._reported:

@@ -7,7 +7,7 @@ rules.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Final, Protocol
 
@@ -84,11 +84,24 @@ class AccessSource(Protocol):
         """
 
 
-def check_bits(first: Device, count: int) -> None:
+Exists = Callable[[str, int], bool]
+"""Function that returns True if a device of a kind (X Y M S T C D) has a number."""
+
+
+def is_fx2n_device(kind: str, number: int) -> bool:
+    """Return True if an FX2N has a device."""
+    try:
+        check_device(kind, number)
+    except DeviceError:
+        return False
+    return True
+
+
+def check_bits(first: Device, count: int, exists: Exists = is_fx2n_device) -> None:
     """Raise AccessRefusedError unless all bits exist."""
     if first.kind not in BIT_KINDS or count < 1:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
-    _check_range(first.kind, first.number, first.number + count - 1)
+    _check_range(first.kind, first.number, first.number + count - 1, exists)
 
 
 def last_counter(first: int, words: int) -> int:
@@ -97,13 +110,14 @@ def last_counter(first: int, words: int) -> int:
     return first + single + (words - single + 1) // 2 - 1
 
 
-def check_words(first: Device, count: int, registers: int = 0) -> None:
+def check_words(first: Device, count: int, registers: int = 0, exists: Exists = is_fx2n_device) -> None:
     """Raise AccessRefusedError unless all words exist.
 
     Args:
         first: First device.
         count: Number of words.
         registers: Number of R registers.
+        exists: Devices of the PLC.
     """
     if count < 1:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
@@ -112,7 +126,7 @@ def check_words(first: Device, count: int, registers: int = 0) -> None:
         if not 0 <= first.number <= last < registers:
             raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     elif first.kind in _DEVICE_OF_WORD:
-        _check_range(_DEVICE_OF_WORD[first.kind], first.number, last)
+        _check_range(_DEVICE_OF_WORD[first.kind], first.number, last, exists)
     else:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
 
@@ -130,12 +144,9 @@ def word_index(counter: int) -> int:
     return counter + max(0, counter - FIRST_32_BIT_COUNTER)
 
 
-def _check_range(kind: str, first: int, last: int) -> None:
-    try:
-        check_device(kind, first)
-        check_device(kind, last)
-    except DeviceError as error:
-        raise AccessRefusedError(AccessRefusal.NO_DEVICE) from error
+def _check_range(kind: str, first: int, last: int, exists: Exists) -> None:
+    if not (exists(kind, first) and exists(kind, last)):
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     if kind == "M" and first < _SPECIAL_RELAYS <= last:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)  # between the general and the special relays there are none
 

@@ -194,6 +194,7 @@ class MachineSession:
         if any(device.kind != "M" or device.number not in commands for device, _ in levels):
             values = str([int(level) for _, level in levels])
             raise self.refused(str(levels[0][0]), values, _refusal_of([device for device, _ in levels]))
+        self._state.snapshot()  # a jog needs the last scan: all commands of a request are refused together
         for device, level in levels:
             self._command(commands[device.number], level)
 

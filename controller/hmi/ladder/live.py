@@ -108,6 +108,7 @@ class LiveSession:
             live: The program.
         """
         self._live = live
+        self._exists = live.plc.ladder.cpu.has
 
     @property
     def is_running(self) -> bool:
@@ -122,12 +123,12 @@ class LiveSession:
 
     def read_bits(self, first: Device, count: int) -> list[bool]:
         """Return consecutive bits of the last scan."""
-        check_bits(first, count)
+        check_bits(first, count, self._exists)
         return self._snapshot().bits[first.kind][first.number : first.number + count]
 
     def read_words(self, first: Device, count: int) -> list[int]:
         """Return consecutive words of the last scan, unsigned."""
-        check_words(first, count)
+        check_words(first, count, exists=self._exists)
         words, start = self._snapshot().words[first.kind], first.number
         if first.kind == "CN":
             words, start = words_of_counters(words), word_index(start)
@@ -136,14 +137,14 @@ class LiveSession:
     def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
         """Write bits in the next scan."""
         for device, _ in levels:
-            check_bits(device, 1)
+            check_bits(device, 1, self._exists)
         self._live.write(lambda: self._live.put_bits(levels))
 
     def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
         """Write words in the next scan."""
         signed = []
         for device, value in values:
-            check_words(device, 1)
+            check_words(device, 1, exists=self._exists)
             is_long = device.kind == "CN" and device.number >= FIRST_32_BIT_COUNTER
             signed.append((device, _signed(value, _SIGN_32 if is_long else _SIGN_16)))
         self._live.write(lambda: self._live.put_words(signed))

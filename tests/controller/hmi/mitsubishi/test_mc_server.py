@@ -345,6 +345,18 @@ def test_reads_before_the_first_scan_are_refused() -> None:
             client.close()
 
 
+def test_commands_before_the_first_scan_are_refused_together() -> None:
+    rig = McRig(Frame3E())
+    seen = record_commands(rig.hmi)
+    with rig.hmi.server:
+        client = rig.client()
+        commands = ((command(rig, "acknowledge"), True), (command(rig, jog_command("left.lift_retract")), True))
+        assert refused(client, WriteRandomBits(commands))[0] == 0xC05F
+        rig.hmi.twin.scan()
+        assert seen == [set()]
+        client.close()
+
+
 def test_without_a_modbus_port_only_the_mc_protocol_is_served() -> None:
     rig = McRig(Frame1E())
     rig.hmi = HmiRig(Twin(), HmiOptions(port=None), further=rig._endpoints)
