@@ -72,6 +72,9 @@ class DeviceAccess(Protocol):
     def set_running(self, *, running: bool) -> None:
         """Put the PLC into RUN or STOP."""
 
+    def refused(self, what: str, value: str, refusal: AccessRefusal) -> AccessRefusedError:
+        """Record a write that has no devices or a part of one, and return its error."""
+
 
 class AccessSource(Protocol):
     """PLC that communication partners connect to."""

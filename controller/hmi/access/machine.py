@@ -170,6 +170,7 @@ class MachineSession:
             if forcing.levels:
                 forcing.release_all()
                 self._note("force", "", "ended with the connection")
+        self._name = ""  # the next partner on a serial line is another one
 
     def read_bits(self, first: Device, count: int) -> list[bool]:
         """Return consecutive bits of the last scan."""
@@ -217,10 +218,10 @@ class MachineSession:
             "RUN" if running else "STOP", "", AccessRefusal.NOT_SUPPORTED, "remote RUN/STOP is not supported"
         )
 
-    def refused(self, what: str, value: str, refusal: AccessRefusal, why: str = "not writable") -> AccessRefusedError:
+    def refused(self, what: str, value: str, refusal: AccessRefusal, why: str = "") -> AccessRefusedError:
         """Record a refused write and return its error."""
         self._state.refused_writes += 1
-        self._note(what, value, f"refused: {why}")
+        self._note(what, value, f"refused: {why or refusal.value}")
         return AccessRefusedError(refusal)
 
     def _block(self, values: Sequence[tuple[Device, int]]) -> Callable[[Sequence[int]], None] | None:

@@ -161,6 +161,10 @@ class LiveSession:
 
         self._live.write(change)
 
+    def refused(self, _what: str, _value: str, refusal: AccessRefusal) -> AccessRefusedError:
+        """Return the error of a refused write; there is no audit log."""
+        return AccessRefusedError(refusal)
+
     def _snapshot(self) -> Snapshot:
         if self._live.latest is None:
             raise AccessRefusedError(AccessRefusal.NOT_READY)

@@ -16,6 +16,7 @@ from controller.common.mitsubishi.fx_port import ACK, ENQ, NAK, ForceBit, ReadMe
 from controller.common.mitsubishi.fx_port_map import address_of, bit_number
 from controller.common.modbus.rtu import SerialLine
 from controller.common.serial_server import REOPEN_S
+from controller.hmi.access.status_registers import R_NAME
 from controller.hmi.mitsubishi.port_line import programming_port
 from controller.hmi.mitsubishi.port_session import PortSession
 from controller.hmi.modbus.endpoint import HmiOptions
@@ -79,6 +80,19 @@ def test_a_line_in_use_is_refused_in_one_line(master: Master) -> None:
     with pytest.raises(ServerError, match=r"lock.*specify another --fx-port") as error, served(master.path, options):
         pass
     assert "\n" not in str(error.value)
+
+
+def test_the_next_partner_on_a_line_does_not_inherit_the_name_of_the_operator() -> None:
+    with HmiRig() as rig:
+        session = rig.server.access.session("line")
+        acknowledge = Device("M", rig.twin.machine.tags.commands["acknowledge"].number)
+        session.write_words(
+            [(Device("R", R_NAME + index), word) for index, word in enumerate([0x416E, 0x6E00, *[0] * 6])]
+        )
+        session.write_bits([(acknowledge, True)])
+        session.on_disconnect()
+        session.write_bits([(acknowledge, True)])
+        assert [row[1] for row in rig.audits] == ["Ann", ""]
 
 
 @pytest.mark.parametrize("damaged", [False, True])
