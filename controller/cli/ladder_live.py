@@ -98,19 +98,22 @@ def run_live_program(options: argparse.Namespace) -> int:
         endpoints, ports = _endpoints(live, options)
         stack.enter_context(DeviceServer(endpoints))
         served = {name: endpoint.port for name, endpoint in ports.items()}
-        print(json.dumps({"event": "serving", **served}), flush=True)
-        scans = run_live(live, pace, scan_ms=options.scan_ms, stop=stop, on_scan=_StateReport())
+        scans = run_live(live, pace, scan_ms=options.scan_ms, stop=stop, on_scan=_StateReport(served))
     print(f"stopped after {scans} scans", file=sys.stderr)
     return 0
 
 
 class _StateReport:
-    """Report of RUN, STOP and errors, one line per change."""
+    """Report of the ports after the first scan, from which on reads are answered, and of RUN, STOP and errors."""
 
-    def __init__(self) -> None:
+    def __init__(self, served: dict[str, int]) -> None:
+        self._served: dict[str, int] | None = served
         self._reported = "RUN"
 
     def __call__(self, live: LivePlc) -> None:
+        if self._served is not None:
+            print(json.dumps({"event": "serving", **self._served}), flush=True)
+            self._served = None
         plc = live.plc
         state = "RUN" if plc.running else "STOP" if plc.error is None else f"STOP, {plc.error}"
         if state != self._reported:

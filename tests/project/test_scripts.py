@@ -44,7 +44,7 @@ esac
 """
 NODE = "tests/controller/hmi/mitsubishi/node"
 NPM = f"""#!/usr/bin/env bash
-[[ "$*" == "install --prefix {NODE} "* ]] && echo npm >>"$LOG"
+[[ "$*" == "install --prefix {NODE} "* ]] && echo npm >>"$LOG" && mkdir -p "{NODE}/node_modules"
 exit "${{NPM_FAILS:-0}}"
 """
 NO_PYTHON = (
@@ -155,6 +155,13 @@ def test_a_changed_pyproject_is_installed_again(machine: Machine) -> None:
         file.write("# one more line\n")
     assert machine.setup("dev") == ["pip .[dev]", "npm"]
     assert machine.setup("dev") == []
+
+
+def test_deleted_npm_packages_are_installed_again(machine: Machine) -> None:
+    machine.setup("dev")
+    (machine.repository / NODE / "node_modules").rmdir()
+    assert machine.setup("plant") == []
+    assert machine.setup("dev") == ["pip .[dev]", "npm"]
 
 
 def test_a_failed_setup_starts_from_the_beginning(machine: Machine) -> None:

@@ -111,9 +111,9 @@ def parsed(digits: bytes, base: int) -> int:
     """Return the number that consists of the given digits only.
 
     Raises:
-        DigitError: A character is not a digit; signs, blanks and underscores are not digits.
+        DigitError: There is no digit, or a character is not a digit; signs, blanks and underscores are not digits.
     """
     allowed = b"0123456789ABCDEFabcdef" if base == 16 else b"0123456789"
-    if set(digits) - set(allowed):
+    if not digits or set(digits) - set(allowed):
         raise DigitError(f"{digits!r} is not a number of base {base}")
     return int(digits, base)

@@ -7,10 +7,6 @@ other units and their answers) is skipped byte by byte. Source: Modbus over Seri
 
 from __future__ import annotations
 
-import asyncio
-import importlib
-import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,6 +14,7 @@ from pymodbus.framer import FramerRTU
 
 from controller.common.errors import InputError
 from controller.common.modbus.requests import ModbusDevice, answer
+from controller.common.serial_server import SerialServer, open_port
 
 GAP_S: Final = 0.05
 """Idle time after which an incomplete request is discarded, s."""
@@ -28,15 +25,9 @@ _FIXED: Final = {1: 8, 2: 8, 3: 8, 4: 8, 5: 8, 6: 8, 7: 4, 8: 8, 11: 4, 12: 4, 1
 _COUNTED: Final = {15: 6, 16: 6, 20: 2, 21: 2, 23: 10}
 """Index of the byte count in variable-length requests, by function code."""
 _SHORTEST: Final = 4
-WRITE_LIMIT_S: Final = 0.1
-"""Write timeout, s; a serial line that does not accept a frame within this time is treated as disconnected."""
-REOPEN_S: Final = 0.5
-"""Interval between attempts to open a disconnected serial line again, s."""
 _FASTEST_COUNTED_BAUD: Final = 19_200
 _SHORTEST_SILENCE_S: Final = 1.75e-3
 """Silence between frames above 19,200 baud, s. Source: Modbus over Serial Line V1.02, 2.5.1.1."""
-
-_log = logging.getLogger(__name__)
 
 
 class SerialError(InputError):
@@ -99,18 +90,10 @@ class SerialLine:
             OSError, ValueError, OverflowError: The line cannot be opened, or does not support the baud rate.
             ModuleNotFoundError: pyserial is not installed.
         """
-        serial = importlib.import_module("serial")
-        return serial.Serial(
-            self.path,
-            self.baud,
-            parity=self.parity,
-            stopbits=self.stop_bits,
-            timeout=0,
-            write_timeout=WRITE_LIMIT_S,
-        )
+        return open_port(self.path, self.baud, parity=self.parity, stop_bits=self.stop_bits)
 
 
-class RtuServer:
+class RtuServer(SerialServer):
     """Modbus RTU server of one serial line; a disconnected line is opened again as soon as that is possible."""
 
     def __init__(self, line: SerialLine, device: ModbusDevice, *, models_wire: bool = False) -> None:
@@ -122,86 +105,32 @@ class RtuServer:
             models_wire: True to delay requests and answers by their transmission times and the silence between them,
                 for a pseudo-terminal, which transmits at once.
         """
+        super().__init__(line.path, GAP_S)
         self._line = line
         self._device = device
         self._models_wire = models_wire
         self._buffer = bytearray()
-        self._port: Any = None
-        self._loop: asyncio.AbstractEventLoop
-        self._timers: set[asyncio.TimerHandle] = set()
-        self._gap: asyncio.TimerHandle | None = None
+
+    def _open(self) -> Any:
+        return self._line.open()
+
+    def _feed(self, data: bytes) -> None:
+        self._buffer += data
+        self._process_buffer()
 
     @property
-    def path(self) -> str:
-        """Device file of the serial line."""
-        return self._line.path
+    def _is_waiting(self) -> bool:
+        return bool(self._buffer)
 
-    def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Open the serial line and start listening.
+    def _discard_incomplete(self) -> None:
+        """Treat an incomplete request as noise and process the bytes after it."""
+        while self._buffer:
+            del self._buffer[0]
+            self._process_buffer()
 
-        Raises:
-            OSError, ValueError, OverflowError: The serial line cannot be opened, or does not support the baud rate.
-            ModuleNotFoundError: pyserial is not installed.
-        """
-        self._port = self._line.open()
-        self._loop = loop
-        loop.add_reader(self._port.fileno(), self._read)
-
-    def stop(self) -> None:
-        """Close the serial line if it is open, and do not open it again."""
-        for timer in self._timers:
-            timer.cancel()
-        self._timers.clear()
-        self._close()
-
-    def _close(self) -> None:
-        if self._port is None:
-            return
-        self._loop.remove_reader(self._port.fileno())
-        self._port.close()
-        self._port = None
-        if self._gap is not None:
-            self._gap.cancel()
-        self._device.on_disconnect()
-
-    def _read(self) -> None:
-        try:
-            self._buffer += self._port.read(LONGEST_FRAME)
-        except OSError as error:
-            self._disconnect(error)
-            return
-        if self._gap is not None:
-            self._gap.cancel()
-        self._process_buffer()
-        if self._buffer:
-            self._gap = self._loop.call_later(GAP_S, self._discard_incomplete)
-
-    def _disconnect(self, error: OSError) -> None:
-        """Close a disconnected serial line; otherwise its invalid file descriptor would keep the event loop busy."""
-        _log.warning(
-            "serial line %s is disconnected (%s); reconnect it, it is then opened again", self._line.path, error
-        )
+    def _on_disconnect(self) -> None:
         self._buffer.clear()
-        self._close()
-        self._after(REOPEN_S, self._reopen)
-
-    def _reopen(self) -> None:
-        try:
-            self.start(self._loop)
-        except (OSError, ValueError):
-            self._after(REOPEN_S, self._reopen)
-        else:
-            _log.warning("serial line %s is connected again", self._line.path)
-
-    def _after(self, delay_s: float, function: Callable[[], None]) -> None:
-        """Call a function later, unless the server is stopped before."""
-
-        def due() -> None:
-            self._timers.discard(timer)
-            function()
-
-        timer = self._loop.call_later(delay_s, due)
-        self._timers.add(timer)
+        self._device.on_disconnect()
 
     def _process_buffer(self) -> None:
         """Serve the requests in the buffer, skip other bytes and leave an incomplete request in the buffer."""
@@ -219,12 +148,6 @@ class RtuServer:
             else:
                 del buffer[0]
 
-    def _discard_incomplete(self) -> None:
-        """Treat an incomplete request as noise and process the bytes after it."""
-        while self._buffer:
-            del self._buffer[0]
-            self._process_buffer()
-
     def _serve(self, frame: bytes) -> None:
         if self._models_wire:
             self._after(self._line.wire_s(len(frame)) + self._line.silence_s, lambda: self._execute(frame))
@@ -236,14 +159,6 @@ class RtuServer:
         reply = framed(unit, answer(self._device, frame[1:-2]))
         if unit != BROADCAST:
             self._after(self._line.wire_s(len(reply)) if self._models_wire else 0, lambda: self._send(reply))
-
-    def _send(self, reply: bytes) -> None:
-        if self._port is None:
-            return
-        try:
-            self._port.write(reply)
-        except OSError as error:
-            self._disconnect(error)
 
 
 def framed(unit: int, pdu: bytes) -> bytes:

@@ -22,7 +22,7 @@ _DEVICE_OF_WORD: Final = {"D": "D", "TN": "T", "CN": "C"}
 class AccessRefusal(Enum):
     """Reason for which a request is refused."""
 
-    NOT_READY = "no scan has been completed yet"
+    NOT_READY = "no scan has been completed yet, or too many writes wait for the next one"
     NO_DEVICE = "no such device"
     NOT_WRITABLE = "not writable"
     BAD_VALUE = "invalid value"
@@ -71,6 +71,9 @@ class DeviceAccess(Protocol):
 
     def set_running(self, *, running: bool) -> None:
         """Put the PLC into RUN or STOP."""
+
+    def refused(self, what: str, value: str, refusal: AccessRefusal) -> AccessRefusedError:
+        """Record a write that has no devices or a part of one, and return its error."""
 
 
 class AccessSource(Protocol):

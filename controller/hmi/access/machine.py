@@ -170,6 +170,7 @@ class MachineSession:
             if forcing.levels:
                 forcing.release_all()
                 self._note("force", "", "ended with the connection")
+        self._name = ""  # the next partner on a serial line is another one
 
     def read_bits(self, first: Device, count: int) -> list[bool]:
         """Return consecutive bits of the last scan."""
@@ -194,6 +195,7 @@ class MachineSession:
         if any(device.kind != "M" or device.number not in commands for device, _ in levels):
             values = str([int(level) for _, level in levels])
             raise self.refused(str(levels[0][0]), values, _refusal_of([device for device, _ in levels]))
+        self._state.snapshot()  # a jog needs the last scan: all commands of a request are refused together
         for device, level in levels:
             self._command(commands[device.number], level)
 
@@ -216,10 +218,10 @@ class MachineSession:
             "RUN" if running else "STOP", "", AccessRefusal.NOT_SUPPORTED, "remote RUN/STOP is not supported"
         )
 
-    def refused(self, what: str, value: str, refusal: AccessRefusal, why: str = "not writable") -> AccessRefusedError:
+    def refused(self, what: str, value: str, refusal: AccessRefusal, why: str = "") -> AccessRefusedError:
         """Record a refused write and return its error."""
         self._state.refused_writes += 1
-        self._note(what, value, f"refused: {why}")
+        self._note(what, value, f"refused: {why or refusal.value}")
         return AccessRefusedError(refusal)
 
     def _block(self, values: Sequence[tuple[Device, int]]) -> Callable[[Sequence[int]], None] | None:

@@ -29,6 +29,8 @@ from controller.io.pace import Pace
 
 _SIGN_16: Final = 0x8000
 _SIGN_32: Final = 0x8000_0000
+MAX_WRITES: Final = 1_000
+"""Number of writes per scan above which further ones are refused, so that a partner cannot fill the memory."""
 _STOPPED: Final = (False, True, False, True)
 """M8000-M8003 of a PLC in STOP: a real one answers 0Ah there (bomingfeng/Fx2N, doc: recordings of GPPW)."""
 
@@ -77,7 +79,13 @@ class LivePlc:
         self.latest = latest
 
     def write(self, action: Callable[[], None]) -> None:
-        """Call a function at the start of the next scan; thread-safe."""
+        """Call a function at the start of the next scan; thread-safe.
+
+        Raises:
+            AccessRefusedError: Too many writes wait for the next scan.
+        """
+        if len(self._writes) >= MAX_WRITES:
+            raise AccessRefusedError(AccessRefusal.NOT_READY)
         self._writes.append(action)
 
     def put_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
@@ -157,6 +165,10 @@ class LiveSession:
                 plc.stop()
 
         self._live.write(change)
+
+    def refused(self, _what: str, _value: str, refusal: AccessRefusal) -> AccessRefusedError:
+        """Return the error of a refused write; there is no audit log."""
+        return AccessRefusedError(refusal)
 
     def _snapshot(self) -> Snapshot:
         if self._live.latest is None:

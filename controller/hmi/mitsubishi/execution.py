@@ -86,6 +86,22 @@ def _words(access: DeviceAccess, first: Device, count: int) -> tuple[int, ...]:
 
 def _write(access: DeviceAccess, request: Request) -> None:
     """Write all bits and words of a request, or none."""
+    try:
+        bits, words = _written(request)
+    except AccessRefusedError as error:
+        raise access.refused(type(request).__name__, "", error.refusal) from error
+    if bits:
+        access.write_bits(bits)
+    else:
+        access.write_words(words)
+
+
+def _written(request: Request) -> tuple[BitPairs, WordPairs]:
+    """Return the bits or the words that a request writes.
+
+    Raises:
+        AccessRefusedError: A device does not exist, a value is not complete, or there are bits and words.
+    """
     bits: BitPairs = []
     words: WordPairs = []
     match request:
@@ -105,10 +121,7 @@ def _write(access: DeviceAccess, request: Request) -> None:
                 _add_words(block.first, block.values, bits, words)
     if bits and words:  # they could not be refused together
         raise AccessRefusedError(AccessRefusal.NOT_SUPPORTED)
-    if bits:
-        access.write_bits(bits)
-    else:
-        access.write_words(words)
+    return bits, words
 
 
 def _add_words(first: Device, values: Sequence[int], bits: BitPairs, words: WordPairs) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
-import importlib
-import logging
 from typing import Any, Final
 
+from controller.common.serial_server import SerialServer, open_port
 from controller.hmi.access.devices import AccessSource
 from controller.hmi.mitsubishi.port_session import PortSession
 from controller.hmi.serving.endpoints import SerialEndpoint
@@ -14,14 +12,9 @@ from controller.hmi.serving.endpoints import SerialEndpoint
 BAUD: Final = 9_600
 GAP_S: Final = 0.5
 """Idle time after which an incomplete frame is discarded, s (assumed)."""
-_RECEIVE_BYTES: Final = 256
-_WRITE_LIMIT_S: Final = 0.1
-"""Write timeout, s; a line that does not accept an answer within this time is treated as disconnected."""
-
-_log = logging.getLogger(__name__)
 
 
-class PortLine:
+class PortLine(SerialServer):
     """Server of one serial line with 9600 bit/s, 7 data bits, even parity and 1 stop bit."""
 
     def __init__(self, path: str, session: PortSession) -> None:
@@ -31,57 +24,27 @@ class PortLine:
             path: Device file.
             session: Programming port to serve.
         """
-        self._path = path
+        super().__init__(path, GAP_S)
         self._session = session
-        self._port: Any = None
-        self._loop: asyncio.AbstractEventLoop
-        self._gap: asyncio.TimerHandle | None = None
 
-    def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Open the serial line and start listening.
+    def _open(self) -> Any:
+        return open_port(self.path, BAUD, data_bits=7, parity="E", stop_bits=1)
 
-        Raises:
-            OSError, ValueError: The serial line cannot be opened, or does not support the settings.
-            ModuleNotFoundError: pyserial is not installed.
-        """
-        serial = importlib.import_module("serial")
-        self._port = serial.Serial(
-            self._path,
-            BAUD,
-            bytesize=serial.SEVENBITS,
-            parity=serial.PARITY_EVEN,
-            stopbits=serial.STOPBITS_ONE,
-            timeout=0,
-            write_timeout=_WRITE_LIMIT_S,
-        )
-        self._loop = loop
-        loop.add_reader(self._port.fileno(), self._read)
+    def _feed(self, data: bytes) -> None:
+        answers = self._session.feed(data)
+        if answers:
+            self._send(answers)
 
-    def stop(self) -> None:
-        """Close the serial line if it is open."""
-        if self._port is None:
-            return
-        self._loop.remove_reader(self._port.fileno())
-        self._port.close()
-        self._port = None
-        if self._gap is not None:
-            self._gap.cancel()
+    @property
+    def _is_waiting(self) -> bool:
+        return self._session.is_waiting
+
+    def _discard_incomplete(self) -> None:
+        self._session.discard()
+
+    def _on_disconnect(self) -> None:
         self._session.discard()
         self._session.on_disconnect()
-
-    def _read(self) -> None:
-        if self._gap is not None:
-            self._gap.cancel()
-        try:
-            answers = self._session.feed(self._port.read(_RECEIVE_BYTES))
-            if answers:
-                self._port.write(answers)
-        except OSError as error:
-            _log.warning("serial line %s is disconnected (%s); reconnect it and start again", self._path, error)
-            self.stop()
-            return
-        if self._session.is_waiting:
-            self._gap = self._loop.call_later(GAP_S, self._session.discard)
 
 
 def programming_port(source: AccessSource, path: str, option: str) -> SerialEndpoint:
@@ -92,4 +55,4 @@ def programming_port(source: AccessSource, path: str, option: str) -> SerialEndp
         path: Device file.
         option: Command-line option of the line, for error messages.
     """
-    return SerialEndpoint(PortLine(path, PortSession(source.session(path))), path, option)
+    return SerialEndpoint(PortLine(path, PortSession(source.session(path))), option)

@@ -112,9 +112,10 @@ class PortSession:
         return answers
 
     def _answer(self, frame: bytes) -> bytes:
-        self._access.on_request()
         try:
-            return self._execute(decode_request(frame))
+            request = decode_request(frame)
+            self._access.on_request()  # a damaged frame, which may be noise, renews no jog
+            return self._execute(request)
         except (FrameError, AccessRefusedError):
             return NAK
 
@@ -136,7 +137,7 @@ class PortSession:
             case ForceBit(space, number, level):
                 device = bit_device(space, number)
                 if device is None:
-                    raise AccessRefusedError(AccessRefusal.NO_DEVICE)
+                    raise self._access.refused(f"{space} bit {number:04X}h", str(int(level)), AccessRefusal.NO_DEVICE)
                 self._access.write_bits([(device, level)])
             case OtherCommand():
                 raise AccessRefusedError(AccessRefusal.NOT_SUPPORTED)
@@ -184,8 +185,9 @@ class PortSession:
     def _write(self, space: Space, address: int, data: bytes) -> None:
         """Write consecutive devices of one region; parts of words are refused."""
         region = region_of(space, address)
+        where, content = f"{space} address {address:04X}h", data.hex(" ")
         if region is None or address + len(data) > region.end:
-            raise AccessRefusedError(AccessRefusal.NO_DEVICE)
+            raise self._access.refused(where, content, AccessRefusal.NO_DEVICE)
         first, offset = region.first, address - region.address
         if region.bits == 1:
             number = int.from_bytes(data, "little")
@@ -196,7 +198,7 @@ class PortSession:
             return
         size = region.bits // 8
         if offset % size or len(data) % size:
-            raise AccessRefusedError(AccessRefusal.BAD_VALUE)
+            raise self._access.refused(where, content, AccessRefusal.BAD_VALUE)
         start = first.number + offset // size
         values = [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
         self._access.write_words([(Device(first.kind, start + index), value) for index, value in enumerate(values)])

@@ -61,7 +61,7 @@ def modbus_tcp(
 
 def modbus_rtu(source: AccessSource, identity: Mapping[int, str], line: SerialLine) -> SerialEndpoint:
     """Return a Modbus RTU line."""
-    return SerialEndpoint(RtuServer(line, HmiSession(source.session(line.path), identity)), line.path, "--hmi-serial")
+    return SerialEndpoint(RtuServer(line, HmiSession(source.session(line.path), identity)), "--hmi-serial")
 
 
 def tls_context(options: HmiOptions) -> ssl.SSLContext | None:

@@ -12,6 +12,7 @@ from controller.common.connections import ConnectionServer, FrameSession, Traffi
 from controller.common.errors import InputError
 from controller.common.extras import install_hint
 from controller.common.modbus.address import checked_host, listening_remedy
+from controller.common.serial_server import SerialServer
 
 HANDSHAKE_S: Final = 5.0
 """TLS handshake timeout, s; a client still in the handshake does not count as a connection."""
@@ -41,16 +42,6 @@ class Endpoint(Protocol):
     @property
     def connections(self) -> int:
         """Number of connected clients."""
-
-
-class SerialServer(Protocol):
-    """Server of one serial line."""
-
-    def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Open the serial line and start listening."""
-
-    def stop(self) -> None:
-        """Close the serial line if it is open."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,18 +163,16 @@ class TcpEndpoint:
 class SerialEndpoint:
     """Serial line."""
 
-    def __init__(self, server: SerialServer, path: str, option: str) -> None:
+    def __init__(self, server: SerialServer, option: str) -> None:
         """Initialise without opening the line.
 
         Args:
             server: Server of the line.
-            path: Device file, for error messages.
             option: Command-line option of the line, for error messages.
         """
         self.traffic = Traffic()
         self.connections = 0
         self._server = server
-        self._path = path
         self._option = option
 
     async def start(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -198,7 +187,7 @@ class SerialEndpoint:
             raise ServerError(f"{self._option}: {install_hint(error)}") from error
         except (OSError, ValueError, OverflowError) as error:
             raise ServerError(
-                f"serial line {self._path}: {error}; specify another {self._option}, or omit it"
+                f"serial line {self._server.path}: {error}; specify another {self._option}, or omit it"
             ) from error
 
     async def stop(self) -> None:

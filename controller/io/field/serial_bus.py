@@ -28,7 +28,6 @@ _CONFIRMATION: Final = 8
 _REFUSAL: Final = 5
 _SHORTEST: Final = 5
 _LONGEST: Final = 256
-_WRITE_LIMIT_S: Final = 0.1
 
 
 class RtuBus(BusLine):
@@ -48,7 +47,7 @@ class RtuBus(BusLine):
         super().__init__(settings.path)
         self._settings = settings
         self._silence_s = max(_LEAST_SILENCE_S, _SILENCE_CHARACTERS * _BITS_A_CHARACTER / settings.baud)
-        self._serial: Any = importlib.import_module("serial")
+        importlib.import_module("serial")  # reports a missing module before the first exchange
         self._port: Any = None
         self._unit = 0
         self._request: ModbusRequest | None = None
@@ -61,16 +60,8 @@ class RtuBus(BusLine):
 
     def begin(self) -> None:
         """Open the device file."""
-        settings = self._settings
         try:
-            self._port = self._serial.Serial(
-                settings.path,
-                settings.baud,
-                parity=settings.parity,
-                stopbits=settings.stop_bits,
-                timeout=0,
-                write_timeout=_WRITE_LIMIT_S,
-            )
+            self._port = self._settings.open()
         except (ValueError, OverflowError) as error:
             raise OSError(str(error)) from error
         self._discard()

@@ -13,7 +13,8 @@ import pytest
 from modbus_tk import defines, modbus_rtu  # type: ignore[import-untyped]
 from pymodbus.client import ModbusSerialClient
 
-from controller.common.modbus.rtu import REOPEN_S, SerialLine, framed
+from controller.common.modbus.rtu import SerialLine, framed
+from controller.common.serial_server import REOPEN_S
 from plant_sim.benchmark.serial_cable import SerialCable
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.links.telemetry import TELEMETRY_REGISTERS, read_telemetry

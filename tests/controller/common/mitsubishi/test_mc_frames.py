@@ -192,6 +192,15 @@ def test_invalid_3e_requests_have_the_end_codes_of_an_fx5u(body: str, code: int)
     assert code_3e(body) == code
 
 
+@pytest.mark.parametrize("number", [b"      ", b" 1 2  ", b"  +100", b"00000A"])
+def test_an_ascii_device_without_a_number_is_refused_with_the_code_of_a_wrong_digit(number: bytes) -> None:
+    body = b"001004010000D*" + number + b"0001"
+    data = b"500000FF03FF00%04X" % len(body) + body
+    with pytest.raises(RequestError) as error:
+        Frame3E.of(data).decode_request(data)
+    assert error.value.code == mc3e.NOT_HEXADECIMAL
+
+
 @pytest.mark.parametrize(
     ("header", "code"), [("500001FFFF0300", mc3e.WRONG_ROUTE), ("500000FFE00300", mc3e.WRONG_MODULE)]
 )

@@ -18,12 +18,12 @@ from controller.common.mitsubishi.client import McClient
 from controller.common.mitsubishi.devices import Device
 from controller.common.mitsubishi.fx_port import encode
 from controller.common.mitsubishi.mc3e import Frame3E
-from controller.common.mitsubishi.requests import RemoteRun, RemoteStop
+from controller.common.mitsubishi.requests import RefusedError, RemoteRun, RemoteStop
 from controller.fx.engine.plc import FxPlc
 from controller.fx.language.cpu_model import FX3U
 from controller.fx.language.il import read_il
 from controller.hmi.access.devices import AccessRefusal, AccessRefusedError
-from controller.hmi.ladder.live import LivePlc, LiveSession
+from controller.hmi.ladder.live import MAX_WRITES, LivePlc, LiveSession
 from controller.hmi.modbus.fx3u_map import coil_address, discrete_address, register_address
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import PATIENT_S
@@ -95,6 +95,25 @@ def test_a_write_to_a_device_that_does_not_exist_is_refused_as_a_whole(
     rig.scan()
     assert not rig.live.plc.memory.M[0]
     assert rig.live.plc.memory.D[0] == 1
+
+
+def test_writes_beyond_the_limit_of_a_scan_are_refused(rig: LiveRig) -> None:
+    """Otherwise one client fills the memory between two slow scans."""
+    rig.scan()
+    for value in range(MAX_WRITES):
+        rig.session.write_words([(D("D5"), value)])
+    refused: list[Callable[[], None]] = [
+        lambda: rig.session.write_words([(D("D5"), 0)]),
+        lambda: rig.session.write_bits([(D("M0"), True)]),
+        lambda: rig.session.set_running(running=False),
+    ]
+    for write in refused:
+        with pytest.raises(AccessRefusedError) as error:
+            write()
+        assert error.value.refusal is AccessRefusal.NOT_READY
+    rig.scan()
+    assert rig.session.read_words(D("D5"), 1) == [MAX_WRITES - 1]
+    rig.session.write_words([(D("D5"), 7)])
 
 
 def test_stop_turns_the_outputs_off_and_run_starts_again(rig: LiveRig) -> None:
@@ -222,6 +241,26 @@ def test_invalid_options_are_reported_in_one_line(
     assert controller(["ladder", "run", str(program), *options]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert message in line
+
+
+def test_cpu_and_modules_apply_to_a_live_program(tmp_path: Path) -> None:
+    """Devices and instructions of an FX3U, and FROM of a module, whose buffer has no other source."""
+    program, modules = tmp_path / "fx3u.il", tmp_path / "modules.yaml"
+    program.write_text("LD M8000\nDEMOV E1.5 D0\nOUT M7600\nOUT T300 K1\nFROM K0 K1 D10 K1\nEND\n", encoding="utf-8")
+    modules.write_text("modules:\n  - {position: 0, model: buffer, size: 2, initial: {1: 77}}\n", encoding="utf-8")
+    options = ["--cpu", "fx3u", "--modules", str(modules), "--serve-mc", "3e", "--mc-port", "0"]
+    with Process("ladder", ["controller", "ladder", "run", str(program), *options]) as process:
+        port = json.loads(process.next_line(LIMIT_S) or "{}")["mc_port"]
+        with McClient("127.0.0.1", port, Frame3E(), timeout_s=PATIENT_S) as mc:
+            until(lambda: mc.read_bits(D("M7600"), 1) == (True,))
+            until(lambda: mc.read_bits(D("T300"), 1) == (True,))
+            assert mc.read_words(D("D0"), 2) == (0, 0x3FC0), "1.5"
+            assert mc.read_words(D("D10"), 1) == (77,)
+            mc.write_bits(D("S4095"), [True])
+            until(lambda: mc.read_bits(D("S4095"), 1) == (True,))
+            with pytest.raises(RefusedError):
+                mc.read_bits(D("M7600"), 400)
+        assert process.stop() == 0
 
 
 def test_a_port_in_use_is_reported_in_one_line(program: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import socket
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -24,6 +25,7 @@ from controller.common.mitsubishi.requests import (
     SelfTest,
     TypeName,
     WriteBits,
+    WriteBlocks,
     WriteRandomBits,
     WriteRandomWords,
     WriteWords,
@@ -157,7 +159,7 @@ def test_random_and_block_reads(frame: Frame3E) -> None:
 # --- writes ---------------------------------------------------------------------------------------
 
 
-def image(rig: McRig) -> tuple[object, ...]:
+def image(rig: McRig) -> tuple[list[Any], ...]:
     memory = rig.hmi.twin.plc.memory
     return (*(memory.bits(kind).copy() for kind in "XYMSTC"), memory.D.copy(), memory.TV.copy(), memory.CV.copy())
 
@@ -233,6 +235,24 @@ def test_a_set_point_out_of_range_or_beside_another_device_is_refused_as_a_whole
     assert refused(client, pair) == codes(rig.frame)["not writable"]
     rig.hmi.twin.scan()
     assert rig.hmi.twin.plc.memory.D[first.number] == value
+
+
+def test_writes_without_a_target_are_in_the_audit_log_and_change_nothing() -> None:
+    """Half of a 32-bit counter, bits together with words, and a special device that an FX2N does not have."""
+    with McRig(Frame3E()) as rig:
+        before = image(rig)
+        client, target = rig.client(), set_point(rig, "trays_target")
+        bits = (WriteWords(command(rig, "acknowledge"), (1,)),)
+        for request, code in (
+            (WriteWords(D("CN200"), (1,)), 0xC05C),
+            (WriteBlocks((WriteWords(target, (7,)),), bits), 0xC05F),
+            (WriteBits(Device("SM", 400), (True,)), 0xC056),
+        ):
+            assert refused(client, request)[0] == code
+        assert [row[2] for row in rig.hmi.audits] == ["WriteWords", "WriteBlocks", "WriteBits"]
+        assert all(row[4].startswith("refused: ") for row in rig.hmi.audits)
+        rig.hmi.twin.scan()
+        assert rig.hmi.twin.plc.memory.D[target.number] == before[6][target.number]
 
 
 def test_a_jog_ends_with_its_connection() -> None:
@@ -343,6 +363,18 @@ def test_reads_before_the_first_scan_are_refused() -> None:
             client = rig.client()
             assert refused(client, ReadWords(D("D0"), 1)) == expected
             client.close()
+
+
+def test_commands_before_the_first_scan_are_refused_together() -> None:
+    rig = McRig(Frame3E())
+    seen = record_commands(rig.hmi)
+    with rig.hmi.server:
+        client = rig.client()
+        commands = ((command(rig, "acknowledge"), True), (command(rig, jog_command("left.lift_retract")), True))
+        assert refused(client, WriteRandomBits(commands))[0] == 0xC05F
+        rig.hmi.twin.scan()
+        assert seen == [set()]
+        client.close()
 
 
 def test_without_a_modbus_port_only_the_mc_protocol_is_served() -> None:

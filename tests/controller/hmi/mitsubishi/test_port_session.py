@@ -222,6 +222,9 @@ def test_the_whitelist_of_the_machine_applies_to_forces_and_writes() -> None:
             assert ask(WriteMemory(space, address_of(space, target), b"\xff\x7f")) == NAK, "out of range"
             after = (hmi.twin.plc.memory.Y.copy(), hmi.twin.plc.memory.D.copy(), hmi.twin.plc.memory.M.copy())
             assert after == before
-            assert len(hmi.audits) == audited + 14
+            assert ask(WriteMemory(space, address_of(space, target) + 1, b"\x07")) == NAK, "half of a word"
+            assert ask(ForceBit(space, 0xFFFF, level=True)) == NAK, "no device"
+            assert ask(WriteMemory("program", 0x805C, b"\0")) == NAK, "the program"
+            assert len(hmi.audits) == audited + 17
             assert {row[0] for row in hmi.audits} == {"line"}
         assert decode_bytes(ask(ReadMemory("basic", 0x0E02, 2))) == b"\x24\x5e", "the model of an FX2N"
