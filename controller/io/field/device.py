@@ -205,6 +205,10 @@ class FieldDevice:
             for first, numbers in self.registers
         ]
 
+    def safe_writes(self, image: Sequence[bool], value_of: dict[int, int]) -> list[Exchange]:
+        """Return the exchanges that write the outputs and then the output registers."""
+        return [*(self.writes(image) if self.outputs else ()), *self.write_words(value_of)]
+
     def read_owner(self) -> Generator[Exchange, None, OwnerReport]:
         """Read who owns the outputs.
 

@@ -253,6 +253,47 @@ def test_a_device_that_lends_its_outputs_to_another_master_makes_the_others_safe
     assert not any(box.outputs)
 
 
+class Drive(Box):
+    """Box with one holding register, the speed of a drive."""
+
+    speed = 0
+
+    def write(self, table: str, offset: int, value: int, client: object) -> None:
+        self.speed = value
+
+
+@pytest.mark.parametrize("way", ["exit", "loss", "other master"])
+def test_a_register_is_made_safe_although_the_outputs_of_another_device_cannot_be_written(
+    way: str, stack: ExitStack, tmp_path: Path
+) -> None:
+    plant, drive = stack.enter_context(Rig()), Drive()
+    module = stack.enter_context(TcpModule(drive))
+    tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS)[1:]
+    path = file_of(
+        tmp_path,
+        device("plant", "coils", tcp(plant.server.port), tags),
+        device("drive", "coils", tcp(module.port), "{planter_speed: 0}"),
+    )
+    rig = FieldRig(path, [], wired("planter_speed"))
+    stack.callback(rig.link.close)
+    rig.start()
+    rig.link.write_registers([456])
+    assert drive.speed == 456
+    if way == "other master":
+        rig.link.devices[0].line.close()
+        plant.client().ask(ALL_OFF)
+        rig.link.open()
+        with pytest.raises(OutputsTakenError, match="plant"):
+            rig.link.write_outputs(rig.io_map.safe_outputs())
+    else:
+        plant.thread.call(plant.server.end)
+        if way == "exit":
+            assert not rig.runtime.write_safe_outputs()
+        else:
+            rig.scan(12)
+    assert drive.speed == 0
+
+
 # ---- poll groups -----------------------------------------------------------------------------------------------
 
 
