@@ -11,6 +11,7 @@ from pathlib import Path
 from controller.cli.machine import add_io_map, machine_of
 from controller.cli.run_field import (
     add_field_arguments,
+    add_link_limit,
     check_field_numbers,
     field_plan,
     output_guard,
@@ -55,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``run``."""
     add_io_map(parser)
     add_field_arguments(parser)
+    add_link_limit(parser)
     parser.add_argument(
         "--check",
         action="store_true",

@@ -79,7 +79,7 @@ class FieldDevice:
         self._is_ready = False
         self._received: bytes | None = None
         self._trips: int | None = 0
-        """Value of the trip counter at the last reset; 0 = at power-up, because a trip may be older than this process."""
+        """Value of the trip counter at the last reset; 0 = at power-up: a trip may be older than this process."""
         self._written_s: float | None = None
         self._echoes = random.Random()
 

@@ -232,7 +232,7 @@ def test_a_trip_before_the_start_is_reset_by_the_first_clear(profile: str, stack
     """An earlier controller has ended, and the watchdog of the module has tripped since."""
     box = MODULES[profile]()
     assert isinstance(box, Coupler)
-    earlier, module = rig_of(stack, tmp_path, profile, box)
+    earlier, _ = rig_of(stack, tmp_path, profile, box)
     earlier.link.close()
     box.advance(WATCHDOG_MS)
     assert box.is_tripped
