@@ -160,8 +160,8 @@ def run(options: argparse.Namespace) -> int:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
-    _report_end(runtime, figures, options)
-    return 0 if figures.outputs_safe or runtime.ownership.taken else 1
+    _report_end(runtime, link, figures, options)
+    return 0 if figures.outputs_safe or runtime.ownership.taken or not link.unwritten else 1
 
 
 def _runtime(
@@ -217,9 +217,13 @@ def _report_ready(runtime: Runtime, stack: ExitStack) -> None:
     manager.send(READY)
 
 
-def _report_end(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> None:
-    left = runtime.ownership.taken or "no response from the field"
-    outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
+def _report_end(runtime: Runtime, link: DevicesLink, figures: LoopFigures, options: argparse.Namespace) -> None:
+    outputs = "set to their safe levels"
+    if runtime.ownership.taken:
+        outputs = f"NOT written: {runtime.ownership.taken}"
+    elif link.unwritten and not figures.outputs_safe:
+        others = "" if len(link.devices) == 1 else "; those of all other devices are at their safe levels"
+        outputs = f"NOT written: no response from field I/O {', '.join(link.unwritten)}{others}"
     note = ""
     if not options.simulated_time:
         note = exit_note(

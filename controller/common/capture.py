@@ -27,6 +27,7 @@ W, H and S do not occur.
 from __future__ import annotations
 
 import json
+import logging
 import queue
 import re
 import threading
@@ -37,6 +38,8 @@ from types import TracebackType
 from typing import Final, Self, TextIO
 
 from controller.common.errors import InputError
+
+_log = logging.getLogger(__name__)
 
 FIRST_LINE: Final = "transplanter-capture 1"
 CONTROLLER: Final = "controller"
@@ -192,11 +195,18 @@ class CaptureWriter:
         self._lines.put(f"{at_ms} {text}")
 
     def _write(self) -> None:
-        with self._file as file:
-            while (line := self._lines.get()) is not None:
-                file.write(f"{line}\n")
-                if self._lines.empty():
-                    file.flush()
+        """Write the lines; after an error, for example a full disk, the capture ends and the machine continues."""
+        line: str | None = ""
+        try:
+            with self._file as file:
+                while (line := self._lines.get()) is not None:
+                    file.write(f"{line}\n")
+                    if self._lines.empty():
+                        file.flush()
+        except OSError as error:
+            _log.error("capture %s ends here: %s", self._file.name, error.strerror)
+            while line is not None:
+                line = self._lines.get()
 
 
 def read_capture(path: Path) -> Capture:

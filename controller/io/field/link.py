@@ -57,6 +57,13 @@ class DevicesLink:
         return {device.label: device.error for device in self.devices if not device.is_open and device.error}
 
     @property
+    def unwritten(self) -> tuple[str, ...]:
+        """Labels of the devices with outputs or registers that are closed after an error."""
+        return tuple(
+            each.label for each in self.devices if each.label in self.lost and (each.outputs or each.registers)
+        )
+
+    @property
     def tripped(self) -> tuple[str, ...]:
         """Labels of the devices whose output watchdog has tripped and has not been reset."""
         return tuple(device.label for device in self.devices if device.tripped)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import resource
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from controller.cli.main import main
-from controller.common.capture import Capture, read_capture
+from controller.common.capture import CONTROLLER, Capture, CaptureHeader, CaptureWriter, read_capture
 from controller.program.states import State
 from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.operator import Operator
@@ -233,6 +234,24 @@ def test_an_invalid_capture_is_one_line_with_file_line_key_and_remedy(
     assert printed.out == ""
     assert printed.err.count("\n") == 1
     assert printed.err.startswith(f"{path}:{message}")
+
+
+def test_a_full_disk_ends_the_capture_with_one_message(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The limit of the size of a file acts as a full disk; the scans continue, and what was written can be read."""
+    path = tmp_path / "run.capture"
+    header = CaptureHeader("test", CONTROLLER, "0", 22, 18, 10, 10, "2026-11-23T19:00:00Z")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, before[1]))
+    try:
+        with CaptureWriter(path, header) as writer:
+            for number in range(2_000):
+                writer.image(10 * number, "X", [number % 2 == 0] * 22)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [record.getMessage() for record in caplog.records] == [f"capture {path} ends here: File too large"]
+    capture = read_capture(path)
+    assert not capture.is_closed
+    assert 0 < capture.end_ms < 20_000
 
 
 def test_missing_files_and_existing_ones_are_refused(

@@ -361,3 +361,32 @@ def test_the_command_in_real_time(stack: ExitStack, tmp_path: Path) -> None:
     assert next_event(controller, event="field", change="back")["device"] == name
     assert controller.stop() == 0
     assert not any(boxes[1].outputs[: len(OUTPUT_TAGS)])
+
+
+@pytest.mark.parametrize(
+    ("lost", "code", "said"),
+    [
+        (0, 0, "stopped, outputs set to their safe levels; "),
+        (1, 1, "stopped, outputs NOT written: no response from field I/O valves ({}); those of all other devices are"),
+    ],
+    ids=["inputs", "outputs"],
+)
+def test_the_last_line_names_the_devices_that_were_not_written(
+    lost: int, code: int, said: str, stack: ExitStack, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    boxes = (Box(), Box(), Box())
+    modules = [stack.enter_context(TcpModule(box)) for box in boxes]
+    tags = (INPUT_TAGS, OUTPUT_TAGS[:HALF], OUTPUT_TAGS[HALF:])
+    names = (("sensors", "inputs-only"), ("valves", "coils"), ("claws", "coils"))
+    entries = [
+        device(*name, tcp(module.port), wires(each), timeout_ms=200)
+        for name, module, each in zip(names, modules, tags, strict=True)
+    ]
+    options = ["--field", str(file_of(tmp_path, *entries)), "--retain", str(tmp_path / "retentive.json")]
+    more = ["--events", "json", "--no-hmi", "--link-limit-ms", "500"]
+    controller = stack.enter_context(Process("controller", ["controller", "run", *options, *more]))
+    next_event(controller, event="state", state=int(State.STOPPED))
+    modules[lost].unplug()
+    next_event(controller, event="field", change="lost")
+    assert controller.stop() == code
+    assert said.format(f"127.0.0.1:{modules[lost].port}") in capfd.readouterr().err
