@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import resource
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from controller.cli.main import main
-from controller.common.capture import CONTROLLER, Capture, CaptureHeader, CaptureWriter, read_capture
+from controller.common.capture import CONTROLLER, PROXY, Capture, CaptureHeader, CaptureWriter, read_capture
+from controller.core.clock import MonotonicClock
+from controller.io.capture_proxy import Decoder, _Connection
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.states import State
 from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.operator import Operator
@@ -167,6 +171,40 @@ def test_the_proxy_captures_the_traffic_of_both_directions(tmp_path: Path, capsy
         assert found == expected
     assert main(["capture", "replay", str(path)]) == 2
     assert "a capture of a proxy does not contain the scans" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("host", "reason"), [("127.0.0.1", "Connect call failed"), ("..", "encoding with 'idna'")])
+def test_the_proxy_reports_a_field_that_it_cannot_reach_once(
+    host: str, reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = str(reserved.getsockname()[1])
+    path = tmp_path / "proxy.capture"
+    arguments = ("capture", "record", str(path), "--listen-port", "0", "--host", host, "--port", port)
+    proxy, line = started("proxy", "controller", *arguments)
+    with proxy:
+        for _ in range(2):
+            with socket.create_connection(("127.0.0.1", int(line.rpartition(":")[2])), timeout=LIMIT_S) as master:
+                assert master.recv(1) == b"", "the connection is ended on the side of the master as well"
+        assert proxy.stop() == 0
+    error = capfd.readouterr().err
+    assert error.count("\n") == 1
+    assert error.startswith(f"no field I/O at {host}:{port}: ")
+    assert reason in error
+
+
+def test_the_proxy_decodes_nothing_after_an_invalid_header(tmp_path: Path) -> None:
+    """A frame that follows the invalid header in the data of the next packet is forwarded only."""
+    io_map = load_io_map(DEFAULT_IO_MAP)
+    header = CaptureHeader("test", PROXY, "0", 22, 18, 0, 0, "2026-11-23T19:00:00Z")
+    path = tmp_path / "proxy.capture"
+    frame = bytes.fromhex("0001 0000 0006 01 05 0000 ff00")
+    with CaptureWriter(path, header) as writer:
+        connection = _Connection(Decoder(io_map, writer, MonotonicClock()))
+        connection.feed("request", b"\xff" * 12)
+        connection.feed("request", frame)
+        connection.feed("answer", frame)
+    assert [entry.kind for entry in read_capture(path).entries] == ["E"]
 
 
 def test_a_killed_controller_leaves_a_capture_that_can_be_replayed(
