@@ -71,7 +71,9 @@ class RtuBus(BusLine):
                 timeout=0,
                 write_timeout=_WRITE_LIMIT_S,
             )
-        except (ValueError, OverflowError) as error:
+        except OSError:
+            raise
+        except Exception as error:  # termios.error of an adapter that vanishes meanwhile, or a rate that it lacks
             raise OSError(str(error)) from error
         self._discard()
 
