@@ -19,7 +19,7 @@ from controller.cli.run_field import (
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
-from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter
+from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter, new_file_problem
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
@@ -266,8 +266,8 @@ def _check_numbers(options: argparse.Namespace) -> None:
             raise InputError(f"{name} {value}: must be {least} to {most}")
     if options.simulated_time and options.real_time_priority is not None:
         raise RealTimeError("--real-time-priority: simulated time does not follow the clock; omit --simulated-time")
-    if options.capture is not None and options.capture.exists():
-        raise InputError(f"--capture {options.capture}: File exists; choose a new file in a writable folder")
+    if options.capture is not None and (problem := new_file_problem(options.capture)):
+        raise InputError(f"--capture {options.capture}: {problem}; choose a new file in a writable folder")
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
         raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
     check_field_numbers(options)

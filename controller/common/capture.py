@@ -26,8 +26,10 @@ W, H and S do not occur.
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
+import os
 import queue
 import re
 import threading
@@ -47,6 +49,15 @@ PROXY: Final = "proxy"
 SOURCES: Final = (CONTROLLER, PROXY)
 _DIVIDER: Final = "---"
 _ENTRY: Final = re.compile(r"(\d{1,12}) ([XYWHSE])(?: (\S{1,80}))?(?: (-?\d{1,6}))?")
+
+
+def new_file_problem(path: Path) -> str:
+    """Return the reason for which a file cannot be created, before anything is started; empty = none known."""
+    if path.exists():
+        return os.strerror(errno.EEXIST)
+    if not path.parent.is_dir():
+        return os.strerror(errno.ENOENT)
+    return "" if os.access(path.parent, os.W_OK) else os.strerror(errno.EACCES)
 
 
 class CaptureError(InputError):

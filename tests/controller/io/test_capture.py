@@ -299,12 +299,17 @@ def test_missing_files_and_existing_ones_are_refused(
         (["capture", "replay", str(tmp_path / "no")], f"{tmp_path}/no: No such file or directory; specify a capture"),
         (["capture", "record", str(captured)], f"{captured}: File exists; choose a new file in a writable folder"),
         (["run", "--capture", str(captured)], f"--capture {captured}: File exists; choose a new file in a writable"),
+        (
+            ["run", "--capture", str(tmp_path / "no" / "x"), "--retain", str(tmp_path / "retain" / "memory")],
+            f"--capture {tmp_path}/no/x: No such file or directory; choose a new file in a writable folder",
+        ),
         (["capture", "record", "x", "--port", "0"], "--port 0: must be 1 to 65535"),
     ):
         assert main(arguments) == 2
         error = capsys.readouterr().err
         assert error.startswith(message)
         assert error.count("\n") == 1
+    assert not [*tmp_path.iterdir()], "the controller was not started"
     (tmp_path / "binary").write_bytes(b"\xff\xfe")
     assert plant_main(["replay", str(tmp_path / "binary")]) == 2
     assert capsys.readouterr().err.startswith(f"{tmp_path}/binary: not UTF-8 text; specify a capture")
