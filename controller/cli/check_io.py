@@ -24,7 +24,8 @@ from controller.iomap.loader import IoMap, Point, load_io_map
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``check-io``."""
     add_io_map(parser)
-    add_field_arguments(parser)
+    # One late answer ends the check, so that it waits longer than the scan of a running machine would.
+    add_field_arguments(parser, timeout_ms=100)
     parser.add_argument(
         "--only",
         action="append",
@@ -36,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--machine-name", default="-", help="name of the machine in the report")
     parser.add_argument("--tester", default="", help="name of the person in the report (default: filled in by hand)")
     parser.add_argument("--out", type=Path, default=Path("var"), metavar="FOLDER", help="folder of the report")
-    # One late answer ends the check, so that it waits longer than the scan of a running machine would.
-    parser.set_defaults(scan_ms=round(1_000 * PERIOD_S), simulated_time=False, timeout_ms=100, link_limit_ms=500)
+    parser.set_defaults(scan_ms=round(1_000 * PERIOD_S), simulated_time=False)
 
 
 def run(options: argparse.Namespace) -> int:

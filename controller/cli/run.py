@@ -11,6 +11,7 @@ from pathlib import Path
 from controller.cli.machine import add_io_map, machine_of
 from controller.cli.run_field import (
     add_field_arguments,
+    add_link_limit,
     check_field_numbers,
     field_plan,
     output_guard,
@@ -18,7 +19,7 @@ from controller.cli.run_field import (
     wait_for_field,
 )
 from controller.cli.run_operator import add_hmi_arguments, add_mitsubishi_arguments, operator_interfaces
-from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter
+from controller.common.capture import CONTROLLER, CaptureHeader, CaptureWriter, new_file_problem
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION
@@ -55,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``run``."""
     add_io_map(parser)
     add_field_arguments(parser)
+    add_link_limit(parser)
     parser.add_argument(
         "--check",
         action="store_true",
@@ -158,8 +160,8 @@ def run(options: argparse.Namespace) -> int:
             run_real_time(runtime, MonotonicClock(), scan_ms=options.scan_ms, stop=stop, figures=figures)
         else:
             run_simulated_time(runtime, pace, scan_ms=options.scan_ms, stop=stop, figures=figures)
-    _report_end(runtime, figures, options)
-    return 0 if figures.outputs_safe or runtime.ownership.taken else 1
+    _report_end(runtime, link, figures, options)
+    return 0 if figures.outputs_safe or runtime.ownership.taken or not link.unwritten else 1
 
 
 def _runtime(
@@ -215,9 +217,13 @@ def _report_ready(runtime: Runtime, stack: ExitStack) -> None:
     manager.send(READY)
 
 
-def _report_end(runtime: Runtime, figures: LoopFigures, options: argparse.Namespace) -> None:
-    left = runtime.ownership.taken or "no response from the field"
-    outputs = "set to their safe levels" if figures.outputs_safe else f"NOT written: {left}"
+def _report_end(runtime: Runtime, link: DevicesLink, figures: LoopFigures, options: argparse.Namespace) -> None:
+    outputs = "set to their safe levels"
+    if runtime.ownership.taken:
+        outputs = f"NOT written: {runtime.ownership.taken}"
+    elif link.unwritten and not figures.outputs_safe:
+        others = "" if len(link.devices) == 1 else "; those of all other devices are at their safe levels"
+        outputs = f"NOT written: no response from field I/O {', '.join(link.unwritten)}{others}"
     note = ""
     if not options.simulated_time:
         note = exit_note(
@@ -260,8 +266,8 @@ def _check_numbers(options: argparse.Namespace) -> None:
             raise InputError(f"{name} {value}: must be {least} to {most}")
     if options.simulated_time and options.real_time_priority is not None:
         raise RealTimeError("--real-time-priority: simulated time does not follow the clock; omit --simulated-time")
-    if options.capture is not None and options.capture.exists():
-        raise InputError(f"--capture {options.capture}: File exists; choose a new file in a writable folder")
+    if options.capture is not None and (problem := new_file_problem(options.capture)):
+        raise InputError(f"--capture {options.capture}: {problem}; choose a new file in a writable folder")
     if options.panel_limit_ms is not None and not 100 <= options.panel_limit_ms <= 600_000:
         raise InputError(f"--panel-limit-ms {options.panel_limit_ms}: must be 100 to 600000")
     check_field_numbers(options)

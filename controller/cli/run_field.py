@@ -23,12 +23,12 @@ IDENTITY_MS = 50
 sides must report a second master."""
 MODULES: Final = {None: "coils", "beckhoff-ek9000": "beckhoff-ek9000-coils"}
 """Profile by value of ``--module``."""
-_OF_ONE_DEVICE: Final = {"host": "127.0.0.1", "port": 5020, "unit": 1, "module": None, "timeout_ms": 30}
-"""Options of the field I/O that a field file replaces, and their defaults."""
+_OF_ONE_DEVICE: Final = ("host", "port", "unit", "module", "timeout_ms")
+"""Options of the field I/O that a field file replaces."""
 
 
-def add_field_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the field I/O."""
+def add_field_arguments(parser: argparse.ArgumentParser, *, timeout_ms: int = 30) -> None:
+    """Add the options of the field I/O; `timeout_ms` is the default timeout of one response."""
     parser.add_argument(
         "--field",
         type=Path,
@@ -37,9 +37,9 @@ def add_field_arguments(parser: argparse.ArgumentParser) -> None:
         help="field file: devices, their connections and the place of every wire (default: one Modbus TCP device, "
         "given by --host, --port and --unit, with the offsets of the I/O map)",
     )
-    parser.add_argument("--host", default=_OF_ONE_DEVICE["host"], help="Modbus TCP address of the field I/O")
-    parser.add_argument("--port", type=int, default=_OF_ONE_DEVICE["port"], help="Modbus TCP port of the field I/O")
-    parser.add_argument("--unit", type=int, default=_OF_ONE_DEVICE["unit"], help="Modbus unit identifier")
+    parser.add_argument("--host", default="127.0.0.1", help="Modbus TCP address of the field I/O")
+    parser.add_argument("--port", type=int, default=5020, help="Modbus TCP port of the field I/O")
+    parser.add_argument("--unit", type=int, default=1, help="Modbus unit identifier")
     parser.add_argument(
         "--module",
         choices=sorted(filter(None, MODULES)),
@@ -49,9 +49,14 @@ def add_field_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timeout-ms",
         type=int,
-        default=_OF_ONE_DEVICE["timeout_ms"],
+        default=timeout_ms,
         help="timeout of one response of the field I/O, ms",
     )
+    parser.set_defaults(link_limit_ms=None, one_device={name: parser.get_default(name) for name in _OF_ONE_DEVICE})
+
+
+def add_link_limit(parser: argparse.ArgumentParser) -> None:
+    """Add the time limit of the field link, for a command that bridges short interruptions."""
     parser.add_argument(
         "--link-limit-ms",
         type=int,
@@ -75,7 +80,7 @@ def field_plan(io_map: IoMap, options: argparse.Namespace) -> FieldPlan:
             timeout_ms=options.timeout_ms,
             profile=MODULES[options.module],
         )
-    for name, default in _OF_ONE_DEVICE.items():
+    for name, default in options.one_device.items():
         if getattr(options, name) != default:
             option = f"--{name.replace('_', '-')}"
             raise InputError(f"{option}: cannot be combined with --field; write it in {options.field}")
@@ -117,8 +122,10 @@ def check_field_numbers(options: argparse.Namespace) -> None:
         ("--timeout-ms", options.timeout_ms, 1, 10_000),
         ("--link-limit-ms", options.link_limit_ms, 1, 10_000),
     ):
-        if not least <= value <= most:
+        if value is not None and not least <= value <= most:
             raise InputError(f"{name} {value}: must be {least} to {most}")
+    if options.link_limit_ms is None:
+        return
     least_ms = options.timeout_ms + options.scan_ms
     # A response takes no simulated time.
     if options.field is None and options.link_limit_ms <= least_ms and not options.simulated_time:
@@ -154,19 +161,24 @@ def wait_for_field(link: DevicesLink, guard: ModbusOutputGuard, stop: Stop) -> b
 
 
 def _check_times(plan: FieldPlan, options: argparse.Namespace) -> None:
-    """Check that a loss is detected in time, and that the output watchdogs do not trip before."""
+    """Check that a loss is detected in time, and that the output watchdogs do not trip before.
+
+    Without a limit of the link, the first missing answer is a loss.
+    """
     least_ms = plan.wait_ms + options.scan_ms
-    if options.link_limit_ms <= least_ms and not options.simulated_time:
+    limit_ms = least_ms if options.link_limit_ms is None else options.link_limit_ms
+    if options.link_limit_ms is not None and limit_ms <= least_ms and not options.simulated_time:
         device = max(plan.devices, key=lambda device: device.timeout_ms)
         raise FieldFileError(
             f"{plan.path}:{device.file_line}: {device.name}.timeout_ms: the timeouts plus --scan-ms are {least_ms} ms "
-            f"(added on a serial line), not less than --link-limit-ms {options.link_limit_ms}; shorten timeout_ms or "
+            f"(added on a serial line), not less than --link-limit-ms {limit_ms}; shorten timeout_ms or "
             "give a longer --link-limit-ms"
         )
     for device in plan.devices:
-        longest_ms = options.link_limit_ms + device.poll_every * options.scan_ms
+        longest_ms = limit_ms + device.poll_every * options.scan_ms
+        limit = "the timeouts" if options.link_limit_ms is None else "--link-limit-ms"
         if device.watchdog_ms is not None and device.watchdog_ms <= longest_ms:
             raise FieldFileError(
                 f"{plan.path}:{device.file_line}: {device.name}.watchdog_ms: {device.watchdog_ms} ms is not longer "
-                f"than --link-limit-ms plus the polling interval, {longest_ms} ms; write a longer time"
+                f"than {limit} plus the polling interval, {longest_ms} ms; write a longer time"
             )

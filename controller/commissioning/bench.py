@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Final
 
@@ -10,7 +11,8 @@ from controller.commissioning.hold import HoldToRun
 from controller.commissioning.terminal import Keyboard
 from controller.common.stop_request import Stop
 from controller.core.clock import Clock
-from controller.io.link import FieldLink, OutputsTakenError
+from controller.io.field.link import DevicesLink
+from controller.io.link import OutputsTakenError
 from controller.iomap.loader import IoMap, Point
 
 PERIOD_S: Final = 0.02
@@ -40,7 +42,7 @@ class CheckBench:
         drives: True once the outputs may be written; they are then written in every exchange.
     """
 
-    def __init__(self, link: FieldLink, io_map: IoMap, keyboard: Keyboard, clock: Clock, stop: Stop) -> None:
+    def __init__(self, link: DevicesLink, io_map: IoMap, keyboard: Keyboard, clock: Clock, stop: Stop) -> None:
         """Create a bench on a closed link; `step` opens it."""
         self.io_map = io_map
         self.levels: Levels = {}
@@ -58,7 +60,7 @@ class CheckBench:
             held: Output that is on; all others are safe.
 
         Raises:
-            FieldLostError: The exchange failed; the outputs are off or the watchdog of the module switches them off.
+            FieldLostError: The exchange failed, or an output watchdog has tripped.
             StoppedError: The check must end.
             TerminalLostError: The terminal has been closed.
         """
@@ -79,26 +81,57 @@ class CheckBench:
             raw = self._link.read_inputs()
         except (OSError, OutputsTakenError) as error:
             raise FieldLostError(str(error)) from error
+        if self.tripped:
+            raise FieldLostError(self.tripped)
         self.levels = {point.tag: point.active(raw[point.number]) for point in self.io_map.inputs}
+
+    @property
+    def tripped(self) -> str:
+        """Modules whose output watchdog has tripped since the outputs are written; empty = none."""
+        return ", ".join(self._link.tripped) if self.drives else ""
+
+    def drive(self) -> str:
+        """Begin to write the outputs; return the names of the modules whose output watchdog has been reset.
+
+        Nothing has been written before, so that a watchdog may have tripped. Opening the link again shows it.
+
+        Raises:
+            FieldLostError: The exchange failed, or a module remains tripped.
+        """
+        try:
+            self._link.close()
+            self._link.open()
+            tripped = self._link.tripped
+            self._link.reset_tripped()
+        except OSError as error:
+            raise FieldLostError(str(error)) from error
+        self.drives = True
+        self.exchange()
+        return ", ".join(tripped)
 
     def make_safe(self) -> bool:
         """Write the safe levels of all outputs and registers, also after a failure; return True if accepted."""
         if not self.drives:
             return True
         for _ in range(SAFE_TRIES):
-            try:
+            with contextlib.suppress(OSError):  # the devices that are connected are written although another is lost
                 self._link.open()
-                self._link.write_outputs(self._safe)
-                if self.io_map.registers:
-                    self._link.write_registers(self.io_map.safe_registers())
+            try:
+                self._write_safe()
             except OutputsTakenError:
                 return False
             except OSError:
-                self._link.close()
                 self._stop.wait(PERIOD_S)
             else:
                 return True
         return False
+
+    def _write_safe(self) -> None:
+        try:
+            self._link.write_outputs(self._safe)
+        finally:
+            if self.io_map.registers:
+                self._link.write_registers(self.io_map.safe_registers())
 
     def ask(self, text: str, answers: str) -> str:
         """Print a question and return one of the permitted keys, Enter as a line feed.

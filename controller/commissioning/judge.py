@@ -11,7 +11,7 @@ from controller.iomap.loader import Point
 
 
 class WireResult(Enum):
-    """WireResult of the check of one point."""
+    """Result of the check of one point."""
 
     OK = "ok"
     SWAPPED = "swapped"
@@ -26,10 +26,10 @@ class WireResult(Enum):
 
 @dataclass(frozen=True, slots=True)
 class WireFinding:
-    """WireResult of one point.
+    """Result of one point.
 
     Attributes:
-        result: WireResult.
+        result: Result.
         others: Tags of the other points that reacted.
         note: Key of the text of an additional remark, or a remark of the person; empty = none.
     """

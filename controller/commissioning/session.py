@@ -56,6 +56,7 @@ class CheckSession:
     def run(self) -> None:
         """Check all points; the outputs are safe at every end, and the report states how the check ended."""
         report = self._report
+        lost = ""
         try:
             self._check_inputs([point for point in report.points if point.device == "X"])
             self._check_outputs([point for point in report.points if point.device == "Y"])
@@ -65,12 +66,22 @@ class CheckSession:
         except (StoppedError, TerminalLostError):
             report.end = "stopped"
         except FieldLostError as error:
-            report.end = "lost"
-            with contextlib.suppress(TerminalLostError):
-                self._bench.keyboard.show(said(REASONS["link"], self._language, error=str(error)))
+            lost = str(error)
         finally:
             self._bench.make_safe()
             report.ended_ms = self._now_utc_ms()
+        if lost:
+            with contextlib.suppress(TerminalLostError):
+                self._report_loss(lost)
+
+    def _report_loss(self, error: str) -> None:
+        """Report a lost device, or a trip, which is known after the safe outputs have been written."""
+        devices = self._bench.tripped
+        self._report.end = "tripped" if devices else "lost"
+        if devices:
+            self._say("tripped", devices=devices)
+        else:
+            self._bench.keyboard.show(said(REASONS["link"], self._language, error=error))
 
     def _check_inputs(self, points: Sequence[Point]) -> None:
         if points:
@@ -97,7 +108,9 @@ class CheckSession:
         self._report.watchdog_confirmed = self._ask("watchdog", "yn\n") == "y"
         if not self._report.watchdog_confirmed:
             return
-        self._bench.drives = True
+        devices = self._bench.drive()
+        if devices:
+            self._say("reset", devices=devices)
         before, changes = self._bench.watch(SETTLE_MS)
         for tag in outputs_of(motions(before, changes)):
             self._record(self._bench.io_map[tag], WireFinding(WireResult.UNCOMMANDED))
@@ -150,6 +163,7 @@ class CheckSession:
         sensed = is_sensed(point.tag, self._report.findings)
         before = dict(self._bench.levels)
         seen: list[Change] = []
+        was_on = False
 
         def decided(changes: list[Change]) -> bool:
             return sensed and is_decided(point.tag, before, [*seen, *changes], self._bench.levels)
@@ -158,13 +172,14 @@ class CheckSession:
             self._say("hold", point)
             held = self._bench.hold(point, lambda: refusal(point.tag, self._bench.levels), decided)
             seen += held.changes
+            was_on |= held.was_on
             if held.end in REASONS:
                 self._say("ended", reason=said(REASONS[held.end], self._language))
             if held.end == "q":
                 raise QuitError
             if held.end == "s":
                 return set()
-            if held.end in ("\n", "reacted"):
+            if held.end in ("\n", "reacted") and was_on:  # Enter alone is no verdict on an output that was never on
                 break
         _, coasting = self._bench.watch(SETTLE_MS)
         seen += coasting

@@ -75,7 +75,7 @@ class Terminal:
 def single_keys(stop: StopRequest) -> Iterator[Terminal]:
     """Deliver every key at once within a `with` block, without echo; Ctrl-Z and Ctrl-S do not stop the process.
 
-    A closed terminal (SIGHUP) is a request to stop.
+    A closed terminal (SIGHUP) and the quit key (SIGQUIT) are requests to stop.
 
     Raises:
         InputError: Standard input is not a terminal.
@@ -90,7 +90,7 @@ def single_keys(stop: StopRequest) -> Iterator[Terminal]:
     now[0] &= ~termios.IXON
     now[3] &= ~(termios.ICANON | termios.ECHO)
     handlers = {
-        signal.SIGHUP: signal.signal(signal.SIGHUP, lambda *_: stop.set()),
+        **{number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGHUP, signal.SIGQUIT)},
         signal.SIGTSTP: signal.signal(signal.SIGTSTP, signal.SIG_IGN),
     }
     termios.tcsetattr(fd, termios.TCSAFLUSH, now)

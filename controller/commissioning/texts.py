@@ -43,6 +43,13 @@ PROMPTS: Final = {
     ),
     "refused": Text("{point}: not permitted now: {reason}", "{point}：当前不允许：{reason}"),
     "ended": Text("off: {reason}", "已断开：{reason}"),
+    "reset": Text(
+        "The output watchdog of {devices} had tripped; it has been reset.",
+        "{devices} 的输出看门狗曾动作，现已复位。",
+    ),
+    "tripped": Text(
+        "The output watchdog of {devices} has tripped; the check ends.", "{devices} 的输出看门狗已动作，检查结束。"
+    ),
     "result": Text("{point}: {result}", "{point}：{result}"),
     "report": Text("report: {path}", "报告：{path}"),
 }
@@ -104,13 +111,14 @@ REPORT: Final = {
     "quit": Text("ended by the tester", "由检查人结束"),
     "stopped": Text("request to stop, or terminal lost", "请求停止或终端丢失"),
     "lost": Text("field I/O lost", "现场 I/O 丢失"),
+    "tripped": Text("output watchdog of a module tripped", "模块的输出看门狗动作"),
     "summary": Text(
         "{ok} of {all} points correct, {faults} faulty, {left} not tested",
         "{all} 点中 {ok} 点正确，{faults} 点有误，{left} 点未检查",
     ),
     "address": Text("Address", "地址"),
     "name": Text("Point", "点"),
-    "result": Text("WireResult", "结果"),
+    "result": Text("Result", "结果"),
     "note": Text("Remark", "备注"),
     "at": Text("Time (UTC)", "时间（UTC）"),
     "date": Text("Date", "日期"),

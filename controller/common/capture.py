@@ -26,7 +26,10 @@ W, H and S do not occur.
 
 from __future__ import annotations
 
+import errno
 import json
+import logging
+import os
 import queue
 import re
 import threading
@@ -38,12 +41,23 @@ from typing import Final, Self, TextIO
 
 from controller.common.errors import InputError
 
+_log = logging.getLogger(__name__)
+
 FIRST_LINE: Final = "transplanter-capture 1"
 CONTROLLER: Final = "controller"
 PROXY: Final = "proxy"
 SOURCES: Final = (CONTROLLER, PROXY)
 _DIVIDER: Final = "---"
 _ENTRY: Final = re.compile(r"(\d{1,12}) ([XYWHSE])(?: (\S{1,80}))?(?: (-?\d{1,6}))?")
+
+
+def new_file_problem(path: Path) -> str:
+    """Return the reason for which a file cannot be created, before anything is started; empty = none known."""
+    if path.exists():
+        return os.strerror(errno.EEXIST)
+    if not path.parent.is_dir():
+        return os.strerror(errno.ENOENT)
+    return "" if os.access(path.parent, os.W_OK) else os.strerror(errno.EACCES)
 
 
 class CaptureError(InputError):
@@ -192,11 +206,18 @@ class CaptureWriter:
         self._lines.put(f"{at_ms} {text}")
 
     def _write(self) -> None:
-        with self._file as file:
-            while (line := self._lines.get()) is not None:
-                file.write(f"{line}\n")
-                if self._lines.empty():
-                    file.flush()
+        """Write the lines; after an error, for example a full disk, the capture ends and the machine continues."""
+        line: str | None = ""
+        try:
+            with self._file as file:
+                while (line := self._lines.get()) is not None:
+                    file.write(f"{line}\n")
+                    if self._lines.empty():
+                        file.flush()
+        except OSError as error:
+            _log.error("capture %s ends here: %s", self._file.name, error.strerror)
+            while line is not None:
+                line = self._lines.get()
 
 
 def read_capture(path: Path) -> Capture:

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: the request to stop, from the first line of a process to its end.
+"""SIGINT, SIGTERM and SIGHUP: the request to stop, from the first line of a process to its end.
 
 A service, such as the controller, must write its outputs and close its files before it ends. Its handler therefore only
 records the request, and the service looks for it. Any other command is interrupted by `KeyboardInterrupt`.
@@ -18,7 +18,8 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Final, NoReturn, Protocol, Self
 
-SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals that end a process; SIGHUP, which Windows lacks, comes from a terminal that is closed."""
 REPEAT_S: Final = 1.0
 """Time within which repeated signals count as one interruption of a command, s (assumed): a held key."""
 
@@ -34,7 +35,7 @@ class Stop(Protocol):
 
 
 class StopRequest:
-    """Request to stop this process, made by SIGINT or SIGTERM and never withdrawn.
+    """Request to stop this process, made by one of `SIGNALS` and never withdrawn.
 
     A handler runs between two instructions of the main thread, which may hold the lock of a `threading.Event`. `set`
     therefore takes no lock: it writes to a socket, for which `wait`, and any `select`, can wait in every thread.
@@ -94,26 +95,26 @@ class StopRequest:
             self._actions.remove(action)
 
     def listen(self) -> None:
-        """Let SIGINT and SIGTERM make the request."""
+        """Let the signals make the request; SIGHUP only if it is not ignored, as it is after ``nohup``."""
         self._listens = True
-        for number in SIGNALS:
+        for number in _effective():
             signal.signal(number, lambda *_: self.set())
 
     def interrupt(self) -> None:
-        """Let SIGINT and SIGTERM raise `KeyboardInterrupt` instead; no effect before `listen`.
+        """Let the signals raise `KeyboardInterrupt` instead; no effect before `listen`.
 
         Raises:
             KeyboardInterrupt: The request has been made.
         """
         if not self._listens:
             return
-        for number in SIGNALS:
+        for number in _effective():
             signal.signal(number, self._raise)
         if self._is_set:
             self._raise()
 
     def collect(self) -> None:
-        """Let SIGINT and SIGTERM make the request again, after `interrupt`; no effect before `listen`."""
+        """Let the signals make the request again, after `interrupt`; no effect before `listen`."""
         if self._listens:
             self.listen()
 
@@ -123,6 +124,11 @@ class StopRequest:
         if now_s - self._raised_s >= REPEAT_S:
             self._raised_s = now_s
             raise KeyboardInterrupt
+
+
+def _effective() -> list[int]:
+    """Return the signals that can end this process."""
+    return [number for number in SIGNALS if number in SIGNALS[:2] or signal.getsignal(number) is not signal.SIG_IGN]
 
 
 @contextmanager
@@ -151,7 +157,7 @@ def interrupts_blocked() -> Iterator[None]:
 
 
 def ignore_signals() -> None:
-    """Ignore SIGINT and SIGTERM from now on, at the end of a process.
+    """Ignore the signals from now on, at the end of a process.
 
     The interpreter joins threads and calls exit functions after the main function. A signal in this phase would print
     "Exception ignored", or end the process with the exit code of the signal.

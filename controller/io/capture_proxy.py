@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import struct
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -18,11 +19,16 @@ from controller.common.stop_request import StopRequest
 from controller.core.clock import Clock
 from controller.iomap.loader import IoMap, Point
 
+_log = logging.getLogger(__name__)
+
 READ_INPUTS: Final = 2
 WRITE_COIL: Final = 5
 WRITE_COILS: Final = 15
 _MAX_WAITING: Final = 64
 """Requests of one connection that are remembered until their answers (assumed); masters send one at a time."""
+
+
+_Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
 class Decoder:
@@ -63,16 +69,20 @@ class _Connection:
     def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
         self._waiting: dict[int, bytes] = {}
-        self._parts = {"request": b"", "answer": b""}
+        self._parts: dict[str, bytes | None] = {"request": b"", "answer": b""}
+        """Incomplete frame of each direction; None after an invalid header."""
 
     def feed(self, direction: str, data: bytes) -> None:
         """Decode the complete frames; after an invalid header the rest of the connection is only forwarded."""
-        rest = self._parts[direction] + data
+        before = self._parts[direction]
+        if before is None:
+            return
+        rest = before + data
         while len(rest) >= HEADER.size:
             transaction, protocol, length, _ = HEADER.unpack_from(rest)
             if protocol != 0 or not MIN_LENGTH <= length <= MAX_LENGTH:
-                rest = b""
-                break
+                self._parts[direction] = None
+                return
             if len(rest) < UNCOUNTED_BYTES + length:
                 break
             pdu, rest = rest[HEADER.size : UNCOUNTED_BYTES + length], rest[UNCOUNTED_BYTES + length :]
@@ -91,7 +101,7 @@ async def forward(
     """Forward all connections until the request to stop.
 
     A connection ends on both sides as soon as one side ends it, so that the watchdog and the lease of the field I/O act
-    as without the proxy.
+    as without the proxy. A field I/O that cannot be reached is reported once, until a connection has succeeded.
 
     Args:
         listen: Address and port to listen on; port 0 = any free port.
@@ -106,14 +116,24 @@ async def forward(
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     tasks: set[asyncio.Task[None]] = set()
+    problem = ""
 
     async def connect(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal problem
         task = asyncio.current_task()
         if task is not None:
             tasks.add(task)
             task.add_done_callback(tasks.discard)
         with contextlib.closing(writer), contextlib.suppress(OSError):
-            await _relay(reader, writer, field, _Connection(decoder))
+            try:
+                far = await asyncio.open_connection(*field)
+            except (OSError, UnicodeError) as error:
+                before, problem = problem, str(error)
+                if problem != before:
+                    _log.warning("no field I/O at %s:%d: %s; check --host and --port", *field, problem)
+            else:
+                problem = ""
+                await _relay((reader, writer), far, _Connection(decoder))
 
     server = await asyncio.start_server(connect, *listen)
     with stop.calling(lambda: loop.call_soon_threadsafe(ended.set)):
@@ -125,12 +145,10 @@ async def forward(
             await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _relay(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, field: tuple[str, int], connection: _Connection
-) -> None:
-    """Forward one connection to the field I/O until one side ends it."""
+async def _relay(near: _Streams, far: _Streams, connection: _Connection) -> None:
+    """Forward between the master and the field I/O until one side ends the connection."""
     loop = asyncio.get_running_loop()
-    field_reader, field_writer = await asyncio.open_connection(*field)
+    (reader, writer), (field_reader, field_writer) = near, far
     with contextlib.closing(field_writer):
         pumps = [
             loop.create_task(_pump(reader, field_writer, connection, "request")),

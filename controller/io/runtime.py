@@ -332,12 +332,21 @@ class Runtime(Saved):
         """Write outputs and registers; return the Y image.
 
         Registers are written first, because the complete block of outputs advances a plant in lock step. Safe values
-        are written after the outputs, so that a device that refuses them does not keep the outputs on.
+        are written after the outputs, so that a device that refuses them does not keep the outputs on, and also if a
+        device with outputs is lost.
         """
-        if self.released_words and self.released_words != self._safe_words:
+        if not self.released_words:
+            self.link.write_outputs(self.released)
+        elif self.released_words != self._safe_words:
             self.link.write_registers(self.released_words)
-        self.link.write_outputs(self.released)
-        if self.released_words and self.released_words == self._safe_words:
+            self.link.write_outputs(self.released)
+        else:
+            try:
+                self.link.write_outputs(self.released)
+            except OSError:
+                with suppress(OSError):
+                    self.link.write_registers(self.released_words)
+                raise
             self.link.write_registers(self.released_words)
         return self.released
 

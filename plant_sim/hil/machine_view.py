@@ -1,4 +1,4 @@
-"""MachineView of a controller by its outputs: which are on, when they changed, and when the machine last moved."""
+"""View of a controller by its outputs: which are on, when they changed, and when the machine last moved."""
 
 from __future__ import annotations
 

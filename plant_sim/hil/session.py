@@ -31,7 +31,7 @@ SHORTEST_MS: Final = 30
 
 
 class CaseVerdict(enum.StrEnum):
-    """CaseVerdict on a case."""
+    """Verdict on a case."""
 
     PASSED = "passed"
     FAILED = "failed"

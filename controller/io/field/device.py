@@ -78,8 +78,8 @@ class FieldDevice:
         self.has_inputs = False
         self._is_ready = False
         self._received: bytes | None = None
-        self._trips: int | None = None
-        """Value of the trip counter at the last reset."""
+        self._trips: int | None = 0
+        """Value of the trip counter at the last reset; 0 = at power-up: a trip may be older than this process."""
         self._written_s: float | None = None
         self._echoes = random.Random()
 
@@ -204,6 +204,10 @@ class FieldDevice:
             self._exchange(write_registers(first, [value_of[number] for number in numbers]))
             for first, numbers in self.registers
         ]
+
+    def safe_writes(self, image: Sequence[bool], value_of: dict[int, int]) -> list[Exchange]:
+        """Return the exchanges that write the outputs and then the output registers."""
+        return [*(self.writes(image) if self.outputs else ()), *self.write_words(value_of)]
 
     def read_owner(self) -> Generator[Exchange, None, OwnerReport]:
         """Read who owns the outputs.

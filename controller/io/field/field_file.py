@@ -249,6 +249,11 @@ class _FieldReader:
         if device.watchdog_ms is not None and not traits.has_watchdog_setting and traits.trip is None:
             text = f"profile {device.profile} cannot set the watchdog; use the tool of the module and delete the key"
             self._fault((*path, "watchdog_ms"), text)
+        units = [each.watchdog_unit_ms for each in traits.settings or () if each.watchdog_unit_ms is not None]
+        if units and (device.watchdog_ms or 0) % units[0] != 0:
+            self._fault(
+                (*path, "watchdog_ms"), f"{device.watchdog_ms} is no multiple of {units[0]} ms; write a multiple"
+            )
         if (traits.trip is None) != (not traits.reset):
             self._fault(path, "has only one of trip and reset; write both, see the manual of the module")
         if device.profile == "outputs-safe-mode" and traits.trip is None:
@@ -284,7 +289,9 @@ class _FieldReader:
             self._fault(path, f"device {plan.name} has no {kind}; move the wire to another device")
             return
         table, register, bit = place
-        if register > _LAST_OFFSET:
+        area = plan.traits.outputs if point.device == "Y" else None
+        shift = 0 if area is None or area.read_back is None else area.read_back - area.first
+        if max(register, register + shift) > _LAST_OFFSET:
             self._fault(path, f"{offset} is beyond the last register; write a smaller offset")
         endpoint = (plan.line.host, plan.line.port) if isinstance(plan.line, TcpEntry) else plan.line
         what = f"{table} {register}" if bit is None else f"{table} {register}, bit {bit}"

@@ -48,12 +48,20 @@ class DevicesLink:
         self._output_count = io_map.output_count
         self._safe = io_map.safe_outputs()
         self._registers = [register.number for register in io_map.registers]
+        self._safe_words = dict(zip(self._registers, io_map.safe_registers(), strict=True))
         self._scan = 0
 
     @property
     def lost(self) -> dict[str, str]:
         """Reason of each device that is closed after an error, by its label."""
         return {device.label: device.error for device in self.devices if not device.is_open and device.error}
+
+    @property
+    def unwritten(self) -> tuple[str, ...]:
+        """Labels of the devices with outputs or registers that are closed after an error."""
+        return tuple(
+            each.label for each in self.devices if each.label in self.lost and (each.outputs or each.registers)
+        )
 
     @property
     def tripped(self) -> tuple[str, ...]:
@@ -195,8 +203,8 @@ class DevicesLink:
 
         self._transfer(devices, make, confirm_or_note)
         if taken:
-            others = [each for each in self.devices if each.outputs and each.is_open and each not in taken]
-            exchange_all(each for device in others if not device.tripped for each in device.writes(self._safe))
+            others = [each for each in self.devices if each.is_open and not each.tripped and each not in taken]
+            exchange_all(each for device in others for each in device.safe_writes(self._safe, self._safe_words))
             raise OutputsTakenError("; ".join(taken.values()))
 
     def _transfer(

@@ -59,7 +59,10 @@ class TcpBus(BusLine):
             return
         self.close()
         if self._address is None:  # once, because a name server must not delay a scan
-            self._address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0]
+            try:
+                self._address = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0]
+            except UnicodeError as error:
+                raise OSError(f"{self._host!r} is no host name") from error
         family, kind, protocol, _, address = self._address
         connecting = self._connecting = socket.socket(family, kind, protocol)
         connecting.setblocking(False)

@@ -118,7 +118,7 @@ class Person:
 
     def __init__(
         self,
-        plant: WiredPlant,
+        plant: WiredPlant | None,
         folder: Path,
         *options: str,
         dead: Collection[str] = (),
@@ -128,7 +128,7 @@ class Person:
         """Start the command.
 
         Args:
-            plant: Plant.
+            plant: Plant; None = the devices of a field file in `options`.
             folder: Folder of the report.
             options: Further options of the command.
             dead: Inputs whose sensors cannot be operated.
@@ -145,10 +145,10 @@ class Person:
         self._received = b""
         self._operated = ""
         self.terminal, theirs = pty.openpty()
-        command = [sys.executable, "-m", "controller", "check-io", "--port", str(plant.port), "--out", str(folder)]
-        patient = ["--timeout-ms", "5000", "--link-limit-ms", "10000"]
+        command = [sys.executable, "-m", "controller", "check-io", "--out", str(folder)]
+        one_device = [] if plant is None else ["--port", str(plant.port), "--timeout-ms", "5000"]
         self.process = subprocess.Popen(
-            [*command, *patient, *options],
+            [*command, *one_device, *options],
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
@@ -232,11 +232,12 @@ class Person:
 
     def _operate(self, tag: str, state: bool) -> None:
         if tag not in self._dead:
+            assert self.plant is not None
             self._operated = tag
             self.plant.operate(tag, state)
 
     def _release(self) -> None:
-        if self._operated:
+        if self._operated and self.plant is not None:
             self.plant.operate(self._operated, None)
             self._operated = ""
 

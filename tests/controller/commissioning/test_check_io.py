@@ -56,6 +56,7 @@ def test_an_arm_without_errors_is_checked_in_an_order_that_its_interlocks_permit
     text = path.read_text(encoding="utf-8")
     assert "**6 of 6 points correct, 0 faulty, 0 not tested**" in text
     assert "| Tested by | A. Engineer | &nbsp; | &nbsp; |" in text
+    assert "| Address | Point | Result | Remark | Time (UTC) |" in text
     assert "- Output watchdog and emergency stop confirmed: yes\n- End of the check: complete" in text
 
 
@@ -260,7 +261,7 @@ def test_an_output_is_on_only_while_the_key_is_held(tmp_path: Path) -> None:
         assert not plant.module.tripped
 
 
-@pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "closed terminal", "SIGKILL"])
+@pytest.mark.parametrize("end", ["SIGINT", "SIGTERM", "SIGQUIT", "closed terminal", "SIGKILL"])
 def test_no_output_stays_on_at_any_end(end: str, tmp_path: Path) -> None:
     with wired_plant(lock_step_ms=None) as plant, Person(plant, tmp_path, *only(HELD)) as person:
         person.until("hold SPACE")

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import resource
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from controller.cli.main import main
-from controller.common.capture import Capture, read_capture
+from controller.common.capture import CONTROLLER, PROXY, Capture, CaptureHeader, CaptureWriter, read_capture
+from controller.core.clock import MonotonicClock
+from controller.io.capture_proxy import Decoder, _Connection
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.states import State
 from plant_sim.cli.main import main as plant_main
 from plant_sim.twin.operator import Operator
@@ -168,6 +173,40 @@ def test_the_proxy_captures_the_traffic_of_both_directions(tmp_path: Path, capsy
     assert "a capture of a proxy does not contain the scans" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("host", "reason"), [("127.0.0.1", "Connect call failed"), ("..", "encoding with 'idna'")])
+def test_the_proxy_reports_a_field_that_it_cannot_reach_once(
+    host: str, reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        port = str(reserved.getsockname()[1])
+    path = tmp_path / "proxy.capture"
+    arguments = ("capture", "record", str(path), "--listen-port", "0", "--host", host, "--port", port)
+    proxy, line = started("proxy", "controller", *arguments)
+    with proxy:
+        for _ in range(2):
+            with socket.create_connection(("127.0.0.1", int(line.rpartition(":")[2])), timeout=LIMIT_S) as master:
+                assert master.recv(1) == b"", "the connection is ended on the side of the master as well"
+        assert proxy.stop() == 0
+    error = capfd.readouterr().err
+    assert error.count("\n") == 1
+    assert error.startswith(f"no field I/O at {host}:{port}: ")
+    assert reason in error
+
+
+def test_the_proxy_decodes_nothing_after_an_invalid_header(tmp_path: Path) -> None:
+    """A frame that follows the invalid header in the data of the next packet is forwarded only."""
+    io_map = load_io_map(DEFAULT_IO_MAP)
+    header = CaptureHeader("test", PROXY, "0", 22, 18, 0, 0, "2026-11-23T19:00:00Z")
+    path = tmp_path / "proxy.capture"
+    frame = bytes.fromhex("0001 0000 0006 01 05 0000 ff00")
+    with CaptureWriter(path, header) as writer:
+        connection = _Connection(Decoder(io_map, writer, MonotonicClock()))
+        connection.feed("request", b"\xff" * 12)
+        connection.feed("request", frame)
+        connection.feed("answer", frame)
+    assert [entry.kind for entry in read_capture(path).entries] == ["E"]
+
+
 def test_a_killed_controller_leaves_a_capture_that_can_be_replayed(
     captured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -235,6 +274,24 @@ def test_an_invalid_capture_is_one_line_with_file_line_key_and_remedy(
     assert printed.err.startswith(f"{path}:{message}")
 
 
+def test_a_full_disk_ends_the_capture_with_one_message(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The limit of the size of a file acts as a full disk; the scans continue, and what was written can be read."""
+    path = tmp_path / "run.capture"
+    header = CaptureHeader("test", CONTROLLER, "0", 22, 18, 10, 10, "2026-11-23T19:00:00Z")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, before[1]))
+    try:
+        with CaptureWriter(path, header) as writer:
+            for number in range(2_000):
+                writer.image(10 * number, "X", [number % 2 == 0] * 22)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [record.getMessage() for record in caplog.records] == [f"capture {path} ends here: File too large"]
+    capture = read_capture(path)
+    assert not capture.is_closed
+    assert 0 < capture.end_ms < 20_000
+
+
 def test_missing_files_and_existing_ones_are_refused(
     captured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -242,12 +299,17 @@ def test_missing_files_and_existing_ones_are_refused(
         (["capture", "replay", str(tmp_path / "no")], f"{tmp_path}/no: No such file or directory; specify a capture"),
         (["capture", "record", str(captured)], f"{captured}: File exists; choose a new file in a writable folder"),
         (["run", "--capture", str(captured)], f"--capture {captured}: File exists; choose a new file in a writable"),
+        (
+            ["run", "--capture", str(tmp_path / "no" / "x"), "--retain", str(tmp_path / "retain" / "memory")],
+            f"--capture {tmp_path}/no/x: No such file or directory; choose a new file in a writable folder",
+        ),
         (["capture", "record", "x", "--port", "0"], "--port 0: must be 1 to 65535"),
     ):
         assert main(arguments) == 2
         error = capsys.readouterr().err
         assert error.startswith(message)
         assert error.count("\n") == 1
+    assert not [*tmp_path.iterdir()], "the controller was not started"
     (tmp_path / "binary").write_bytes(b"\xff\xfe")
     assert plant_main(["replay", str(tmp_path / "binary")]) == 2
     assert capsys.readouterr().err.startswith(f"{tmp_path}/binary: not UTF-8 text; specify a capture")

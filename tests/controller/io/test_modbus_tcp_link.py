@@ -265,6 +265,11 @@ def test_a_corrupted_answer_gives_an_image_or_a_link_error() -> None:
     assert min(outcomes.values()) > 10
 
 
+def test_an_impossible_host_name_is_an_error() -> None:
+    with pytest.raises(LinkError, match=r"\('\.\.' is no host name\)"):
+        ModbusTcpLink("..", 502, DELIVERED).open()
+
+
 def test_the_link_can_be_reopened_after_a_restart_of_the_server() -> None:
     module = IoModule(Plant(DELIVERED, MACHINE, seed=1), DELIVERED)
     with ServerThread(PlantServer(module, port=0, lock_step_ms=10)) as thread:

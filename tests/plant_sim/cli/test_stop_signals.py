@@ -1,13 +1,15 @@
-"""SIGINT and SIGTERM at real processes: exit code 0, safe outputs and no message, at any moment and more than once."""
+"""Stop signals and a closed terminal at real processes: safe outputs, no message, at any moment, more than once."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import signal
 import socket
 import subprocess
 import sys
+import termios
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -100,10 +102,13 @@ def plant() -> Iterator[tuple[Rig, Client]]:
         yield rig, rig.client()
 
 
-def controller(stdin: str, port: int, folder: Path) -> Service:
+def run_command(port: int, folder: Path) -> tuple[str, ...]:
     options = ("--timeout-ms", "5000", "--link-limit-ms", "10000", "--hmi-port", "0")
-    retain = str(folder / "retentive.json")
-    return Service(stdin, "controller", "run", "--port", str(port), "--retain", retain, *options, folder=folder)
+    return ("controller", "run", "--port", str(port), "--retain", str(folder / "retentive.json"), *options)
+
+
+def controller(stdin: str, port: int, folder: Path) -> Service:
+    return Service(stdin, *run_command(port, folder), folder=folder)
 
 
 def assert_quiet(errors: str) -> None:
@@ -135,6 +140,45 @@ def test_a_running_controller_ends_with_safe_outputs(
             service.stop(number)
         code, errors = service.end()
     assert (code, errors) == (0, "")
+
+
+def test_a_controller_whose_terminal_is_closed_ends_with_safe_outputs(stack: ExitStack, tmp_path: Path) -> None:
+    """The kernel sends SIGHUP, and neither standard output nor standard error can be written any more."""
+    with plant() as (rig, reader):
+        ours, theirs = pty.openpty()
+        process = subprocess.Popen(
+            [sys.executable, "-m", *run_command(rig.server.port, tmp_path)],
+            cwd=tmp_path,
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - as a login shell does
+        )
+        stack.callback(process.wait)
+        stack.callback(process.kill)
+        os.close(theirs)
+        printed = b""
+        for text, answer in ((b"Stopped", b"reset\n"), (b"Resetting", b"")):
+            while text not in printed:
+                printed += os.read(ours, 4_096)
+            os.write(ours, answer)
+        while reader.ask(read_pdu(1, 0, 18)) == ALL_OFF_NOW:
+            assert process.poll() is None
+        os.close(ours)
+        process.wait(LIMIT_S)
+        assert reader.ask(read_pdu(1, 0, 18)) == ALL_OFF_NOW
+        assert not rig.thread.call(lambda: rig.module.tripped), "the controller wrote the outputs, not the watchdog"
+
+
+def test_a_command_after_nohup_does_not_end_with_the_terminal() -> None:
+    program = (
+        "import os, signal; from controller.common.stop_request import StopRequest\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN); stop = StopRequest(); stop.listen()\n"
+        "os.kill(os.getpid(), signal.SIGHUP); print(stop.is_set())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert done.stdout == "False\n"
 
 
 @pytest.mark.parametrize(("stdin", "number"), first_of(WAYS, 2))

@@ -118,6 +118,13 @@ def test_a_register_without_a_point_is_not_transferred() -> None:
         ("    unit: 3\n", "    unit: 256\n", ":7: .*unit: cannot be 256; write 0 to 255"),
         ("timeout_ms: 20", "timeout_ms: 0", ":8: .*timeout_ms: cannot be 0; write 1 to 10000"),
         ("    watchdog_ms: 300\n", "", ":10: .*watchdog_ms is missing; write the time of the output watchdog"),
+        ("watchdog_ms: 300", "watchdog_ms: 250", ":14: .*watchdog_ms: 250 is no multiple of 100 ms; write a multiple"),
+        ("watchdog_ms: 300", "watchdog_ms: 50", ":14: .*watchdog_ms: 50 is no multiple of 100 ms; write a multiple"),
+        (
+            "watchdog_ms: 300",
+            "watchdog_ms: 300\n    outputs: {table: holding_register, read_back: 65535}",
+            ":16: .*: 32 is beyond the last register; write a smaller offset",
+        ),
         ("timeout_ms: 20", "watchdog_ms: 200", ":8: .*profile registers cannot set the watchdog; use the tool"),
         ("timeout_ms: 20", "poll_every: 5", ":9: .*start: must be exchanged in every scan; move it to a device entry"),
         ("timeout_ms: 20", "byte_order: big", ":8: .*byte_order: cannot be 'big'; write low_first or high_first"),
@@ -190,7 +197,7 @@ def test_inputs_on_a_box_with_outputs_only(tmp_path: Path) -> None:
         (("--field", "{field}", "--timeout-ms", "20"), "--timeout-ms: cannot be combined with --field"),
         (("--field", "no.yaml"), "no.yaml: cannot be read"),
         (("--field", "{field}", "--link-limit-ms", "50"), ":2: a.timeout_ms: the timeouts plus --scan-ms are 50 ms"),
-        (("--field", "{watchdog}"), ":2: a.watchdog_ms: 105 ms is not longer than --link-limit-ms plus the polling"),
+        (("--field", "{watchdog}"), ":2: a.watchdog_ms: 100 ms is not longer than --link-limit-ms plus the polling"),
     ],
 )
 def test_the_command_refuses_what_does_not_fit_with_exit_code_2(
@@ -202,7 +209,7 @@ def test_the_command_refuses_what_does_not_fit_with_exit_code_2(
     watchdog.mkdir()
     texts = {
         "{field}": str(field),
-        "{watchdog}": str(file_of(watchdog, device("a", "wago-750", tcp(502), ALL, "watchdog_ms: 105", timeout_ms=9))),
+        "{watchdog}": str(file_of(watchdog, device("a", "wago-750", tcp(502), ALL, "watchdog_ms: 100", timeout_ms=9))),
     }
     retain = tmp_path / "retentive.json"
     arguments = ["run", "--retain", str(retain), *(texts.get(option, option) for option in options)]

@@ -227,6 +227,27 @@ def test_a_trip_without_a_lost_link_aborts_the_machine(profile: str, stack: Exit
     assert (rig.state, box.is_tripped) == (State.STOPPED, False)
 
 
+@WITH_RESET
+def test_a_trip_before_the_start_is_reset_by_the_first_clear(profile: str, stack: ExitStack, tmp_path: Path) -> None:
+    """An earlier controller has ended, and the watchdog of the module has tripped since."""
+    box = MODULES[profile]()
+    assert isinstance(box, Coupler)
+    earlier, _ = rig_of(stack, tmp_path, profile, box)
+    earlier.link.close()
+    box.advance(WATCHDOG_MS)
+    assert box.is_tripped
+    rig = FieldRig(file_of(tmp_path, (tmp_path / "field.yaml").read_text().partition("devices:\n")[2]), [box])
+    stack.callback(rig.link.close)
+    rig.start()
+    rig.scan(5)
+    assert (rig.is_aborted, [event.change for event in rig.events]) == (True, ["tripped"])
+    rig.order("clear")
+    rig.scan(5)
+    assert (rig.state, box.is_tripped) == (State.STOPPED, False)
+    rig.move()
+    assert any(box.outputs)
+
+
 def test_a_module_that_remains_tripped_keeps_the_machine_aborted(stack: ExitStack, tmp_path: Path) -> None:
     class Stuck(Wago):
         def set(self, offset: int, value: int) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import termios
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -65,6 +67,23 @@ def test_two_units_on_one_serial_line(stack: ExitStack, tmp_path: Path) -> None:
     assert any(bus.boxes[2].outputs)
     bus.rig.scan(10)
     assert (bus.rig.is_aborted, bus.rig.events) == (False, [])
+
+
+def test_an_adapter_that_vanishes_while_it_is_opened_is_a_lost_device(
+    stack: ExitStack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus = Bus(stack, tmp_path)
+    bus.rig.start()
+
+    def flush(port: object) -> None:
+        raise termios.error(errno.EIO, "Input/output error")
+
+    bus.line.unplug()
+    bus.line.plug()
+    monkeypatch.setattr("serial.Serial._reset_input_buffer", flush)
+    bus.rig.scan(15)
+    assert bus.rig.is_aborted
+    assert {event.change for event in bus.rig.events} == {"lost"}
 
 
 def test_an_unplugged_serial_adapter_comes_back_by_itself(stack: ExitStack, tmp_path: Path) -> None:

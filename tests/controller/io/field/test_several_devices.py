@@ -253,6 +253,47 @@ def test_a_device_that_lends_its_outputs_to_another_master_makes_the_others_safe
     assert not any(box.outputs)
 
 
+class Drive(Box):
+    """Box with one holding register, the speed of a drive."""
+
+    speed = 0
+
+    def write(self, table: str, offset: int, value: int, client: object) -> None:
+        self.speed = value
+
+
+@pytest.mark.parametrize("way", ["exit", "loss", "other master"])
+def test_a_register_is_made_safe_although_the_outputs_of_another_device_cannot_be_written(
+    way: str, stack: ExitStack, tmp_path: Path
+) -> None:
+    plant, drive = stack.enter_context(Rig()), Drive()
+    module = stack.enter_context(TcpModule(drive))
+    tags = wires(INPUT_TAGS)[:-1] + ", " + wires(OUTPUT_TAGS)[1:]
+    path = file_of(
+        tmp_path,
+        device("plant", "coils", tcp(plant.server.port), tags),
+        device("drive", "coils", tcp(module.port), "{planter_speed: 0}"),
+    )
+    rig = FieldRig(path, [], wired("planter_speed"))
+    stack.callback(rig.link.close)
+    rig.start()
+    rig.link.write_registers([456])
+    assert drive.speed == 456
+    if way == "other master":
+        rig.link.devices[0].line.close()
+        plant.client().ask(ALL_OFF)
+        rig.link.open()
+        with pytest.raises(OutputsTakenError, match="plant"):
+            rig.link.write_outputs(rig.io_map.safe_outputs())
+    else:
+        plant.thread.call(plant.server.end)
+        if way == "exit":
+            assert not rig.runtime.write_safe_outputs()
+        else:
+            rig.scan(12)
+    assert drive.speed == 0
+
+
 # ---- poll groups -----------------------------------------------------------------------------------------------
 
 
@@ -320,3 +361,32 @@ def test_the_command_in_real_time(stack: ExitStack, tmp_path: Path) -> None:
     assert next_event(controller, event="field", change="back")["device"] == name
     assert controller.stop() == 0
     assert not any(boxes[1].outputs[: len(OUTPUT_TAGS)])
+
+
+@pytest.mark.parametrize(
+    ("lost", "code", "said"),
+    [
+        (0, 0, "stopped, outputs set to their safe levels; "),
+        (1, 1, "stopped, outputs NOT written: no response from field I/O valves ({}); those of all other devices are"),
+    ],
+    ids=["inputs", "outputs"],
+)
+def test_the_last_line_names_the_devices_that_were_not_written(
+    lost: int, code: int, said: str, stack: ExitStack, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    boxes = (Box(), Box(), Box())
+    modules = [stack.enter_context(TcpModule(box)) for box in boxes]
+    tags = (INPUT_TAGS, OUTPUT_TAGS[:HALF], OUTPUT_TAGS[HALF:])
+    names = (("sensors", "inputs-only"), ("valves", "coils"), ("claws", "coils"))
+    entries = [
+        device(*name, tcp(module.port), wires(each), timeout_ms=200)
+        for name, module, each in zip(names, modules, tags, strict=True)
+    ]
+    options = ["--field", str(file_of(tmp_path, *entries)), "--retain", str(tmp_path / "retentive.json")]
+    more = ["--events", "json", "--no-hmi", "--link-limit-ms", "500"]
+    controller = stack.enter_context(Process("controller", ["controller", "run", *options, *more]))
+    next_event(controller, event="state", state=int(State.STOPPED))
+    modules[lost].unplug()
+    next_event(controller, event="field", change="lost")
+    assert controller.stop() == code
+    assert said.format(f"127.0.0.1:{modules[lost].port}") in capfd.readouterr().err
