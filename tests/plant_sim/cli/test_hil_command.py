@@ -65,6 +65,10 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
         (["serve", "--out", "{folder}", "--stop-ms", "-1"], "--stop-ms -1: must be 0 to 10000"),
         (["serve", "--out", "{folder}", "--cases", "nothing"], "invalid choice"),
         (["connect", "fx5u", "--out", "{folder}"], "--host"),
+        (
+            ["serve", "--out", "{folder}", "--planting-frequency", "0"],
+            "does not complete this trial; add --no-reference",
+        ),
     ],
 )
 def test_invalid_options_are_one_line(
