@@ -102,16 +102,12 @@ def margin_cases() -> Iterator[Case]:
 def no_case(group: str, only: str) -> Case:
     """Return a case that states that a group has none, so that this cannot be taken for a success."""
 
-    def story(_bench: Bench) -> Story:
+    def story(bench: Bench) -> Story:
+        yield from bench.pause(0)
         text = f"whose name contains {only!r}" if only else "because no situation recurred in the trial"
-        yield from _not_run(f"no case {text}")
+        raise NotRunError(f"no case {text}")
 
     return Case(group, only or "every situation", story)
-
-
-def _not_run(reason: str) -> Story:
-    raise NotRunError(reason)
-    yield  # makes this function a generator
 
 
 # --- stories
@@ -127,9 +123,9 @@ def power_up(bench: Bench) -> Story:
 def homing(bench: Bench) -> Story:
     """Press start; require the initial state, and that no seedling is picked; after power-up the claws are empty."""
     plant = bench.module.plant
-    in_tray = plant.counts().in_tray
+    in_tray, works = plant.counts().in_tray, bool(bench.view.on)  # it works if it was brought back after a failure
     yield from home(bench)
-    if (picked := in_tray - plant.counts().in_tray) > 0:
+    if not works and (picked := in_tray - plant.counts().in_tray) > 0:
         bench.violate("unexpected start", f"{picked} seedlings picked while homing")
 
 

@@ -117,7 +117,7 @@ def run_ladder_trial(
         LadderError: The program cannot be run.
     """
     plant = Plant(io_map, parameters, seed=seed, trays=trays)
-    module = IoModule(plant, io_map) if timing is None else IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
+    module = IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
     plc = FxPlc(ladder, execution=fastest_execution, peripherals=peripherals)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
