@@ -8,6 +8,7 @@ import sys
 from contextlib import ExitStack
 from typing import Final
 
+from controller.cli.fx_options import cpu_of, peripherals_of
 from controller.common.command_line import version
 from controller.common.errors import InputError
 from controller.common.stop_request import StopRequest
@@ -78,10 +79,12 @@ def run_live_program(options: argparse.Namespace) -> int:
         value = getattr(options, name)
         if not least <= value <= most:
             raise InputError(f"--{name.replace('_', '-')} {value}: must be {least} to {most}")
-    ladder = load_ladder(options.file)
+    ladder, peripherals = load_ladder(options.file, cpu_of(options)), peripherals_of(options)
     try:
         pace = Pace(options.pace)
-        plc = FxPlc(ladder, input_filter_ms=options.input_filter_ms, execution=fastest_execution)
+        plc = FxPlc(
+            ladder, input_filter_ms=options.input_filter_ms, execution=fastest_execution, peripherals=peripherals
+        )
     except PaceError as error:
         raise InputError(f"--pace: {error}") from error
     except InputError:  # a part of the program that the engine does not support

@@ -130,12 +130,20 @@ def homing(bench: Bench) -> Story:
 
 
 def home(bench: Bench) -> Story:
-    """Press start until both arms rest at feed; three presses are permitted, as after an alarm."""
+    """Press start until both arms rest at feed; three presses are permitted, as after an alarm.
+
+    If the first press switches nothing on, the machine is cleared first: a PLC that ran before the plant was connected
+    has seen the emergency stop.
+    """
     begun_ms = bench.now_ms
-    for _ in range(3):
+    for attempt in range(3):
         bench.forbidden = ""
+        pressed_ms = bench.now_ms
         yield from bench.hold("start", 200)
         yield from bench.pause(1_500)
+        if attempt == 0 and bench.view.changed_ms < pressed_ms:
+            yield from bench.hold("stop", bench.limits.clear_ms)
+            continue
         if (yield from bench.reached(lambda: bench.is_home, bench.limits.home_ms)):
             bench.findings.figures["homing"] = _seconds_since(bench, begun_ms)
             return

@@ -12,7 +12,7 @@ from enum import Enum
 from typing import Final, Protocol
 
 from controller.common.mitsubishi.devices import FIRST_32_BIT_COUNTER, Device
-from controller.core.devices import DeviceError, check_device
+from controller.fx.language.cpu_model import FX2N, CpuModel
 
 BIT_KINDS: Final = frozenset("XYMSTC")
 WORD_KINDS: Final = frozenset({"D", "R", "TN", "CN"})
@@ -84,11 +84,11 @@ class AccessSource(Protocol):
         """
 
 
-def check_bits(first: Device, count: int) -> None:
-    """Raise AccessRefusedError unless all bits exist."""
+def check_bits(first: Device, count: int, cpu: CpuModel = FX2N) -> None:
+    """Raise AccessRefusedError unless all bits exist in a CPU."""
     if first.kind not in BIT_KINDS or count < 1:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
-    _check_range(first.kind, first.number, first.number + count - 1)
+    _check_range(first.kind, first.number, first.number + count - 1, cpu)
 
 
 def last_counter(first: int, words: int) -> int:
@@ -97,13 +97,14 @@ def last_counter(first: int, words: int) -> int:
     return first + single + (words - single + 1) // 2 - 1
 
 
-def check_words(first: Device, count: int, registers: int = 0) -> None:
+def check_words(first: Device, count: int, registers: int = 0, cpu: CpuModel = FX2N) -> None:
     """Raise AccessRefusedError unless all words exist.
 
     Args:
         first: First device.
         count: Number of words.
         registers: Number of R registers.
+        cpu: CPU.
     """
     if count < 1:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
@@ -112,7 +113,7 @@ def check_words(first: Device, count: int, registers: int = 0) -> None:
         if not 0 <= first.number <= last < registers:
             raise AccessRefusedError(AccessRefusal.NO_DEVICE)
     elif first.kind in _DEVICE_OF_WORD:
-        _check_range(_DEVICE_OF_WORD[first.kind], first.number, last)
+        _check_range(_DEVICE_OF_WORD[first.kind], first.number, last, cpu)
     else:
         raise AccessRefusedError(AccessRefusal.NO_DEVICE)
 
@@ -130,14 +131,9 @@ def word_index(counter: int) -> int:
     return counter + max(0, counter - FIRST_32_BIT_COUNTER)
 
 
-def _check_range(kind: str, first: int, last: int) -> None:
-    try:
-        check_device(kind, first)
-        check_device(kind, last)
-    except DeviceError as error:
-        raise AccessRefusedError(AccessRefusal.NO_DEVICE) from error
-    if kind == "M" and first < _SPECIAL_RELAYS <= last:
-        raise AccessRefusedError(AccessRefusal.NO_DEVICE)  # between the general and the special relays there are none
-
-
-_SPECIAL_RELAYS: Final = 8000
+def _check_range(kind: str, first: int, last: int, cpu: CpuModel) -> None:
+    """Check that every device of a range exists; between the general and the special relays there are none."""
+    spans = cpu.ranges.get(kind, ())
+    existing = sum(len(range(max(first, span.start), min(last + 1, span.stop))) for span in spans)
+    if first < 0 or existing != last - first + 1:
+        raise AccessRefusedError(AccessRefusal.NO_DEVICE)

@@ -50,6 +50,7 @@ class LivePlc:
         self.plc = plc
         self.latest: Snapshot | None = None
         self._levels = [False] * SIZES["X"]
+        self._scanned_ms = 0
         self._writes: deque[Callable[[], None]] = deque()
 
     def session(self, _peer: str) -> LiveSession:
@@ -62,6 +63,10 @@ class LivePlc:
         Args:
             now_ms: Time of the scan, ms.
         """
+        if self.plc.is_sampled:  # timer interrupts; the terminals change at the scans only
+            for at_ms in range(self._scanned_ms + 1, now_ms):
+                self.plc.sample(at_ms, self._levels)
+        self._scanned_ms = now_ms
         self.plc.cpu.now_ms = now_ms  # timer values written now must refer to this scan
         while self._writes:
             self._writes.popleft()()
@@ -100,6 +105,7 @@ class LiveSession:
             live: The program.
         """
         self._live = live
+        self._cpu = live.plc.ladder.cpu
 
     @property
     def is_running(self) -> bool:
@@ -114,12 +120,12 @@ class LiveSession:
 
     def read_bits(self, first: Device, count: int) -> list[bool]:
         """Return consecutive bits of the last scan."""
-        check_bits(first, count)
+        check_bits(first, count, self._cpu)
         return self._snapshot().bits[first.kind][first.number : first.number + count]
 
     def read_words(self, first: Device, count: int) -> list[int]:
         """Return consecutive words of the last scan, unsigned."""
-        check_words(first, count)
+        check_words(first, count, cpu=self._cpu)
         words, start = self._snapshot().words[first.kind], first.number
         if first.kind == "CN":
             words, start = words_of_counters(words), word_index(start)
@@ -128,14 +134,14 @@ class LiveSession:
     def write_bits(self, levels: Sequence[tuple[Device, bool]]) -> None:
         """Write bits in the next scan."""
         for device, _ in levels:
-            check_bits(device, 1)
+            check_bits(device, 1, self._cpu)
         self._live.write(lambda: self._live.put_bits(levels))
 
     def write_words(self, values: Sequence[tuple[Device, int]]) -> None:
         """Write words in the next scan."""
         signed = []
         for device, value in values:
-            check_words(device, 1)
+            check_words(device, 1, cpu=self._cpu)
             is_long = device.kind == "CN" and device.number >= FIRST_32_BIT_COUNTER
             signed.append((device, _signed(value, _SIGN_32 if is_long else _SIGN_16)))
         self._live.write(lambda: self._live.put_words(signed))

@@ -20,6 +20,7 @@ from controller.common.mitsubishi.fx_port import encode
 from controller.common.mitsubishi.mc3e import Frame3E
 from controller.common.mitsubishi.requests import RemoteRun, RemoteStop
 from controller.fx.engine.plc import FxPlc
+from controller.fx.language.cpu_model import FX3U
 from controller.fx.language.il import read_il
 from controller.hmi.access.devices import AccessRefusal, AccessRefusedError
 from controller.hmi.ladder.live import LivePlc, LiveSession
@@ -109,6 +110,41 @@ def test_stop_turns_the_outputs_off_and_run_starts_again(rig: LiveRig) -> None:
     rig.session.set_running(running=True)
     rig.scan()
     assert rig.session.read_bits(D("Y10"), 1) == [True]
+
+
+def test_the_devices_of_an_fx3u_are_accessible() -> None:
+    live = LivePlc(FxPlc(read_il("LD M7013\nOUT Y0\nLD T511\nOUT S4095\nEND\n", cpu=FX3U), input_filter_ms=0))
+    session = live.session("test")
+    live.scan(0)
+    session.write_bits([(D("M7013"), True), (D("M7679"), True), (D("S4095"), True)])
+    live.scan(10)
+    assert session.read_bits(D("Y0"), 1) == [True]
+    assert session.read_bits(D("M7679"), 1) == [True]
+    for first, number in (("M7680", 1), ("M7679", 2), ("S4096", 1), ("T512", 1)):
+        with pytest.raises(AccessRefusedError):
+            session.read_bits(D(first), number)
+
+
+def test_a_timer_interrupt_runs_between_two_scans_of_a_live_program() -> None:
+    program = "LD M8000\nFEND\nI610\nLD M8000\nINC D0\nIRET\nEND\n".replace("LD M8000\nFEND", "EI\nFEND")
+    live = LivePlc(FxPlc(read_il(program), input_filter_ms=0))
+    for now_ms in range(0, 1_001, 50):
+        live.scan(now_ms)
+    assert live.latest is not None
+    assert live.latest.words["D"][0] == 100
+
+
+def test_a_live_process_takes_cpu_and_modules(tmp_path: Path) -> None:
+    path = tmp_path / "program.il"
+    path.write_text("LD M7013\nOUT Y0\nEND\n", encoding="utf-8")
+    options = ["--cpu", "fx3u", "--serve-mc", "3e", "--mc-port", "0"]
+    with ExitStack() as stack:
+        process = stack.enter_context(Process("ladder", ["controller", "ladder", "run", str(path), *options]))
+        served = json.loads(process.next_line(LIMIT_S) or "{}")
+        mc = stack.enter_context(McClient("127.0.0.1", served["mc_port"], Frame3E(), timeout_s=PATIENT_S))
+        mc.write_bits(D("M7013"), [True])
+        until(lambda: mc.read_bits(D("Y0"), 1) == (True,))
+        assert process.stop() == 0
 
 
 # --- processes --------------------------------------------------------------------------------------
