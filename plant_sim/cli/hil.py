@@ -28,6 +28,7 @@ TRAYS: Final = 60
 MOST_MS: Final = 10_000
 """Largest limit that can be given, ms."""
 ABOUT: Final = "Controller on the simulated transplanter"
+STOPPED: Final = "stopped before the last case"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -132,10 +133,11 @@ class _Judgement:
         time_base = f"lock step, {options.lock_step_ms} ms" if options.lock_step_ms else "real time"
         facts = (f"machine {options.machine}, seed {options.seed}, {options.trays} trays", time_base)
         timing = self.module.timing.lines()
-        xml, html = junit(results, about=ABOUT), page(results, about=ABOUT, facts=[*facts, *timing], picture=self._draw)
+        about = ABOUT if self._session.is_complete else f"{ABOUT} ({STOPPED})"
+        xml, html = junit(results, about=about), page(results, about=about, facts=[*facts, *timing], picture=self._draw)
         print(summary(results), *write(options.out, xml, html), sep="\n")
         if not self._session.is_complete:
-            print("stopped before the last case", file=sys.stderr)
+            print(STOPPED, file=sys.stderr)
             return INTERRUPTED
         return 1 if any(each.verdict is CaseVerdict.FAILED for each in results) else 0
 
