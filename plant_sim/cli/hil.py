@@ -9,16 +9,18 @@ from typing import Final
 
 from controller.common.command_line import INTERRUPTED
 from controller.common.errors import InputError
-from controller.iomap.loader import IoMap
 from plant_sim.cli import connect, serve
+from plant_sim.cli.options import faults_of
 from plant_sim.cli.serving import build
 from plant_sim.hil.bench import Bench, BenchLimits
 from plant_sim.hil.delaying_module import DelayingModule
 from plant_sim.hil.report import junit, line, page, summary, write
 from plant_sim.hil.session import FIRST_GROUPS, GROUPS, CaseResult, CaseVerdict, Session
 from plant_sim.hil.timing_picture import timing_picture
+from plant_sim.links.io_module import IoModule
 from plant_sim.links.modbus_server import PlantServer
 from plant_sim.machine.parameters import Machine
+from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.trial import run_trial
 
 TRAYS: Final = 60
@@ -26,6 +28,7 @@ TRAYS: Final = 60
 MOST_MS: Final = 10_000
 """Largest limit that can be given, ms."""
 ABOUT: Final = "Controller on the simulated transplanter"
+STOPPED: Final = "stopped before the last case"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,9 +119,7 @@ class _Judgement:
             self._bench,
             groups=options.cases or GROUPS,
             only=options.only,
-            reference_lost=None
-            if options.no_reference
-            else _reference_lost(options.seed, self.module.io_map, self.machine),
+            reference_lost=None if options.no_reference else _reference_lost(options, self.module, self.machine),
             report=lambda result: print(line(result), flush=True),
         )
 
@@ -132,10 +133,11 @@ class _Judgement:
         time_base = f"lock step, {options.lock_step_ms} ms" if options.lock_step_ms else "real time"
         facts = (f"machine {options.machine}, seed {options.seed}, {options.trays} trays", time_base)
         timing = self.module.timing.lines()
-        xml, html = junit(results, about=ABOUT), page(results, about=ABOUT, facts=[*facts, *timing], picture=self._draw)
+        about = ABOUT if self._session.is_complete else f"{ABOUT} ({STOPPED})"
+        xml, html = junit(results, about=about), page(results, about=about, facts=[*facts, *timing], picture=self._draw)
         print(summary(results), *write(options.out, xml, html), sep="\n")
         if not self._session.is_complete:
-            print("stopped before the last case", file=sys.stderr)
+            print(STOPPED, file=sys.stderr)
             return INTERRUPTED
         return 1 if any(each.verdict is CaseVerdict.FAILED for each in results) else 0
 
@@ -145,9 +147,25 @@ class _Judgement:
         return timing_picture(trace, io_map, result.mark_ms, title=title, to_ms=result.to_ms)
 
 
-def _reference_lost(seed: int, io_map: IoMap, machine: Machine) -> int:
-    """Return the seedlings that the machine's own program loses in the same trial in lock step."""
-    report = run_trial(seed=seed, io_map=io_map, parameters=machine)
+def _reference_lost(options: argparse.Namespace, module: IoModule, machine: Machine) -> int:
+    """Return the seedlings that the machine's own program loses in the same trial in lock step.
+
+    Raises:
+        InputError: The program does not complete the trial, so that there is nothing to compare with.
+    """
+
+    def prepare(twin: Twin) -> None:
+        twin.plant.planting_frequency_per_min = module.plant.planting_frequency_per_min
+
+    report = run_trial(
+        seed=options.seed,
+        io_map=module.io_map,
+        parameters=machine,
+        faults=faults_of(options),
+        prepare=prepare,
+    )
+    if not report.completed:
+        raise InputError("the machine's own program does not complete this trial; add --no-reference")
     return report.P + report.D + report.T
 
 

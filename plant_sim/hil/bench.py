@@ -6,11 +6,11 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import Final
 
-from plant_sim.faults import parse_fault
+from plant_sim.faults import FaultError, parse_fault
 from plant_sim.hil.figure import Figure
-from plant_sim.hil.machine_view import SIDES, MachineView
+from plant_sim.hil.machine_view import FLICKER_CHANGES, SIDES, MachineView
 from plant_sim.hil.situations import SituationLog
-from plant_sim.hil.story import CaseError, Condition, Story, Wait
+from plant_sim.hil.story import CaseError, Condition, NotRunError, Story, Wait
 from plant_sim.hil.trace import WireTrace
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import Machine
@@ -71,6 +71,7 @@ class Bench:
         situations: Situations of the arms and the tray so far.
         findings: Findings of the case that runs.
         forbidden: Reason for which no actuator may be switched on; empty = permitted.
+        resting: Actuators that were on when the machine came to rest, and may stay on while `forbidden`.
     """
 
     def __init__(self, module: IoModule, machine: Machine, limits: BenchLimits | None = None) -> None:
@@ -88,6 +89,8 @@ class Bench:
         self.situations = SituationLog(self.view)
         self.findings = Findings()
         self.forbidden = ""
+        self.resting: frozenset[str] = frozenset()
+        self._faults: list[str] = []
         self._story: Story | None = None
         self._wait: Wait | None = None
         self._ended: Callable[[], None] = lambda: None
@@ -166,12 +169,30 @@ class Bench:
         """Release the emergency stop; no actuator may switch on before the next press."""
         self.module.plant.box.emergency_stop = False
         self._stop_ms = None
-        self.forbidden = "before start was pressed"
+        self.forbid("before start was pressed")
 
-    def set_fault(self, fault: str) -> None:
-        """Start a fault of the plant."""
-        self.module.plant.faults.add(parse_fault(fault))
+    def forbid(self, reason: str, *, resting: frozenset[str] = frozenset()) -> None:
+        """Forbid that an actuator is switched on; those of a machine at rest may stay on."""
+        self.forbidden, self.resting = reason, resting
+
+    def set_fault(self, text: str) -> None:
+        """Start a fault of the plant.
+
+        Raises:
+            NotRunError: This machine cannot have the fault, or has it already.
+        """
+        try:
+            fault = parse_fault(text)
+            self.module.plant.faults.add(fault)
+        except FaultError as error:
+            raise NotRunError(str(error)) from error
+        self._faults.append(fault.name)
         self.findings.mark_ms = self.now_ms
+
+    def repair(self) -> None:
+        """Clear the faults that cases have started; those of the options remain."""
+        while self._faults:
+            self.module.plant.faults.clear(self._faults.pop())
 
     # --- rules
 
@@ -186,17 +207,22 @@ class Bench:
         view = self.view
         for one, other in view.opposite_outputs():
             self.violate("opposite outputs", f"{one} and {other} are on together")
+        if view.flickering:
+            self.violate("flicker", f"{_listed(view.flickering)} switched {FLICKER_CHANGES} times in quick succession")
+        if self.module.tripped:
+            self.violate("output watchdog", f"no output written for {self.module.watchdog_ms} ms")
         events = self.module.plant.events
         for event in events[self._events_seen :]:
             self.violate(event.kind.value, event.text)
         self._events_seen = len(events)
         if not view.on:
-            if self._stop_ms is not None:
-                self.findings.figures.setdefault("outputs off after", Figure(view.changed_ms - self._stop_ms, "ms"))
+            if self._stop_ms is not None and view.changed_ms >= self._stop_ms:
+                self.findings.figures["outputs off after"] = Figure(view.changed_ms - self._stop_ms, "ms")
         elif self._stop_ms is not None and self.now_ms - self._stop_ms > self.limits.stop_ms:
             self.violate("emergency stop", f"{_listed(view.on)} on {self.now_ms - self._stop_ms} ms after the press")
-        elif self.forbidden:
-            self.violate("unexpected start", f"{_listed(view.on)} on {self.forbidden}")
+        self.resting &= view.on
+        if self.forbidden and view.on > self.resting:
+            self.violate("unexpected start", f"{_listed(view.on - self.resting)} on {self.forbidden}")
 
     @property
     def is_home(self) -> bool:

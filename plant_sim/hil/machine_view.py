@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from typing import Final
 
@@ -14,6 +15,11 @@ INDICATORS: Final = ("horn", "lamp_red", "lamp_amber", "lamp_green")
 """Outputs that do not drive an actuator."""
 MOVED_M: Final = 0.0005
 """Travel from which a part counts as moved, m: below the hysteresis of the switches, 1 mm."""
+SHORTEST_MS: Final = 30
+"""Shortest usual duration of a situation that has a case, ms: three scans of the reference program."""
+FLICKER_CHANGES: Final = 6
+"""Changes of an actuator, each within `SHORTEST_MS` of the one before, that count as flicker (assumed). The reference
+program switches the tray stepper four times in 80 ms at most."""
 OPPOSITES: Final = (
     ("slide_inward", "slide_outward"),
     ("lift_extend", "lift_retract"),
@@ -37,6 +43,7 @@ class MachineView:
         on: Tags of the actuators that are switched on.
         changed_ms: Plant time at which an actuator was last switched, ms.
         moved_ms: Plant time at which a drive last moved, ms.
+        flickering: Tags of the actuators that flicker at the last update.
     """
 
     def __init__(self, module: IoModule, *, feed_m: float) -> None:
@@ -52,6 +59,8 @@ class MachineView:
         self._image: list[bool] = []
         self._places_m = self._positions_m()
         self.on: frozenset[str] = frozenset()
+        self.flickering: frozenset[str] = frozenset()
+        self._changes_ms: dict[str, deque[int]] = {each.tag: deque(maxlen=FLICKER_CHANGES) for each in self._movers}
         self.now_ms = self.changed_ms = self.moved_ms = module.plant.time_ms
         self.update()
 
@@ -59,15 +68,25 @@ class MachineView:
         """Take over the present outputs and positions."""
         plant = self.module.plant
         self.now_ms = plant.time_ms
+        self.flickering = frozenset()
         image = self.module.outputs
         if image != self._image:
             self._image = image
             on = frozenset(point.tag for point in self._movers if point.active(image[point.number]))
             if on != self.on:
+                self.flickering = frozenset(filter(self._flickers, on ^ self.on))
                 self.on, self.changed_ms = on, self.now_ms
         positions_m = self._positions_m()
         if any(abs(now_m - then_m) > MOVED_M for now_m, then_m in zip(positions_m, self._places_m, strict=True)):
             self._places_m, self.moved_ms = positions_m, self.now_ms
+
+    def _flickers(self, tag: str) -> bool:
+        """Note a change of an actuator now; return True if it flickers."""
+        times_ms = self._changes_ms[tag]
+        if times_ms and self.now_ms - times_ms[-1] >= SHORTEST_MS:
+            times_ms.clear()
+        times_ms.append(self.now_ms)
+        return len(times_ms) == FLICKER_CHANGES
 
     def _positions_m(self) -> list[float]:
         positions = self.module.plant.positions

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from plant_sim.crop.seedling import TRAY_CELLS
 from plant_sim.hil.bench import Bench, Findings
 from plant_sim.hil.cases import (
     Case,
@@ -15,19 +14,20 @@ from plant_sim.hil.cases import (
     first_cases,
     home,
     margin_cases,
+    no_case,
     run,
+    shortage_of_trays,
     stop_and_clear,
     stop_cases,
 )
 from plant_sim.hil.figure import Figure
+from plant_sim.hil.machine_view import SHORTEST_MS
 from plant_sim.hil.story import CaseError, NotRunError, Story
 
 FIRST_GROUPS: Final = ("power-up", "homing", "cycle", "trial", "stop")
 """Groups that always run, because the others need the situations of their trial."""
 GROUPS: Final = (*FIRST_GROUPS, "emergency stop", "fault", "scan-time margin")
 """Groups of cases in their order."""
-SHORTEST_MS: Final = 30
-"""Shortest usual duration of a situation that has a case, ms: three scans of the reference program."""
 
 
 class CaseVerdict(enum.StrEnum):
@@ -111,12 +111,17 @@ class Session:
     def _further_cases(self) -> Iterator[Case]:
         usual_ms = {each: ms for each, ms in self._bench.situations.usual_ms().items() if ms >= SHORTEST_MS}
         cases = (*stop_cases(usual_ms), *fault_cases(), *margin_cases())
-        yield from (case for case in cases if case.group in self._groups and self._only in case.name)
+        chosen = [case for case in cases if case.group in self._groups and self._only in case.name]
+        yield from chosen
+        further = [group for group in GROUPS if group in self._groups and group not in FIRST_GROUPS]
+        for group in further if not self._only or not chosen else ():
+            if group not in {case.group for case in chosen}:
+                yield no_case(group, self._only)
 
     def _case(self, case: Case) -> Story:
         """Run one case and note its result."""
         bench = self._bench
-        reason = self._lost_machine or self._shortage()
+        reason = self._lost_machine or shortage_of_trays(bench)
         if reason:
             self._note(CaseResult(case.group, case.name, CaseVerdict.NOT_RUN, [reason], bench.now_ms, bench.now_ms))
             return
@@ -129,8 +134,10 @@ class Session:
                 from_ms = bench.now_ms
             yield from case.story(bench)
         except NotRunError as error:
-            self._note(CaseResult(case.group, case.name, CaseVerdict.NOT_RUN, [str(error)], from_ms, bench.now_ms))
-            return
+            if not bench.findings.violations:
+                self._note(CaseResult(case.group, case.name, CaseVerdict.NOT_RUN, [str(error)], from_ms, bench.now_ms))
+                return
+            reasons.append(f"not judged: {error}")
         except CaseError as error:
             reasons.append(str(error))
         found = bench.findings
@@ -144,9 +151,7 @@ class Session:
     def _bring_back(self) -> Story:
         """Bring the machine into its initial state after a failure; if that fails, no further case is run."""
         bench = self._bench
-        plant = bench.module.plant
-        for fault in plant.faults.active:
-            plant.faults.clear(fault.name)
+        bench.repair()
         bench.findings = Findings()
         bench.forbidden = ""
         try:
@@ -155,11 +160,6 @@ class Session:
             yield from run(bench)
         except CaseError as error:
             self._lost_machine = f"the machine could not be brought back after an earlier failure: {error}"
-
-    def _shortage(self) -> str:
-        """Return the reason if the trays in the magazine do not suffice for another case."""
-        left = self._bench.module.plant.counts().in_tray
-        return "" if left >= 2 * TRAY_CELLS else "too few trays in the magazine; give more with --trays"
 
     def _note(self, result: CaseResult) -> None:
         self.results.append(result)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 from plant_sim.links.io_module import IoModule
@@ -46,5 +47,9 @@ class WireTrace:
 
     def window(self, from_ms: int, to_ms: int) -> list[Levels]:
         """Return the entries of a window; the first one holds the levels at its beginning."""
-        before = [entry for entry in self.entries if entry.time_ms <= from_ms][-1:]
-        return before + [entry for entry in self.entries if from_ms < entry.time_ms <= to_ms]
+        first = bisect_right(self.entries, from_ms, key=_time_ms)
+        return self.entries[max(0, first - 1) : bisect_right(self.entries, to_ms, key=_time_ms)]
+
+
+def _time_ms(entry: Levels) -> int:
+    return entry.time_ms

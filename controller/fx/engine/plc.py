@@ -226,6 +226,7 @@ class FxPlc:
         self.running = False
         if not self.memory.M[8033]:
             self.clear(latched=False)
+            self.cpu.latches = self._no_outputs.copy()
 
     def power_cycle(self) -> None:
         """Cycle the power: non-latched memory is cleared, and the CPU starts in RUN."""

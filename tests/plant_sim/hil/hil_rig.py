@@ -22,8 +22,9 @@ from plant_sim.machine.plant import Plant
 SCAN_MS = 10
 LIMIT_MS = 3_600_000
 
-Damage = Callable[[Bench, set[str]], set[str]]
-"""Function that receives the actuators and lamps that the program switches on, and returns those that are switched."""
+Damage = Callable[[Bench, set[str]], set[str] | None]
+"""Function that receives the actuators and lamps that the program switches on, and returns those that are switched;
+None = the outputs are not written."""
 
 
 @cache
@@ -38,13 +39,15 @@ def default_map() -> IoMap:
 class DamagedLink(InProcessLink):
     """Link that changes the outputs on their way to the module."""
 
-    def __init__(self, module: DelayingModule, change: Callable[[set[str]], set[str]]) -> None:
+    def __init__(self, module: DelayingModule, change: Callable[[set[str]], set[str] | None]) -> None:
         super().__init__(module)
         self._points = module.io_map.outputs
         self._change = change
 
     def write_outputs(self, image: Sequence[bool]) -> None:
         on = self._change({point.tag for point in self._points if point.active(image[point.number])})
+        if on is None:
+            return
         levels = list(image)
         for point in self._points:
             levels[point.number] = point.level(point.tag in on)

@@ -128,6 +128,11 @@ def test_a_damaged_program_fails(damage: Damage, groups: list[str], only: str, g
     assert any(text.startswith(reason) for text in reasons), failures(results)
 
 
+def test_a_failed_power_up_is_not_also_a_failed_homing() -> None:
+    results, _ = judge(damage=_moves_at_power_up)
+    assert list(failures(results)) == ["power-up: nothing moves without a press"]
+
+
 def test_losses_beyond_the_reference_fail_the_trial() -> None:
     results, _ = judge(reference_lost=0)
     (trial,) = _by_group(results, "trial")

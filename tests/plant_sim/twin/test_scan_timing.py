@@ -83,6 +83,14 @@ def test_the_same_seed_gives_the_same_trial_and_jitter_is_uniform() -> None:
     assert 60 < drawn.count(80) < 140
 
 
+def test_a_constant_scan_beyond_the_watchdog_of_a_module_is_no_error() -> None:
+    """The terminals of a PLC have no output watchdog, and a press of start is long enough for slow scans."""
+    constant = read_il("LD M8002\nMOV K250 D8039\nLD M8000\nOUT M8039\nLD X0\nOR M0\nOUT M0\nOUT Y1\nEND")
+    report = trial(constant, None)
+    assert (report.error, report.presses) == ("", 1)
+    assert report.counts.in_tray == 72
+
+
 def test_the_estimate_counts_the_executed_instructions() -> None:
     report = trial(EXPORTED, None, estimates=True)
     estimate = report.scan_estimate

@@ -97,6 +97,14 @@ def test_interrupts_and_comparisons_end_with_run() -> None:
     assert not plc.memory.Y[3]
 
 
+@pytest.mark.parametrize("retained", [False, True])
+def test_stop_switches_the_terminals_off_before_the_next_scan(retained: bool) -> None:
+    plc = started("LD M8000\nOUT Y1\nOUT C235 K9\nLD X2\nOUT M8033\nEND")
+    assert plc.scan(10, level(2) if retained else level())[1]
+    plc.stop()
+    assert plc.sample(11, level())[1] is retained
+
+
 def test_programs_without_fast_inputs_are_not_sampled() -> None:
     assert not started("LD X0\nOUT Y0\nEND").is_sampled
     assert started("LD X0\nSPD X0 K10 D0\nEND").is_sampled
