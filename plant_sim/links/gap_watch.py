@@ -125,7 +125,10 @@ class GapWatch:
         module.write_observers.append(self._written)
 
     def finish(self) -> None:
-        """Report the window that has not ended; called at the end of the process."""
+        """Report the window and the gap that have not ended; called at the end of the process."""
+        if self._in_gap:
+            timing, gap_ms = self._module.timing, self._module.plant.time_ms - (self._last_ms or 0)
+            timing.longest_gap_ms = max(timing.longest_gap_ms, gap_ms)
         self._end_window("the end of the run")
 
     def _written(self, client: str, _levels: object) -> None:

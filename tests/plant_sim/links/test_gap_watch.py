@@ -11,8 +11,11 @@ from dataclasses import dataclass
 
 import pytest
 
+from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from plant_sim.links.gap_watch import GapWatch
 from plant_sim.links.io_module import IoModule, ModuleFault
+from plant_sim.machine.parameters import load_machine
+from plant_sim.machine.plant import Plant
 from plant_sim.twin.lock_step import SCAN_MS
 from tests.plant_sim.links.plc.plc_rig import ProgramOfPlc, module_of, reference
 
@@ -199,3 +202,13 @@ def test_nothing_is_a_gap_before_the_first_write() -> None:
 def test_a_limit_must_be_positive(limit_ms: int) -> None:
     with pytest.raises(ValueError, match="must be 1 ms or more"):
         Scene(limit_ms)
+
+
+def test_a_gap_that_lasts_until_the_end_is_the_longest() -> None:
+    io_map = load_io_map(DEFAULT_IO_MAP)
+    module = IoModule(Plant(io_map, load_machine(), seed=1, trays=1), io_map)
+    watch = GapWatch(module, limit_ms=50, tell=lambda _line: None)
+    module.write_as("client", {0: False})
+    module.advance(400)
+    watch.finish()
+    assert (module.timing.gaps, module.timing.longest_gap_ms) == (1, 400)
