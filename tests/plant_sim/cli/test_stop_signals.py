@@ -142,6 +142,12 @@ def test_a_running_controller_ends_with_safe_outputs(
     assert (code, errors) == (0, "")
 
 
+def _take_terminal() -> None:
+    """Make standard input the controlling terminal; SIGHUP may be ignored here, as below nohup."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def test_a_controller_whose_terminal_is_closed_ends_with_safe_outputs(stack: ExitStack, tmp_path: Path) -> None:
     """The kernel sends SIGHUP, and neither standard output nor standard error can be written any more."""
     with plant() as (rig, reader):
@@ -153,7 +159,7 @@ def test_a_controller_whose_terminal_is_closed_ends_with_safe_outputs(stack: Exi
             stdout=theirs,
             stderr=theirs,
             start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - as a login shell does
+            preexec_fn=_take_terminal,  # noqa: PLW1509 - as a login shell does
         )
         stack.callback(process.wait)
         stack.callback(process.kill)
