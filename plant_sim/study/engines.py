@@ -27,6 +27,10 @@ Progress = Callable[[int, int], None]
 
 CONNECT_LIMIT_S: Final = 10.0
 """Time limit for the connection to a scheduler, s."""
+_MANAGER: Final = "ExecutorManagerThread"
+"""Name of the thread of joblib that watches the processes."""
+_ENDED_WITHIN_S: Final = 1.0
+"""Time within which an interrupted command has ended, s (assumed)."""
 _ORPHAN_S = 1.0
 _DISPATCHED = 1_000
 """Maximum number of jobs at the scheduler: enough for workers that join after the start."""
@@ -103,6 +107,7 @@ class ProcessEngine:
             if self.workers == 1
             else {"backend": "loky", "initializer": _prepare_process, "initargs": (os.getpid(),)}
         )
+        threading.excepthook = _report_unless_ending
         with interrupts_blocked():
             return _parallel(jobs, ordered=ordered, n_jobs=-1 if self.workers is None else self.workers, **pool)
 
@@ -200,6 +205,19 @@ def _parallel(jobs: Iterable[Callable[[], Result]], *, ordered: bool, **options:
     parallel = joblib.Parallel(return_as="generator" if ordered else "generator_unordered", **options)
     results: Generator[Result, None, None] = parallel(joblib.delayed(job)() for job in jobs)
     return results
+
+
+def _report_unless_ending(error: threading.ExceptHookArgs) -> None:
+    """Report the exception of a thread; that of joblib's manager only if this process still exists a second later.
+
+    After Ctrl-C, the manager may find its processes ended while they start.
+    """
+    if error.thread is None or not error.thread.name.startswith(_MANAGER):
+        threading.__excepthook__(error)
+        return
+    report = threading.Timer(_ENDED_WITHIN_S, threading.__excepthook__, (error,))
+    report.daemon = True
+    report.start()
 
 
 @contextmanager

@@ -257,7 +257,9 @@ def test_a_service_ends_at_once(
             service.line_with(ready, service.process.stdout)
         while service.process.poll() is None:
             service.stop(number)
-        assert service.end() == (0, ""), moment
+        code, errors = service.end()
+        assert code == 0, moment
+        assert all(line.startswith("ticks of 1 ms") for line in errors.splitlines()), moment  # timing of the plant
 
 
 @pytest.mark.parametrize(("by_hand", "expected"), first_of([(True, 0), (False, 130)], 2))
