@@ -25,20 +25,16 @@ from controller.core.devices import ANNUNCIATORS, SIZES, device_name
 from controller.fx.language.cpu_model import FX2N, CpuModel
 from controller.fx.language.editor_blocks import CELLS, MOST_LINES, editor_blocks
 from controller.fx.language.high_speed_inputs import input_conflicts
-from controller.fx.language.instruction import Constant, DeviceOperand, Digits, Instruction, Ladder, Operand, WordBit
+from controller.fx.language.instruction import DeviceOperand, Digits, Instruction, Ladder
 from controller.fx.language.instruction_set import FORMS, steps
-from controller.fx.language.operand_rules import SPANS
+from controller.fx.language.operand_rules import Key, covered_devices, device_count
 
 MOST_STEPS: Final = FX2N.most_steps
 """Program memory of an FX2N without a cassette (from memory)."""
 CASSETTE_STEPS: Final = 16_000
 """Program memory of an FX2N with a memory cassette of 16K steps (from memory)."""
 
-MATRIX_SPACING: Final = 10
-"""Number of relays from one row of MTR to the next."""
-
 Severity = Literal["warning", "error"]
-Key = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +95,7 @@ def devices_of(ladder: Ladder) -> set[Key]:
         key
         for instruction in ladder.instructions
         for n, operand in enumerate(instruction.operands)
-        for key in _devices(instruction, n, operand)
+        for key in covered_devices(instruction, n, operand)
     }
 
 
@@ -286,63 +282,6 @@ _DRIVEN: Final = frozenset(
 )
 """Operand roles that drive a device. "S", "T" and "clock" are also in `_READ` because their effect depends on the
 instruction."""
-_COUNTED: Final = {
-    ("SFTR", 0): 3,
-    ("SFTL", 0): 3,
-    ("SFTR", 1): 2,
-    ("SFTL", 1): 2,
-    ("ABSD", 2): 3,
-    ("INCD", 2): 3,
-    ("BMOV", 0): 2,
-    ("BMOV", 1): 2,
-    ("FMOV", 1): 2,
-    ("DECO", 0): 2,
-    ("DECO", 1): 2,
-    ("ENCO", 0): 2,
-    ("WSFR", 0): 3,
-    ("WSFL", 0): 3,
-    ("WSFR", 1): 2,
-    ("WSFL", 1): 2,
-    ("MEAN", 0): 2,
-    ("MTR", 2): 3,
-    ("FROM", 2): 3,
-    ("TO", 2): 3,
-    ("ASCI", 1): 2,
-    ("CCD", 0): 2,
-    ("SFWR", 1): 2,
-    ("SFRD", 0): 2,
-}
-"""Index of the operand that contains the device count of another operand."""
-
-
-def _count(instruction: Instruction, n: int) -> int | None:
-    """Return the number of devices in operand `n`, counting a bit group as one; None = known only at run time."""
-    if instruction.name not in FORMS:
-        return 1
-    name = FORMS[instruction.name].kind.name
-    if (name, n) not in _COUNTED:
-        return SPANS.get((name, n), 1)
-    count = instruction.operands[_COUNTED[name, n]]
-    if not isinstance(count, Constant) or count.index:
-        return None
-    if name == "MTR":
-        return MATRIX_SPACING * (count.value - 1) + 8
-    return 2**count.value if (name, n) in {("DECO", 1), ("ENCO", 0)} else count.value
-
-
-def _devices(instruction: Instruction, n: int, operand: Operand) -> Iterator[Key]:
-    """Yield the devices covered by operand `n`."""
-    count = _count(instruction, n) or 1
-    match operand:
-        case Digits(digits, device):
-            first, length = device, digits * 4 * count
-        case DeviceOperand():
-            first, length = operand, count
-        case WordBit(number):
-            first, length = DeviceOperand("D", number), 1
-        case _:
-            return
-    yield from ((first.kind, number) for number in range(first.number, first.number + length))
 
 
 @dataclass(slots=True)
@@ -363,10 +302,10 @@ class _Usages:
         device = operand.device if isinstance(operand, Digits) else operand
         if not isinstance(device, DeviceOperand):
             return
-        if device.index or _count(instruction, n) is None:
+        if device.index or device_count(instruction, n) is None:
             self.open.add(device.kind)
         if not device.index:
-            self.groups.setdefault(tuple(_devices(instruction, n, operand)), instruction.line)
+            self.groups.setdefault(tuple(covered_devices(instruction, n, operand)), instruction.line)
 
     def missing_from(self, other: _Usages, cpu: CpuModel) -> Iterator[tuple[int, tuple[Key, ...]]]:
         """Yield the line and the devices of each group that has no device in `other`, except those outside."""

@@ -1,4 +1,4 @@
-"""Operand rules of an FX2N: ranges of devices, numbers and groups, and rules of individual instructions.
+"""Operand rules of an FX2N: devices, numbers, groups, single instructions, and the devices that an operand covers.
 
 The ranges of devices follow fx2n.md 1.5, whose verification marks apply here too. The following are from memory and
 have not been verified: the limits of numbers, the rules of individual instructions, that basic instructions accept no
@@ -7,6 +7,7 @@ index, that Z names a 32-bit number in index registers, and that C200 to C255 ar
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 from controller.core.devices import device_name, is_32_bit_counter
@@ -22,7 +23,7 @@ from controller.fx.language.instruction import (
     RealConstant,
     WordBit,
 )
-from controller.fx.language.instruction_set import Form
+from controller.fx.language.instruction_set import FORMS, Form
 
 
 class OperandError(ValueError):
@@ -243,3 +244,66 @@ def require_interrupt(number: int) -> None:
         raise OperandError(
             f"I{number:03} is not an interrupt; use I000 to I501 (inputs), I610 to I899 (timers) or I010 to I060"
         )
+
+
+MATRIX_SPACING: Final = 10
+"""Number of relays from one row of MTR to the next."""
+Key = tuple[str, int]
+"""Kind and number of a device."""
+_COUNTED: Final = {
+    ("SFTR", 0): 3,
+    ("SFTL", 0): 3,
+    ("SFTR", 1): 2,
+    ("SFTL", 1): 2,
+    ("ABSD", 2): 3,
+    ("INCD", 2): 3,
+    ("BMOV", 0): 2,
+    ("BMOV", 1): 2,
+    ("FMOV", 1): 2,
+    ("DECO", 0): 2,
+    ("DECO", 1): 2,
+    ("ENCO", 0): 2,
+    ("WSFR", 0): 3,
+    ("WSFL", 0): 3,
+    ("WSFR", 1): 2,
+    ("WSFL", 1): 2,
+    ("MEAN", 0): 2,
+    ("MTR", 2): 3,
+    ("FROM", 2): 3,
+    ("TO", 2): 3,
+    ("ASCI", 1): 2,
+    ("CCD", 0): 2,
+    ("SFWR", 1): 2,
+    ("SFRD", 0): 2,
+}
+"""Index of the operand that contains the device count of another operand."""
+
+
+def device_count(instruction: Instruction, n: int) -> int | None:
+    """Return the number of devices in operand `n`, counting a bit group as one; None = known only at run time."""
+    if instruction.name not in FORMS:
+        return 1
+    name = FORMS[instruction.name].kind.name
+    if (name, n) not in _COUNTED:
+        return SPANS.get((name, n), 1)
+    count = instruction.operands[_COUNTED[name, n]]
+    if not isinstance(count, Constant) or count.index:
+        return None
+    if name == "MTR":
+        return MATRIX_SPACING * (count.value - 1) + 8
+    return 2**count.value if (name, n) in {("DECO", 1), ("ENCO", 0)} else count.value
+
+
+def covered_devices(instruction: Instruction, n: int, operand: Operand) -> Iterator[Key]:
+    """Yield the devices covered by operand `n`."""
+    count = device_count(instruction, n) or 1
+    match operand:
+        case Digits(digits, device):
+            first, length = device, digits * 4 * count
+        case DeviceOperand():
+            first, length = operand, count
+        case WordBit(number):
+            first, length = DeviceOperand("D", number), 1
+        case _:
+            return
+    yield from ((first.kind, number) for number in range(first.number, first.number + length))

@@ -26,8 +26,8 @@ from controller.fx.engine.access import (
     writer,
 )
 from controller.fx.engine.cpu import COMPLETE, Cpu, OperationError
-from controller.fx.language.check import MATRIX_SPACING
 from controller.fx.language.instruction import DeviceOperand, Operand
+from controller.fx.language.operand_rules import MATRIX_SPACING
 
 INPUT_FILTER: Final = 8020
 """Data register of the input filter time of X0-X17, ms."""

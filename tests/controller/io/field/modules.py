@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 POINTS = 64
@@ -112,7 +113,7 @@ def word_of(levels: list[bool], register: int) -> int:
     return sum(1 << bit for bit in range(16) if levels[16 * register + bit])
 
 
-class Coupler(Box):
+class Coupler(Box, ABC):
     """Coupler with 16 points in each register and an output watchdog.
 
     Attributes:
@@ -150,8 +151,9 @@ class Coupler(Box):
             return self.settings()[offset]
         raise KeyError(offset)
 
+    @abstractmethod
     def settings(self) -> dict[int, int]:
-        raise NotImplementedError
+        """Return the registers of the module by offset."""
 
     def write(self, table: str, offset: int, value: int, client: object) -> None:
         if table == "hr" and self.outputs_at <= offset < self.outputs_at + POINTS // 16:
@@ -165,8 +167,9 @@ class Coupler(Box):
         else:
             raise KeyError(offset)
 
+    @abstractmethod
     def set(self, offset: int, value: int) -> None:
-        raise NotImplementedError
+        """Write a register of the module."""
 
     def serve(self) -> None:
         if not self.is_tripped and self.watchdog_ms:
