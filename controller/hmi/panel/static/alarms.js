@@ -1,6 +1,6 @@
 // Alarms: priority and state by shape, text and colour; banner on every page, alarm list and journal.
 
-import { app, getHistory, obstacle, order } from "./app.js";
+import { app, getHistory, obstacle, order, refuse } from "./app.js";
 import { OrderButton } from "./controls.js";
 import { draw, make, mark, refill, write } from "./dom.js";
 import { duration, labelled, localized, named, note, sentence, t, wallClock } from "./texts.js";
@@ -176,7 +176,7 @@ class ShelveForm {
     const error = valid ? null : t("parameters.range", { lowest: 1, highest: MAX_SHELVE_MIN });
     const reason = obstacle("operate") ?? error;
     if (reason === null) void order({ type: "shelve", alarm: number, minutes });
-    else app.notice(reason, false);
+    else refuse(reason);
   }
 }
 

@@ -27,10 +27,23 @@ export function obstacle(level, command = null) {
   return sentence(localized(state.why)) || t("why.unknown");
 }
 
-/** Send an order and show the reply; returns whether the order was executed. */
-export async function order(message) {
+let presses = 0;
+
+/** Return the number of a new press, which orders the replies of different presses. */
+export function newPress() {
+  presses += 1;
+  return presses;
+}
+
+/** Show why a press has no effect. */
+export function refuse(reason) {
+  app.notice(reason, false, newPress());
+}
+
+/** Send an order and show the reply to its press; returns whether the order was executed. */
+export async function order(message, press = newPress()) {
   const reply = await app.link.order(message);
-  app.notice(replyText(reply), reply.ok);
+  app.notice(replyText(reply), reply.ok, press);
   return reply.ok;
 }
 

@@ -1,7 +1,7 @@
 // Buttons for single orders and hold-to-run buttons.
 
 import { make, mark, write } from "./dom.js";
-import { app, obstacle, order, replyText } from "./app.js";
+import { app, newPress, obstacle, order, refuse, replyText } from "./app.js";
 import { t } from "./texts.js";
 
 const RENEW_MS = 100;
@@ -36,7 +36,7 @@ export class OrderButton {
 
   press() {
     if (this.why !== null) {
-      app.notice(this.why, false);
+      refuse(this.why);
       return;
     }
     void order(typeof this.message === "function" ? this.message() : this.message);
@@ -79,7 +79,7 @@ export class HoldButton {
   start() {
     if (this.held) return;
     if (this.why !== null) {
-      app.notice(this.why, false);
+      refuse(this.why);
       return;
     }
     releaseAll(); // one button at a time
@@ -124,10 +124,11 @@ export class HoldButton {
 /** Return a jog button for an output: the jog is renewed every 100 ms and ends at the first refusal. */
 export function jogButton(label, output, data = {}) {
   let renewal = null;
+  let press = 0;
   const send = async (button, hold) => {
     const reply = await app.link.order({ type: "jog", output, hold });
     if (reply.ok || !hold) return;
-    if (button.held) app.notice(replyText(reply), false);
+    if (button.held) app.notice(replyText(reply), false, press);
     button.end();
   };
   return new HoldButton(label, {
@@ -135,6 +136,7 @@ export function jogButton(label, output, data = {}) {
     command: `jog_${output.replaceAll(".", "_")}`,
     data: { "data-jog": output, ...data },
     begin: (button) => {
+      press = newPress();
       void send(button, true);
       renewal = window.setInterval(() => void send(button, true), RENEW_MS);
     },
@@ -148,15 +150,18 @@ export function jogButton(label, output, data = {}) {
 /** Return a button of the operator box: pressed while held, but at least for the minimum press time. */
 export function boxButton(label, name) {
   let pressedAt = 0;
+  let press = 0;
   return new HoldButton(label, {
     data: { "data-box": name },
     begin: () => {
       pressedAt = performance.now();
-      void order({ type: "box", button: name, pressed: true });
+      press = newPress();
+      void order({ type: "box", button: name, pressed: true }, press);
     },
     end: () => {
+      const ended = press; // the next press may begin before the shortest time of this one is over
       const rest = Math.max(0, pressedAt + MIN_PRESS_MS - performance.now());
-      window.setTimeout(() => void order({ type: "box", button: name, pressed: false }), rest);
+      window.setTimeout(() => void order({ type: "box", button: name, pressed: false }, ended), rest);
     },
   });
 }

@@ -27,7 +27,8 @@ class PanelFrame {
   constructor() {
     this.name = PAGES[window.location.hash.slice(1)] ? window.location.hash.slice(1) : "overview";
     this.page = null;
-    app.notice = (text, ok) => this.#notice(text, ok);
+    this.noticePress = 0;
+    app.notice = (text, ok, press) => this.#notice(text, ok, press);
     app.link.addEventListener("view", () => this.update());
     app.link.addEventListener("status", () => this.update());
     app.link.addEventListener("drop", releaseAll);
@@ -140,7 +141,11 @@ class PanelFrame {
     node.hidden = text === "";
   }
 
-  #notice(text, ok) {
+  /** Show the reply to a press. The reply to an older press than the one shown appears only if it is the first refusal. */
+  #notice(text, ok, press) {
+    const refusalShown = this.noticeLine.textContent !== "" && this.noticeLine.dataset.ok === "0";
+    if (press < this.noticePress && (ok || refusalShown)) return;
+    this.noticePress = Math.max(press, this.noticePress);
     write(this.noticeLine, `${ok ? "✓" : "✕"} ${text}`);
     mark(this.noticeLine, "data-ok", ok ? "1" : "0");
     window.clearTimeout(this.noticeEnd);

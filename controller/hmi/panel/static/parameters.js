@@ -1,6 +1,6 @@
 // Parameters page: set-points with unit, limits and default; input is checked before it is sent.
 
-import { app, obstacle, order } from "./app.js";
+import { app, obstacle, order, refuse } from "./app.js";
 import { make, mark, write } from "./dom.js";
 import { labelled, named, t, unitText } from "./texts.js";
 import { section } from "./parts.js";
@@ -53,7 +53,7 @@ class ParameterRow {
     const { raw, error } = this.#parse(this.input.value.trim());
     write(this.error, error ?? "");
     mark(this.input, "aria-invalid", error === null ? null : "true");
-    if (reason !== null) app.notice(reason, false);
+    if (reason !== null) refuse(reason);
     else if (error === null && (await order({ type: "set", name: this.point.name, value: raw }))) this.input.value = "";
   }
 

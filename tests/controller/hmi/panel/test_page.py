@@ -541,6 +541,40 @@ def test_every_page_is_chinese(stopped: Station, screen: Screen) -> None:
     screen.find("[data-action=language]").select_option("en")
 
 
+ANSWER_LATE = """async ([presses, answers]) => {
+  const { app, order, refuse } = await import("/static/app.js");
+  const { link } = app;
+  const waiting = new Map();
+  app.link = Object.create(link, { order: { value: ({ name }) => new Promise((resolve) => waiting.set(name, resolve)) } });
+  presses.forEach((name) => (name === "refused" ? refuse("refused") : void order({ name })));
+  app.link = link;
+  for (const [name, ok] of answers) {
+    waiting.get(name)({ ok, text: { en: name, zh: name } });
+    await new Promise((resolve) => window.setTimeout(resolve));
+  }
+}"""
+"""Script that gives presses, whose orders are then answered in another sequence."""
+
+
+@pytest.mark.parametrize(
+    ("presses", "answers", "shown"),
+    [
+        (["first", "refused"], [("first", True)], "✕ refused"),
+        (["first", "second"], [("second", True), ("first", True)], "✓ second"),
+        (["first", "second"], [("second", False), ("first", False)], "✕ second"),
+        (["first", "second"], [("second", True), ("first", False)], "✕ first"),
+        (["first", "second"], [("first", False), ("second", True)], "✓ second"),
+    ],
+)
+def test_a_late_reply_does_not_hide_the_reply_to_a_newer_press(
+    stopped: Station, screen: Screen, presses: list[str], answers: list[tuple[str, bool]], shown: str
+) -> None:
+    """A refusal stays until the next press is answered, and a late refusal is shown unless there is a newer one."""
+    assert stopped.live
+    screen.page.evaluate(ANSWER_LATE, [presses, answers])
+    expect(screen.find("[data-part=notice]")).to_have_text(re.compile(re.escape(shown), re.IGNORECASE))
+
+
 SMALL_CONTROLS = """() => [...document.querySelectorAll("button, input, select")]
   .filter((one) => one.checkVisibility({ visibilityProperty: true }))
   .map((one) => ({ text: one.outerHTML, box: one.getBoundingClientRect() }))
