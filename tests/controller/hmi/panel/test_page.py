@@ -545,7 +545,8 @@ ANSWER_LATE = """async ([presses, answers]) => {
   const { app, order, refuse } = await import("/static/app.js");
   const { link } = app;
   const waiting = new Map();
-  app.link = Object.create(link, { order: { value: ({ name }) => new Promise((resolve) => waiting.set(name, resolve)) } });
+  const answer = ({ name }) => new Promise((resolve) => waiting.set(name, resolve));
+  app.link = Object.create(link, { order: { value: answer } });
   presses.forEach((name) => (name === "refused" ? refuse("refused") : void order({ name })));
   app.link = link;
   for (const [name, ok] of answers) {
