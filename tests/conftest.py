@@ -30,10 +30,10 @@ SAMPLED: Final = tuple(
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the plant and the program, or load their cached machine code, in the process that starts the workers.
 
-    The number of Hypothesis examples depends on whether the long tests are selected.
+    The number of Hypothesis examples depends on whether nightly tests are selected.
     """
     gc.set_threshold(GC_ALLOCATIONS)
-    if f"not {NIGHTLY}" not in config.option.markexpr:
+    if NIGHTLY in config.option.markexpr and f"not {NIGHTLY}" not in config.option.markexpr:
         settings.load_profile(NIGHTLY)
     if not hasattr(config, "workerinput"):
         assert Twin().plant.x
@@ -41,14 +41,20 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run a scenario that exists for both arms on one of them by default, and on both with ``--nightly``.
+    """Run a scenario that exists for both arms on one of them by default, and on the other every night.
 
     The program of an arm is declared once and instantiated for both arms. The arm is chosen by a checksum of the test's
-    name and other parameters, so that about half of the scenarios run on each.
+    name and other parameters, so that about half of the scenarios run on each. Every test keeps at least one case.
     """
+    cases: dict[str, list[pytest.Function]] = {}
     for item in items:
-        if isinstance(item, pytest.Function) and not _is_chosen(item) and _is_sampled(item.path):
-            item.add_marker(pytest.mark.nightly)
+        if isinstance(item, pytest.Function) and _is_sampled(item.path):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for of_one_test in cases.values():
+        kept = [item for item in of_one_test if _is_chosen(item)] or of_one_test[:1]
+        for item in of_one_test:
+            if item not in kept:
+                item.add_marker(pytest.mark.nightly)
 
 
 def pytest_collection_finish() -> None:

@@ -1,43 +1,56 @@
-"""Samples of tests: some of the values or Hypothesis examples by default, all of them with ``--nightly``."""
+"""Samples of tests: some of the values or Hypothesis examples by default, more every night, all of them every week."""
 
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Callable, Iterable
+from typing import Any, Final, TypeVar
 
 import pytest
 from _pytest.mark import ParameterSet
 from hypothesis import settings
 
 NIGHTLY: Final = "nightly"
-"""Mark of the long tests, and name of the Hypothesis profile with which they are selected."""
+"""Mark of the tests of a night, and name of the Hypothesis profile with which they are selected."""
+WEEKLY: Final = "weekly"
+"""Mark of the tests of a week."""
+MORE_EXAMPLES: Final = "more_examples"
+"""Mark of the tests by default that are repeated every night with more Hypothesis examples."""
 settings.register_profile(NIGHTLY)
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 
-def first_of(values: Iterable[object], count: int = 1) -> list[ParameterSet]:
-    """Return parameters, of which only the first `count` run without ``--nightly``.
+
+def first_of(values: Iterable[object], count: int = 1, *, nightly: int | None = None) -> list[ParameterSet]:
+    """Return parameters, of which only the first `count` run by default.
 
     Args:
         values: Parameters; a tuple contains the values of several arguments.
         count: Number of parameters that run by default.
+        nightly: Number of further parameters that run every night; the rest runs every week. None means all.
     """
-    return [_parameter(value, by_default=n < count) for n, value in enumerate(values)]
+    return [_parameter(value, max(0, n - count + 1), nightly) for n, value in enumerate(values)]
 
 
 def one_in(every: int, values: Iterable[object]) -> list[ParameterSet]:
-    """Return parameters, of which only one in `every`, starting with the first, runs without ``--nightly``."""
-    return [_parameter(value, by_default=n % every == 0) for n, value in enumerate(values)]
+    """Return parameters, of which one in `every`, starting with the first, runs by default, the others every night."""
+    return [_parameter(value, n % every, None) for n, value in enumerate(values)]
 
 
-def examples(count: int, nightly: int) -> settings:
-    """Return Hypothesis settings without a deadline.
+def examples(count: int, nightly: int, **others: Any) -> Callable[[Function], Function]:
+    """Return a decorator that sets the number of Hypothesis examples of a test, without a deadline.
 
     Args:
         count: Number of examples by default.
-        nightly: Number of examples with ``--nightly``.
+        nightly: Number of examples every night.
+        others: Further settings of Hypothesis.
     """
-    return settings(deadline=None, max_examples=nightly if settings.get_current_profile_name() == NIGHTLY else count)
+    by_night = settings.get_current_profile_name() == NIGHTLY
+    chosen = settings(deadline=None, max_examples=nightly if by_night else count, **others)
+
+    def set_up(function: Function) -> Function:
+        return getattr(pytest.mark, MORE_EXAMPLES)(chosen(function))  # type: ignore[no-any-return]
+
+    return set_up
 
 
-def _parameter(value: object, *, by_default: bool) -> ParameterSet:
-    return pytest.param(
-        *(value if isinstance(value, tuple) else (value,)), marks=() if by_default else pytest.mark.nightly
-    )
+def _parameter(value: object, number: int, nightly: int | None) -> ParameterSet:
+    marks = () if number == 0 else pytest.mark.nightly if nightly is None or number <= nightly else pytest.mark.weekly
+    return pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=marks)

@@ -110,7 +110,7 @@ def edited(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pytest_in(root: Path, *arguments: str, timeout_s: float) -> str:
-    return run(root, "-m", "pytest", "-p", "no:cacheprovider", "-m", "not nightly", *arguments, timeout_s=timeout_s)
+    return run(root, "-m", "pytest", "-p", "no:cacheprovider", *arguments, timeout_s=timeout_s)
 
 
 @pytest.mark.timeout(320)

@@ -52,7 +52,7 @@ def path_of_the_guide() -> str:
     [
         ("ruff", "check", "--no-cache"),
         ("ruff", "format", "--check", "--no-cache"),
-        ("pytest", "-p", "no:cacheprovider", "-m", "not nightly"),
+        ("pytest", "-p", "no:cacheprovider"),
     ],
     ids=lambda arguments: arguments[0] if arguments[0] == "pytest" else " ".join(arguments[:2]),
 )

@@ -12,12 +12,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from importlib.metadata import version
 from types import CodeType
 from typing import Any, Final
 
 from blark.parse import parse_source_code  # type: ignore[import-untyped]
+from joblib import Memory
 from lark import Token, Tree
 
+from tests.paths import ROOT
+
+BLARK_VERSION: Final = version("blark")
 OPERATORS: Final = {"=": "==", "<>": "!=", "AND": "and", "OR": "or", "NOT": "not", "MOD": "%", "/": "//"}
 RANGES: Final = {"INT": 2**15, "DINT": 2**31, "LINT": 2**63}
 FUNCTIONS: Final = {"MIN": min}
@@ -35,6 +40,12 @@ def parsed(text: str) -> Tree[Any]:
 
 @lru_cache(maxsize=4096)
 def _parsed(text: str, rule: str) -> Tree[Any]:
+    return _parse(text, rule, BLARK_VERSION)  # type: ignore[no-any-return]
+
+
+@Memory(ROOT / ".pytest_cache", verbose=0).cache  # type: ignore[untyped-decorator]
+def _parse(text: str, rule: str, _version: str) -> Tree[Any]:
+    """Return the syntax tree of the text; kept between runs, because parsing a package takes about 10 s."""
     result = parse_source_code(text, starting_rule=rule)
     if result.exception is not None:
         raise result.exception

@@ -10,6 +10,7 @@ from controller.export.runtime_parts.scan_clock import SCAN_LIMIT_MS, WINDOW_S
 from controller.program.states import State
 from tests.controller.export.package_rig import MOVERS, PLACES, PackageRig, homing, program, rig
 from tests.controller.program.interlock_scene import MACHINE
+from tests.sampling import first_of
 
 TARGETS = sorted(PLACES)
 
@@ -32,12 +33,23 @@ def is_safe(machine: PackageRig, image: list[bool], alarm: int) -> bool:
     return not any(image[n] for n in MOVERS) and machine.state is State.ABORTED and machine.alarm(alarm)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize(
-    ("clock_ms", "counted_ms"),
-    [(0, SCAN_LIMIT_MS), (5, 2 * SCAN_LIMIT_MS), (20, SCAN_LIMIT_MS), (9, 10 * SCAN_LIMIT_MS), (SCAN_LIMIT_MS + 20, 0)],
-    ids=["stands", "half", "double", "nine tenths", "gap"],
-)
+WRONG_CLOCKS = [
+    (0, SCAN_LIMIT_MS),
+    (5, 2 * SCAN_LIMIT_MS),
+    (20, SCAN_LIMIT_MS),
+    (9, 10 * SCAN_LIMIT_MS),
+    (SCAN_LIMIT_MS + 20, 0),
+]
+"""Advance per scan and time until the difference is permitted no longer, ms: the clock stands, runs at half, double and
+nine tenths of its speed, and has a gap."""
+CLOCKS_OF_TARGETS = [
+    (TARGETS[(n + shift) % len(TARGETS)], *clock)
+    for shift in range(len(TARGETS))
+    for n, clock in enumerate(WRONG_CLOCKS)
+]
+
+
+@pytest.mark.parametrize(("target", "clock_ms", "counted_ms"), first_of(CLOCKS_OF_TARGETS, len(WRONG_CLOCKS)))
 def test_a_wrong_clock_stops_the_machine(target: str, clock_ms: int, counted_ms: int) -> None:
     """The outputs are safe within three scans of the difference that is permitted, and the alarm is on."""
     machine = homing(target)

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, IoMapError, ModbusTable, Point, Polarity, load_io_map
@@ -503,7 +503,7 @@ def loaded(path: Path) -> IoMap | str:
         return str(error)
 
 
-@settings(examples(80, nightly=200), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(80, nightly=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=damaged())
 def test_a_damaged_file_gives_a_one_line_error_or_a_complete_map(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "io_map.yaml"

@@ -16,6 +16,7 @@ from tests.sampling import first_of
 PART: Final = 50
 PARTS: Final = 200
 FINE_STEP_S: Final = 1e-4
+SAMPLED: Final = pytest.mark.parametrize("part", first_of(range(PARTS), 2, nightly=18))
 
 
 class Surveyed(NamedTuple):
@@ -42,7 +43,7 @@ def surveys(part: int) -> list[Surveyed]:
     return found
 
 
-@pytest.mark.parametrize("part", first_of(range(PARTS), 10))
+@SAMPLED
 def test_the_air_stays_physical(part: int) -> None:
     """Outside the cushions, all temperatures are within 150 to 500 K. The energy balance is closed to 1e-6.
 
@@ -60,7 +61,7 @@ def test_the_air_stays_physical(part: int) -> None:
         assert survey.over[0] <= 1.02, (survey.over, name)
 
 
-@pytest.mark.parametrize("part", first_of(range(PARTS), 10))
+@SAMPLED
 def test_the_step_does_not_change_the_time_of_a_stroke(part: int) -> None:
     """Of the machines of a part, at most two have strokes without stick-slip that differ by 5 to 11 ms.
 

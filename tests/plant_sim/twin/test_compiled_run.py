@@ -17,9 +17,10 @@ from plant_sim.twin.conditions import Advances, Quantity
 from plant_sim.twin.kernel import ADJUSTABLE, FIXED_FILTER_MS
 from plant_sim.twin.lock_step import SCAN_MS, NotReachedError, Twin
 from plant_sim.twin.monitors import UnsafeError, collect_violations
+from tests.sampling import first_of
 
-STORIES = 200
-NIGHTLY_STORIES = 1_000
+STORIES = 1_000
+COUNTED_STORIES = 200
 BATCH = 25
 LONG = 8
 """One story in eight is long and monitored."""
@@ -136,13 +137,7 @@ def attempt(twin: Twin, state: State, within_ms: int) -> Iterator[None]:
     yield
 
 
-@pytest.mark.parametrize(
-    "first",
-    [
-        pytest.param(first, marks=() if first < STORIES else pytest.mark.nightly)
-        for first in range(0, NIGHTLY_STORIES, BATCH)
-    ],
-)
+@pytest.mark.parametrize("first", first_of(range(0, STORIES, BATCH), 2, nightly=14))
 def test_stories_are_equal_in_machine_code_and_step_by_step(first: int) -> None:
     """Every device, value, event and seedling is equal after every part of the stories."""
     interrupted = 0
@@ -161,7 +156,7 @@ def test_stories_are_equal_in_machine_code_and_step_by_step(first: int) -> None:
 def test_the_stories_contain_losses_incidents_alarms_and_violations() -> None:
     """Otherwise their equality would say little."""
     counts = dict.fromkeys(("lost", "incidents", "alarms", "violations", "thrown"), 0)
-    for seed in range(0, STORIES, LONG):
+    for seed in range(0, COUNTED_STORIES, LONG):
         twin = twin_of(seed, step_by_step=False)
         violations = collect_violations(twin)
         for _ in story(twin, seed):

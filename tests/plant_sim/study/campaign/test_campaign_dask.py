@@ -97,6 +97,7 @@ def finished(process: subprocess.Popen[str]) -> tuple[int, str]:
     return process.returncode, "\n".join(line for line in errors.splitlines() if not re.match(r"\d+ of ", line))
 
 
+@pytest.mark.nightly
 def test_a_killed_worker_does_not_change_the_results(tmp_path: Path) -> None:
     """One of two workers is killed during the campaign; the scheduler repeats its runs on the other one."""
     file, out = written(tmp_path), tmp_path / "out"

@@ -1,0 +1,1 @@
+"""Tools of the test suite: the command behind ``scripts/test``, its parts, and the budgets of processor time."""

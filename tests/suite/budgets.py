@@ -1,0 +1,193 @@
+"""Processor time of the tests by folder, compared with the budgets in ``budgets.yaml``; a plugin of pytest.
+
+Processor time depends on the computer. It is therefore divided by the processor time of a fixed reference loop that is
+measured in the same run, between the tests. A quotient of 1 is as long as `REFERENCE_LOOPS` reference loops.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+import pytest
+import yaml
+
+BUDGETS: Final = Path(__file__).with_name("budgets.yaml")
+FOLDER_DEPTH: Final = 3
+"""Path components of a folder with a budget of its own, as in ``tests/controller/fx``."""
+REFERENCE_LOOPS: Final = 100
+"""Reference loops in a unit of processor time; on the computer where the budgets were set, about one second."""
+TESTS_PER_REFERENCE: Final = 50
+"""Tests of a worker between two measurements of the reference loop."""
+OTHERS_LIMIT: Final = 0.1
+"""Share of the processors that other processes may take; above it, a budget that is exceeded is not an error."""
+PROPERTY: Final = "processor_time"
+STATISTICS: Final = Path("/proc/stat")
+
+
+def reference_loop_s() -> float:
+    """Return the processor time of one reference loop: integers, a dictionary and calls, as in a scan, s."""
+    start_s = time.process_time()
+    table = dict.fromkeys(range(256), 0)
+    for number in range(60_000):
+        table[number & 255] += number % 7
+    return time.process_time() - start_s
+
+
+def own_time_s() -> float:
+    """Return the processor time of this process and of its ended children, s."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def busy_time_s() -> float:
+    """Return the time for which the processors have not been idle since the computer was started, s.
+
+    Time that the host of a virtual machine has taken counts as busy.
+    """
+    user, nice, system, _, _, *rest = STATISTICS.read_text(encoding="ascii").splitlines()[0].split()[1:]
+    irq, soft_irq, steal = rest[:3]
+    ticks = sum(int(value) for value in (user, nice, system, irq, soft_irq, steal))
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def folder_of(node: str) -> str:
+    """Return the folder to whose budget a test counts.
+
+    Args:
+        node: Identifier of the test, such as ``tests/controller/fx/engine/test_engine.py::test_name``.
+    """
+    parts = node.partition("::")[0].split("/")[:-1]
+    return "/".join(parts[:FOLDER_DEPTH] if parts[0] == "tests" else parts[:1])
+
+
+@dataclass(frozen=True)
+class Usage:
+    """Processor time of a run.
+
+    Attributes:
+        folders_s: Processor time by folder, s.
+        reference_s: Median processor time of the reference loop, s.
+        others: Share of the processors that other processes took, 0 to 1.
+    """
+
+    folders_s: dict[str, float]
+    reference_s: float
+    others: float
+
+    def units(self, folder: str) -> float:
+        """Return the processor time of a folder in units of reference loops."""
+        return self.folders_s.get(folder, 0.0) / (REFERENCE_LOOPS * self.reference_s)
+
+    def exceeded(self, budgets: dict[str, float]) -> list[str]:
+        """Return a line for each folder without a budget or over its budget."""
+        lines = [
+            f"{folder}: no budget; add it to {BUDGETS.name}"
+            for folder in sorted(self.folders_s)
+            if folder not in budgets
+        ]
+        return lines + [
+            f"{folder}: {self.units(folder):.1f} units of processor time, budget {budget:g}"
+            for folder, budget in budgets.items()
+            if self.units(folder) > budget
+        ]
+
+    def table(self, budgets: dict[str, float]) -> list[str]:
+        """Return lines with the processor time and the budget of each folder, largest first."""
+        folders = sorted(self.folders_s, key=lambda folder: -self.folders_s[folder])
+        lines = [f"{'folder':<36}{'CPU s':>8}{'units':>8}{'budget':>8}"]
+        lines += [
+            f"{folder:<36}{self.folders_s[folder]:8.1f}{self.units(folder):8.1f}{budgets.get(folder, 0):8g}"
+            for folder in folders
+        ]
+        total_s = sum(self.folders_s.values())
+        total = sum(self.units(folder) for folder in folders)
+        lines.append(f"{'all tests':<36}{total_s:8.1f}{total:8.1f}{sum(budgets.values()):8g}")
+        lines.append(f"reference loop {1e3 * self.reference_s:.2f} ms; other processes took {self.others:.0%}")
+        return lines
+
+
+class Meter:
+    """Plugin of a process that runs tests: attaches the processor time of each test to its report."""
+
+    def __init__(self) -> None:
+        self._tests = 0
+        self._start_s = 0.0
+
+    def pytest_runtest_logstart(self) -> None:
+        self._start_s = own_time_s()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(
+        self, item: pytest.Item, call: pytest.CallInfo[None]
+    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        report = yield
+        if call.when == "teardown":
+            used_s = own_time_s() - self._start_s
+            loop_s = reference_loop_s() if self._tests % TESTS_PER_REFERENCE == 0 else None
+            self._tests += 1
+            report.user_properties.append((PROPERTY, (used_s, loop_s)))
+        return report
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        output: dict[str, Any] | None = getattr(session.config, "workeroutput", None)
+        if output is not None:
+            output[PROPERTY] = own_time_s()
+
+
+class Accountant:
+    """Plugin of the process that prints the result: adds the times up, prints them, and compares with the budgets.
+
+    Args:
+        enforced: True if all tests of the default run are selected, so that the budgets apply.
+    """
+
+    def __init__(self, *, enforced: bool) -> None:
+        self._enforced = enforced
+        self._folders_s: Counter[str] = Counter()
+        self._loops_s: list[float] = []
+        self._workers_s = 0.0
+        self._start_s = time.perf_counter()
+        self._busy_s = busy_time_s()
+        self._exceeded: list[str] = []
+        self._usage: Usage | None = None
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        for name, value in report.user_properties:
+            if name == PROPERTY and report.when == "teardown":
+                used_s, loop_s = value
+                self._folders_s[folder_of(report.nodeid)] += used_s
+                self._loops_s += [] if loop_s is None else [loop_s]
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        self._workers_s += getattr(node, "workeroutput", {}).get(PROPERTY, 0.0)
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        self._usage = self._measured()
+        if self._enforced and self._usage.others < OTHERS_LIMIT:
+            self._exceeded = self._usage.exceeded(budgets())
+            if self._exceeded and session.exitstatus == pytest.ExitCode.OK:
+                session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        if self._usage is None:
+            return
+        terminalreporter.section("processor time")
+        for line in self._usage.table(budgets()):
+            terminalreporter.line(line)
+        for line in self._exceeded:
+            terminalreporter.line(f"over budget: {line}", red=True)
+
+    def _measured(self) -> Usage:
+        elapsed_s = (time.perf_counter() - self._start_s) * (os.cpu_count() or 1)
+        others_s = busy_time_s() - self._busy_s - self._workers_s - own_time_s()
+        return Usage(
+            dict(self._folders_s), median(self._loops_s or [reference_loop_s()]), max(0.0, others_s / elapsed_s)
+        )
