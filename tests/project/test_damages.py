@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from tests.paths import ROOT
-from tests.suite.dependencies import Dependencies, dependencies
+from tests.suite.dependencies import own_dependencies
 from tests.suite.planting import PASSED, SourceCopy
 from tests.suite.selection import selected
 
@@ -145,19 +145,14 @@ def test_a_missing_test_file_and_an_escape_without_a_reason_are_reported(tmp_pat
 # ---- the tests detect the damages ---------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def graph() -> Dependencies:
-    return dependencies(ROOT)
-
-
-def selected_tests(damage: Damage, graph: Dependencies) -> list[str]:
+def selected_tests(damage: Damage) -> list[str]:
     """Return the listed test files that are selected for the damaged file, in the order of the list."""
-    files = selected(graph, [Path(damage.file)]).files
+    files = selected(own_dependencies(), [Path(damage.file)]).files
     return [name for name in damage.tests if Path(name) in files]
 
 
-def test_a_listed_test_file_is_selected_for_every_damage(graph: Dependencies) -> None:
-    wrong = [f"entry {number}, {each.file}" for number, each in enumerate(DAMAGES) if not selected_tests(each, graph)]
+def test_a_listed_test_file_is_selected_for_every_damage() -> None:
+    wrong = [f"entry {number}, {each.file}" for number, each in enumerate(DAMAGES) if not selected_tests(each)]
     assert not wrong, f"tests/project/damages.yaml: no test file is selected: {', '.join(wrong)}; correct `tests`"
 
 
@@ -182,9 +177,9 @@ def test_the_tests_pass_without_damage(copy: SourceCopy, group: str) -> None:
     "damage",
     [pytest.param(damage, id=f"{number}-{damage.file}") for number, damage in enumerate(DAMAGES) if not damage.escapes],
 )
-def test_the_selected_tests_detect_the_damage(copy: SourceCopy, graph: Dependencies, damage: Damage) -> None:
+def test_the_selected_tests_detect_the_damage(copy: SourceCopy, damage: Damage) -> None:
     with copy.planted(damage.file, damage.applied_to((ROOT / damage.file).read_text(encoding="utf-8"))):
-        outcome = copy.run(selected_tests(damage, graph), TESTS_TIMEOUT_S)
+        outcome = copy.run(selected_tests(damage), TESTS_TIMEOUT_S)
     assert not outcome.passed, (
         f"{damage.file}: the tests pass with `{damage.new}` instead of `{damage.old}`. Add a test that fails; only if "
         f"the damage changes no behaviour, mark the entry `escapes: true` with a `reason`\n{outcome.output[-2_000:]}"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import subprocess
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
-from tests.paths import ROOT
-from tests.suite.dependencies import Dependencies, dependencies
+from tests.suite.dependencies import Dependencies, dependencies, own_dependencies
 from tests.suite.selection import changed_since, main, select, selected
 
 COMMAND_LINE = """
@@ -186,19 +186,16 @@ def test_the_command_prints_the_number_of_files_and_the_reasons(capsys: pytest.C
     assert (count == "all" and not reasons) or int(count) == len(reasons)
 
 
-@pytest.fixture(scope="module")
-def own() -> Dependencies:
-    return dependencies(ROOT)
-
-
-def test_every_module_of_the_project_is_used_by_a_test(own: Dependencies) -> None:
-    """Tests that read the whole tree do not count: a module that only they reach is not executed by a test."""
-    whole = own.folders[""]
-    unused = [
-        path
-        for path in own.facts
-        if not path.startswith("tests/")
-        and not path.endswith("__init__.py")
-        and {*map(str, selected(own, [Path(path)]).files)} <= whole
-    ]
-    assert unused == []
+def test_every_module_of_the_project_is_executed_by_a_test() -> None:
+    """Files that read the whole tree do not count: they execute the modules only if they import them too."""
+    own = own_dependencies()
+    used = defaultdict[str, set[str]](set)
+    for path in own.facts:
+        for user in own.users_of(path):
+            used[user].add(path)
+    reached, new = set[str](), {path for path in own.facts if own.is_test(path)}
+    while new:
+        reached |= new
+        new = {path for user in new for path in used[user]} - reached
+    modules = {path for path in own.facts if not path.startswith("tests/")}
+    assert modules - reached == set()

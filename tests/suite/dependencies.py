@@ -8,9 +8,11 @@ import subprocess
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Final, TypeVar
 
+from tests.paths import ROOT
 from tests.suite.facts import ROOTS, WHOLE_TREE, Facts, command_table, facts_of, places_of
 
 _CONFTEST: Final = "conftest.py"
@@ -74,6 +76,12 @@ def tracked(root: Path) -> list[str]:
     command = [git, "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listing = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True).stdout
     return sorted(name for name in set(filter(None, listing.split("\0"))) if (root / name).is_file())
+
+
+@cache
+def own_dependencies() -> Dependencies:
+    """Return the dependencies between the files of this checkout, read once."""
+    return dependencies(ROOT)
 
 
 def dependencies(root: Path) -> Dependencies:

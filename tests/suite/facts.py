@@ -71,7 +71,7 @@ def facts_of(path: PurePosixPath, text: str) -> Facts:
     texts = [value for node in nodes if id(node) not in prose and (value := _text(node))]
     table = _commands_call(nodes)
     named = {name for each in texts for name in _named(each)} if table is None else set()
-    files = {name for each in texts for name in _FILE.findall(each)}
+    files = {name for each in texts for name in _FILE.findall(each) if name.lstrip("/") != "__init__.py"}
     imported = set(_imported(nodes, path))
     return Facts(
         modules=frozenset(place for name in imported | named for place in places_of(name)),

@@ -23,7 +23,7 @@ from tests.suite.dependencies import tracked
 PASSED: Final = 0
 NO_TESTS_COLLECTED: Final = 5
 """Exit code of pytest if no tests are collected."""
-_SUMMARY: Final = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+_SUMMARY: Final = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from tests.paths import ROOT
-from tests.suite.dependencies import Dependencies, dependencies
+from tests.suite.dependencies import Dependencies, dependencies, own_dependencies
 
 _DECIDES: Final = ("pyproject.toml", "scripts", ".ci", "tests/suite")
 """Files and folders that decide how every test runs."""
@@ -47,13 +47,23 @@ def selected(graph: Dependencies, changed: Iterable[Path]) -> Selection:
     for path in paths:
         if decides_all(path):
             return Selection(all=Path(path))
+    return Selection(_tests(graph, paths, {path: graph.users_of(path) | graph.readers_of(path) for path in paths}))
+
+
+def executing(graph: Dependencies, file: Path) -> Mapping[Path, tuple[Path, ...]]:
+    """Return the test files that can execute a source file, without those that only read its text."""
+    path = file.as_posix()
+    return _tests(graph, [path], {path: graph.users_of(path)})
+
+
+def _tests(graph: Dependencies, paths: Sequence[str], direct: Mapping[str, set[str]]) -> dict[Path, tuple[Path, ...]]:
+    """Return the test files among files and their users, direct or not, each with the shortest chain to a file."""
     chains: dict[str, tuple[str, ...]] = {path: (path,) for path in paths}
-    new = {user: path for path in paths for user in sorted(graph.users_of(path) | graph.readers_of(path))}
-    while new := {user: path for user, path in new.items() if user not in chains}:  # the shortest chain is the reason
+    new = {user: path for path in paths for user in sorted(direct[path])}
+    while new := {user: path for user, path in new.items() if user not in chains}:
         chains |= {user: (user, *chains[path]) for user, path in new.items()}
         new = {user: path for path in new for user in sorted(graph.users_of(path))}
-    files = {Path(path): tuple(map(Path, chain)) for path, chain in sorted(chains.items()) if graph.is_test(path)}
-    return Selection(files)
+    return {Path(path): tuple(map(Path, chain)) for path, chain in sorted(chains.items()) if graph.is_test(path)}
 
 
 def decides_all(path: str) -> bool:
@@ -92,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         changed = changed_since(ROOT, options.revision)
     except ValueError as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
-    graph = dependencies(ROOT)
+    graph = own_dependencies()
     selection = selected(graph, changed)
     sys.stdout.write(summary(selection, graph))
     if options.verbose:
