@@ -4,30 +4,23 @@ from __future__ import annotations
 
 import ast
 import difflib
-import os
-import shutil
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any, Final
 
 import pytest
 import yaml
 
 from tests.paths import ROOT
+from tests.suite.dependencies import own_dependencies
+from tests.suite.planting import PASSED, SourceCopy
+from tests.suite.selection import selected
 
 LIST: Final = Path(__file__).with_name("damages.yaml")
 COUNT: Final = 133
 """Number of entries; the list is fixed."""
 TESTS_TIMEOUT_S: Final = 900
 """Timeout for the tests of one damage, s; a damage that makes them hang counts as detected."""
-NO_TESTS_COLLECTED: Final = 5
-"""Exit code of pytest if no tests are collected."""
 
 
 @dataclass(frozen=True)
@@ -152,75 +145,30 @@ def test_a_missing_test_file_and_an_escape_without_a_reason_are_reported(tmp_pat
 # ---- the tests detect the damages ---------------------------------------------------------------------------------
 
 
+def selected_tests(damage: Damage) -> list[str]:
+    """Return the listed test files that are selected for the damaged file, in the order of the list."""
+    files = selected(own_dependencies(), [Path(damage.file)]).files
+    return [name for name in damage.tests if Path(name) in files]
+
+
+def test_a_listed_test_file_is_selected_for_every_damage() -> None:
+    wrong = [f"entry {number}, {each.file}" for number, each in enumerate(DAMAGES) if not selected_tests(each)]
+    assert not wrong, f"tests/project/damages.yaml: no test file is selected: {', '.join(wrong)}; correct `tests`"
+
+
 @pytest.fixture(scope="module")
-def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a copy of the tracked files; each test worker has its own copy."""
-    root = tmp_path_factory.mktemp("damages") / "project"
-    git = shutil.which("git")
-    assert git is not None
-    listing = subprocess.run([git, "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
-    for name in filter(None, listing.stdout.split("\0")):
-        if (ROOT / name).is_file():
-            target = root / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, target)
-    return root
-
-
-@contextmanager
-def planted(damage: Damage, root: Path) -> Iterator[None]:
-    """Damage a file of a source tree during the `with` block, and restore it at the end."""
-    path = root / damage.file
-    text = path.read_text(encoding="utf-8")
-    path.write_text(damage.applied_to(text), encoding="utf-8")
-    try:
-        yield
-    finally:
-        path.write_text(text, encoding="utf-8")
-
-
-def run_tests(root: Path, files: tuple[str, ...]) -> tuple[int | None, str]:
-    """Run test files in a source tree until the first failure; return the exit code (None on timeout) and the output.
-
-    Machine code is cached beside the tree, and no bytecode is written, because a damaged and a restored file of the
-    same size and modification time would share the same bytecode.
-    """
-    variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    variables |= {
-        "PYTHONPATH": str(root),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "NUMBA_CACHE_DIR": str(root.with_name("machine-code")),
-    }
-    options = ("-x", "-m", "not nightly", "-p", "no:cacheprovider", "--timeout=200")
-    code: int | None = None
-    with TemporaryFile() as output:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pytest", *options, *files],
-            cwd=root,
-            env=variables,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            code = process.wait(timeout=TESTS_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            pass
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # including processes that the tests left running
-            process.wait()
-        output.seek(0)
-        return code, output.read().decode(errors="replace")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> SourceCopy:
+    """Return a copy of the project; each test worker has its own copy."""
+    return SourceCopy(tmp_path_factory.mktemp("damages"), ROOT)
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(TESTS_TIMEOUT_S + 60)
 @pytest.mark.parametrize("group", GROUPS)
-def test_the_tests_pass_without_damage(project: Path, group: str) -> None:
+def test_the_tests_pass_without_damage(copy: SourceCopy, group: str) -> None:
     """Without damage, the tests pass; a failure with damage therefore shows that the damage is detected."""
-    code, output = run_tests(project, GROUPS[group])
-    assert code == 0, output[-6_000:]
+    outcome = copy.run(GROUPS[group], TESTS_TIMEOUT_S)
+    assert outcome.code == PASSED, outcome.output[-6_000:]
 
 
 @pytest.mark.nightly
@@ -229,10 +177,10 @@ def test_the_tests_pass_without_damage(project: Path, group: str) -> None:
     "damage",
     [pytest.param(damage, id=f"{number}-{damage.file}") for number, damage in enumerate(DAMAGES) if not damage.escapes],
 )
-def test_the_tests_detect_the_damage(project: Path, damage: Damage) -> None:
-    with planted(damage, project):
-        code, output = run_tests(project, damage.tests)
-    assert code not in {0, NO_TESTS_COLLECTED}, (
+def test_the_selected_tests_detect_the_damage(copy: SourceCopy, damage: Damage) -> None:
+    with copy.planted(damage.file, damage.applied_to((ROOT / damage.file).read_text(encoding="utf-8"))):
+        outcome = copy.run(selected_tests(damage), TESTS_TIMEOUT_S)
+    assert not outcome.passed, (
         f"{damage.file}: the tests pass with `{damage.new}` instead of `{damage.old}`. Add a test that fails; only if "
-        f"the damage changes no behaviour, mark the entry `escapes: true` with a `reason`\n{output[-2_000:]}"
+        f"the damage changes no behaviour, mark the entry `escapes: true` with a `reason`\n{outcome.output[-2_000:]}"
     )
