@@ -290,40 +290,33 @@ def test_run_and_bench_pass_their_arguments_on(machine: Machine, word: str, extr
     assert machine.log.read_text().splitlines() == ["venv", f"pip .[{extra}]", *(["npm"] if extra == "dev" else [])]
 
 
-CHECKS = ["ruff|check|.", "ruff|format|--check|.", "mypy|", "lint-imports|"]
-PYTEST = "pytest|-n|2|--dist|worksteal"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "last"),
-    [
-        ([], f"{PYTEST}|-m|not nightly"),
-        (["--nightly"], PYTEST),
-        (["-k", "a b", "--nightly", "-x"], f"{PYTEST}|-k|a b|-x"),
-        (["tests/controller/iomap/test_io_map.py"], f"{PYTEST}|-m|not nightly|tests/controller/iomap/test_io_map.py"),
-    ],
-)
-def test_scripts_test_runs_all_checks_and_pytest_last(machine: Machine, arguments: list[str], last: str) -> None:
+@pytest.mark.parametrize("arguments", [[], ["--nightly", "program"], ["-k", "a b", "-x"]])
+def test_scripts_test_sets_up_and_passes_its_arguments_on(machine: Machine, arguments: list[str]) -> None:
     code, output, _ = machine.run("scripts/test", *arguments)
-    assert (code, output.splitlines()) == (0, [*CHECKS, last])
-    assert machine.run(".ci/run", *arguments) == (0, output, "")
+    assert (code, output) == (0, f"{'|'.join(['python', '-m', 'tests.suite', *arguments])}\n")
+    assert machine.log.read_text().splitlines() == FROM_NOTHING
 
 
-@pytest.mark.parametrize(("failing", "number"), [("ruff", 1), ("mypy", 3), ("lint-imports", 4)])
-def test_scripts_test_stops_at_the_first_failing_check_and_names_it(
-    machine: Machine, failing: str, number: int
-) -> None:
+def test_continuous_integration_runs_one_nightly_part_after_the_tests(machine: Machine) -> None:
     machine.setup("dev")
-    code, output, errors = machine.run("scripts/test", FAILING=failing)
-    assert (code, output.splitlines()) == (1, CHECKS[:number])
-    assert errors == f"scripts/test: {CHECKS[number - 1].replace('|', ' ').strip()} failed\n"
+    machine.tool("git", "#!/usr/bin/env bash\n[[ $* == 'rev-parse HEAD' ]] && echo 5f\n")
+    code, output, _ = machine.run(".ci/run")
+    part = "python|-m|tests.suite.parts|5f"  # the simulated Python prints its arguments
+    first, named, second = output.splitlines()
+    assert (code, first) == (0, "python|-m|tests.suite")
+    assert named == f"nightly part of this commit: scripts/test --nightly {part}"
+    assert second == f"python|-m|tests.suite|--nightly|{part}"
 
 
-def test_scripts_test_fails_with_pytest_and_prints_nothing_after_it(machine: Machine) -> None:
+def test_continuous_integration_fails_with_the_tests(machine: Machine) -> None:
     machine.setup("dev")
-    code, output, errors = machine.run("scripts/test", FAILING="pytest")
-    assert (code, errors) == (3, "")
-    assert output.splitlines()[-1] == f"{PYTEST}|-m|not nightly"
+    code, output, _ = machine.run(".ci/run", FAILING="python")
+    assert (code, output) == (3, "python|-m|tests.suite\n")
+
+
+def test_scripts_test_ends_with_the_exit_code_of_the_suite(machine: Machine) -> None:
+    machine.setup("dev")
+    assert machine.run("scripts/test", FAILING="python")[0] == 3
 
 
 @pytest.mark.parametrize("arguments", [[], ["studies"]])

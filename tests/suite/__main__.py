@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,14 +17,14 @@ from typing import Final
 from tests.paths import ROOT
 from tests.sampling import NIGHTLY, WEEKLY
 from tests.suite.parts import Part, PartError, parts
-from tests.suite.selection import Selection, SelectionError, changed_since, select
+from tests.suite.selection import changed_since, select
 
 USAGE: Final = "scripts/test [--nightly [PART] | --weekly [PART] | --changed [REV]] [options of pytest]"
 ALL: Final = "all"
 CHECKS: Final = (("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",))
 TOOLS: Final = Path(sys.executable).parent
 WORKERS: Final = ("-n", "2", "--dist", "worksteal")
-ENDING_S: Final = 30.0
+ENDING_S: Final = 30
 """Time in which an interrupted tool must end by itself, s."""
 INTERRUPTED: Final = 128 + signal.SIGINT
 INVALID: Final = 2
@@ -42,21 +43,21 @@ class Run:
     options: tuple[str, ...]
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: Sequence[str], tools: Tools) -> int:
     """Run the checks and the selected tests; return the exit code of the first step that fails, 0 if none fails."""
     try:
         runs = _runs(*_parser().parse_known_args(arguments))
-    except (PartError, SelectionError) as error:
-        print(f"scripts/test: {error}", file=sys.stderr)
+    except (PartError, ValueError) as error:
+        _say(str(error))
         return INVALID
     for check in CHECKS:
-        if _code(check):
-            print(f"scripts/test: {shlex.join(check)} failed", file=sys.stderr)
+        if tools.code(check):
+            _say(f"{shlex.join(check)} failed")
             return 1
     for run in runs:
         if run.title:
-            print(f"scripts/test: {run.title}", flush=True)
-        if code := _code(("pytest", *WORKERS, *run.options)):
+            _say(run.title)
+        if code := tools.code(("pytest", *WORKERS, *run.options)):
             return code
     return 0
 
@@ -84,7 +85,7 @@ def _runs(options: argparse.Namespace, rest: list[str]) -> list[Run]:
             return [_part_run(part, rest) for part in parts(mark, None if name == ALL else name)]
     if options.changed is not None:
         return _changed_runs(options.changed, rest)
-    complete = ("-p", "tests.suite.parts") if not rest else ()
+    complete = ("-p", "tests.suite.parts", "--enforce-budgets") if not rest else ()
     return [Run("", ("-p", "tests.suite.budgets", *complete, *rest))]
 
 
@@ -100,35 +101,64 @@ def _changed_runs(revision: str, rest: list[str]) -> list[Run]:
     return [Run(f"{len(files)} test files can be affected", (*files, *rest))] if files else []
 
 
-def _code(command: Sequence[str]) -> int:
-    """Run a tool of the environment to its end; return its exit code.
+class Tools:
+    """Runs one tool of the environment after another, each in a process group of its own.
 
-    The tool has a process group of its own, so that it receives one signal for each one that this process receives,
-    from a terminal or from another process.
-
-    Raises:
-        KeyboardInterrupt: This process was interrupted or terminated; the tool and its children have ended.
+    A tool therefore receives one interrupt for each signal that this process receives, from a terminal or from another
+    process. When the interrupted tool has ended, or after `ENDING_S`, its remaining children are killed.
     """
-    with subprocess.Popen([TOOLS / command[0], *command[1:]], cwd=ROOT, process_group=0) as process:
-        try:
-            return process.wait()
-        except KeyboardInterrupt:
-            os.killpg(process.pid, signal.SIGINT)
-            try:
-                process.wait(ENDING_S)
-            except (KeyboardInterrupt, subprocess.TimeoutExpired):
-                pass
-            os.killpg(process.pid, signal.SIGKILL)
-            raise
+
+    def __init__(self) -> None:
+        self._interrupted = False
+        self._group: int | None = None
+
+    def catch_signals(self) -> None:
+        """Interrupt the running tool on SIGINT and SIGTERM."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._interrupt)
+        signal.signal(signal.SIGALRM, lambda *_: self._send(signal.SIGKILL))
+
+    def code(self, command: Sequence[str]) -> int:
+        """Run a tool to its end; return its exit code.
+
+        Raises:
+            KeyboardInterrupt: This process was interrupted or terminated; the tool and its children have ended.
+        """
+        with subprocess.Popen([TOOLS / command[0], *command[1:]], cwd=ROOT, process_group=0) as process:
+            self._group = process.pid
+            if self._interrupted:  # while the tool was started
+                self._send(signal.SIGINT)
+            code = process.wait()
+            if self._interrupted:
+                self._send(signal.SIGKILL)
+                raise KeyboardInterrupt
+            self._group = None
+        return code
+
+    def _interrupt(self, number: int, frame: object) -> None:
+        self._interrupted = True
+        signal.alarm(ENDING_S)
+        self._send(signal.SIGINT)
+
+    def _send(self, number: signal.Signals) -> None:
+        if self._group is not None:
+            with suppress(ProcessLookupError):
+                os.killpg(self._group, number)
 
 
-def _interrupted(number: int, frame: object) -> None:
-    raise KeyboardInterrupt
+def _say(text: str) -> None:
+    sys.stderr.write(f"scripts/test: {text}\n")
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the command; an interrupt or SIGTERM ends it with exit code 130 after its tools have ended."""
+    tools = Tools()
+    tools.catch_signals()
+    try:
+        return main(arguments, tools)
+    except KeyboardInterrupt:
+        return INTERRUPTED
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, _interrupted)
-    try:
-        sys.exit(main(sys.argv[1:]))
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+    sys.exit(run(sys.argv[1:]))

@@ -21,7 +21,7 @@ import yaml
 BUDGETS: Final = Path(__file__).with_name("budgets.yaml")
 FOLDER_DEPTH: Final = 3
 """Path components of a folder with a budget of its own, as in ``tests/controller/fx``."""
-REFERENCE_LOOPS: Final = 100
+REFERENCE_LOOPS: Final = 300
 """Reference loops in a unit of processor time; on the computer where the budgets were set, about one second."""
 TESTS_PER_REFERENCE: Final = 50
 """Tests of a worker between two measurements of the reference loop."""
@@ -57,6 +57,12 @@ def busy_time_s() -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
+def budgets() -> dict[str, float]:
+    """Return the budget of each folder, in units."""
+    content: dict[str, float] = yaml.safe_load(BUDGETS.read_text(encoding="utf-8"))
+    return content
+
+
 def folder_of(node: str) -> str:
     """Return the folder to whose budget a test counts.
 
@@ -64,7 +70,7 @@ def folder_of(node: str) -> str:
         node: Identifier of the test, such as ``tests/controller/fx/engine/test_engine.py::test_name``.
     """
     parts = node.partition("::")[0].split("/")[:-1]
-    return "/".join(parts[:FOLDER_DEPTH] if parts[0] == "tests" else parts[:1])
+    return "/".join(parts[: FOLDER_DEPTH if parts[:1] == ["tests"] else 1])
 
 
 @dataclass(frozen=True)
@@ -145,7 +151,7 @@ class Accountant:
     """Plugin of the process that prints the result: adds the times up, prints them, and compares with the budgets.
 
     Args:
-        enforced: True if all tests of the default run are selected, so that the budgets apply.
+        enforced: True if a folder over its budget fails the run.
     """
 
     def __init__(self, *, enforced: bool) -> None:
@@ -159,11 +165,11 @@ class Accountant:
         self._usage: Usage | None = None
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        for name, value in report.user_properties:
-            if name == PROPERTY and report.when == "teardown":
-                used_s, loop_s = value
-                self._folders_s[folder_of(report.nodeid)] += used_s
-                self._loops_s += [] if loop_s is None else [loop_s]
+        measured: dict[str, Any] = dict(report.user_properties)
+        if report.when == "teardown" and PROPERTY in measured:
+            used_s, loop_s = measured[PROPERTY]
+            self._folders_s[folder_of(report.nodeid)] += used_s
+            self._loops_s += [] if loop_s is None else [loop_s]
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
@@ -191,3 +197,16 @@ class Accountant:
         return Usage(
             dict(self._folders_s), median(self._loops_s or [reference_loop_s()]), max(0.0, others_s / elapsed_s)
         )
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option with which a folder over its budget fails the run."""
+    parser.addoption("--enforce-budgets", action="store_true", help="fail if a folder exceeds its budget")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the meter where tests run, and the accountant where the result is printed."""
+    if hasattr(config, "workerinput") or not getattr(config.option, "numprocesses", None):
+        config.pluginmanager.register(Meter())
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Accountant(enforced=config.getoption("enforce_budgets")))

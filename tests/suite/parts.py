@@ -1,11 +1,13 @@
 """Parts of the nightly and the weekly tests, and the reasons why a test is not in the default run.
 
-The table is ``parts.yaml``. A part is a list of test files or folders; a nightly or weekly test belongs to the part with
-the longest path that contains its file. Every test function without a case in the default run is listed with a reason.
+The table is ``parts.yaml``. A part is a list of test files and folders, and each nightly or weekly test belongs to
+exactly one part. Every test function without a case in the default run is listed with a reason. A run of all tests
+checks the table (plugin of pytest).
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -72,6 +74,12 @@ def parts(mark: str, name: str | None = None) -> list[Part]:
     return named
 
 
+def part_of(commit: str) -> Part:
+    """Return the nightly part that belongs to a commit, given by its hash; every part belongs to equally many."""
+    found = parts(NIGHTLY)
+    return found[int(commit, 16) % len(found)]
+
+
 @dataclass(frozen=True)
 class Case:
     """Collected case of a test function.
@@ -94,13 +102,13 @@ def problems(cases: Iterable[Case], content: Mapping[str, Any]) -> list[str]:
     for case in cases:
         by_function.setdefault(case.function, set()).add(case.marks)
         for mark in sorted(case.marks):
-            owners = [name for name, paths in content[mark].items() if Part(mark, name, tuple(paths)).contains(case.file)]
-            if len(owners) != 1:
-                found.append(f"{case.file}: in {len(owners)} {mark} parts; list it in exactly one")
+            owners = sum(Part(mark, name, tuple(paths)).contains(case.file) for name, paths in content[mark].items())
+            if owners != 1:
+                found.append(f"{case.file}: in {owners} {mark} parts; list it in exactly one")
     outside = {function for function, marks in by_function.items() if frozenset() not in marks}
     reasons: Mapping[str, str] = content["reasons"]
-    found += [f"{function}: no case in the default run; give the reason" for function in outside - reasons.keys()]
-    found += [f"{function}: has a case in the default run or is gone; delete it" for function in reasons.keys() - outside]
+    found += [f"{name}: no case in the default run; give the reason" for name in outside - reasons.keys()]
+    found += [f"{name}: has a case in the default run, or is gone; delete it" for name in reasons.keys() - outside]
     return sorted({f"{TABLE.name}: {line}" for line in found})
 
 
@@ -138,3 +146,7 @@ def pytest_collection_modifyitems(session: pytest.Session, items: list[pytest.It
         if isinstance(item, pytest.Function)
     ]
     items.append(TableCheck.from_parent(session, name=TABLE.name, found=problems(cases, table())))
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{part_of(sys.argv[1]).name}\n")

@@ -59,7 +59,7 @@ def clear(operator: Operator, controller: Process) -> None:
         operator.hold("stop", pressed=True)
         state = State.CLEARING
         while state not in {State.STOPPED, State.ABORTED}:
-            state = State(event_of(controller, "state")["state"])
+            state = State(int(str(event_of(controller, "state")["state"])))
         operator.hold("stop", pressed=False)
         if state is State.STOPPED:
             return

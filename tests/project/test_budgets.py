@@ -1,0 +1,99 @@
+"""Processor time by folder: measured in real runs, in units of the reference loop, and compared with the budgets."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.paths import ROOT
+from tests.suite.budgets import BUDGETS, OTHERS_LIMIT, Usage, budgets, folder_of, reference_loop_s
+
+USAGE = Usage({"tests/project": 3.0, "tests/controller/fx": 1.0}, reference_s=0.02 / 3, others=0.0)
+
+
+@pytest.mark.parametrize(
+    ("node", "folder"),
+    [
+        ("tests/controller/fx/engine/test_engine.py::test_a[1/2]", "tests/controller/fx"),
+        ("tests/project/test_docs.py::test_a", "tests/project"),
+        ("controller/fx/language/il.py::controller.fx.language.il", "controller"),
+        ("test_a.py::test_a", ""),
+    ],
+)
+def test_a_test_counts_to_its_folder(node: str, folder: str) -> None:
+    assert folder_of(node) == folder
+
+
+def test_a_unit_is_a_number_of_reference_loops() -> None:
+    assert USAGE.units("tests/project") == pytest.approx(3.0 / 2.0)
+    assert 0.0005 < reference_loop_s() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ({"tests/project": 1.51, "tests/controller/fx": 0.51}, []),
+        (
+            {"tests/project": 1.49, "tests/controller/fx": 0.51},
+            ["tests/project: 1.5 units of processor time, budget 1.49"],
+        ),
+        ({"tests/project": 2.0}, ["tests/controller/fx: no budget; add it to budgets.yaml"]),
+        ({"tests/project": 2.0, "tests/controller/fx": 1.0, "tests/gone": 1.0}, []),
+    ],
+)
+def test_a_folder_over_its_budget_and_one_without_are_named(table: dict[str, float], expected: list[str]) -> None:
+    assert USAGE.exceeded(table) == expected
+
+
+def test_every_folder_with_a_budget_exists() -> None:
+    assert [folder for folder in budgets() if not (ROOT / folder).is_dir()] == [], BUDGETS.name
+
+
+BURNING = """
+import subprocess, sys, time
+BURN = "import time\\nwhile time.process_time() < {}: pass"
+def test_here():
+    exec(BURN.format(time.process_time() + 0.5), {})
+def test_in_a_child():
+    subprocess.run([sys.executable, "-c", BURN.format(0.5)], check=True)
+"""
+
+
+@pytest.mark.parametrize("workers", ["0", "1"])
+def test_a_run_prints_the_processor_time_of_tests_and_their_processes(workers: str, tmp_path: Path) -> None:
+    (tmp_path / "test_burning.py").write_text(BURNING, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-p", "tests.suite.budgets", "-n", workers, "--rootdir", tmp_path, tmp_path],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    total = re.search(r"^all tests +(\S+)", done.stdout, re.MULTILINE)
+    assert total is not None, done.stdout
+    assert 0.99 <= float(total[1]) < 1.6
+    others = re.search(r"other processes took (\d+)%", done.stdout)
+    assert others is not None
+    assert 0 <= int(others[1]) <= 100
+
+
+@pytest.mark.parametrize(("others", "code"), [(OTHERS_LIMIT / 2, 1), (OTHERS_LIMIT * 2, 0)])
+def test_a_budget_is_enforced_only_on_a_quiet_computer(others: float, code: int, tmp_path: Path) -> None:
+    """A run of all tests without a budget for its folder fails, unless other processes took too much time."""
+    (tmp_path / "test_a.py").write_text("def test_a(): pass\n", encoding="utf-8")
+    plugin = "from tests.suite import budgets\nbudgets.Accountant._measured = lambda self: budgets.Usage("
+    (tmp_path / "quiet.py").write_text(f"{plugin}{{'new': 1.0}}, 0.01, {others})\n", encoding="utf-8")
+    words = ["-p", "tests.suite.budgets", "-p", "quiet", "--enforce-budgets"]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *words, "--rootdir", tmp_path, tmp_path],
+        cwd=tmp_path,
+        env={"PYTHONPATH": f"{tmp_path}:{ROOT}", "PATH": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ("new: no budget" in done.stdout, done.returncode) == (code == 1, code), done.stdout + done.stderr
