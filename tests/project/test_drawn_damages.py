@@ -6,6 +6,7 @@ import ast
 import json
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 
@@ -165,7 +166,7 @@ RESULT = Result("a/b.py:1: constant: 5 => 6", "killed", "tests/test_x.py::test_y
 def test_results_are_read_and_compared(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     assert read_results(path) == {}
-    path.write_text(json.dumps(damages.asdict(RESULT)) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(asdict(RESULT)) + "\n", encoding="utf-8")
     assert read_results(path) == {RESULT.damage: RESULT}
     escaped = Result(RESULT.damage, "escaped", "", 9.0)
     other = Result("a/c.py:1: constant: 5 => 6", "escaped", "", 9.0)
@@ -179,7 +180,7 @@ def test_results_are_read_and_compared(tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", ["no JSON", '{"damage": "x"}', "[]"])
 def test_a_damaged_file_of_results_is_one_line(tmp_path: Path, line: str, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "results.jsonl"
-    path.write_text(f"{json.dumps(damages.asdict(RESULT))}\n{line}\n", encoding="utf-8")
+    path.write_text(f"{json.dumps(asdict(RESULT))}\n{line}\n", encoding="utf-8")
     with pytest.raises(SystemExit) as ended:
         damages.main(["--out", str(path)])
     assert ended.value.code == 2
