@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
+from tests.suite import leaves
 from tests.suite.dependencies import Dependencies, dependencies, own_dependencies
 from tests.suite.selection import changed_since, main, select, selected
 
@@ -199,3 +201,36 @@ def test_every_module_of_the_project_is_executed_by_a_test() -> None:
         new = {path for user in new for path in used[user]} - reached
     modules = {path for path in own.facts if not path.startswith("tests/")}
     assert modules - reached == set()
+
+
+def test_leaf_packages_are_those_whose_selected_tests_take_a_minute(tmp_path: Path, graph: Dependencies) -> None:
+    path = tmp_path / "durations"
+    tests = {"tests/test_run.py::test_run": (10, 90, 40), "tests/test_tree.py::test_tree[x]": (4, 0, 4)}
+    path.write_text("".join(f"{json.dumps([test, *times])}\n" for test, times in tests.items()), encoding="utf-8")
+    durations_s = leaves.read_durations([path, path])
+    assert durations_s == {"tests/test_run.py": 200, "tests/test_tree.py": 8}
+    found = {each.name: (each.files, each.duration_s) for each in leaves.packages(graph, durations_s)}
+    assert found["controller/panel"] == (len({*RUN, "tree"}), 4 + 208 / 2)
+    assert found["controller/common"][1] > 60
+    text = leaves.table([leaves.Package("a/b", 3, 60.0), leaves.Package("a/c", 3, 60.1)])
+    assert text.splitlines()[2:] == ["| `a/b/` | 3 | 60 |"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (None, "durations: No such file or directory; give a file of measurements"),
+        ("[1]\n", "durations: line 1: not a measurement of a test; delete the line"),
+        ("no JSON", "durations: line 1: not a measurement of a test; delete the line"),
+    ],
+)
+def test_invalid_measurements_are_one_line(
+    tmp_path: Path, text: str | None, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "durations"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(SystemExit) as ended:
+        leaves.main([str(path)])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"python -m tests.suite.leaves: {path.parent}/{expected}\n"

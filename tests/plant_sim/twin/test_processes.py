@@ -33,11 +33,10 @@ from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 from plant_sim.twin.operator import PRESS_MS, Operator, counts_of
-from plant_sim.twin.process import Process
+from tests.plant_sim.twin.process_rig import LIMIT_S, controller_process, plant_process, wait_for_state
 from tests.sampling import first_of
 
 MAIN = {"controller": controller_main, "plant_sim": plant_main}
-LIMIT_S = 60.0
 PATIENT = ("--timeout-ms", "5000", "--link-limit-ms", "10000")
 """Options with limits that a busy test machine does not reach; the strict defaults are tested in simulated time."""
 
@@ -55,40 +54,12 @@ def ended(arguments: tuple[str, ...]) -> int | str | None:
 
 
 @contextmanager
-def plant_process(*options: str) -> Iterator[tuple[Process, int]]:
-    """Serve a plant on a free port."""
-    with Process("plant", ["plant_sim", "serve", "--port", "0", *options]) as plant:
-        line = plant.lines.get(timeout=LIMIT_S)
-        assert line is not None, "the plant did not start"
-        yield plant, int(line.rpartition(":")[2])
-
-
-@contextmanager
 def plant_thread(port: int = 0) -> Iterator[int]:
     """Serve a plant in real time in this process, by default on a free port; yield its port."""
     io_map = load_io_map(DEFAULT_IO_MAP)
     plant = Plant(io_map, load_machine(), seed=1)
     with ServerThread(PlantServer(IoModule(plant, io_map), port=port)) as thread:
         yield thread.server.port
-
-
-def controller_process(port: int, folder: Path, *options: str) -> Process:
-    retain = str(folder / "retentive.json")
-    return Process(
-        "controller",
-        ["controller", "run", "--port", str(port), "--retain", retain, "--events", "json", "--no-hmi", *options],
-    )
-
-
-def wait_for_state(controller: Process, state: State) -> list[dict[str, object]]:
-    """Read events until the machine enters a state."""
-    events: list[dict[str, object]] = []
-    while True:
-        line = controller.lines.get(timeout=LIMIT_S)
-        assert line is not None, f"the controller ended before {state.name}: {events}"
-        events.append(json.loads(line))
-        if events[-1]["event"] == "state" and events[-1]["state"] == state:
-            return events
 
 
 @pytest.mark.parametrize("program", ["controller", "plant_sim"])

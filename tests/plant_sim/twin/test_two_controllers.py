@@ -16,7 +16,7 @@ from controller.program.states import State
 from plant_sim.twin.operator import Operator
 from plant_sim.twin.process import Process
 from tests.controller.common.modbus_rig import ALL_OFF, Client, exception
-from tests.plant_sim.twin.test_processes import LIMIT_S, controller_process, plant_process, wait_for_state
+from tests.plant_sim.twin.process_rig import LIMIT_S, controller_process, plant_process, wait_for_state
 from tests.sampling import first_of
 
 SLOW = ("--timeout-ms", "5000", "--link-limit-ms", "10000", "--scan-ms", "10")
