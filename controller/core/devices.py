@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from controller.common.declarations import DeclarationError
+
 MS_10: Final = 10
 MS_100: Final = 100
 MS_1: Final = 1
@@ -40,7 +42,7 @@ ANNUNCIATOR_ON: Final = 8048
 LOWEST_ANNUNCIATOR: Final = 8049
 
 
-class DeviceError(ValueError):
+class DeviceError(DeclarationError):
     """Raised for a device that an FX2N does not have or does not support for this use."""
 
 

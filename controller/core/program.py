@@ -7,13 +7,14 @@ from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 from functools import cached_property
 
+from controller.common.declarations import DeclarationError
 from controller.core.devices import is_retentive
 from controller.core.expr import Bit, Expr, Word, leaves
 from controller.core.rungs import Annunciate, OnDelay, Out, Rung, read_devices, written_devices
 from controller.core.sequence import Sequence
 
 
-class ProgramError(ValueError):
+class ProgramError(DeclarationError):
     """Raised for a program with a double coil, a shared timer or an output written outside the output block."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from controller.common.declarations import DeclarationError
 from controller.core.expr import Bit, Timer, Word
 
 
@@ -15,20 +16,24 @@ class Area:
         self._owner = f"{owner}." if owner else ""
 
     def _next_number(self) -> int:
+        __tracebackhide__ = True
         number = self._next
         if number > self._last:
-            raise ValueError(f"{self._owner}{self._kind} area is full: it ends at {self._kind}{self._last}")
+            raise DeclarationError(f"{self._owner}{self._kind} area is full: it ends at {self._kind}{self._last}")
         self._next += 1
         return number
 
     def bit(self, name: str, comment: str) -> Bit:
         """Allocate the next bit."""
+        __tracebackhide__ = True
         return Bit(self._kind, self._next_number(), self._owner + name, comment)
 
     def word(self, name: str, comment: str) -> Word:
         """Allocate the next data register."""
+        __tracebackhide__ = True
         return Word(self._kind, self._next_number(), self._owner + name, comment)
 
     def timer(self, name: str, comment: str) -> Timer:
         """Allocate the next timer."""
+        __tracebackhide__ = True
         return Timer(self._next_number(), self._owner + name, comment)

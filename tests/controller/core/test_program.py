@@ -48,11 +48,11 @@ def program(*inner: Rung | Sequence, outputs: tuple[Rung, ...] = (OUT,)) -> Prog
 @pytest.mark.parametrize(
     ("declare", "message"),
     [
-        (lambda: Sequence("arm", 20, [wait("a", "b"), wait("b", "c")]), "arm: step 'b' goes to 'c', which does not"),
+        (lambda: Sequence("arm", 20, [wait("a", "b"), wait("b", "c")]), "arm: step 'b' goes to unknown step 'c'; use one of a, b"),
         (lambda: Sequence("arm", 20, [wait("a"), wait("b"), wait("a")]), "arm: two steps have the same title"),
-        (lambda: Step("lift", [], hold=[m(0)]), "step 'lift' causes motion but has neither a time limit nor"),
-        (lambda: Step("lift", [], hold=[m(0)], waits_for="the sensor"), "step 'lift' causes motion but has neither"),
-        (lambda: Step("rest", []), "step 'rest' holds no request and does not state what it waits"),
+        (lambda: Step("lift", [], hold=[m(0)]), "step 'lift' causes motion without a time limit; add watch or"),
+        (lambda: Step("lift", [], hold=[m(0)], waits_for="the sensor"), "step 'lift' causes motion without"),
+        (lambda: Step("rest", []), "step 'rest' holds no request; state what it waits for"),
         (lambda: Dwell(Timer(246), 100), "dwell T246: a retentive timer"),
         (lambda: Dwell(Timer(250), d(512)), "dwell T250: a retentive timer"),
     ],
