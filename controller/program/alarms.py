@@ -217,13 +217,11 @@ class Annunciators:
             The annunciator.
 
         Raises:
-            DeclarationError: The alarm has no text, or the number is in use or is not an annunciator.
+            DeclarationError: The alarm has no text, or the number is not an annunciator.
         """
         __tracebackhide__ = True
         if not ANNUNCIATORS[0] <= number <= ANNUNCIATORS[-1]:
             raise DeclarationError(f"alarm {key}: S{number} is not an annunciator")
-        if any(alarm.bit.number == number for alarm in self._table):
-            raise DeclarationError(f"alarm {key}: S{number} is already in use; choose the next free number")
         text = (text or ALARMS[key]).of(SIDE_TEXTS[side] if side else None)
         name = f"{side}.alarm: {key}" if side else f"alarm: {key}"
         if stops_work is None:

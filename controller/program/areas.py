@@ -11,6 +11,7 @@ class Area:
 
     def __init__(self, kind: str, first: int, last: int, owner: str = "") -> None:
         self._kind = kind
+        self._first = first
         self._next = first
         self._last = last
         self._owner = f"{owner}." if owner else ""
@@ -19,7 +20,12 @@ class Area:
         __tracebackhide__ = True
         number = self._next
         if number > self._last:
-            raise DeclarationError(f"{self._owner}{self._kind} area is full: it ends at {self._kind}{self._last}")
+            span = f"{self._kind}{self._first} to {self._kind}{self._last}"
+            user = self._owner.rstrip(".") or "the machine"
+            raise DeclarationError(
+                f"{span} are all used by {user}; docs/reference/devices.md lists the free numbers: enlarge this area, "
+                "or add a second one"
+            )
         self._next += 1
         return number
 
