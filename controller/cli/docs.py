@@ -8,6 +8,7 @@ from pathlib import Path
 
 from controller.cli.machine import add_io_map, machine_of
 from controller.common.errors import InputError
+from controller.core.devices import PROGRAM_RANGES, free_spans
 from controller.core.expr import Bit, Word, readable
 from controller.core.sequence import Sequence as StepSequence
 from controller.core.sequence import Step
@@ -206,7 +207,27 @@ def device_table(machine: Transplanter) -> str:
         if device.name and device.kind not in "XYS":
             used.setdefault(f"{device.kind}{device.number:05}", device)
     rows = [(used[key], used[key].name, used[key].comment) for key in sorted(used)]
-    return f"# Devices\n\n{GENERATED}\n\n{table(('device', 'name', 'meaning'), rows)}"
+    return f"# Devices\n\n{GENERATED}\n\n{table(('device', 'name', 'meaning'), rows)}\n{_free_devices(machine)}"
+
+
+def _free_devices(machine: Transplanter) -> str:
+    numbers: dict[str, set[int]] = {}
+    for device in specification(machine).watched.devices():
+        numbers.setdefault(device.kind, set()).add(device.number)
+    rows = [
+        (_span(kind, within), use, ", ".join(_span(kind, span) for span in free_spans(within, numbers.get(kind, ()))))
+        for kind, ranges in PROGRAM_RANGES.items()
+        for within, use in ranges
+    ]
+    return (
+        "## Free numbers\n\nNeither the program nor the monitors of the proof use these devices. Numbers between two "
+        "devices of one owner are reserved for this owner (`Area`). A number of a removed alarm is not used again.\n\n"
+        f"{table(('range', 'kind', 'free'), rows)}"
+    )
+
+
+def _span(kind: str, span: range) -> str:
+    return f"{kind}{span[0]}" if len(span) == 1 else f"{kind}{span[0]} to {kind}{span[-1]}"
 
 
 def instruction_table(_: Transplanter) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn, Protocol, cast
 
+from controller.common.declarations import DeclarationError, declared_at
 from controller.common.errors import InputError
 from controller.common.extras import DISTRIBUTION, install_hint
 from controller.common.stop_request import StopRequest
@@ -130,7 +131,8 @@ class CommandLine:
             command: Callable[[argparse.Namespace], int] = options.command
             return command(options)
         except InputError as error:
-            sys.stderr.write(f"{error}\n")
+            place = declared_at(error) if isinstance(error, DeclarationError) else ""
+            sys.stderr.write(f"{place}: {error}\n" if place else f"{error}\n")
             return USAGE_ERROR
         except ModuleNotFoundError as error:
             hint = install_hint(error)

@@ -6,9 +6,12 @@ manuals themselves). X and Y numbers are octal in text and plain integers here: 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
+
+from controller.common.declarations import DeclarationError
 
 MS_10: Final = 10
 MS_100: Final = 100
@@ -33,6 +36,14 @@ RETENTIVE: Final = {
 ANNUNCIATORS: Final = range(900, 1000)
 MS_100_TIMERS: Final = range(200)
 """Non-retentive 100 ms timers; T250-T255 have the same base but are retentive."""
+PROGRAM_RANGES: Final = {
+    "M": ((range(500), "not retentive"), (range(1024, 3072), "retentive")),
+    "T": ((MS_100_TIMERS, "100 ms"), (range(200, 246), "10 ms")),
+    "C": ((range(100), "not retentive"),),
+    "D": ((range(200), "not retentive"), (range(512, 8000), "retentive")),
+    "S": ((range(20, 500), "steps"), (ANNUNCIATORS, "alarms")),
+}
+"""Ranges that a program allocates: those whose retention does not depend on the parameter settings."""
 RUN_MONITOR: Final = 8000
 INITIAL_PULSE: Final = 8002
 CLOCK_1_S: Final = 8013
@@ -40,7 +51,7 @@ ANNUNCIATOR_ON: Final = 8048
 LOWEST_ANNUNCIATOR: Final = 8049
 
 
-class DeviceError(ValueError):
+class DeviceError(DeclarationError):
     """Raised for a device that an FX2N does not have or does not support for this use."""
 
 
@@ -66,6 +77,25 @@ def check_device(kind: str, number: int) -> None:
 def is_retentive(kind: str, number: int) -> bool:
     """Return True if the device retains its value through a power failure."""
     return any(number in span for span in RETENTIVE.get(kind, ()))
+
+
+def free_spans(within: range, used: Collection[int]) -> list[range]:
+    """Return the spans of unused numbers within a range.
+
+    Examples:
+        >>> free_spans(range(10), {0, 1, 5})
+        [range(2, 5), range(6, 10)]
+    """
+    bounds = [within.start - 1, *sorted(number for number in used if number in within), within.stop]
+    return [range(one + 1, two) for one, two in pairwise(bounds) if one + 1 < two]
+
+
+def next_free(kind: str, number: int, used: Collection[int]) -> str:
+    """Return the name of the first unused device of the program range that contains a number, or "none"."""
+    for within, _ in PROGRAM_RANGES.get(kind, ()):
+        if number in within:
+            return next((device_name(kind, span.start) for span in free_spans(within, used)), "none")
+    return "none"
 
 
 def timer_base_ms(number: int) -> int:

@@ -7,13 +7,14 @@ from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 from functools import cached_property
 
-from controller.core.devices import is_retentive
-from controller.core.expr import Bit, Expr, Word, leaves
+from controller.common.declarations import DeclarationError
+from controller.core.devices import is_retentive, next_free
+from controller.core.expr import Bit, Expr, Timer, Word, leaves
 from controller.core.rungs import Annunciate, OnDelay, Out, Rung, read_devices, written_devices
 from controller.core.sequence import Sequence
 
 
-class ProgramError(ValueError):
+class ProgramError(DeclarationError):
     """Raised for a program with a double coil, a shared timer or an output written outside the output block."""
 
 
@@ -56,6 +57,7 @@ class Program:
     def __post_init__(self) -> None:
         self._check_coils()
         self._check_timers()
+        self._check_names()
 
     def block(self, title: str) -> Block:
         """Return the block with this title."""
@@ -116,12 +118,25 @@ class Program:
                     raise ProgramError(f"block {block.title!r} writes Y; only block {self.outputs!r} may write Y")
 
     def _check_timers(self) -> None:
-        used: set[int] = set()
+        used: dict[int, str] = {}
         for rung in self.rungs():
             if isinstance(rung, OnDelay | Annunciate):
                 if rung.timer.number in used:
-                    raise ProgramError(f"{rung.timer} {rung.timer.name}: used twice")
-                used.add(rung.timer.number)
+                    raise ProgramError(self._in_use(rung.timer, used[rung.timer.number]))
+                used[rung.timer.number] = rung.timer.name
+
+    def _check_names(self) -> None:
+        used: dict[tuple[str, int], str] = {}
+        for device in self.devices():
+            if device.name and used.setdefault((device.kind, device.number), device.name) != device.name:
+                raise ProgramError(self._in_use(device, used[device.kind, device.number]))
+
+    def _in_use(self, device: Bit | Word | Timer, user: str) -> str:
+        kind = "T" if isinstance(device, Timer) else device.kind
+        used = {each.number for each in self.devices() if each.kind == kind}
+        free = next_free(kind, device.number, used)
+        name, owner = f"{device} {device.name}".rstrip(), repr(user) if user else "an unnamed device"
+        return f"{name}: already used by {owner}; next free number: {free}"
 
 
 def _contact_and_value(device: Bit | Word) -> tuple[Bit | Word, ...]:

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from controller.common.declarations import DeclarationError
 from controller.core.devices import ANNUNCIATORS, MS_100, MS_100_TIMERS, WORD_MAX, WORD_MIN, is_32_bit_counter
 from controller.core.expr import TRUE, Bit, Counter, Expr, Timer, Word, leaves
 
 
-class RungError(ValueError):
+class RungError(DeclarationError):
     """Raised for a rung that an FX2N cannot execute."""
 
 

@@ -17,12 +17,14 @@ from collections.abc import Sequence as Rows
 from copy import copy
 from dataclasses import dataclass, replace
 
+from controller.common.declarations import DeclarationError
+from controller.common.suggestion import suggestion
 from controller.core.devices import is_retentive
 from controller.core.expr import TRUE, Bit, Expr, Timer, Word, any_of
 from controller.core.rungs import Annunciate, OnDelay
 
 
-class SequenceError(ValueError):
+class SequenceError(DeclarationError):
     """Raised for an invalid sequence, for example one with an unknown step or a moving step without a time limit."""
 
 
@@ -95,9 +97,9 @@ class Step:
 
     def __post_init__(self) -> None:
         if self.hold and not (self.watch or self.dwell):
-            raise SequenceError(f"step {self.title!r} causes motion but has neither a time limit nor a fixed time")
+            raise SequenceError(f"step {self.title!r} causes motion without a time limit; add watch or dwell")
         if not self.hold and not (self.dwell or self.waits_for):
-            raise SequenceError(f"step {self.title!r} holds no request and does not state what it waits for")
+            raise SequenceError(f"step {self.title!r} holds no request; state what it waits for (waits_for)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +152,13 @@ class Sequence:
         self.transfers = {step.title: tuple(self._transfers(step, enable)) for step in self.steps}
 
     def __getitem__(self, title: str) -> Bit:
-        """Return the S bit of a step."""
+        """Return the S bit of a step.
+
+        Raises:
+            SequenceError: The sequence has no such step.
+        """
+        if title not in self.bits:
+            raise SequenceError(f"{self.name} has no step {title!r}; {suggestion(title, self.bits)}")
         return self.bits[title]
 
     def __iter__(self) -> Iterator[tuple[Bit, Step]]:
@@ -223,7 +231,8 @@ class Sequence:
         earlier: list[Expr] = []
         for to in step.go:
             if to.step not in self.bits:
-                raise SequenceError(f"{self.name}: step {step.title!r} goes to {to.step!r}, which does not exist")
+                remedy = suggestion(to.step, self.bits)
+                raise SequenceError(f"{self.name}: step {step.title!r} goes to unknown step {to.step!r}; {remedy}")
             when = to.when
             for condition in earlier:
                 when = when & ~condition

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import yaml
 
+from controller.common.declarations import DeclarationError
 from controller.common.errors import InputError
 from controller.common.suggestion import suggestion
 from controller.common.yaml_lines import KeyPath, LocatedMapping, dotted, line_of, read_yaml, shown, unfold, value_of
@@ -160,8 +161,11 @@ class IoMap:
         return {point.tag: point for point in (*self.inputs, *self.outputs)}
 
     def __getitem__(self, tag: str) -> Point:
+        __tracebackhide__ = True
         if tag not in self._by_tag:
-            raise KeyError(f"no wired point {tag} in {self.path}")
+            raise DeclarationError(
+                f"{self.path}: no wired point {tag}; add it, and declare its tag in controller/iomap/schema.py"
+            )
         return self._by_tag[tag]
 
     def __contains__(self, tag: object) -> bool:

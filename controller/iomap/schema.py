@@ -10,6 +10,7 @@ from typing import Annotated, Final, Literal, cast
 
 from pydantic import Field, ValidationInfo, field_validator
 
+from controller.common.declarations import Declared
 from controller.common.yaml_lines import shown
 from controller.common.yaml_model import StrictModel
 
@@ -115,7 +116,7 @@ REGISTER = PointKind(
 )
 KIND_OF = {tag: kind for kind in (INPUT, OUTPUT, REGISTER) for tag in kind.required + kind.optional}
 SECTIONS = (INPUT.section, OUTPUT.section, OPTIONAL)
-POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
+_POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
     "start": ("start button pressed", "启动按钮按下"),
     "stop": ("stop button pressed", "停止按钮按下"),
     "emergency_stop": ("emergency stop pressed", "急停按下"),
@@ -149,8 +150,10 @@ POINT_NAMES: Final[dict[str, tuple[str, str]]] = {
     "claws_open": ("claws open", "夹爪张开"),
     "claws_close": ("claws close", "夹爪闭合"),
 }
+POINT_NAMES: Final = Declared("POINT_NAMES", __name__, _POINT_NAMES)
 """English and Chinese display name of each tag; tags of an arm are listed without the side, which the panel adds before
 the name."""
+POINT_NAMES.require(tag.rpartition(".")[2] for tag in KIND_OF)
 
 
 # --- Entries ------------------------------------------------------------------------------------

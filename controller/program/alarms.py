@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
+from controller.common.declarations import DeclarationError, Declared
 from controller.core.devices import ANNUNCIATORS, MS_100
 from controller.core.expr import FALSE, Bit, Expr, Timer, all_of, any_of
 from controller.core.program import Block
@@ -58,7 +59,7 @@ cup, but the flag of the other row then arrives before this one leaves."""
 CUPS_SLOW_MS: Final = 5_000
 """Delay of the warning that the cups pass more slowly than permitted, ms; longer than the cup after a standstill."""
 
-ARM_ALARM_NUMBERS: Final[dict[str, tuple[int, int]]] = {
+_ARM_ALARM_NUMBERS: Final = {
     "approach row": (908, 920),
     "return to row": (909, 921),
     "close claws": (910, 922),
@@ -92,6 +93,7 @@ ARM_ALARM_NUMBERS: Final[dict[str, tuple[int, int]]] = {
     "unbidden": (963, 970),
     "cup counts": (964, 971),
 }
+ARM_ALARM_NUMBERS: Final = Declared("ARM_ALARM_NUMBERS", __name__, _ARM_ALARM_NUMBERS)
 """Permanent S numbers of the arm alarms by key: left, right. Append new rows at the end."""
 
 
@@ -215,12 +217,11 @@ class Annunciators:
             The annunciator.
 
         Raises:
-            ValueError: The number is in use or is not an annunciator.
+            DeclarationError: The alarm has no text, or the number is not an annunciator.
         """
+        __tracebackhide__ = True
         if not ANNUNCIATORS[0] <= number <= ANNUNCIATORS[-1]:
-            raise ValueError(f"alarm {key}: S{number} is not an annunciator")
-        if any(alarm.bit.number == number for alarm in self._table):
-            raise ValueError(f"alarm {key}: S{number} is already in use; choose the next free number")
+            raise DeclarationError(f"alarm {key}: S{number} is not an annunciator")
         text = (text or ALARMS[key]).of(SIDE_TEXTS[side] if side else None)
         name = f"{side}.alarm: {key}" if side else f"alarm: {key}"
         if stops_work is None:
@@ -231,6 +232,7 @@ class Annunciators:
 
     def add_to_arm(self, key: str, side: Side, *, cause: Expr | None = None, stops_arm: bool = True) -> Bit:
         """Add an alarm of one arm with its number from `ARM_ALARM_NUMBERS` and return the annunciator."""
+        __tracebackhide__ = True
         number = ARM_ALARM_NUMBERS[key][SIDES.index(side)]
         return self.add(key, number=number, side=side, cause=cause, stops_arm=stops_arm)
 
@@ -249,6 +251,7 @@ class StepLimits:
 
     def __call__(self, key: str, ms: int) -> Timeout:
         """Return the time limit of the step whose alarm has this key."""
+        __tracebackhide__ = True
         timer = Timer(self._next, f"{self._arm.side}.limit: {key}")
         self._next += 1
         return Timeout(ms, self._alarms.add_to_arm(key, self._arm.side), timer)

@@ -18,6 +18,7 @@ class Inputs:
         self.tray_front_edge = self["tray_front_edge"]
 
     def __getitem__(self, tag: str) -> Expr:
+        __tracebackhide__ = True
         return _condition(self._map[tag])
 
     def optional(self, tag: str) -> Expr | None:

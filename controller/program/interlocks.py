@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from controller.common.declarations import Declared
 from controller.core.devices import CLOCK_1_S, MS_100
 from controller.core.expr import Bit, Expr, Timer, Word, all_of, any_of
 from controller.core.program import Block
@@ -282,7 +283,8 @@ def block_register(tags: Tags, rules: dict[Side, list[Rule]], rules_tray: list[R
     for side, arm in tags.arms.items():
         ungranted = any_of(*(arm.want[output] & ~arm.coils[output] for output in ARM_OUTPUTS))
         rungs += _blocked_by(arm.ungranted, ungranted, arm.blocked_by, rules[side], arm.want)
-    belt = dict.fromkeys(("tray_run", "tray_forward"), tags.tray.want_run | tags.tray.want_creep)
+    moves = tags.tray.want_run | tags.tray.want_creep
+    belt = Declared("tray_requests", __name__, dict.fromkeys(tray_requests(tags), moves))
     forward = tags.tray.driven["tray_forward"]
     rungs += _blocked_by(tags.tray.ungranted, belt["tray_forward"] & ~forward, tags.tray.blocked_by, rules_tray, belt)
     return Block("refused requests", tuple(rungs))

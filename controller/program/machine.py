@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from controller.common.declarations import DeclarationError
 from controller.common.errors import InputError
 from controller.core.expr import FALSE, any_of
 from controller.core.program import Block, Program, requests
@@ -15,9 +16,13 @@ from controller.program import arm, home, modes, tray
 from controller.program.alarms import Annunciators, ArmAlarms, StepLimits, alarm_block
 from controller.program.cups import plausibility
 from controller.program.interlocks import Rule, arm_rules, block_register, output_block, tray_rules
-from controller.program.operator.refusals import Orders
+from controller.program.operator.commands import ARM_OUTPUTS, JOGGED
+from controller.program.operator.next_press import NextPress
+from controller.program.operator.refusals import Orders, Refusal
 from controller.program.planting import planting_block
-from controller.program.tags import SIDES, Side, Tags
+from controller.program.states import Mode, Reason, State
+from controller.program.tags import SIDES, STEPPED, Side, Tags
+from controller.program.texts import operator as texts
 
 OUTPUTS = "interlocks and outputs"
 
@@ -56,8 +61,10 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
 
     Raises:
         RuleError: A rule is unknown.
+        DeclarationError: A declaration is missing or contradicts another one.
     """
     tags = Tags.of(io_map)
+    _require_texts(tags)
     alarms = Annunciators(tags)
     limits = {side: StepLimits(tags.arms[side], alarms) for side in SIDES}
     cycles = {side: arm.cycle(tags, side, limits[side]) for side in SIDES}
@@ -65,6 +72,7 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
     arm_alarms = {side: ArmAlarms(tags.arms[side], alarms, limits[side]) for side in SIDES}
     feeder = tray.feeder(tags, alarms)
     sequences = [*cycles.values(), *homings.values(), feeder]
+    _require_owners(sequences)
     states = modes.state_table(tags)
     rules = {side: arm_rules(tags, side, cycles[side], homings[side]) for side in SIDES}
     rules_tray = tray_rules(tags)
@@ -108,6 +116,24 @@ def build(io_map: IoMap, *, without: Collection[str] = ()) -> Transplanter:
         output_words=() if tags.planting.planter_speed is None else (tags.planting.planter_speed,),
     )
     return Transplanter(io_map, program, orders, tags, alarms, cycles, homings, feeder, states, rules, rules_tray)
+
+
+def _require_texts(tags: Tags) -> None:
+    """Raise DeclarationError unless each state, mode, reason, question, press, command and refusal has its texts."""
+    texts.STATES.require(State)
+    texts.MODES.require(Mode)
+    texts.REASONS.require(Reason)
+    texts.NEXT_PRESSES.require(NextPress)
+    texts.REFUSALS.require(reason.name for reason in Refusal)
+    texts.ORDERS.require(command.group for command in tags.commands)
+
+
+def _require_owners(sequences: list[Sequence]) -> None:
+    """Raise DeclarationError unless each sequence to step exists and each output to jog has a request."""
+    if stepped := {*STEPPED} - {sequence.name for sequence in sequences}:
+        raise DeclarationError(f"STEPPED contains {min(stepped)!r}, which is no sequence; add the sequence to build")
+    if jogged := {*JOGGED} - {f"{side}.{name}" for side in SIDES for name in ARM_OUTPUTS} - {"tray_run"}:
+        raise DeclarationError(f"JOGGED contains {min(jogged)!r}, which has no request; add it to _requests")
 
 
 def _leave_out(rules: list[tuple[str, list[Rule]]], without: Collection[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from controller.common.declarations import DeclarationError
 from controller.core.expr import Word
 from controller.program.areas import Area
 
@@ -77,6 +78,9 @@ class SetPoints:
         """Set-points that depend on the machine and do not change while it runs."""
 
         def add(name: str, default: int, lowest: int, highest: int, comment: str) -> Word:
+            __tracebackhide__ = True
+            if not lowest <= default <= highest:
+                raise DeclarationError(f"set-point {name!r}: default {default} is not within {lowest} to {highest}")
             word = d.word(name, comment)
             self.defaults.append((word, default))
             self.limits[word] = (lowest, highest)

@@ -8,13 +8,15 @@ their area.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
+from controller.common.declarations import Declared
 from controller.core.devices import INITIAL_PULSE
 from controller.core.expr import Bit, Counter, Timer, Word
 from controller.iomap.loader import IoMap
 from controller.program.areas import Area
 from controller.program.inputs import Inputs, System, driven
+from controller.program.operator import commands
 from controller.program.operator.commands import ARM_OUTPUTS, JOGGED, TRAY_ROWS, Commands
 from controller.program.planting_tags import PlantingTags
 from controller.program.set_points import SetPoints
@@ -39,6 +41,17 @@ NO_TRAY, IN_PLACE, MOVING_OUT, COMING, FORGOTTEN = 0, 1, 2, 3, 4
 """Phases of the tray: none, at the pick position, leaving it, approaching it, unknown after a loss of memory."""
 
 FIRST_SCAN: Final = Bit("M", INITIAL_PULSE, "first scan", "on in the first scan after power-up")
+
+
+_T = TypeVar("_T")
+
+
+def _per_device(rows: dict[str, _T]) -> Declared[str, _T]:
+    return Declared("DEVICES", __name__, rows)
+
+
+def _per_output(rows: dict[str, _T]) -> Declared[str, _T]:
+    return Declared("ARM_OUTPUTS", commands.__name__, rows)
 
 
 class MachineTags:
@@ -79,9 +92,11 @@ class MachineTags:
         self.stops_at_once = m.bit("stops at once", "in this mode, stop and hold do not wait for the end of the cycle")
         self.jogging = m.bit("jogging", "manual mode active: outputs follow the jog register")
         self.jog_renewed = m.bit("jog renewed", "jog command accepted, this scan")
-        self.step_armed = {
-            name: m.bit(f"step armed, {name}", f"the next transfer of the {name} is permitted") for name in STEPPED
-        }
+        self.step_armed = Declared(
+            "STEPPED",
+            __name__,
+            {name: m.bit(f"step armed, {name}", f"the next transfer of the {name} is permitted") for name in STEPPED},
+        )
         self.abort = m.bit("abort", "emergency stop, or a fault of link, scan or store")
         self.clear_armed = m.bit("clear armed", "X24 pressed since the emergency stop")
         self.motion = m.bit("motion allowed", "the state allows motion")
@@ -102,7 +117,9 @@ class MachineTags:
         self.alarm_reset = m.bit("alarm reset", "alarms whose cause has cleared are reset, this scan")
         self.new_alarm = m.bit("new alarm", "first alarm that stops work was set, this scan")
         self.t_stop_stuck = Timer(107, "stop stuck", "X24 on longer than an intended press")
-        self.jogs = {output: self.jog.equals(1 + n) for n, output in enumerate(JOGGED)}
+        self.jogs = Declared(
+            "JOGGED", commands.__name__, {output: self.jog.equals(1 + n) for n, output in enumerate(JOGGED)}
+        )
         self.t_jog_lease = Timer(224, "jog lease", "time since the last jog command")
         self.t_step_press = Timer(225, "step press", "time since the press in step mode")
         self.stop_held = Timer(100, "stop held", "time for which X24 is held to clear an emergency stop")
@@ -146,7 +163,7 @@ class ArmTags:
         self.side = side
         self.first_step = 20 + 80 * index
         self.first_limit = 50 * index
-        self.coils = {name: driven(io_map[f"{side}.{name}"]) for name in ARM_OUTPUTS}
+        self.coils = _per_output({name: driven(io_map[f"{side}.{name}"]) for name in ARM_OUTPUTS})
 
         self.sensed_down = x[f"{side}.lift_down"]
         self.sensed_up = x[f"{side}.lift_up"]
@@ -176,10 +193,12 @@ class ArmTags:
         self.slide_travelled = m.bit("slide travelled", "shortest travel time between feed and a row has elapsed")
         self.slide_hopped = m.bit("slide travelled between rows", "shortest travel time between two rows has elapsed")
         self.belt_travelled = m.bit("belt travelled", "shortest travel time to the other end has elapsed")
-        self.placed = {
-            name: m.bit(f"{name} place confirmed", f"a place of the {name} is confirmed") for name in DEVICES
-        }
-        self.doubt = {name: m.bit(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
+        self.placed = _per_device(
+            {name: m.bit(f"{name} place confirmed", f"a place of the {name} is confirmed") for name in DEVICES}
+        )
+        self.doubt = _per_device(
+            {name: m.bit(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
+        )
         self.passed = m.bit("passed row", "the slide has reached or passed the next row since it left feed")
         self.begins_rest = m.bit(
             "comes to rest", "all coils of lift, slide and belt have been off for the rest time, this scan"
@@ -189,7 +208,9 @@ class ArmTags:
         self.rests_at_feed = m.bit("rests at feed", "the slide was at feed when it came to rest")
         self.rests_spread = m.bit("rests spread", "the claws were spread when they came to rest")
         self.rests_converged = m.bit("rests converged", "the claws were converged when they came to rest")
-        self.want = {name: m.bit(f"want {name}", f"request: {name.replace('_', ' ')}") for name in ARM_OUTPUTS}
+        self.want = _per_output(
+            {name: m.bit(f"want {name}", f"request: {name.replace('_', ' ')}") for name in ARM_OUTPUTS},
+        )
         self.cup_edge = m.bit("cup edge", "rising edge of the cup sensor")
         self.cup = m.bit("cup", "cup counted, this scan")
         self.count_good = m.bit("count good", "twelve empty cups are under the claws")
@@ -227,9 +248,12 @@ class ArmTags:
         self.fault = m.bit("fault", "an alarm of this arm is set")
         self.off_home = m.bit("off home", "the arm should be at home but is not")
         self.over_row = m.bit("overran", "the slide left its row after arriving")
-        self.under_way = {
-            name: m.bit(f"{name} under way", f"the {name} has been between two places while driven") for name in DEVICES
-        }
+        self.under_way = _per_device(
+            {
+                name: m.bit(f"{name} under way", f"the {name} has been between two places while driven")
+                for name in DEVICES
+            },
+        )
 
         self.loaded = retentive_m.bit("loaded", "the claws hold seedlings")
         self.claws_closed = retentive_m.bit("claws closed", "the last claw command was to close")
@@ -238,10 +262,14 @@ class ArmTags:
         self.on_row = retentive_m.bit(
             "on row", "the claws have closed at a row, and the slide has not been driven since"
         )
-        self.reached = {
-            place: retentive_m.bit(f"reached {place}", f"{place} was reached, and the device not driven away since")
-            for place in PLACES
-        }
+        self.reached = Declared(
+            "PLACES",
+            __name__,
+            {
+                place: retentive_m.bit(f"reached {place}", f"{place} was reached, and the device not driven away since")
+                for place in PLACES
+            },
+        )
         self.out_of_service = retentive_m.bit("out of service", "the arm stays at feed and is not driven")
         self.rows = {row: retentive_d.word(f"row {row}", "0 taken, 1 full, 2 in progress, 3 in doubt") for row in ROWS}
         self.missed_cups = retentive_d.word("missed cups", "cups missed since the last reset of the counts")
@@ -261,12 +289,14 @@ class ArmTags:
         self.t_no_cups = Timer(101 + index, f"{side}.no cups", "no cup pulse while waiting")
         self.t_press = Timer(226 + index, f"{side}.pressurise at feed", "outer chamber of the slide fills")
         pressed = Area("T", 228 + 3 * index, 230 + 3 * index, side)
-        self.t_pressed = {name: pressed.timer(f"{name} pressed", f"{name} driven against its end") for name in DEVICES}
+        self.t_pressed = _per_device(
+            {name: pressed.timer(f"{name} pressed", f"{name} driven against its end") for name in DEVICES}
+        )
         t100 = Area("T", 110 + 10 * index, 119 + 10 * index, side)
         self.t_rest = t100.timer("rest", "all coils of lift, slide and belt are off")
-        self.t_doubt = {
-            name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES
-        }
+        self.t_doubt = _per_device(
+            {name: t100.timer(f"{name} in doubt", f"an implausible switch of the {name} is on") for name in DEVICES}
+        )
         self.t_unbidden = t100.timer("switch changed at rest", "a switch has changed while the arm was at rest")
         self.t_raising = t100.timer("raising", "lift driven upwards")
         self.t_press_down = t100.timer("press down at feed", "upper chamber of the lift fills")

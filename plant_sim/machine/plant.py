@@ -94,7 +94,7 @@ class Plant(Saved):
 
         Raises:
             FaultError: The machine has no such part, or two faults change the same value at the same time.
-            KeyError: A coil of the machine is not wired.
+            DeclarationError: A coil of the machine is not wired.
             ValueError: A wired input is not part of the machine, or the number of trays is negative.
         """
         self.time_ms = 0

@@ -319,7 +319,16 @@ def test_scripts_test_ends_with_the_exit_code_of_the_suite(machine: Machine) -> 
     assert machine.run("scripts/test", FAILING="python")[0] == 3
 
 
-@pytest.mark.parametrize("arguments", [[], ["studies"]])
-def test_an_unknown_set_is_rejected(machine: Machine, arguments: list[str]) -> None:
-    expected = "scripts/setup: unknown set; usage: scripts/setup dev, or scripts/setup plant\n"
-    assert machine.run("scripts/setup", *arguments) == (2, "", expected)
+@pytest.mark.parametrize("name", ["studies", "", "dev plant"])
+def test_an_unknown_set_is_rejected(machine: Machine, name: str) -> None:
+    expected = f"scripts/setup: unknown set '{name}'; use plant or dev\n"
+    assert machine.run("scripts/setup", name) == (2, "", expected)
+
+
+def test_setup_without_a_set_lists_every_set(machine: Machine) -> None:
+    """Nothing is installed; each listed set can be installed."""
+    code, output, errors = machine.run("scripts/setup")
+    assert (code, output, machine.log.exists()) == (2, "", False)
+    sets = re.findall(r"^  (\w+)  ", errors, re.MULTILINE)
+    assert sets == ["plant", "dev"]
+    assert [machine.setup(each)[-1] for each in sets] == ["pip .[plant,studies,panel,parquet]", "npm"]

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum, auto
 
+from controller.common.declarations import Declared
 from controller.core.expr import FALSE, Bit, Expr, all_of, any_of
 from controller.core.rungs import Inc, Mov, Out, Rst, Rung
 from controller.program.operator.commands import Command
@@ -103,7 +104,7 @@ class Orders:
             commands.clear: machine.released_early & aborted,
         }
         """Presses that end before the button has been held long enough."""
-        self._obstacles = dict(self._table())
+        self._obstacles = Declared("Orders._table", __name__, dict(self._table()))
 
     def accepted(self, command: Bit) -> Expr:
         """Return the condition that a command is requested and has no active obstacle."""

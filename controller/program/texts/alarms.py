@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from controller.common.declarations import Declared
 from controller.program.texts.operator import AlarmText, Text
 
 # The checks depend on the actuator and its direction, so all steps with the same motion share one text. Coils and
@@ -58,7 +59,7 @@ _CLAWS_OPEN: Final = Text(
     "slide_at_pick_3），臂是否在下限位，输出是否因磁盘写入慢而被延迟",
 )
 
-ALARMS: Final = {
+_ALARMS: Final = {
     "emergency_stop": AlarmText(
         Text("Emergency stop pressed", "急停按钮已按下"),
         Text(
@@ -348,6 +349,7 @@ ALARMS: Final = {
         ),
     ),
 }
+ALARMS: Final = Declared("ALARMS", __name__, _ALARMS)
 """Alarm texts, by key."""
 
 ALARM_STATES: Final = {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final, Literal, NamedTuple
 
+from controller.common.declarations import Declared
+
 Language = Literal["en", "zh"]
 LANGUAGES: Final[tuple[Language, Language]] = ("en", "zh")
 
@@ -50,7 +52,7 @@ class AlarmText(NamedTuple):
 
 SIDES: Final = {"left": Text("left", "左"), "right": Text("right", "右")}
 
-STATES: Final = {
+_STATES: Final = {
     1: Text("Clearing", "清除中"),
     2: Text("Stopped", "已停止"),
     3: Text("Starting", "启动中"),
@@ -69,9 +71,10 @@ STATES: Final = {
     16: Text("Completing", "完成中"),
     17: Text("Complete", "已完成"),
 }
+STATES: Final = Declared("STATES", __name__, _STATES)
 """PackML states by number (docs/sources/fx2n.md 5: numbers as used in several public implementations)."""
 
-REASONS: Final = {
+_REASONS: Final = {
     0: Text("", ""),
     1: Text("no tray", "无苗盘"),
     2: Text("no cups at the left row", "左行无苗杯"),
@@ -83,18 +86,20 @@ REASONS: Final = {
     8: Text("held by the operator", "操作员保持"),
     9: Text("operator panel not responding", "操作面板无响应"),
 }
+REASONS: Final = Declared("REASONS", __name__, _REASONS)
 """Reasons for Suspended and Held, by `states.Reason`."""
 
-MODES: Final = {
+_MODES: Final = {
     1: Text("continuous", "连续运行"),
     3: Text("manual", "手动"),
     4: Text("one cycle", "单周期"),
     5: Text("step", "单步"),
     6: Text("zero return", "回原点"),
 }
+MODES: Final = Declared("MODES", __name__, _MODES)
 """Operating modes, by `states.Mode`."""
 
-QUESTIONS: Final = {
+_QUESTIONS: Final = {
     "loaded": Text("Is the {side} arm holding seedlings?", "{side}臂是否夹有苗？"),
     "tray": Text(
         "Which tray is at the pick position: the same one, a full one, or no usable one?",
@@ -105,9 +110,10 @@ QUESTIONS: Final = {
         "{side}夹爪下方的苗杯是否为空？如不确认，须先转过十二个苗杯",
     ),
 }
+QUESTIONS: Final = Declared("QUESTIONS", __name__, _QUESTIONS)
 """Questions to the operator when homing cannot determine the state from the sensors."""
 
-ORDERS: Final = {
+_ORDERS: Final = {
     "reset": Text("reset", "复位"),
     "start": Text("start", "启动"),
     "stop": Text("stop", "停止"),
@@ -129,9 +135,10 @@ ORDERS: Final = {
     "service": Text("take the arm out of service or return it", "停用或启用机械臂"),
     "empty_line": Text("empty the line", "清空生产线"),
 }
+ORDERS: Final = Declared("ORDERS", __name__, _ORDERS)
 """Names of commands in refusals, by command group."""
 
-REFUSALS: Final = {
+_REFUSALS: Final = {
     "NOT_AT_REST": Text("the machine is not in Stopped, Held or Complete", "机器不在停止、保持或完成状态"),
     "NOT_IDLE": Text("the machine is not in Idle or Suspended", "机器不在待机或暂挂状态"),
     "NOT_RUNNING": Text("the machine is not running", "机器未在运行"),
@@ -182,6 +189,7 @@ REFUSALS: Final = {
     "NOT_STOPPED": Text("the machine is not in Stopped", "机器未处于停止状态"),
     "OTHER_ARM_OUT": Text("the other arm is out of service", "另一臂已停用"),
 }
+REFUSALS: Final = Declared("REFUSALS", __name__, _REFUSALS)
 """Reasons for refusing a command, by name of `refusals.Refusal`."""
 
 _HOLD: Final = Text("{question} Hold X0 for 2 s: yes; X24: no", "{question} 按住 X0 2 秒：是；按住 X24：否")
@@ -191,7 +199,7 @@ def _held(question: Text) -> Text:
     return Text(_HOLD.en.format(question=question.en), _HOLD.zh.format(question=question.zh))
 
 
-NEXT_PRESSES: Final = {
+_NEXT_PRESSES: Final = {
     0: Text("no press required", "无需按钮操作"),
     1: Text("press X0 to reset and home", "按 X0 复位并回原点"),
     2: Text("press X0 to start", "按 X0 启动"),
@@ -226,6 +234,7 @@ NEXT_PRESSES: Final = {
     19: Text("unsuspend by command, or press X24 to stop", "用命令解除暂挂，或按 X24 停止"),
     20: Text("jog by command, or press X24 to stop", "用命令点动，或按 X24 停止"),
 }
+NEXT_PRESSES: Final = Declared("NEXT_PRESSES", __name__, _NEXT_PRESSES)
 """Next useful press of the operator, by `next_press.NextPress`."""
 
 NEXT: Final = Text("{text}; next: {press}", "{text}；下一步：{press}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -14,41 +14,80 @@ from controller.cli.main import main
 from controller.cli.prove import prove_command
 from controller.core.expr import Bit, evaluate
 from controller.core.rungs import Out, written_devices
+from controller.core.specification import ComputedProperty, Invariant, Limit, Requirement, WayOut
 from controller.program.states import State
-from controller.verify.report import CONSISTENT
+from controller.verify.cells import ModelError
+from controller.verify.report import CONSISTENT, Result, prove
 from plant_sim.twin.lock_step import Twin
 from tests.controller.core.core_rig import y
-from tests.controller.verify.proof_rig import MACHINE, SOUND
+from tests.controller.verify.proof_rig import MACHINE, SOUND, seconds
 from tests.controller.verify.verify_rig import specification_of
 from tests.sampling import first_of
 
 RULE, GOAL = "left: down at feed only", "left: down away from feed"
 STEPS: list[Bit] = [bit for sequence in MACHINE.program.sequences() for bit, _ in sequence]
-INDUCTION = [*(each.name for each in SOUND.invariants), *(each.name for each in SOUND.requirements)]
-WAYS_OUT = [way.name for way in SOUND.ways_out]
-STEPS_LEFT = [f"{bit} {bit.name}" for bit in STEPS]
-CHECKS = [check.name for check in SOUND.checks]
+NOT_GOALS = {"remembered", "assumptions"}
+"""Tables of a specification whose entries are no goals."""
+
+
+def result_of(goal: object) -> Result:
+    """Return the result that an entry of the specification has in a report without a finding.
+
+    Raises:
+        TypeError: The kind of the entry is unknown here.
+    """
+    match goal:
+        case Invariant() | Requirement() | WayOut():
+            return Result.PROVED
+        case ComputedProperty(explores=explores):
+            return Result.EXPLORED if explores else Result.PROVED
+        case Limit():
+            return Result.LISTED
+    raise TypeError(f"state which result a {type(goal).__name__} of a specification must have")
+
+
+TABLES = {
+    each.name: {goal.name: result_of(goal) for goal in getattr(SOUND, each.name)}
+    for each in fields(SOUND)
+    if each.name not in NOT_GOALS and isinstance(getattr(SOUND, each.name), tuple)
+}
+"""Expected results by name, for every table of goals of the specification."""
+ALWAYS = TABLES.pop("invariants") | TABLES.pop("requirements") | {CONSISTENT: Result.POSSIBLE}
+SAMPLED = [{f"{bit} {bit.name}": Result.POSSIBLE for bit in STEPS}, *TABLES.values()]
 
 
 # ---- complete program -------------------------------------------------------------------------------------------
 
 
+def expected_results(every: int) -> dict[str, Result]:
+    """Return the results by name: all requirements and invariants, and one in `every` of each other kind of goal."""
+    return ALWAYS | {name: table[name] for table in SAMPLED for name in [*table][::every]}
+
+
+def test_every_goal_of_the_proof_is_expected() -> None:
+    """The names that a proof knows are those of the specification and the steps, so no kind of goal is missing here."""
+    with pytest.raises(ModelError) as error:
+        prove(SOUND, clock=seconds, only=["no such goal"])
+    known = str(error.value).removeprefix("unknown goal 'no such goal'; known: ")
+    assert sorted(known.split(", ")) == sorted(", ".join(expected_results(every=1)).split(", "))
+
+
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("every", first_of([5, 1]))
 def test_the_proof_succeeds(every: int) -> None:
-    """Every requirement and invariant is proved, steps can be left, ways out reach their targets, and homing ends.
+    """Every goal has the result that the specification demands: requirements are proved, limits are not provable.
 
-    One step in five, one way out in five and the bound of homing are proved; all of them, and the exploration of
-    homing, with ``--nightly``.
+    One step in five, and one in five of the ways out, checks and limits are proved; all of them, among them the
+    exploration of homing, with ``--nightly``.
     """
-    names = [*INDUCTION, CONSISTENT, *STEPS_LEFT[::every], *WAYS_OUT[::every], *CHECKS[::every]]
-    goals = [] if every == 1 else [f"--goal={name}" for name in names]
+    expected = expected_results(every)
+    goals = [] if every == 1 else [f"--goal={name}" for name in expected]
     command = [sys.executable, "-m", "controller", "prove", "--json", *goals]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=280)
     assert done.stderr == ""
     report = json.loads(done.stdout)
-    assert [row["name"] for row in report["rows"]] == names
-    assert [row["name"] for row in report["rows"] if row["result"] not in {"proved", "possible", "explored"}] == []
+    assert len(report["rows"]) == len(expected)
+    assert {row["name"]: row["result"] for row in report["rows"]} == expected
     assert (done.returncode, report["good"]) == (0, True)
 
 

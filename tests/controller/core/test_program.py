@@ -48,11 +48,14 @@ def program(*inner: Rung | Sequence, outputs: tuple[Rung, ...] = (OUT,)) -> Prog
 @pytest.mark.parametrize(
     ("declare", "message"),
     [
-        (lambda: Sequence("arm", 20, [wait("a", "b"), wait("b", "c")]), "arm: step 'b' goes to 'c', which does not"),
+        (
+            lambda: Sequence("arm", 20, [wait("a", "b"), wait("b", "c")]),
+            "arm: step 'b' goes to unknown step 'c'; use one of a, b",
+        ),
         (lambda: Sequence("arm", 20, [wait("a"), wait("b"), wait("a")]), "arm: two steps have the same title"),
-        (lambda: Step("lift", [], hold=[m(0)]), "step 'lift' causes motion but has neither a time limit nor"),
-        (lambda: Step("lift", [], hold=[m(0)], waits_for="the sensor"), "step 'lift' causes motion but has neither"),
-        (lambda: Step("rest", []), "step 'rest' holds no request and does not state what it waits"),
+        (lambda: Step("lift", [], hold=[m(0)]), "step 'lift' causes motion without a time limit; add watch or"),
+        (lambda: Step("lift", [], hold=[m(0)], waits_for="the sensor"), "step 'lift' causes motion without"),
+        (lambda: Step("rest", []), "step 'rest' holds no request; state what it waits for"),
         (lambda: Dwell(Timer(246), 100), "dwell T246: a retentive timer"),
         (lambda: Dwell(Timer(250), d(512)), "dwell T250: a retentive timer"),
     ],
@@ -136,7 +139,7 @@ def test_outputs_are_written_only_in_the_output_block(rung: Rung) -> None:
 def test_a_timer_used_twice_is_rejected(again: Rung | Sequence) -> None:
     first = Sequence("first", 20, [dwell("a", 7)])
     for items in ((first, again), (again, first)):
-        with pytest.raises(ProgramError, match="T7 : used twice"):
+        with pytest.raises(ProgramError, match="T7: already used by an unnamed device; next free number: T0"):
             program(*items)
     program(again)
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from controller.common.declarations import DeclarationError
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, IoMapError, ModbusTable, Point, Polarity, load_io_map
 from tests.sampling import examples
 
@@ -109,7 +110,7 @@ def test_optional_points_are_listed_without_a_wire(io_map: IoMap) -> None:
     assert all(point.optional and not point.wired for point in io_map.unwired)
     assert "horn" not in io_map
     assert io_map.get("horn") is None
-    with pytest.raises(KeyError, match="horn"):
+    with pytest.raises(DeclarationError, match="no wired point horn"):
         io_map["horn"]
 
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from controller.common.declarations import DeclarationError
 from controller.iomap.loader import Polarity
 from plant_sim.crop.seedling import Location
 from plant_sim.machine.plant import Plant
@@ -165,7 +166,7 @@ def test_an_unknown_wired_input_is_rejected() -> None:
 
 def test_a_coil_without_a_wire_is_rejected() -> None:
     outputs = tuple(point for point in IO_MAP.outputs if point.tag != "left.spread")
-    with pytest.raises(KeyError, match=r"left\.spread"):
+    with pytest.raises(DeclarationError, match=r"left\.spread"):
         Plant(replace(IO_MAP, outputs=outputs), MACHINE, seed=1)
 
 

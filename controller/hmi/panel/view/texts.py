@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from controller.common.declarations import Declared
 from controller.hmi.panel.orders.replies import LEVELS
 from controller.hmi.panel.view.names import NAMES
 from controller.program.texts.alarms import ALARM_STATES
@@ -301,7 +302,7 @@ _HANDS: Final = {
     "parameters.grain": Text("Enter a multiple of {grain}", "请输入 {grain} 的整数倍"),
 }
 
-TEXTS: Final[dict[str, Text]] = {
+_TEXTS: Final[dict[str, Text]] = {
     **_FORMATS,
     **_FRAME,
     **_LOGIN,
@@ -311,4 +312,5 @@ TEXTS: Final[dict[str, Text]] = {
     **_HANDS,
     **NAMES,
 }
+TEXTS: Final = Declared("TEXTS", __name__, _TEXTS)
 """All texts of the page by key."""
