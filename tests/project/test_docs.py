@@ -276,7 +276,7 @@ def test_the_measurement_has_every_figure_of_the_parts() -> None:
 
 TEST_RUN = re.compile(r"`scripts/test`|\ball tests\b")
 """Mention of a complete run of the tests, without the nightly ones."""
-DURATION = re.compile(r"\b(?:takes?|took) (?:about )?([\d.]+(?: to [\d.]+)? (?:s|min|minutes|seconds|h|hours)\b)")
+DURATION = re.compile(r"\b(\d[\d.]*(?: to [\d.]+)? (?:s|min|minutes|seconds|h|hours))\b")
 
 
 def stated_durations(text: str) -> list[str]:

@@ -162,6 +162,8 @@ def read_record(path: Path) -> BenchRecord:
     Raises:
         InputError: The file cannot be read or is invalid.
     """
+    if not path.is_file():
+        raise InputError(f"{path}: is not a file; specify a file written by bench --json")
     located = unfold(read_yaml(path, InputError), _DEPTH, _json_value)
     record = validated(BenchRecord, located)
     if record is None or located.faults:

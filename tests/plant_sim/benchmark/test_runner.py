@@ -95,7 +95,8 @@ def test_the_largest_steal_time_is_stored() -> None:
 
 
 def test_a_goal_applies_to_the_median() -> None:
-    slow, fast = part("slow", in_turn([{"speed": 1.0}, {"speed": 1.9}, {"speed": 8.0}])), part("fast", steady(2.0))
+    slow = part("slow", in_turn([{"speed": 1.0}, {"speed": 1.9}, {"speed": 8.0}]))
+    fast = part("fast", in_turn([{"speed": 1.0}, {"speed": 2.0}, {"speed": 2.0}]))
     assert [record.figures["speed"].meets_goal for record in run(slow, fast).values()] == [False, True]
 
 

@@ -124,7 +124,7 @@ def test_invalid_input_is_one_line_before_anything_is_measured(
 
 def test_a_file_in_place_of_a_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--json", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.startswith(f"{tmp_path}: cannot be read (Is a directory)")
+    assert capsys.readouterr().err.startswith(f"{tmp_path}: is not a file; specify a file")
 
 
 def test_the_help_lists_the_parts(capsys: pytest.CaptureFixture[str]) -> None:
@@ -133,3 +133,17 @@ def test_the_help_lists_the_parts(capsys: pytest.CaptureFixture[str]) -> None:
     _, _, listed = capsys.readouterr().out.partition("\nparts:\n")
     assert re.findall(r"^  ([\w-]+) ", listed, re.M) == [each.name for each in catalogue.PARTS]
     assert listed.endswith("Scans on a busy computer (only if named)\n")
+
+
+def test_the_page_of_an_invalid_file_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    broken, out = tmp_path / "bench.json", tmp_path / "out"
+    broken.write_text('{"version": "1"', "utf-8")
+    for path, expected in (
+        (broken, f"{broken}:1: file: is not YAML"),
+        (tmp_path / "none", f"{tmp_path / 'none'}: is not"),
+    ):
+        assert main(["docs", "--performance", str(path), "--out", str(out)]) == 2
+        printed = capsys.readouterr()
+        assert printed.err.startswith(expected)
+        assert printed.err.count("\n") == 1
+        assert not out.exists()
