@@ -52,11 +52,13 @@ def _run(part: BenchPart, seed: int, repetitions: int, clock: Clock) -> PartReco
     before = clock()
     try:
         for _ in range(repetitions):
-            measured.append(part.measure(seed))
-            after = clock()
-            stolen_pct = max(stolen_pct, after.stolen_pct(before))
-            other_pct = max(other_pct, after.other_pct(before))
-            before = after
+            try:
+                measured.append(part.measure(seed))
+            finally:  # other processes may be the cause of a failure
+                after = clock()
+                stolen_pct = max(stolen_pct, after.stolen_pct(before))
+                other_pct = max(other_pct, after.other_pct(before))
+                before = after
         figures = _figures(part, measured, other_pct)
     except Exception as error:  # noqa: BLE001 - the other parts must keep their figures, whatever fails here
         failed = _reason(error)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from plant_sim.benchmark.results.record import BenchRecord, FigureRecord, PartRecord
+from plant_sim.benchmark.results.record import DISTURBED_PCT, BenchRecord, FigureRecord, PartRecord
 
 _LIMITS: Final = {"at_most": "at most", "at_least": "at least"}
 
@@ -76,8 +76,8 @@ def part_text(name: str, part: PartRecord) -> str:
 
 
 def failure_text(name: str, part: PartRecord) -> str:
-    """Return the one line that reports a failed part."""
-    return f"{name}: failed: {part.failed}"
+    """Return the one line that reports a failed part, with the load if there were other processes."""
+    return f"{name}: failed: {part.failed}" + (f"; {load_text(part)}" if part.other_pct > DISTURBED_PCT else "")
 
 
 def run_text(record: BenchRecord) -> str:

@@ -37,6 +37,11 @@ def test_a_failed_part_costs_its_own_figures_only(error: Exception, reason: str)
     assert [found[name].figures["speed"].median for name in ("one", "three")] == [3.0, 4.0]
 
 
+def test_the_load_of_a_failed_measurement_is_stored() -> None:
+    failing = part("one", in_turn([{"speed": 1.0}, LiveError("too late")]))
+    assert run(failing, busy_s=(0.0, 0.5))["one"].other_pct == 50.0
+
+
 def test_every_part_is_reported_when_it_ends() -> None:
     reported: list[tuple[str, str | None]] = []
     parts = [part("one", in_turn([OSError("broken")])), part("two", steady())]

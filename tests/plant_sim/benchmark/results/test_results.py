@@ -124,7 +124,11 @@ def test_the_text_states_median_range_goal_and_disturbance() -> None:
     )
     assert re.fullmatch(r"  speed +1\.5 m/s \(disturbed\) \(1 to 3\); goal: at least 2, not met", lines[1])
     assert re.fullmatch(r"  gap +there was no gap", lines[2])
-    assert failure_text("rows", COMPLETE.parts["rows"]) == "rows: failed: broken"
+    failed = COMPLETE.parts["rows"]
+    assert failure_text("rows", failed).startswith(
+        "rows: failed: broken; load average 0.5 before, other processes 12.5 %"
+    )
+    assert failure_text("rows", failed.model_copy(update={"other_pct": 1.0})) == "rows: failed: broken"
 
 
 def test_the_page_states_what_the_file_states(tmp_path: Path) -> None:
