@@ -7,12 +7,12 @@ import os
 import queue
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from controller.common.real_time import DEFAULT_PRIORITY
 from controller.program.states import State
 from plant_sim.benchmark.hmi import running_controller
 from plant_sim.benchmark.hmi_load import connect
@@ -22,55 +22,35 @@ from plant_sim.twin.process import Process
 BUSY_PER_PROCESSOR: Final = 8
 """Computing processes per processor (assumed)."""
 CLIENTS: Final = 4
+FOR_S: Final = 60
+"""Duration of a run, s."""
 _LOAD: Final = "plant_sim.benchmark.hmi_load"
 _SPARE_S: Final = 60
 """Time by which the load outlasts the measurement, s: starting and homing on a busy computer."""
 
 
-@dataclass(frozen=True, slots=True)
-class BusyHostRow:
-    """Lateness of one run.
-
-    Attributes:
-        name: Conditions.
-        lateness: Statistics.
-        scans: Number of scans.
-        lost_s: Time from the start of the load until the machine was in Aborted, s; None = never.
-    """
-
-    name: str
-    lateness: Punctuality
-    scans: int
-    lost_s: float | None
-
-    def text(self) -> str:
-        """Return the row as a line of text."""
-        end = "field link held" if self.lost_s is None else f"Aborted after {self.lost_s:.1f} s"
-        late = self.lateness
-        return (
-            f"{self.name:34s} {self.scans:6d} scans, {late.missed:4d} missed, {late.p99_ms:6.1f} ms late in "
-            f"99 % of cases, at most {late.latest_ms:6.1f} ms; {end}"
-        )
-
-
-def measure_busy_host(for_s: int, priority: int) -> Iterator[BusyHostRow]:
-    """Yield the lateness of a machine at work on a busy computer: both priorities, without and with panel clients.
+def measure_busy_host(_seed: int, *, for_s: int = FOR_S) -> dict[str, float]:
+    """Measure the lateness of a machine at work on a busy computer: both priorities, without and with clients.
 
     Args:
         for_s: Duration of each run, s; it ends earlier if the machine aborts.
-        priority: Real-time priority.
 
     Raises:
         LiveError: A process failed, or the machine did not reach a required state.
         SilentServerError: The controller did not answer.
     """
-    real_time = ["--real-time-priority", str(priority)]
+    real_time = ["--real-time-priority", str(DEFAULT_PRIORITY)]
+    figures: dict[str, float] = {}
     for clients in (False, True):
-        for name, options in (("normal priority", []), (f"real-time priority {priority}", real_time)):
-            yield _run(f"{name}, {'clients' if clients else 'no clients'}", for_s, options, clients=clients)
+        for priority, options in (("normal", []), ("real_time", real_time)):
+            row = _run(for_s, options, clients=clients)
+            name = f"{priority}_{'clients' if clients else 'alone'}"
+            figures |= {f"{name}_{key}": value for key, value in row.items()}
+    return figures
 
 
-def _run(name: str, for_s: int, options: Sequence[str], *, clients: bool) -> BusyHostRow:
+def _run(for_s: int, options: Sequence[str], *, clients: bool) -> dict[str, float]:
+    """Return the figures of one run; the time of the loss is missing if the machine did not abort."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="transplanter-")))
         _, controller, port = stack.enter_context(running_controller(folder, at_work=True, real_time=options))
@@ -84,7 +64,8 @@ def _run(name: str, for_s: int, options: Sequence[str], *, clients: bool) -> Bus
         lost_s = _aborted_after_s(controller.lines, for_s)
         counts, missed = _read(port)
     late = [after - first for after, first in zip(counts, before, strict=True)]
-    return BusyHostRow(name, Punctuality.of(late, missed - before_missed), sum(late), lost_s)
+    figures = {"scans": float(sum(late)), **Punctuality.of(late, missed - before_missed).figures()}
+    return figures if lost_s is None else figures | {"aborted": lost_s}
 
 
 def _read(port: int) -> tuple[list[int], int]:

@@ -8,8 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from math import isnan, nan
+from dataclasses import replace
 from random import Random
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -29,12 +28,8 @@ from plant_sim.benchmark.c_program import CProgram, compiled_c
 RUNGS: Final = 200
 INPUTS: Final = 256
 ROUNDS: Final = 30
-FX2N_NS: Final = 80.0
-"""Execution time of a contact or coil on the FX2N, ns (docs/sources/fx2n.md 1.3, not verified)."""
-INSTRUCTION_GOAL_NS: Final = 8.0
-INTERPRETER_GOAL: Final = 10.0
-C_GOAL: Final = 3.0
-COMPILE_GOAL_S: Final = 5.0
+_COMPARED: Final = {"c": "machine", "shuffled_c": "shuffled"}
+"""Machine code of the same rungs as each C program."""
 _COMPILE: Final = """
 import json
 from plant_sim.benchmark.fx_engine import first_compilations_s
@@ -42,67 +37,8 @@ print(json.dumps(first_compilations_s()))
 """
 
 
-@dataclass(frozen=True)
-class FxFigures:
-    """Figures of the FX2N engine; a scan of 200 seal-in rungs has 800 instructions.
-
-    Attributes:
-        machine_ns: CPU time per instruction as machine code, including the call of the scan from Python, ns.
-        c_ns: CPU time per instruction of a C program with the same rungs, including the call from Python, ns. The
-            figures of C are NaN if gcc is not installed.
-        shuffled_ns: CPU time per instruction as machine code for the same number of rungs with random contacts, in
-            random order, ns.
-        shuffled_c_ns: CPU time per instruction of a C program with these rungs, ns.
-        call_ns: CPU time of a call from Python to a C function that does nothing, divided by the number of
-            instructions, ns; it is included in the times above.
-        instruction_ns: CPU time per instruction as Python functions, ns.
-        interpreted_ns: CPU time per instruction with an interpreter of the same list, ns.
-        compile_program_s: CPU time to compile the program of the machine in a new process with an empty cache folder,
-            s.
-        compile_export_s: CPU time to compile the export of this program for an FX2N, s.
-        compile_rung_s: CPU time to compile the export again after a change to one rung, s.
-    """
-
-    machine_ns: float
-    c_ns: float
-    shuffled_ns: float
-    shuffled_c_ns: float
-    call_ns: float
-    instruction_ns: float
-    interpreted_ns: float
-    compile_program_s: float
-    compile_export_s: float
-    compile_rung_s: float
-
-    def fx_text(self) -> str:
-        """Return the figures with their goals as text."""
-        slower = self.interpreted_ns / self.instruction_ns
-        return "\n".join(
-            [
-                f"instruction of an FX list  {self._with_c(self.machine_ns, self.c_ns)}",
-                f"  random rungs             {self._with_c(self.shuffled_ns, self.shuffled_c_ns)}",
-                f"  Python functions         {self.instruction_ns:7.2f} ns CPU "
-                f"(goal: at most {INSTRUCTION_GOAL_NS:.0f})",
-                f"  interpreted              {self.interpreted_ns:7.2f} ns CPU, ratio {slower:.1f} to Python functions "
-                f"(goal: at least {INTERPRETER_GOAL:.0f})",
-                f"compilation, FX export     {self.compile_export_s:7.2f} s CPU (goal: at most {COMPILE_GOAL_S:.0f}), "
-                f"{self.compile_rung_s:.2f} s after a changed rung",
-                f"  program of the machine   {self.compile_program_s:7.2f} s CPU (goal: at most {COMPILE_GOAL_S:.0f})",
-            ]
-        )
-
-    def _with_c(self, machine_ns: float, c_ns: float) -> str:
-        if isnan(c_ns):
-            return f"{machine_ns:7.2f} ns CPU; C not measured, because gcc is not installed"
-        return (
-            f"{machine_ns:7.2f} ns CPU, C {c_ns:.2f} ns, ratio {machine_ns / c_ns:.2f} (goal: at most {C_GOAL:.0f}); "
-            f"call {self.call_ns:.2f} ns"
-        )
-
-
-def measure_fx() -> FxFigures:
-    """Measure the execution of the seal-in rungs, and the compilation in a new process."""
-    times_ns = instruction_ns()
+def measure_compilation(_seed: int) -> dict[str, float]:
+    """Measure the CPU times of the compilations in a new process with an empty cache folder."""
     with TemporaryDirectory() as folder:
         printed = subprocess.run(  # noqa: S603 - our own code
             [sys.executable, "-c", _COMPILE],
@@ -111,7 +47,7 @@ def measure_fx() -> FxFigures:
             capture_output=True,
             text=True,
         )
-    return FxFigures(*(round(figure, 3) for figure in (*times_ns, *json.loads(printed.stdout))))
+    return dict(zip(("program", "export", "changed_rung"), json.loads(printed.stdout), strict=True))
 
 
 def seal_ins() -> Ladder:
@@ -129,8 +65,8 @@ def _ladder(rungs: Iterable[tuple[int, int, int]]) -> Ladder:
     return read_il("".join(f"LD X{on:o}\nOR M{m}\nANI X{off:o}\nOUT M{m}\n" for on, m, off in rungs) + "END\n")
 
 
-def instruction_ns() -> tuple[float, ...]:
-    """Return the CPU times per instruction of the seal-in rungs, ns, in the order of `FxFigures`.
+def measure_instructions(_seed: int) -> dict[str, float]:
+    """Measure the CPU times per instruction of the seal-in rungs; without gcc there are no figures of C.
 
     Each is the minimum of thirty alternating rounds. The program runs from step 0 to END; the processing before and
     after it, some microseconds, is excluded. Machine code and C are called in the same way.
@@ -145,15 +81,17 @@ def instruction_ns() -> tuple[float, ...]:
         "machine": (_machine_scan(ladder, image), 1000),
         "shuffled": (_machine_scan(shuffled, image), 1000),
         "python": (lambda: plc.execution.run(0), 100),
-        "interpreter": (lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10),
+        "interpreted": (lambda: _interpret(steps, {"X": image, "M": plc.memory.M}), 10),
     }
     c, shuffled_c = compiled_c(ladder), compiled_c(shuffled)
     if c is not None and shuffled_c is not None:
-        works |= {"c": (_c_scan(c, image), 1000), "shuffled c": (_c_scan(shuffled_c, image), 1000)}
+        works |= {"c": (_c_scan(c, image), 1000), "shuffled_c": (_c_scan(shuffled_c, image), 1000)}
         works["call"] = (lambda: c.call(0, 0), 1000)
-    best_ns = _fastest_ns(works)
-    names = ("machine", "c", "shuffled", "shuffled c", "call", "python", "interpreter")
-    return tuple(best_ns.get(name, nan) / len(steps) for name in names)
+    times_ns = {name: best_ns / len(steps) for name, best_ns in _fastest_ns(works).items()}
+    ratios = {"python_ratio": times_ns["interpreted"] / times_ns["python"]}
+    for name in ("c", "shuffled_c") if "c" in times_ns else ():
+        ratios[f"{name}_ratio"] = times_ns[_COMPARED[name]] / times_ns[name]
+    return times_ns | ratios
 
 
 _Works = dict[str, tuple[Callable[[], object], int]]

@@ -33,7 +33,7 @@ WAIT_NS: Final = 10_000_000
 LIMIT_S: Final = 10.0
 """Response timeout, s."""
 ROUND_S: Final = 0.4
-ROUNDS: Final = 10
+ROUNDS: Final = 5
 MANY: Final = 8
 
 _SOUND: Final = (
@@ -151,11 +151,11 @@ async def _receive_together(url: str, count: int, seconds: int) -> int:
 
 def rates(ours: int, theirs: int) -> None:
     """Read registers from two servers alternately, over one connection and over several; print the rates."""
-    samples: dict[str, list[float]] = {"ours": [], "theirs": [], "ours_many": [], "theirs_many": []}
+    samples: dict[str, list[float]] = {"one": [], "one_reference": [], "many": [], "many_reference": []}
     for _ in range(ROUNDS):
-        for count, mark in ((1, ""), (MANY, "_many")):
-            samples[f"ours{mark}"].append(_rate(ours, count))
-            samples[f"theirs{mark}"].append(_rate(theirs, count))
+        for count, name in ((1, "one"), (MANY, "many")):
+            samples[name].append(_rate(ours, count))
+            samples[f"{name}_reference"].append(_rate(theirs, count))
     _print({name: round(statistics.median(each)) for name, each in samples.items()})
 
 

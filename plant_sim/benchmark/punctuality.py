@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
-import os
 import socket
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 from controller.hmi.access import status_registers as own
 from controller.hmi.modbus.fx3u_map import register_address
 from controller.io.loop import BOUNDS_US
+from plant_sim.benchmark import host
 from plant_sim.benchmark.hmi_load import percentile_ms, read_registers
 from plant_sim.twin.process import LiveError
 
@@ -45,9 +43,9 @@ class Punctuality:
             raise LiveError("no scans were counted")
         return cls(percentile_ms(list(counts), 99), percentile_ms(list(counts), 100), missed)
 
-
-NOTHING = Punctuality(math.nan, math.nan, 0)
-"""Statistics used if there is no calm second."""
+    def figures(self) -> dict[str, float]:
+        """Return the statistics by key."""
+        return {"p99": self.p99_ms, "latest": self.latest_ms, "missed": self.missed}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +61,11 @@ def measured_seconds(line: socket.socket, for_s: int) -> list[Second]:
     """Return the lateness of the scans in each of the next `for_s` seconds, read from the controller."""
     seconds = []
     before_late, before_missed = read_counts(line)
-    before_stolen_s = _stolen_s()
+    before_stolen_s = host.stolen_s()
     for _ in range(for_s):
         threading.Event().wait(1)
         late, missed = read_counts(line)
-        stolen_s = _stolen_s()
+        stolen_s = host.stolen_s()
         counted = [now - then for now, then in zip(late, before_late, strict=True)]
         seconds.append(Second(counted, missed - before_missed, stolen_s - before_stolen_s))
         before_late, before_missed, before_stolen_s = late, missed, stolen_s
@@ -78,12 +76,6 @@ def total(seconds: Sequence[Second]) -> Punctuality:
     """Return the combined statistics of several seconds."""
     counts = [sum(buckets) for buckets in zip(*(second.late for second in seconds), strict=True)]
     return Punctuality.of(counts, sum(second.missed for second in seconds))
-
-
-def _stolen_s() -> float:
-    """Return the steal time since the start of this virtual machine, s."""
-    total = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()
-    return int(total[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def read_counts(line: socket.socket) -> tuple[list[int], int]:

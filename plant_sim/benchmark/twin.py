@@ -1,10 +1,11 @@
-"""Speed of the twin: a trial in machine code and step by step, its parts, snapshots and fleets."""
+"""Speed of the twin: start, trial in machine code and step by step, its parts, snapshots and fleets."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -17,105 +18,71 @@ from plant_sim.study.fleet import FleetMachine, run_fleet
 from plant_sim.twin import compiled_run
 from plant_sim.twin.lock_step import SCAN_MS, Twin
 
-TRIAL_GOAL: Final = 7.0
-FLEET_GOAL: Final = 1.8
-SNAPSHOT_GOAL_US: Final = 100.0
 ROUNDS: Final = 3
 FLEET_TRIALS: Final = 120
 SNAPSHOTS: Final = 2_000
 WORKERS: Final = 2
+_START: Final = """
+import time
+began_s = time.perf_counter()
+from plant_sim.twin.lock_step import Twin
+Twin().scan()
+print(time.perf_counter() - began_s)
+"""
 
 
-@dataclass(frozen=True)
-class TwinFigures:
-    """Figures of the twin; a trial is that of the paper with 144 seedlings, from power-up to Complete.
-
-    Attributes:
-        simulated_s: Simulated time of the trial, s.
-        trial_s: CPU time of a trial in machine code, set-up included, s.
-        step_by_step_s: CPU time of the same trial step by step, s.
-        kernel_s: Part of `trial_s` spent in machine code, s.
-        kernel_scan_s: Part of `kernel_s` spent in the program, s.
-        kernel_plant_s: Part of `kernel_s` spent in the plant, s.
-        calls: Number of calls of Python during the trial.
-        ticks: Number of ticks of the trial.
-        snapshot_us: CPU time of a snapshot, us.
-        restore_us: CPU time of a restoration, us.
-        fleet_ratio: Ratio of simulated time to wall time of a fleet on one core.
-        fleet_two_ratio: The same on two cores.
-    """
-
-    simulated_s: float
-    trial_s: float
-    step_by_step_s: float
-    kernel_s: float
-    kernel_scan_s: float
-    kernel_plant_s: float
-    calls: int
-    ticks: int
-    snapshot_us: float
-    restore_us: float
-    fleet_ratio: float
-    fleet_two_ratio: float
-
-    def twin_text(self) -> str:
-        """Return the figures with their goals as text."""
-        machine, steps = self.simulated_s / self.trial_s, self.simulated_s / self.step_by_step_s
-        rest_s = max(0.0, self.kernel_s - self.kernel_scan_s - self.kernel_plant_s)
-        shares = {
-            "program": self.kernel_scan_s,
-            "plant": self.kernel_plant_s,
-            "sensors, filter, limits": rest_s,
-            "Python": self.trial_s - self.kernel_s,
-        }
-        listed = ", ".join(f"{name} {100 * part_s / self.trial_s:.0f} %" for name, part_s in shares.items())
-        return "\n".join(
-            [
-                f"trial, step by step        {steps:7.0f} x real time over {self.simulated_s:.1f} s",
-                f"  in machine code          {machine:7.0f} x real time, ratio {machine / steps:.1f} "
-                f"(goal: at least {TRIAL_GOAL:.0f})",
-                f"  of which                 {listed}",
-                f"  calls of Python          {self.calls:7d} in {self.ticks} ticks",
-                f"snapshot                   {self.snapshot_us:7.0f} us CPU, restored in {self.restore_us:.0f} us "
-                f"(goal: at most {SNAPSHOT_GOAL_US:.0f})",
-                f"fleet on one core          {self.fleet_ratio:7.0f} x real time",
-                f"  on two cores             {self.fleet_two_ratio:7.0f} x real time, ratio "
-                f"{self.fleet_two_ratio / self.fleet_ratio:.2f} (goal: at least {FLEET_GOAL})",
-            ]
-        )
-
-
-def measure_twin(*, seed: int = 1) -> TwinFigures:
-    """Measure the trial, alternately in machine code and step by step, then snapshots and fleets.
-
-    Args:
-        seed: Seed of the trial.
-    """
-    _trial(seed, step_by_step=False)
-    times_s: dict[bool, list[float]] = {False: [], True: []}
-    for _ in range(ROUNDS):
-        for step_by_step, taken_s in times_s.items():
-            began_s = time.process_time()
-            twin = _trial(seed, step_by_step=step_by_step)
-            taken_s.append(time.process_time() - began_s)
+def measure_trial(seed: int) -> dict[str, float]:
+    """Measure the trial in machine code and step by step, and the parts of the trial in machine code."""
+    _trial(seed, step_by_step=False)  # loads the machine code
+    times_s = {}
+    for step_by_step in (False, True):
+        began_s = time.process_time()
+        twin = _trial(seed, step_by_step=step_by_step)
+        times_s[step_by_step] = time.process_time() - began_s
+    ticks, simulated_s = twin.now_ms // SCAN_MS, twin.now_ms / 1000
     kernel_s, calls = _in_kernel(seed)
-    snapshot_us, restore_us = _snapshots(seed)
+    program_s, plant_s = ticks * _scan_s(twin_at_work(seed)), _plant_s(seed, ticks)
+    trial_s = times_s[False]
+    shares_s = {
+        "program": program_s,
+        "plant": plant_s,
+        "rest": max(0.0, kernel_s - program_s - plant_s),
+        "python": max(0.0, trial_s - kernel_s),
+    }
+    return {
+        "step_by_step": simulated_s / times_s[True],
+        "machine_code": simulated_s / trial_s,
+        "ratio": times_s[True] / trial_s,
+        **{f"{name}_share": 100 * part_s / trial_s for name, part_s in shares_s.items()},
+        "plant_alone": trial_s / plant_s,
+        "simulated": simulated_s,
+        "ticks": ticks,
+        "calls": calls,
+    }
+
+
+def measure_snapshot(seed: int) -> dict[str, float]:
+    """Measure the CPU times of a snapshot and of a restoration of a twin at work."""
+    twin = twin_at_work(seed)
+    snapshot = twin.snapshot()
+    return {
+        "snapshot": 1e6 * _least_s(twin.snapshot, SNAPSHOTS),
+        "restoration": 1e6 * _least_s(lambda: twin.restore(snapshot), SNAPSHOTS),
+    }
+
+
+def measure_fleet(_seed: int) -> dict[str, float]:
+    """Measure a fleet with the seeds from 0 on, in one process and in two."""
     machines = [FleetMachine(seed=number) for number in range(FLEET_TRIALS)]
-    ticks = twin.now_ms // SCAN_MS
-    return TwinFigures(
-        simulated_s=twin.now_ms / 1000,
-        trial_s=min(times_s[False]),
-        step_by_step_s=min(times_s[True]),
-        kernel_s=kernel_s,
-        kernel_scan_s=ticks * _scan_s(twin_at_work(seed)),
-        kernel_plant_s=_plant_s(seed, ticks),
-        calls=calls,
-        ticks=ticks,
-        snapshot_us=snapshot_us,
-        restore_us=restore_us,
-        fleet_ratio=_fleet_ratio(machines, 1),
-        fleet_two_ratio=_fleet_ratio(machines, WORKERS),
-    )
+    one, two = _fleet_ratio(machines, 1), _fleet_ratio(machines, WORKERS)
+    return {"one": one, "two": two, "ratio": two / one}
+
+
+def measure_start(_seed: int) -> dict[str, float]:
+    """Measure the time from the first import of a new process to the end of the first scan of a twin."""
+    command = [sys.executable, "-c", _START]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True)  # noqa: S603 - our own code
+    return {"start": float(printed.stdout)}
 
 
 def twin_at_work(seed: int) -> Twin:
@@ -183,13 +150,6 @@ def _plant_s(seed: int, ticks: int) -> float:
             advance(plant.state, plant.params, coils, True, SCAN_MS * number, steps, plant.positions)
         spent_s.append(time.process_time() - began_s)
     return (spent_s[0] - spent_s[1]) * ticks / len(outputs)
-
-
-def _snapshots(seed: int) -> tuple[float, float]:
-    """Return the CPU times of a snapshot and of a restoration, us."""
-    twin = twin_at_work(seed)
-    snapshot = twin.snapshot()
-    return 1e6 * _least_s(twin.snapshot, SNAPSHOTS), 1e6 * _least_s(lambda: twin.restore(snapshot), SNAPSHOTS)
 
 
 def _least_s(action: Callable[[], object], times: int) -> float:

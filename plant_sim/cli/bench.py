@@ -3,53 +3,96 @@
 from __future__ import annotations
 
 import argparse
-import json
+import os
 import sys
+from datetime import datetime
+from pathlib import Path
 
+from controller.common.command_line import HelpFormatter, version
 from controller.common.errors import InputError
-from controller.common.real_time import DEFAULT_PRIORITY
-from plant_sim.cli.options import add_machine_arguments, check_machine_arguments
+from plant_sim.benchmark import catalogue
+from plant_sim.benchmark.host import commit, host_record
+from plant_sim.benchmark.results.record import BenchRecord, PartRecord, read_record
+from plant_sim.benchmark.results.text import failure_text, part_text, run_text
+from plant_sim.benchmark.runner import MOST_REPETITIONS, run_parts
+from plant_sim.cli.options import check_seed
+
+
+class _PartsFormatter(HelpFormatter, argparse.RawDescriptionHelpFormatter):
+    """Help formatter that keeps the list of the parts."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``bench``."""
-    add_machine_arguments(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.formatter_class = _PartsFormatter
+    parser.epilog = "parts:\n" + "\n".join(
+        f"  {part.name:16s} {part.title}{_note(part.by_default)}" for part in catalogue.PARTS
+    )
     parser.add_argument(
-        "--busy-host",
-        type=int,
-        nargs="?",
-        const=60,
+        "parts",
+        nargs="*",
+        metavar="PART",
+        help="part to measure, from the list below; without names, all that need not be named",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers")
+    parser.add_argument(
+        "--repetitions", type=int, default=None, metavar="N", help="measurements of each part instead of its own number"
+    )
+    parser.add_argument(
+        "--json",
+        type=Path,
         default=None,
-        metavar="SECONDS",
-        help="measure only the lateness of the scans on a busy computer, in four runs of this duration, 60 s by "
-        "default: with normal and with real-time priority, which must be permitted",
+        metavar="FILE",
+        help="write the results to this file at the end; the duration of scripts/test that it states is kept",
     )
 
 
+def _note(by_default: bool) -> str:
+    return "" if by_default else " (only if named)"
+
+
 def run(options: argparse.Namespace) -> int:
-    """Measure and print the figures."""
-    check_machine_arguments(options)
-    if options.busy_host is not None:
-        return _busy_host(options.busy_host)
-    from plant_sim.benchmark.run import measure  # noqa: PLC0415
+    """Measure the parts, print their results, and write the file."""
+    check_seed(options)
+    count: int | None = options.repetitions
+    if count is not None and not 1 <= count <= MOST_REPETITIONS:
+        raise InputError(f"--repetitions {count}: must be 1 to {MOST_REPETITIONS}")
+    parts = catalogue.chosen_parts(options.parts)
+    record = BenchRecord(
+        version=version(),
+        commit=commit(),
+        date=datetime.now().astimezone().isoformat(timespec="seconds"),
+        seed=options.seed,
+        load_average=[round(load, 2) for load in os.getloadavg()],
+        host=host_record(),
+        test_duration_s=None if options.json is None else _test_duration_s(options.json),
+        parts={},
+    )
+    print(run_text(record), flush=True)
+    measured = run_parts(parts, seed=options.seed, repetitions=count, report=_print)
+    if options.json is not None:
+        record.model_copy(update={"parts": measured}).write(options.json)
+    return 1 if any(part.failed for part in measured.values()) else 0
 
-    figures = measure(seed=options.seed)
-    print(json.dumps(figures.record()) if options.json else figures.text())
-    return 0
+
+def _print(name: str, part: PartRecord) -> None:
+    """Print the result of a part, or the reason of its failure to standard error."""
+    if part.failed is None:
+        print(part_text(name, part), flush=True)
+    else:
+        print(failure_text(name, part), file=sys.stderr, flush=True)
 
 
-def _busy_host(for_s: int) -> int:
-    if not 1 <= for_s <= 600:
-        raise InputError(f"--busy-host {for_s}: must be 1 to 600")
-    from plant_sim.benchmark.busy_host import measure_busy_host  # noqa: PLC0415
-    from plant_sim.benchmark.hmi_load import SilentServerError  # noqa: PLC0415
-    from plant_sim.twin.process import LiveError  # noqa: PLC0415
+def _test_duration_s(path: Path) -> int | None:
+    """Return the duration of ``scripts/test`` that an earlier result states; None if there is no such file.
 
-    try:
-        for row in measure_busy_host(for_s, DEFAULT_PRIORITY):
-            print(row.text(), flush=True)
-    except (LiveError, SilentServerError) as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
+    Raises:
+        InputError: The file is not a result, or cannot be written.
+    """
+    if path.exists():
+        return read_record(path).test_duration_s
+    if not path.parent.is_dir():
+        raise InputError(f"--json {path}: there is no folder {path.parent}; create it")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"--json {path}: the folder cannot be written; specify another path")
+    return None

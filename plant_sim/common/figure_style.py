@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from controller.common.errors import InputError
+from plant_sim.common.whole_file import write_whole
 
 COLOURS: Final[Mapping[str, str]] = {
     "left": "#0072B2",
@@ -89,24 +89,4 @@ def save_as(figure: Figure, path: Path) -> None:
         FigureError: The file cannot be written.
     """
     metadata = dict(_METADATA[path.suffix])
-    write_whole(path, lambda part: figure.savefig(part, dpi=150, metadata=metadata))
-
-
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file completely or not at all.
-
-    Args:
-        path: File to write; an existing file is replaced.
-        write: Function that writes a temporary file with the same suffix.
-
-    Raises:
-        FigureError: The file cannot be written.
-    """
-    part = path.with_name(f"{path.stem}.part{path.suffix}")
-    try:
-        write(part)
-        os.replace(part, path)
-    except OSError as error:
-        with suppress(OSError):
-            part.unlink()
-        raise FigureError(f"{path}: cannot be written ({error.strerror}); specify another path") from None
+    write_whole(path, lambda part: figure.savefig(part, dpi=150, metadata=metadata), FigureError)

@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from plant_sim.common.figure_style import QUIET, drawing, save, write_whole
+from plant_sim.common.figure_style import QUIET, drawing, save
+from plant_sim.common.whole_file import write_whole
 from plant_sim.line.errors import LineError
 from plant_sim.line.result import LineResult
 from plant_sim.line.row import NO_PLANT, Missing, PlantRow
@@ -69,7 +70,7 @@ def write_result(result: LineResult, out: Path) -> list[Path]:
         The paths of the files.
 
     Raises:
-        FigureError: A file cannot be written.
+        InputError: A file cannot be written.
     """
     plants = plant_table(result)
     csv_path, parquet_path, json_path = out / "plants.csv", out / "plants.parquet", out / "result.json"

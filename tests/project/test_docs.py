@@ -8,9 +8,7 @@ import shlex
 import textwrap
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as Xml
 
 import pytest
@@ -21,8 +19,9 @@ from controller.cli.main import COMMAND_LINE as CONTROLLER
 from controller.iomap.loader import DEFAULT_IO_MAP, load_io_map
 from controller.program.machine import build
 from controller.program.tags import SIDES
-from plant_sim.benchmark.reaction import Reaction
-from plant_sim.benchmark.run import Figures
+from plant_sim.benchmark.catalogue import PARTS
+from plant_sim.benchmark.results.page import minutes, performance_page
+from plant_sim.benchmark.results.record import read_record
 from plant_sim.cli import docs as plant_reference
 from plant_sim.cli.main import COMMAND_LINE as PLANT
 from plant_sim.cli.main import main as plant_main
@@ -257,13 +256,42 @@ def test_the_sample_report_of_the_readme_is_up_to_date(
     assert line.strip() in printed.err
 
 
-def test_the_performance_page_has_the_form_of_the_measurement() -> None:
-    """The page lists the figures that scripts/bench prints; their values may differ."""
-    number = r" *\d+(?:\.\d+)?"
-    (page,) = blocks(DOCS / "performance.md", "text")
-    reactions = tuple(Reaction(link, *[1] * 9) for link in ("Modbus TCP", "Modbus TCP", "Modbus RTU at 1 baud"))
-    figures: dict[str, Any] = {field.name: 1 for field in fields(Figures)} | {"reactions": reactions}
-    assert masked(page, number) == masked(Figures(**figures).text(), number)
+PERFORMANCE = DOCS / "performance.json"
+
+
+def test_the_performance_page_is_that_of_the_measurement() -> None:
+    assert read(DOCS / "performance.md") == performance_page(PERFORMANCE), (
+        "docs/performance.md is not up to date; run: .venv/bin/python -m plant_sim docs --performance "
+        "docs/performance.json --out docs"
+    )
+
+
+def test_the_measurement_has_every_figure_of_the_parts() -> None:
+    """A part that was renamed or has other figures must be measured again."""
+    measured = {name: set(part.figures) for name, part in read_record(PERFORMANCE).parts.items() if not part.failed}
+    by_name = {part.name: set(part.figures) for part in PARTS}
+    assert measured
+    assert measured == {name: by_name.get(name) for name in measured}
+
+
+TEST_RUN = re.compile(r"`scripts/test`|\ball tests\b")
+"""Mention of a complete run of the tests, without the nightly ones."""
+DURATION = re.compile(r"\b(\d[\d.]*(?: to [\d.]+)? (?:s|min|minutes|seconds|h|hours))\b")
+
+
+def stated_durations(text: str) -> list[str]:
+    """Return the durations that a text states for a run of the tests."""
+    sentences = re.split(r"(?<=[.:]) |\n\n", re.sub(r"\n(?!\n)", " ", text))
+    return [found for each in sentences if TEST_RUN.search(each) for found in DURATION.findall(each)]
+
+
+def test_the_pages_state_one_duration_of_the_tests() -> None:
+    duration_s = read_record(PERFORMANCE).test_duration_s
+    assert duration_s is not None
+    stated = {page.relative_to(ROOT).as_posix(): stated_durations(read(page)) for page in PAGES}
+    found = {name: durations for name, durations in stated.items() if durations}
+    expected = [f"{minutes(duration_s)} minutes"]
+    assert found == dict.fromkeys(("CONTRIBUTING.md", "README.md", "docs/performance.md"), expected)
 
 
 # --- code ---------------------------------------------------------------------------------------

@@ -52,11 +52,11 @@ NOT_RUN: Final = dict(re.findall(r"^- `([^`]+)`: (.+)$", _EXCEPTIONS, re.MULTILI
 NOT_RUN_COUNT: Final = 7
 RUN_ELSEWHERE: Final = re.compile(
     r"scripts/test\b|\.venv/bin/python -m controller (prove$|capture record|run --real-time-priority)"
-    r"|\.venv/bin/python -m plant_sim bench --busy-host"
+    r"|scripts/bench\b"
 )
 """Commands that are covered elsewhere: `scripts/test` runs this test, test_scenario_guide.py runs the checks of the
 scenario guide, test_prove.py runs the complete proof, test_capture.py the proxy, test_real_time.py the priority, which
-a system may refuse, and test_busy_host.py the busy computer."""
+a system may refuse, and test_parts.py every part of the benchmark."""
 PAPERS: Final = {
     f".venv/bin/python -m {command}"
     for paper in get_args(PaperName)
@@ -90,7 +90,6 @@ SLOW: Final = {
     ".venv/bin/python -m plant_sim study planter-release --out var/planter-release",
     ".venv/bin/python -m plant_sim study planter-verdicts --out var/planter-verdicts",
     ".venv/bin/python -m plant_sim study throughput --json",
-    "scripts/bench",
     "scripts/run --real-time",
 }
 """Commands that are run only with ``--nightly``: those that take more than 2 s, commands that read their files, and
@@ -132,16 +131,15 @@ COMPLETE: Final = {name: found for name, page in PAGES.items() if (found := runn
 def folder(tmp_path: Path) -> Path:
     """Return a folder that the commands can use as a checkout, with the files that a reader would have.
 
-    scripts/run and scripts/bench are those of the checkout. scripts/setup does nothing, because the commands use the
-    environment of this test.
+    scripts/run is that of the checkout. scripts/setup does nothing, because the commands use the environment of this
+    test.
     """
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
     interpreter = tmp_path / ".venv/bin/python"
     interpreter.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n', encoding="utf-8")
     interpreter.chmod(0o755)
     (tmp_path / "scripts").mkdir()
-    for name in ("run", "bench"):
-        shutil.copy(ROOT / "scripts" / name, tmp_path / "scripts" / name)
+    shutil.copy(ROOT / "scripts/run", tmp_path / "scripts/run")
     (tmp_path / "scripts" / "setup").write_text("#!/bin/sh\n", encoding="utf-8")
     (tmp_path / "scripts" / "setup").chmod(0o755)
     shutil.copytree(DOCS, tmp_path / "docs")

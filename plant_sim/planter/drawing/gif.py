@@ -10,7 +10,8 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from plant_sim.common.figure_style import write_whole
+from plant_sim.common.figure_style import FigureError
+from plant_sim.common.whole_file import write_whole
 
 FRAMES_PER_S = 12
 DPI: Final = 90
@@ -42,4 +43,4 @@ def write_gif(figure: Figure, show: Callable[[int], list[Artist]], frames: int, 
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     animation = FuncAnimation(figure, show, frames=frames, blit=False)
-    write_whole(path, lambda part: animation.save(part, writer=PillowWriter(fps=FRAMES_PER_S), dpi=DPI))
+    write_whole(path, lambda part: animation.save(part, writer=PillowWriter(fps=FRAMES_PER_S), dpi=DPI), FigureError)

@@ -1,28 +1,16 @@
-"""Report of the measurement on a busy computer; the measurement itself depends on the host, and is no test."""
+"""Measurement on a busy computer: its figures depend on the host and are no test."""
 
 from __future__ import annotations
 
 import json
 import queue
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import pytest
 
 from controller.program.states import State
 from plant_sim.benchmark import busy_host
-from plant_sim.benchmark.busy_host import BusyHostRow
-from plant_sim.benchmark.punctuality import Punctuality
-from plant_sim.cli.main import main
-from plant_sim.twin.process import LiveError
-
-
-def test_a_row_names_the_loss_of_the_field() -> None:
-    row = BusyHostRow("normal priority, clients", Punctuality(10.0, 100.0, 7), 1_400, 14.04)
-    assert row.text() == (
-        "normal priority, clients             1400 scans,    7 missed,   10.0 ms late in 99 % of cases, "
-        "at most  100.0 ms; Aborted after 14.0 s"
-    )
-    assert BusyHostRow("x", Punctuality(0.1, 0.1, 0), 1, None).text().endswith("; field link held")
+from plant_sim.benchmark.catalogue import PARTS
 
 
 @pytest.mark.parametrize(("state", "lost"), [(State.ABORTED, True), (State.SUSPENDED, False)])
@@ -34,12 +22,17 @@ def test_the_loss_is_read_from_the_events_of_the_controller(state: State, lost: 
     assert (found is not None) == lost
 
 
-def test_a_failed_measurement_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def fail(_for_s: int, _priority: int) -> Iterator[BusyHostRow]:
-        raise LiveError("the controller ended with exit code 2")
+def test_each_run_has_its_own_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Normal and real-time priority alternate, and every figure of the part is measured."""
+    runs: list[tuple[bool, bool]] = []
 
-    monkeypatch.setattr(busy_host, "measure_busy_host", fail)
-    assert main(["bench", "--busy-host", "1"]) == 1
-    assert capsys.readouterr().err == "the controller ended with exit code 2\n"
-    assert main(["bench", "--busy-host", "0"]) == 2
-    assert capsys.readouterr().err == "--busy-host 0: must be 1 to 600\n"
+    def run(_for_s: int, options: Sequence[str], *, clients: bool) -> dict[str, float]:
+        runs.append((bool(options), clients))
+        return dict.fromkeys(("scans", "p99", "latest", "missed", "aborted"), float(len(runs)))
+
+    monkeypatch.setattr(busy_host, "_run", run)
+    figures = busy_host.measure_busy_host(1)
+    assert runs == [(False, False), (True, False), (False, True), (True, True)]
+    (part,) = (part for part in PARTS if part.name == "busy-host")
+    assert set(figures) == set(part.figures)
+    assert figures["real_time_alone_p99"] == 2.0

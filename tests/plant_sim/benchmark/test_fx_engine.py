@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import fields
-from math import nan
 from pathlib import Path
 
 import pytest
@@ -16,8 +14,10 @@ from controller.fx.engine.plc import FxPlc
 from controller.fx.engine.translate import translate
 from controller.fx.language.il import read_il
 from controller.fx.language.instruction import Ladder
+from plant_sim.benchmark import fx_engine
 from plant_sim.benchmark.c_program import c_text, compiled_c
-from plant_sim.benchmark.fx_engine import FxFigures, seal_ins, shuffled_seal_ins, with_changed_rung
+from plant_sim.benchmark.catalogue import PARTS
+from plant_sim.benchmark.fx_engine import seal_ins, shuffled_seal_ins, with_changed_rung
 from tests.controller.export.fx_equality import EXPORTED
 
 MOST_RECOMPILED = 4
@@ -46,11 +46,17 @@ def test_contacts_and_coils_in_c() -> None:
     assert "    p = !X[8];\n    p &= M[3];\n    p |= !Y[1];\n    Y[2] = p;\n" in text
 
 
-def test_without_gcc_the_figures_state_that_c_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    assert compiled_c(seal_ins()) is None
-    values = {field.name: 1.0 for field in fields(FxFigures)} | {"c_ns": nan, "shuffled_c_ns": nan, "call_ns": nan}
-    assert "1.00 ns CPU; C not measured, because gcc is not installed" in FxFigures(**values).fx_text()
+@pytest.mark.parametrize("has_gcc", [True, False])
+def test_without_gcc_there_are_no_figures_of_c(has_gcc: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not has_gcc:
+        monkeypatch.setattr(shutil, "which", lambda _: None)
+    has_c = compiled_c(seal_ins()) is not None
+    assert has_gcc or not has_c
+    monkeypatch.setattr(fx_engine, "ROUNDS", 1)
+    (part,) = (part for part in PARTS if part.name == "instructions")
+    figures = part.measure(1)
+    assert set(figures) == {key for key, figure in part.figures.items() if has_c or not figure.absent}
+    assert figures["python_ratio"] == pytest.approx(figures["interpreted"] / figures["python"])
 
 
 def test_a_changed_rung_recompiles_its_part_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from statistics import median
 
 import pytest
@@ -9,10 +10,12 @@ import pytest
 from controller.iomap.loader import DEFAULT_IO_MAP, IoMap, load_io_map
 from plant_sim.benchmark import reaction
 from plant_sim.benchmark.bare_loop import lateness_ns
-from plant_sim.benchmark.reaction import EdgeTimer, Reaction, measure_reaction
+from plant_sim.benchmark.catalogue import PARTS
+from plant_sim.benchmark.reaction import EdgeTimer, measure_reaction
 from plant_sim.links.io_module import IoModule
 from plant_sim.machine.parameters import load_machine
 from plant_sim.machine.plant import Plant
+from plant_sim.twin.process import LiveError
 
 
 @pytest.fixture
@@ -56,17 +59,32 @@ def test_the_timer_counts_edges_without_an_echo(io_map: IoMap) -> None:
 @pytest.mark.parametrize("baud", [None, 115_200], ids=["tcp", "rtu"])
 def test_real_processes_answer_the_edges(baud: int | None) -> None:
     """The reaction is bounded loosely; `scripts/bench` states the figures of an idle computer."""
-    found = measure_reaction(50, seconds=3.0, baud=baud)
-    assert found.edges > 10
-    assert 1 < found.median_ms < 1_000
-    assert found.median_ms <= found.p99_ms <= found.longest_ms
-    assert f"{found.edges} edges" in found.text()
+    found = measure_reaction(1, scan_ms=50, seconds=3.0, baud=baud)
+    assert found["edges"] > 10
+    assert 1 < found["median"] < 1_000
+    assert found["median"] <= found["p99"] <= found["longest"]
+    assert found["median_scans"] == found["median"] / 50
+    (part,) = (part for part in PARTS if part.name == "reaction-10")
+    assert set(found) == set(part.figures)
 
 
-def test_goals_are_multiples_of_the_scan() -> None:
-    found = Reaction("Modbus TCP", 10, 100, 0, 15.0, 25.0, 30.0, 0.6, 0.5, 0)
-    assert "median 15 ms = 1.5 scans (goal: at most 2), p99 25 ms = 2.5 scans (goal: at most 3)" in found.text()
-    assert "1.20 x (goal: at most 1.2)" in found.text()
+def test_a_failed_process_is_reported_by_name(capfd: pytest.CaptureFixture[str]) -> None:
+    with (
+        reaction._process("plant_sim.benchmark.bare_loop", "--nothing") as process,
+        pytest.raises(LiveError, match=r"^plant_sim\.benchmark\.bare_loop ended with exit code 2$"),
+    ):
+        reaction._figures(process)
+    assert "--scan-ms" in capfd.readouterr().err
+
+
+def test_a_process_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reaction, "LIMIT_S", 0.1)
+    with (
+        reaction._process("plant_sim.benchmark.bare_loop", "--scan-ms", "10", "--seconds", "100") as process,
+        pytest.raises(LiveError, match=r"did not end within 0 s$"),
+    ):
+        reaction._figures(process)
+    assert process.returncode == -signal.SIGKILL
 
 
 def test_the_bare_loop_yields_every_deadline() -> None:

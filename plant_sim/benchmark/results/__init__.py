@@ -1,0 +1,1 @@
+"""Results of the benchmark: file, report and page of the documentation."""

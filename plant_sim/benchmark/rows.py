@@ -1,0 +1,24 @@
+"""Speed of the lines: rows planted by each included line."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+from plant_sim.line.command import result_of
+from plant_sim.machine.parameters import load_machine
+
+LINES: Final = ("cabbage", "pepper", "combined")
+METRES: Final = 1_000.0
+"""Length of the rows, m."""
+
+
+def measure_rows(seed: int) -> dict[str, float]:
+    """Measure the CPU time of a run of each line."""
+    machine = load_machine()
+    times_s = {}
+    for name in LINES:
+        began_s = time.process_time()
+        result_of(name, profile=None, metres=METRES, seed=seed, machine=machine)
+        times_s[name] = time.process_time() - began_s
+    return times_s
