@@ -157,6 +157,8 @@ def test_the_result_of_a_damage(
     assert (tmp_path / FILE).read_text(encoding="utf-8") == text
     assert copy.ran[0] == FILE  # its examples
     assert not {"tests/project/test_style.py", "tests/project/test_damages.py"} & set(copy.ran)
+    again = {FAILED: "tests/project/test_x.py::test_y", NOT_IMPORTED: FILE}
+    assert damaged not in again or copy.ran[-1] == again[damaged]
     assert len(copy.ran) > 100 or expected[0] != "escaped"
 
 
