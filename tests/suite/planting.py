@@ -76,6 +76,9 @@ class SourceCopy:
             target = self.root / name
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(checkout / name, target)
+            installed = checkout / name.replace("package.json", "node_modules")
+            if target.name == "package.json" and installed.is_dir():
+                target.with_name("node_modules").symlink_to(installed.resolve())
         for arguments in (("init", "--quiet"), ("add", "--all"), ("commit", "--quiet", "--message", "Copy")):
             subprocess.run(["git", *_IDENTITY, *arguments], cwd=self.root, check=True, capture_output=True)
         give_machine_code(self.root / "plant_sim", self._machine_code)
