@@ -157,6 +157,8 @@ def test_the_result_of_a_damage(
     assert (tmp_path / FILE).read_text(encoding="utf-8") == text
     assert copy.ran[0] == FILE  # its examples
     assert not {"tests/project/test_style.py", "tests/project/test_damages.py"} & set(copy.ran)
+    again = {FAILED: "tests/project/test_x.py::test_y", NOT_IMPORTED: FILE}
+    assert damaged not in again or copy.ran[-1] == again[damaged]
     assert len(copy.ran) > 100 or expected[0] != "escaped"
 
 
@@ -218,10 +220,11 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SourceCopy:
     """Return a copy of a small project; pytest runs in it without the tests' set-up."""
     half = "def half(x):\n    return x / 2\n"
     names = ["controller/half.py", "tests/test_half.py", "tests/test_second.py"]
-    names += ["controller/__init__.py", "plant_sim/__init__.py"]
-    for name, text in zip(names, (half, TEST, TEST, "", ""), strict=True):
+    names += ["controller/__init__.py", "plant_sim/__init__.py", "tests/node/package.json"]
+    for name, text in zip(names, (half, TEST, TEST, "", "", "{}"), strict=True):
         (tmp_path / "checkout" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "checkout" / name).write_text(text, encoding="utf-8")
+    (tmp_path / "checkout/tests/node/node_modules/client").mkdir(parents=True)
     monkeypatch.setattr("tests.suite.planting.tracked", lambda checkout: names)
     return SourceCopy(tmp_path / "copy", tmp_path / "checkout")
 
@@ -231,6 +234,7 @@ def test_a_planted_damage_is_detected_and_removed(copy: SourceCopy) -> None:
     before = file.stat().st_mtime_ns, file.read_bytes()
     tests = ("tests/test_half.py", "tests/test_second.py")
     assert copy.run(tests, 60).passed
+    assert (copy.root / "tests/node/node_modules/client").is_dir()
     with copy.planted("controller/half.py", "def half(x):\n    return x * 2\n"):
         outcome = copy.run(tests, 60)
     assert (outcome.code, outcome.detected_by) == (1, "tests/test_half.py::test_half")

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
-from tests.suite import leaves
+from tests.suite import leaves, selection
 from tests.suite.dependencies import Dependencies, dependencies, own_dependencies
-from tests.suite.selection import changed_since, main, select, selected
+from tests.suite.selection import changed_since, select, selected
 
 COMMAND_LINE = """
 from controller.common.command_line import CommandLine
@@ -145,8 +146,8 @@ def test_a_changed_package_selects_everything_below_it(graph: Dependencies) -> N
     ["tests/conftest.py", "tests/rig/conftest.py", "pyproject.toml", "scripts/test", ".ci/run", "tests/suite/x.py"],
 )
 def test_a_file_that_decides_how_tests_run_selects_all(graph: Dependencies, changed: str) -> None:
-    selection = selected(graph, [Path("docs/other.md"), Path(changed)])
-    assert (selection.all, selection.files) == (Path(changed), {})
+    found = selected(graph, [Path("docs/other.md"), Path(changed)])
+    assert (found.all, found.files) == (Path(changed), {})
 
 
 def test_nothing_changed_selects_nothing(tree: Path, graph: Dependencies) -> None:
@@ -173,7 +174,7 @@ def test_edited_new_deleted_and_moved_files_are_changed(tree: Path) -> None:
 
 def test_an_unknown_revision_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["no-such-revision"])
+        selection.main(["no-such-revision"])
     assert ended.value.code == 2
     assert capsys.readouterr().err == (
         "python -m tests.suite.selection: no-such-revision is no revision of this repository; "
@@ -181,11 +182,25 @@ def test_an_unknown_revision_is_one_line(capsys: pytest.CaptureFixture[str]) -> 
     )
 
 
-def test_the_command_prints_the_number_of_files_and_the_reasons(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["HEAD", "--verbose"]) == 0
-    summary, *reasons = capsys.readouterr().out.splitlines()
-    count = summary.split()[0]
-    assert (count == "all" and not reasons) or int(count) == len(reasons)
+def test_the_command_prints_the_number_of_files_and_the_reasons(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changed = [Path("controller/common/suggestion.py")]
+    monkeypatch.setattr(selection, "changed_since", lambda root, revision: {"HEAD": changed}[revision])
+    assert selection.main([]) == 0
+    (summary,) = capsys.readouterr().out.splitlines()
+    assert selection.main(["--verbose"]) == 0
+    first, *reasons = capsys.readouterr().out.splitlines()
+    assert first == summary
+    assert re.match(rf"{len(reasons)} of \d+ test files, with \d+ of \d+ test functions$", summary)
+    assert "controller/common/suggestion.py: changed" in reasons
+    chain = re.compile(r"[\w/]+\.py: ([\w/]+\.py -> )*controller/common/suggestion\.py")
+    assert sum(chain.fullmatch(reason) is not None for reason in reasons) == len(reasons) - 1
+    changed.append(Path("pyproject.toml"))
+    assert selection.main(["--verbose"]) == 0
+    assert re.fullmatch(
+        r"all \d+ test files with \d+ test functions: pyproject.toml has changed\n", capsys.readouterr().out
+    )
 
 
 def test_every_module_of_the_project_is_executed_by_a_test() -> None:

@@ -23,6 +23,7 @@ from tests.suite.dependencies import tracked
 PASSED: Final = 0
 NO_TESTS_COLLECTED: Final = 5
 """Exit code of pytest if no tests are collected."""
+_IDENTITY: Final = ("-c", "user.name=Tests", "-c", "user.email=tests@localhost", "-c", "commit.gpgsign=false")
 _SUMMARY: Final = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", re.MULTILINE)
 
 
@@ -59,7 +60,7 @@ class SourceCopy:
 
     Byte code is stored with a checksum of its source instead of its modification time, because a damaged and a restored
     file of the same size and time would share the latter. Machine code is cached beside the copy, which at first has
-    that of the checkout.
+    that of the checkout. The copy is a repository of its own, because some tests ask git for the files.
     """
 
     def __init__(self, folder: Path, checkout: Path) -> None:
@@ -75,6 +76,11 @@ class SourceCopy:
             target = self.root / name
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(checkout / name, target)
+            installed = checkout / name.replace("package.json", "node_modules")
+            if target.name == "package.json" and installed.is_dir():
+                target.with_name("node_modules").symlink_to(installed.resolve())
+        for arguments in (("init", "--quiet"), ("add", "--all"), ("commit", "--quiet", "--message", "Copy")):
+            subprocess.run(["git", *_IDENTITY, *arguments], cwd=self.root, check=True, capture_output=True)
         give_machine_code(self.root / "plant_sim", self._machine_code)
         compile_all = ("-m", "compileall", "-q", "--invalidation-mode", "checked-hash")
         packages = ("controller", "plant_sim", "tests")
