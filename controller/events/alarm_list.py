@@ -63,7 +63,7 @@ class AlarmRefusalError(ValueError):
     """
 
     def __init__(self, key: str, **values: object) -> None:
-        """Format the reason stored under this key in `alarm_texts.ALARM_REFUSALS`."""
+        """Format the reason stored under this key in `texts.alarms.ALARM_REFUSALS`."""
         reason = ALARM_REFUSALS[key]
         self.reason = Text(reason.en.format(**values), reason.zh.format(**values))
         super().__init__(self.reason.en)

@@ -209,7 +209,7 @@ class Annunciators:
             side: Arm to which the alarm belongs; None for the machine.
             severity: Severity of the alarm.
             stops_work: True if the alarm holds the machine. Default: True except for warnings.
-            text: Message and checks. Default: the entry of this key in `alarm_texts.ALARMS`.
+            text: Message and checks. Default: the entry of this key in `texts.alarms.ALARMS`.
             cause: Condition that is true while the cause persists.
             stops_arm: True if the alarm of an arm stops it in its stroke.
 

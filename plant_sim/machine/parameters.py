@@ -121,7 +121,6 @@ class Machine:
         self._require_affordable_steps()
         self._require_possible_temperatures()
         self._require_plausible_cylinders()
-        self._require_plausible_cylinders()
         switch_reach_m = self.slide.switch_band_m + self.slide.switch_hysteresis_m
         require(
             2 * switch_reach_m < self.handling.cell_pitch_m,

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -34,6 +35,17 @@ def tree(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+def blocks(node: ast.AST) -> Iterator[list[ast.stmt]]:
+    """Yield each list of consecutive statements within a node; expressions are not searched."""
+    for name in ("body", "orelse", "finalbody"):
+        block: list[ast.stmt] = getattr(node, name, [])
+        yield block
+        for statement in block:
+            yield from blocks(statement)
+    for branch in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
+        yield from blocks(branch)
+
+
 def test_no_class_name_is_used_twice() -> None:
     names = Counter(
         node.name
@@ -51,6 +63,18 @@ def test_no_docstring_begins_with_a_question_word() -> None:
         for node in ast.walk(tree)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         and QUESTION.match((ast.get_docstring(node, clean=False) or "").lstrip())
+    ]
+    assert found == []
+
+
+def test_no_statement_is_repeated_directly() -> None:
+    """A statement that is executed several times in a row stands in a loop."""
+    found = [
+        f"{path.relative_to(ROOT)}:{after.lineno}: {ast.unparse(after)}"
+        for path, tree in trees(*PACKAGES, "tests", "scripts")
+        for block in blocks(tree)
+        for before, after in pairwise(block)
+        if before.end_col_offset == after.end_col_offset and ast.dump(before) == ast.dump(after)
     ]
     assert found == []
 

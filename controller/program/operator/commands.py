@@ -28,7 +28,7 @@ class Command:
         number: Number in the refusal registers.
         bit: M bit that is on for one scan when the command is given.
         meaning: Description of the effect.
-        group: Key in `texts.ORDERS` of the name used in refusals.
+        group: Key in `texts.operator.ORDERS` of the name used in refusals.
         packml: Number of the PackML command (docs/sources/fx2n.md 5), or None.
     """
 

@@ -17,7 +17,7 @@ from controller.program.texts.operator import IN_MODE, MODES, NEXT, NEXT_PRESSES
 
 
 class NextPress(IntEnum):
-    """Presses by number; their texts are in `texts.NEXT_PRESSES`."""
+    """Presses by number; their texts are in `texts.operator.NEXT_PRESSES`."""
 
     NONE = 0
     HOME = 1

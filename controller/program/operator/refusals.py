@@ -19,7 +19,7 @@ from controller.program.texts.operator import CANNOT, ORDERS, REFUSALS, Language
 
 
 class Refusal(IntEnum):
-    """Reasons for refusals by number; their texts are in `texts.REFUSALS`."""
+    """Reasons for refusals by number; their texts are in `texts.operator.REFUSALS`."""
 
     NOT_AT_REST = auto()
     NOT_IDLE = auto()

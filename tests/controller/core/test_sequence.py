@@ -414,8 +414,8 @@ def test_a_press_is_consumed_by_the_first_transfer() -> None:
     assert bench.states() == {FIRST}
     for expected in (FIRST + 1, FIRST + 2, FIRST):
         bench.plc.write(armed, 1)
-        bench.scan(0)
-        bench.scan(0)
+        for _ in range(2):
+            bench.scan(0)
         assert bench.states() == {expected}
         assert not bench.plc.read(armed)
 

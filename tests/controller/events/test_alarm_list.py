@@ -98,13 +98,13 @@ def test_every_change_is_reported_once_with_operator_and_time() -> None:
     """An alarm that is raised, acknowledged and cleared causes three reports, regardless of the number of scans."""
     rig = AlarmRig()
     rig.scan()
-    rig.scan(EMPTY)
-    rig.scan(EMPTY)
+    for _ in range(2):
+        rig.scan(EMPTY)
     rig.list.acknowledge(EMPTY, by="Li")
-    rig.scan(EMPTY)
-    rig.scan(EMPTY)
-    rig.scan()
-    rig.scan()
+    for _ in range(2):
+        rig.scan(EMPTY)
+    for _ in range(2):
+        rig.scan()
     message = "Tray magazine empty"
     assert rig.changes == [
         AlarmChange(10, EMPTY, "magazine_empty", NORMAL, UNACKNOWLEDGED, None, message),

@@ -241,8 +241,8 @@ def test_block_writes_counts_complete_blocks_in_one_write_or_several() -> None:
     module = make_module()
     module.write_outputs(0, ALL_OFF)
     assert module.block_writes == 1
-    module.write_outputs(0, ALL_OFF[:9])
-    module.write_outputs(0, ALL_OFF[:9])
+    for _ in range(2):
+        module.write_outputs(0, ALL_OFF[:9])
     assert module.block_writes == 1
     module.write_outputs(9, ALL_OFF[9:])
     assert module.block_writes == 2

@@ -135,8 +135,8 @@ def test_the_end_of_another_connection_does_not_end_the_lease(rig: Rig) -> None:
     owner.ask(ALL_OFF)
     with Client(rig.server.port) as third:
         third.ask(READ_ALL_INPUTS)
-    assert second.ask(ALL_OFF) == exception(15, DEVICE_BUSY)
-    assert second.ask(ALL_OFF) == exception(15, DEVICE_BUSY)
+    for _ in range(2):
+        assert second.ask(ALL_OFF) == exception(15, DEVICE_BUSY)
 
 
 @pytest.mark.parametrize("host", ["", "127.0.0.1:1", "ffff:ffff:ffff:ffff:ffff:ffff:ffff:ffff:65535"])

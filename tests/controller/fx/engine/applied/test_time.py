@@ -245,8 +245,8 @@ def test_ramp_downwards_stays_at_its_end_with_m8026() -> None:
 def test_ramp_without_drive_retains_its_value_and_restarts() -> None:
     bench = Bench({"D1": 0, "D2": 100})
     ramp = bench.level("RAMP D1 D2 D3 K4")
-    ramp(True)
-    ramp(True)
+    for _ in range(2):
+        ramp(True)
     ramp(False)
     assert (bench.memory.D[3], bench.memory.D[4], bench.memory.M[8029]) == (25, 0, False)
     ramp(True)
